@@ -1,0 +1,46 @@
+"""What a filter is told beside the measurements: how the vehicle moves, how each sensor errs, where it starts.
+
+The defaults are the generic ones that serve every log; a configuration or a scenario states its own.
+"""
+
+import math
+from dataclasses import dataclass
+
+from usbldr.filters.noise import Contamination, Gaussian, NoiseFamily
+
+LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's reference point, metres
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessNoise:
+    """Random walks of the motion model: 1-sigma after one second."""
+
+    position_m: float = 0.02
+    yaw_rad: float = 0.002
+    velocity_mps: float = 0.05
+    turn_rate_radps: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A known start. Without one the first fixes tell the position and the first DVL and compass records the rest."""
+
+    east_m: float
+    north_m: float
+    sd_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Assumptions:
+    """The model side of a run, the same for every filter."""
+
+    process: ProcessNoise = ProcessNoise()
+    dvl: NoiseFamily = Gaussian()
+    compass: NoiseFamily = Gaussian()
+    usbl: NoiseFamily = Contamination()
+    dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
+    usbl_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the transponder on the vehicle
+    start: Start | None = None
+    start_sd_mps: float = 0.5  # velocity before the first DVL record
+    start_sd_yaw_rad: float = math.radians(5.0)
+    start_sd_radps: float = 0.05

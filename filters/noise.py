@@ -1,0 +1,122 @@
+"""Measurement noise as a mixture of Gaussian modes: the one form that every policy understands.
+
+A noise *family* (Gaussian, Mixture, Contamination, StudentT) makes the modes for a nominal covariance R: mode j is
+drawn with probability shares[j] and is N(0, cov[j]); mode 0 is the nominal one. Eq. (23) of the paper is Mixture().
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from usbldr.filters.types import Array, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Modes of one measurement of k scalars."""
+
+    shares: Vector  # (J,) add to 1
+    cov: Array  # (J, k, k), in the measurement's units squared
+
+    @property
+    def matched(self) -> Array:
+        """Covariance of the whole mixture, (k, k): what a single Gaussian has to take."""
+        return np.einsum("j,jkl->kl", self.shares, self.cov)
+
+
+class NoiseFamily(Protocol):
+    """How a sensor errs, whatever its nominal covariance."""
+
+    @property
+    def per_scalar(self) -> bool:
+        """Whether each scalar of a record draws its own mode; otherwise the record draws one for all."""
+        ...
+
+    def modes(self, R: Array) -> Noise:
+        """Return the modes for the nominal covariance R, (k, k)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Gaussian:
+    """N(0, R)."""
+
+    per_scalar: bool = True
+
+    def modes(self, R: Array) -> Noise:
+        """Return the one mode."""
+        return Noise(np.ones(1), R[None])
+
+
+@dataclass(frozen=True, slots=True)
+class Mixture:
+    """N(0, R) with probability 1 - share, N(0, variance_ratio R) with probability share: eq. (23) of the paper."""
+
+    share: float = 0.30
+    variance_ratio: float = 10.0
+    per_scalar: bool = True
+
+    def modes(self, R: Array) -> Noise:
+        """Return the two modes."""
+        return Noise(np.array([1 - self.share, self.share]), np.stack([R, self.variance_ratio * R]))
+
+
+@dataclass(frozen=True, slots=True)
+class Contamination:
+    """N(0, R), or with probability share a gross error of its own size, R + sd^2 I, in the sensor's unit."""
+
+    share: float = 0.05
+    sd: float = 10.0
+    per_scalar: bool = False
+
+    def modes(self, R: Array) -> Noise:
+        """Return the two modes."""
+        return Noise(np.array([1 - self.share, self.share]), np.stack([R, R + self.sd**2 * np.eye(len(R))]))
+
+
+@dataclass(frozen=True, slots=True)
+class StudentT:
+    """Student's t with ``dof`` degrees of freedom and scale R, as nine slices of its Gamma-distributed precision.
+
+    Each slice holds a ninth of the probability and stands for it by the precision at its median, so the heaviest mode
+    is about the 5.6th percentile of the precision; the few per cent beyond are cut.
+    """
+
+    dof: float = 4.0
+    per_scalar: bool = False
+
+    def modes(self, R: Array) -> Noise:
+        """Return the nine modes, the middle of the distribution first."""
+        middles = (np.arange(9) + 0.5) / 9
+        order = np.argsort(np.abs(middles - 0.5), kind="stable")
+        precision = np.array([chi_square_quantile(p, self.dof) / self.dof for p in middles[order]])
+        return Noise(np.full(9, 1 / 9), R / precision[:, None, None])
+
+
+def chi_square_quantile(probability: float, dof: float) -> float:
+    """Return the chi-square quantile by the Wilson-Hilferty cube, good to 1 % for 2 and more degrees of freedom.
+
+    E. B. Wilson and M. M. Hilferty, "The distribution of chi-square", PNAS 17(12), 1931, doi:10.1073/pnas.17.12.684.
+    """
+    z = normal_quantile(probability)
+    return dof * max(1e-4, 1 - 2 / (9 * dof) + z * math.sqrt(2 / (9 * dof))) ** 3
+
+
+def normal_quantile(probability: float) -> float:
+    """Return the quantile of N(0, 1)."""
+    from statistics import NormalDist  # costs 20 ms: only where a quantile is asked for
+
+    return NormalDist().inv_cdf(probability)
+
+
+def robust_sd(differences: Sequence[float] | Vector) -> float:
+    """Return the 1-sigma of one record from first differences of its series: 1.4826 MAD / sqrt(2).
+
+    The median absolute deviation does not see the few large differences of manoeuvres and outliers.
+    """
+    d = np.asarray(differences, dtype=np.float64)
+    d = d[np.isfinite(d)]
+    return float(1.4826 * np.median(np.abs(d - np.median(d))) / math.sqrt(2)) if len(d) else float("nan")

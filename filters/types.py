@@ -1,0 +1,117 @@
+"""The values that travel between the packages: arrays in, arrays out, nothing mutable.
+
+A Timeline goes into a filter, a Trajectory comes out, a Truth judges it. io/ builds and writes them; filters/ knows
+nothing else of a log.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]  # any shape, named where it is used
+Vector: TypeAlias = NDArray[np.float64]  # (n,)
+Indices: TypeAlias = NDArray[np.intp]  # (n,)
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """A stretch of the log in which a sensor gave nothing, longer than its own rate explains."""
+
+    sensor: str  # "dvl", "compass" or "usbl"
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """DVL and compass on the fast grid (5 Hz), USBL fixes at their own times, the slow grid (1 Hz) of the errors.
+
+    K epochs, F fixes. An epoch carries a DVL or compass measurement only from the records of its own interval
+    [t_k - dt/2, t_k + dt/2), averaged; NaN elsewhere. A fix is never interpolated.
+    """
+
+    start_ns: int  # absolute time of time_s = 0, nanoseconds since 1970
+    time_s: Vector  # (K,) k / fast rate
+    slow: Indices  # (M,) the epochs at which errors are taken: time_s[slow] is the slow grid
+    dvl_mps: Array  # (K, 2) starboard, forward; NaN: no record of its own
+    dvl_count: Indices  # (K,) records averaged
+    dvl_sd_mps: Vector  # (K,) one record's 1-sigma per axis
+    yaw_rad: Vector  # (K,) psi, unwrapped over the whole log; NaN: no record of its own
+    yaw_count: Indices  # (K,)
+    yaw_sd_rad: Vector  # (K,) one record's 1-sigma
+    dr_mps: Array  # (K, 2) starboard, forward for dead reckoning: interpolated across short gaps, held beyond
+    dr_yaw_rad: Vector  # (K,) likewise
+    fix_time_s: Vector  # (F,) time of validity, ascending
+    fix_received_s: Vector  # (F,) when the vehicle knew of it
+    fix_m: Array  # (F, 2) east, north
+    fix_cov_m2: Array  # (F, 2, 2)
+    gps_time_s: Vector  # (G,) surface or truth GPS, for starting dead reckoning and for nothing else
+    gps_m: Array  # (G, 2) east, north
+    outages: tuple[Outage, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The reference track, T points, and what kind of truth it is."""
+
+    time_s: Vector  # (T,) ascending, without repeats
+    position_m: Array  # (T, 2) east, north
+    sd_m: Vector  # (T,) 1-sigma per axis; NaN where unknown
+    kind: str  # "gps", "slam", "simulated" or "other": printed beside every error
+    source: str  # topic or file
+    max_gap_s: float = 30.0  # errors are not taken inside longer gaps
+
+
+class Update(NamedTuple):
+    """What became of one measurement."""
+
+    sensor: str  # "dvl", "compass", "usbl"
+    axis: str  # "starboard", "forward", "yaw", "east", "north", or "position" where both axes went in together
+    row: int  # which fix of the Timeline for USBL, which epoch otherwise
+    time_s: float  # when it was used
+    innovation: tuple[float, ...]  # measured minus predicted: m, m/s or rad
+    innovation_sd: tuple[float, ...]  # 1-sigma of the innovation by the filter's own account
+    nis: float  # innovation squared, normalised by its covariance under the whole noise model
+    dof: int  # what nis should be on average
+    fate: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate)
+    nominal_share: float  # posterior probability of the nominal noise mode
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """An estimated track of T epochs in n states, and the story of its measurements.
+
+    ``names`` label the states: psi (rad), u, v (m/s), r (rad/s), x, y (m), then calibration states. A plain track such
+    as raw USBL has only x and y. ``cov`` is None where the method claims no uncertainty.
+    """
+
+    filter: str
+    names: tuple[str, ...]
+    time_s: Vector  # (T,)
+    mean: Array  # (T, n)
+    cov: Array | None  # (T, n, n)
+    updates: tuple[Update, ...] = ()
+    ess: Vector | None = None  # (T,) effective number of particles, of N
+    particles: int = 1
+    acceptance: Vector | None = None  # (T,) share of accepted moves; NaN where none was tried
+    warnings: tuple[str, ...] = ()
+    seconds: float = float("nan")  # wall time that the filter took
+
+    @property
+    def position_m(self) -> Array:
+        """East and north, (T, 2)."""
+        return self.mean[:, [self.names.index("x"), self.names.index("y")]]
+
+    @property
+    def position_cov_m2(self) -> Array | None:
+        """Covariance of east and north, (T, 2, 2), or None."""
+        if self.cov is None:
+            return None
+        xy = [self.names.index("x"), self.names.index("y")]
+        return self.cov[:, xy][:, :, xy]
+
+    def state(self, name: str) -> Vector | None:
+        """Return one state over time, (T,), or None where the track has no such state."""
+        return self.mean[:, self.names.index(name)] if name in self.names else None

@@ -1,0 +1,64 @@
+"""The command ``usbldr``: the group, and the one place where a fault becomes a sentence and an exit code."""
+
+import importlib
+import sys
+
+import click
+
+from usbldr.filters.errors import UsbldrError
+
+COMMANDS = {
+    "info": "What is in LOG and how each sensor is understood.",
+    "replay": "Run a filter over LOG and report its east and north errors.",
+    "simulate": "Write a simulated log with its truth.",
+}
+"""One line per command; its function lives in the module of the same name and is imported when it is called."""
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported only when called: `usbldr --help` costs hardly more than click."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the command's module and return its command."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = getattr(importlib.import_module(f"usbldr_cli.{cmd_name}"), cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands by the table, without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="usbldr", prog_name="usbldr")
+def cli() -> None:
+    r"""Replay underwater vehicle logs through navigation filters and measure them against GPS.
+
+    \b
+    Exit codes: 0 good, 1 a check failed, 2 usage, 3 the input is unreadable, partial or lacks a sensor, 130 interrupted.
+
+    \b
+    $ usbldr replay dive.mcap --filter cpf
+    """
+
+
+def main() -> None:
+    """Run the command; a fault of log or options is one line on stderr."""
+    try:
+        code = cli.main(prog_name="usbldr", standalone_mode=False)
+    except UsbldrError as fault:
+        click.echo(f"usbldr: {fault}", err=True)
+        sys.exit(fault.exit_code)
+    except click.ClickException as fault:
+        fault.show()
+        sys.exit(fault.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("usbldr: interrupted", err=True)
+        sys.exit(130)
+    sys.exit(code if isinstance(code, int) else 0)
