@@ -1,0 +1,16 @@
+"""Shared fixtures: where the field logs lie."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def field_logs() -> Path:
+    """Return the folder of third-party logs, which are not ours to ship; skip where it is absent."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "logs"
+    folder = Path(os.environ.get("USBLDR_FIELD_LOGS", beside))
+    if not folder.is_dir():
+        pytest.skip(f"no field logs at {folder} (set USBLDR_FIELD_LOGS)")
+    return folder
