@@ -1,0 +1,115 @@
+"""A bank of N Gaussians, particles last, and what every filter does with one: predict it, hold a reading against it.
+
+N = 1 is a Kalman filter; covariances of 0 are a plain particle cloud.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.motion import MotionModel
+from usbldr.filters.rules import Rule
+from usbldr.filters.sensors import Measurement
+from usbldr.filters.types import Array, Indices, Vector
+
+
+class Gaussians(NamedTuple):
+    """N weighted Gaussians in n dimensions."""
+
+    mean: Array  # (n, N)
+    cov: Array  # (n, n, N), exactly symmetric
+    log_weight: Vector  # (N,), normalised
+
+    def take(self, ancestors: Indices) -> "Gaussians":
+        """Return the bank of these members, weights and all."""
+        return Gaussians(self.mean[:, ancestors], self.cov[:, :, ancestors], self.log_weight[ancestors])
+
+
+class Projection(NamedTuple):
+    """A measurement seen from each member of the bank."""
+
+    innovation: Array  # (k, N) z - E h
+    cov: Array  # (k, k, N) H P H', without the measurement's own noise
+    cross: Array  # (n, k, N) P H'
+
+    def take(self, ancestors: Indices) -> "Projection":
+        """Return the projection of these members."""
+        return Projection(self.innovation[:, ancestors], self.cov[:, :, ancestors], self.cross[:, :, ancestors])
+
+
+def copies(mean: Vector, cov: Array, count: int) -> Gaussians:
+    """Return ``count`` copies of N(mean, cov), equally weighted: the paper's initial particles."""
+    return Gaussians(
+        np.repeat(mean[:, None], count, axis=1),
+        np.repeat(cov[:, :, None], count, axis=2),
+        np.full(count, -np.log(count)),
+    )
+
+
+def predict(bank: Gaussians, motion: MotionModel, rule: Rule, t0_s: float, t1_s: float) -> Gaussians:
+    """Move the bank from t0 to t1: each part's increment by the rule, then the process noise."""
+    if t1_s == t0_s:
+        return bank
+    m, P = bank.mean.copy(), bank.cov.copy()
+    for rows, increment in motion.parts(t0_s, t1_s):
+        mean, cov, cross = rule(increment, m, P)
+        both = cross[rows]
+        block = P[rows, rows] + (both + both.swapaxes(0, 1) + cov)
+        m[rows] += mean
+        P[rows] += cross.swapaxes(0, 1)
+        P[:, rows] += cross
+        P[rows, rows] = block
+    diagonal = np.arange(len(m))
+    P[diagonal, diagonal] += motion.noise(t0_s, t1_s)[:, None]
+    return Gaussians(m, P, bank.log_weight)
+
+
+def project(bank: Gaussians, measurement: Measurement, rule: Rule) -> Projection:
+    """Hold a measurement against every member."""
+    model = measurement.model
+    mean, cov, cross = rule(model, bank.mean, bank.cov)
+    return Projection(model.residual(measurement.z[:, None], mean), cov, cross)
+
+
+def update(bank: Gaussians, seen: Projection, R: Array) -> Gaussians:
+    """Update each member with its own measurement noise: R (k, k, N) or (k, k, 1)."""
+    inverse, _ = inverse_and_logdet(seen.cov + R)
+    return shift(bank, seen.cross, np.einsum("kln,ln->kn", inverse, seen.innovation), inverse)
+
+
+def shift(bank: Gaussians, cross: Array, g: Array, G: Array) -> Gaussians:
+    """Return mean + cross g and cov - cross G cross', symmetric to the last bit.
+
+    cross (n, k, N); g (k, N) is the score of the predictive likelihood, G (k, k, N) its negative curvature. Rounding
+    that leaves a covariance asymmetric grows until a variance turns negative, hence the care.
+    """
+    if len(g) == 1:
+        c = cross[:, 0]
+        return Gaussians(bank.mean + c * g, bank.cov - (c[:, None] * c[None]) * G[0, 0], bank.log_weight)
+    loss = np.einsum("akn,kln,bln->abn", cross, G, cross, optimize=["einsum_path", (0, 1), (0, 1)])
+    mean = bank.mean + np.einsum("akn,kn->an", cross, g)
+    return Gaussians(mean, bank.cov - 0.5 * (loss + loss.swapaxes(0, 1)), bank.log_weight)
+
+
+def moments(bank: Gaussians) -> tuple[Vector, Array]:
+    """Return the mean, (n,), and covariance, (n, n), of the weighted mixture: eqs. (21) and (22) with weights."""
+    w = np.exp(bank.log_weight)
+    mean = bank.mean @ w
+    spread = bank.mean - mean[:, None]
+    return mean, bank.cov @ w + (spread * w) @ spread.T
+
+
+def inverse_and_logdet(S: Array) -> tuple[Array, Array]:
+    """Invert small symmetric matrices: S (..., k, k, N) to inverse (..., k, k, N) and log determinant (..., N)."""
+    k = S.shape[-2]
+    if k == 1:
+        return 1 / S, np.log(S[..., 0, 0, :])
+    if k == 2:
+        a, b, d = S[..., 0, 0, :], S[..., 0, 1, :], S[..., 1, 1, :]
+        det = a * d - b * b
+        adjugate = np.stack([np.stack([d, -b], axis=-2), np.stack([-b, a], axis=-2)], axis=-3)
+        return adjugate / det[..., None, None, :], np.log(det)
+    stacked = np.moveaxis(S, -1, -3)  # (..., N, k, k) as numpy.linalg wants it
+    inverse: Array = np.linalg.inv(stacked)
+    logdet: Array = np.linalg.slogdet(stacked).logabsdet
+    return np.moveaxis(inverse, -3, -1), logdet

@@ -1,0 +1,56 @@
+"""ekf, ckf, ukf and adf: one Gaussian, one rule, one policy."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.bank import Gaussians, copies, moments, predict, project
+from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
+from usbldr.filters.motion import MotionModel
+from usbldr.filters.policies import Policy
+from usbldr.filters.rules import Rule
+from usbldr.filters.types import Update
+
+
+class KalmanBelief(NamedTuple):
+    """One Gaussian, what the last step did, and how many readings of each sensor were refused in a row."""
+
+    bank: Gaussians
+    updates: tuple[Update, ...]
+    log_likelihood: float  # predictive, of all measurements so far
+    rejected: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class KalmanFilter:
+    """Predict by the rule, take each measurement by the policy."""
+
+    motion: MotionModel
+    rule: Rule
+    policy: Policy
+
+    def start(self, prior: Prior) -> KalmanBelief:
+        """Return the prior as a bank of one."""
+        return KalmanBelief(copies(prior.mean, prior.cov, 1), (), 0.0, {})
+
+    def step(self, belief: KalmanBelief, step: Step, chance: Chance) -> KalmanBelief:
+        """Return the belief after the step; nothing is left to chance."""
+        bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)
+        updates: list[Update] = []
+        log_likelihood, rejected = belief.log_likelihood, belief.rejected
+        for measurement in step.measurements:
+            seen = project(bank, measurement, self.rule)
+            before = rejected.get(measurement.sensor, 0)
+            bank, log_l, refused = self.policy(bank, seen, measurement.noise, before)
+            rejected = {**rejected, measurement.sensor: before + 1 if refused else 0}
+            log_likelihood += float(log_l[0])
+            updates.append(record(measurement, seen, np.ones(1), refused))
+        return KalmanBelief(bank, tuple(updates), log_likelihood, rejected)
+
+    def estimate(self, belief: KalmanBelief) -> Estimate:
+        """Return mean and covariance."""
+        mean, cov = moments(belief.bank)
+        return Estimate(mean, cov, belief.updates, 1.0, math.nan)

@@ -1,0 +1,32 @@
+"""Which row of the state is what: the one place that knows an index.
+
+The order is the paper's eq. (2) with psi first, so that a Cholesky root moves psi in its first column alone.
+"""
+
+from dataclasses import dataclass
+
+from usbldr.filters.types import Array
+
+MOTION_STATES = ("psi", "u", "v", "r", "x", "y")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Names of the n states: psi (rad), u, v (m/s), r (rad/s), x, y (m), then calibration states."""
+
+    names: tuple[str, ...] = MOTION_STATES
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def index(self, name: str) -> int:
+        """Return the row of a state that exists."""
+        return self.names.index(name)
+
+    def rows(self, *names: str) -> tuple[int, ...]:
+        """Return the rows of several states."""
+        return tuple(self.names.index(name) for name in names)
+
+    def of(self, x: Array, name: str) -> Array | float:
+        """Return one state of x, (n, ...), or 0 where the layout has no such state."""
+        return x[self.names.index(name)] if name in self.names else 0.0

@@ -1,0 +1,106 @@
+"""How the vehicle moves between two epochs: eq. (4) of the paper, put right, in three parts.
+
+psi += r dt/2; x += (u cos psi - v sin psi) dt, y += (u sin psi + v cos psi) dt; psi += r dt/2. The two half turns are
+linear and exact; only the move is non-linear, and only in psi. u, v and r are random walks; calibration states stay.
+Each part is the *increment* of a few rows, so a rule need not look at the rest of the state.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from usbldr.filters.assumptions import ProcessNoise
+from usbldr.filters.layout import Layout
+from usbldr.filters.rules import Function
+from usbldr.filters.types import Array, Vector
+
+
+class MotionModel(Protocol):
+    """What happens to the state from t0_s to t1_s."""
+
+    def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, Function]]:
+        """Yield the rows that change and the increment that they get, in order."""
+        ...
+
+    def noise(self, t0_s: float, t1_s: float) -> Vector:
+        """Return the variances added after the last part, (n,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """psi += r dt."""
+
+    rate_row: int
+    dt_s: float
+    rows: slice | None = None
+    curved: tuple[int, ...] = ()
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read the turn rate."""
+        return (self.rate_row,)
+
+    def predict(self, x: Array) -> Array:
+        """Return the turn, (1, N)."""
+        return x[self.rate_row, None] * self.dt_s
+
+    def jacobian(self, x: Array) -> Array:
+        """Return dt, (1, 1, 1)."""
+        return np.full((1, 1, 1), self.dt_s)
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference: psi is never wrapped inside a filter."""
+        return a - b
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """Displacement east and north with the velocity of the body, eq. (1)."""
+
+    curved: tuple[int, ...]  # psi
+    affine: tuple[int, ...]  # u, v
+    dt_s: float
+    rows: slice | None = None
+
+    def predict(self, x: Array) -> Array:
+        """Return the displacement east and north, (2, N)."""
+        psi, u, v = x[self.curved[0]], x[self.affine[0]], x[self.affine[1]]
+        c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
+        return np.stack([u * c - v * s, u * s + v * c])
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives by psi, u, v, (2, 3, N)."""
+        psi, u, v = x[self.curved[0]], x[self.affine[0]], x[self.affine[1]]
+        c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
+        return np.stack([np.stack([-u * s - v * c, c, -s]), np.stack([u * c - v * s, s, c])])
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference."""
+        return a - b
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleMotion:
+    """The paper's motion for any layout that starts with psi, u, v, r, x, y."""
+
+    layout: Layout
+    process: ProcessNoise
+
+    def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, Function]]:
+        """Yield half a turn, the move, half a turn."""
+        dt_s = t1_s - t0_s
+        psi, u, v, r, x, y = self.layout.rows("psi", "u", "v", "r", "x", "y")
+        half_turn = (slice(psi, psi + 1), Turn(r, dt_s / 2))
+        yield half_turn
+        yield slice(x, y + 1), Move((psi,), (u, v), dt_s)
+        yield half_turn
+
+    def noise(self, t0_s: float, t1_s: float) -> Vector:
+        """Return the random walks' variances over the step, (n,)."""
+        q = self.process
+        per_second = {"psi": q.yaw_rad, "u": q.velocity_mps, "v": q.velocity_mps, "r": q.turn_rate_radps}
+        per_second |= {"x": q.position_m, "y": q.position_m}
+        return np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names]) * (t1_s - t0_s)
