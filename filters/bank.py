@@ -110,6 +110,6 @@ def inverse_and_logdet(S: Array) -> tuple[Array, Array]:
         adjugate = np.stack([np.stack([d, -b], axis=-2), np.stack([-b, a], axis=-2)], axis=-3)
         return adjugate / det[..., None, None, :], np.log(det)
     stacked = np.moveaxis(S, -1, -3)  # (..., N, k, k) as numpy.linalg wants it
-    inverse: Array = np.linalg.inv(stacked)
-    logdet: Array = np.linalg.slogdet(stacked).logabsdet
+    inverse = np.linalg.inv(stacked).astype(np.float64, copy=False)
+    logdet = np.linalg.slogdet(stacked).logabsdet.astype(np.float64, copy=False)
     return np.moveaxis(inverse, -3, -1), logdet

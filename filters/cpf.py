@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usbldr.filters.bank import Gaussians, Projection, copies, moments, predict, project, update
 from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
@@ -154,6 +155,6 @@ def _by_mode(R: Array, mode: Indices) -> Array:
     return np.moveaxis(R[mode], 0, -1)
 
 
-def _chosen(accepted: Array, new: Gaussians, old: Gaussians) -> Gaussians:
+def _chosen(accepted: NDArray[np.bool_], new: Gaussians, old: Gaussians) -> Gaussians:
     """Return the new member where accepted, the old elsewhere; a move changes no weight."""
     return Gaussians(np.where(accepted, new.mean, old.mean), np.where(accepted, new.cov, old.cov), old.log_weight)

@@ -91,8 +91,9 @@ def collapse(bank: Gaussians, seen: Projection, noise: Noise, rejected_before: i
 class Gate:
     """Take the nominal mode alone and refuse what it finds less likely than ``1 - probability``.
 
-    A gate that has locked itself out must recover: after ``patience`` refusals of one sensor in a row the next reading
-    is taken with the covariance of the whole mixture. One or a few false fixes in a row never open it.
+    A gate that has locked itself out must recover: after ``patience`` refusals of one sensor in a row it is the filter
+    that is refuted, so its covariance is doubled until the next reading passes. Fewer false fixes in a row never open
+    the gate, however far they lie.
     """
 
     probability: float = 0.99
@@ -102,9 +103,17 @@ class Gate:
         """Return the bank, changed only if the reading passes."""
         nominal = Noise(np.ones(1), noise.cov[:1])
         alone = modes(seen, nominal)
-        distance = float(np.einsum("kn,kn->", alone.scaled[0], seen.innovation))  # N = 1
-        if distance <= chi_square_quantile(self.probability, len(seen.innovation)):
-            return Verdict(update(bank, seen, nominal.cov[0, :, :, None]), alone.log_likelihood, False)
-        if rejected_before >= self.patience:
-            return matched(bank, seen, noise, rejected_before)
-        return Verdict(bank, np.zeros(1), True)
+        limit = chi_square_quantile(self.probability, len(seen.innovation))
+        refused = _distance(alone, seen) > limit
+        if refused and rejected_before < self.patience:
+            return Verdict(bank, np.zeros(1), True)
+        while refused and seen.cov.any():
+            bank = bank._replace(cov=2 * bank.cov)
+            seen = seen._replace(cov=2 * seen.cov, cross=2 * seen.cross)
+            refused = _distance(modes(seen, nominal), seen) > limit
+        return Verdict(update(bank, seen, nominal.cov[0, :, :, None]), alone.log_likelihood, False)
+
+
+def _distance(alone: Modes, seen: Projection) -> float:
+    """Return e' S^-1 e of a bank of one under the nominal mode."""
+    return float(np.sum(alone.scaled[0] * seen.innovation))

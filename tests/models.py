@@ -46,7 +46,7 @@ PRIOR = Prior(np.array([0.0, 1.0]), np.array([[4.0, 0.3], [0.3, 1.0]]))
 
 
 def exact_mixture(z: np.ndarray, noise: Noise, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and covariance of p(x_T | z) by running every one of the J^T mode histories through a Kalman filter."""
+    """Return mean and covariance of p(x_T | z): every one of the J^T mode histories through its own Kalman filter."""
     F = np.array([[1.0, 1.0], [0.0, 1.0]])
     H = np.array([[1.0, 0.0]])
     branches = [(0.0, PRIOR.mean, PRIOR.cov)]

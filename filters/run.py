@@ -1,0 +1,204 @@
+"""Drive a filter over a Timeline: make the steps, keep the estimates, tell what happened.
+
+The driver alone knows grids, fixes and their times of validity; a filter only sees Steps.
+"""
+
+import functools
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from usbldr.filters import cpf, kalman, pf, policies, rules, sensors
+from usbldr.filters.assumptions import Assumptions
+from usbldr.filters.baselines import start_from_fixes
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.filter import Filter, Prior, Step
+from usbldr.filters.layout import Layout
+from usbldr.filters.motion import MotionModel, VehicleMotion
+from usbldr.filters.noise import Noise, NoiseFamily
+from usbldr.filters.sensors import Measurement, UsblFix
+from usbldr.filters.types import Timeline, Trajectory, Update, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The choices of a run that are the user's and not the log's."""
+
+    particles: int = 100
+    gate: float | None = None  # probability that a good reading passes; None: no gate
+    seed: int = 0
+
+
+def _kalman(rule: rules.Rule) -> "Build":
+    def build(motion: MotionModel, settings: Settings) -> Filter[Any]:
+        policy = policies.matched if settings.gate is None else policies.Gate(settings.gate)
+        return kalman.KalmanFilter(motion, rule, policy)
+
+    return build
+
+
+Build = Callable[[MotionModel, Settings], Filter[Any]]
+
+FILTERS: Mapping[str, Build] = {
+    "ekf": _kalman(rules.linearised),
+    "ckf": _kalman(rules.cubature),
+    "ukf": _kalman(rules.unscented),
+    "adf": lambda motion, settings: kalman.KalmanFilter(motion, rules.cubature, policies.collapse),
+    "cpf": lambda motion, settings: cpf.CubatureParticleFilter(motion, rules.cubature, settings.particles),
+    "upf": lambda motion, settings: cpf.CubatureParticleFilter(motion, rules.unscented, settings.particles),
+    "pf": lambda motion, settings: pf.BootstrapParticleFilter(motion, settings.particles, start_seed=settings.seed),
+}
+"""A new filter is one line here."""
+
+GATED = ("ekf", "ckf", "ukf")
+SAMPLED = ("cpf", "upf", "pf")
+TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior
+
+
+def run(
+    name: str,
+    timeline: Timeline,
+    assumptions: Assumptions,
+    settings: Settings = Settings(),
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Trajectory:
+    """Run a filter of FILTERS over the timeline and return its estimate at every epoch.
+
+    Raises UsageError for an unknown filter or a gate on one that has none, LogError without anything to start from.
+    """
+    if name not in FILTERS:
+        raise UsageError(f"there is no filter {name!r} (filters: {', '.join(FILTERS)})")
+    if settings.gate is not None and name not in GATED:
+        raise UsageError(f"{name} weighs outliers and takes no gate (filters with a gate: {', '.join(GATED)})")
+    layout = Layout()
+    estimator = FILTERS[name](VehicleMotion(layout, assumptions.process), settings)
+    began = time.perf_counter()
+    count = len(timeline.time_s)
+    mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
+    ess, acceptance = np.empty(count), np.empty(count)
+    updates: list[Update] = []
+    belief = estimator.start(prior(timeline, assumptions, layout))
+    for k, step in enumerate(steps(timeline, assumptions, layout)):
+        belief = estimator.step(belief, step, functools.partial(np.random.default_rng, (settings.seed, k)))
+        estimate = estimator.estimate(belief)
+        mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
+        updates += estimate.updates
+        if k % 100 == 0:
+            progress(k, count)
+    progress(count, count)
+    sampled = name in SAMPLED
+    particles = settings.particles if sampled else 1
+    return Trajectory(
+        name,
+        layout.names,
+        timeline.time_s,
+        mean,
+        cov,
+        tuple(updates),
+        ess if sampled else None,
+        particles,
+        acceptance if sampled else None,
+        _warnings(name, ess, particles),
+        time.perf_counter() - began,
+    )
+
+
+def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior:
+    """Return the belief at the first epoch: a stated start, or what the first fixes say (never GPS).
+
+    Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again.
+    """
+    if assumptions.start is not None:
+        position = np.array([assumptions.start.east_m, assumptions.start.north_m])
+        position_sd_m = assumptions.start.sd_m
+    elif len(timeline.fix_time_s):
+        position, position_sd_m = start_from_fixes(timeline)
+    else:
+        raise LogError("there is no USBL fix to start from: state [start] east_m, north_m, sd_m in the configuration")
+    a = assumptions
+    known: dict[str, tuple[float, float]] = {
+        "psi": (float(timeline.dr_yaw_rad[0]), a.start_sd_yaw_rad),
+        "u": (float(timeline.dr_mps[0, 0]), a.start_sd_mps),
+        "v": (float(timeline.dr_mps[0, 1]), a.start_sd_mps),
+        "r": (0.0, a.start_sd_radps),
+        "x": (float(position[0]), position_sd_m),
+        "y": (float(position[1]), position_sd_m),
+    }
+    mean, sd = np.array([known.get(name, (0.0, 0.0)) for name in layout.names]).T
+    return Prior(mean, np.diag(sd**2))
+
+
+def steps(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Iterator[Step]:
+    """Yield a step per epoch; a fix is used at the first epoch at or after its time of validity."""
+    t = timeline.time_s
+    first_epoch = np.searchsorted(t, timeline.fix_time_s, side="left")
+    vehicle = _VehicleReadings(timeline, assumptions, layout)
+    fixes = _UsblReadings(timeline, assumptions, layout)
+    for k in range(len(t)):
+        rows = range(*np.searchsorted(first_epoch, (k, k + 1)).tolist())
+        readings = [*vehicle.at(k), *(reading for row in rows for reading in fixes.at(row, float(t[k])))]
+        readings.sort(key=lambda reading: (reading.time_s, reading.sensor))  # stable: order in the log
+        yield Step(k, float(t[max(k - 1, 0)]), float(t[k]), tuple(readings))
+
+
+class _VehicleReadings:
+    """The compass and DVL measurements of an epoch."""
+
+    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
+        self.timeline = timeline
+        self.compass = sensors.compass(layout)
+        self.dvl = sensors.dvl(layout, assumptions.dvl_lever_m)
+        self.compass_noise = _scalar_noise(assumptions.compass)
+        self.dvl_noise = _scalar_noise(assumptions.dvl)
+
+    def at(self, k: int) -> Iterator[Measurement]:
+        """Yield what the epoch has; n averaged records have R / n."""
+        line = self.timeline
+        time_s = float(line.time_s[k])
+        if line.yaw_count[k]:
+            noise = self.compass_noise(float(line.yaw_sd_rad[k]), int(line.yaw_count[k]))
+            yield Measurement(line.yaw_rad[k : k + 1], self.compass, noise, "compass", "yaw", k, time_s)
+        if line.dvl_count[k]:
+            noise = self.dvl_noise(float(line.dvl_sd_mps[k]), int(line.dvl_count[k]))
+            for axis, name in enumerate(("starboard", "forward")):
+                z = line.dvl_mps[k, axis : axis + 1]
+                yield Measurement(z, self.dvl[axis], noise, "dvl", name, k, time_s)
+
+
+class _UsblReadings:
+    """The measurements of a fix: two scalars where they err apart, else one of both axes."""
+
+    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
+        self.timeline, self.assumptions, self.layout = timeline, assumptions, layout
+
+    def at(self, row: int, epoch_s: float) -> Iterator[Measurement]:
+        """Yield the fix as seen from the epoch that uses it."""
+        line, family = self.timeline, self.assumptions.usbl
+        time_s, z, R = float(line.fix_time_s[row]), line.fix_m[row], line.fix_cov_m2[row]
+        model = functools.partial(UsblFix, self.layout, time_s - epoch_s, self.assumptions.usbl_lever_m)
+        if family.per_scalar and not R[0, 1]:
+            for axis, name in enumerate(("east", "north")):
+                noise = family.modes(R[axis : axis + 1, axis : axis + 1])
+                yield Measurement(z[axis : axis + 1], model(axes=(axis,)), noise, "usbl", name, row, time_s)
+        else:
+            yield Measurement(z, model(), family.modes(R), "usbl", "position", row, time_s)
+
+
+def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:
+    """Return a function from one record's sigma and how many were averaged to the modes of a scalar."""
+
+    @functools.lru_cache(maxsize=1024)
+    def modes(sd: float, count: int) -> Noise:
+        return family.modes(np.array([[sd**2 / count]]))
+
+    return modes
+
+
+def _warnings(name: str, ess: Vector, particles: int) -> tuple[str, ...]:
+    ratio = float(ess.mean()) / particles
+    if particles > 1 and ratio < TINY_ESS:
+        return (f"{name}: on average {ratio:.1%} of the particles count: use more particles or check the noise model",)
+    return ()
