@@ -1,5 +1,7 @@
 """The driver: which measurement enters which step, and what comes out at the end."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -87,7 +89,7 @@ def test_epochs_without_a_record_have_no_measurement() -> None:
 def test_time_passes_from_epoch_to_epoch_and_not_in_the_first_step() -> None:
     spans = [(s.t0_s, s.t1_s) for s in steps(timeline(), Assumptions(), Layout())]
     assert spans[0] == (0.0, 0.0)
-    assert all(a[1] == b[0] for a, b in zip(spans, spans[1:], strict=False))
+    assert all(a[1] == b[0] for a, b in itertools.pairwise(spans))
 
 
 @pytest.mark.parametrize("name", [name for name in FILTERS if name != "pf"])  # which has to hit the start by chance

@@ -38,7 +38,7 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="usbldr", prog_name="usbldr")
 def cli() -> None:
-    r"""Replay underwater vehicle logs through navigation filters and measure them against GPS.
+    """Replay underwater vehicle logs through navigation filters and measure them against GPS.
 
     \b
     Exit codes: 0 good, 1 a check failed, 2 usage, 3 the input is unreadable, partial or lacks a sensor, 130 interrupted.
