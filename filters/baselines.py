@@ -1,0 +1,53 @@
+"""Tracks without a filter: dead reckoning, the raw USBL fixes, and the start that the first fixes tell."""
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.types import Array, Timeline, Trajectory, Vector
+
+
+def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajectory:
+    """Integrate DVL and compass by the trapezoidal rule on the fast grid, so that the track meets start_m.
+
+    ``start_m`` (2,) is east, north at ``start_time_s``, which may lie anywhere in the log: the track reaches back too.
+    States psi, u, v, x, y at all K epochs; no covariance, because dead reckoning has no account of its drift.
+    """
+    moved = displacement_m(timeline)
+    position = moved - _at(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
+    mean = np.column_stack([timeline.dr_yaw_rad, timeline.dr_mps, position])
+    return Trajectory("dr", ("psi", "u", "v", "x", "y"), timeline.time_s, mean, cov=None)
+
+
+def usbl(timeline: Timeline) -> Trajectory:
+    """Return the raw fixes at their own times of validity; raises LogError where there is none."""
+    if not len(timeline.fix_time_s):
+        raise LogError("the log has no USBL fix, so there is no raw USBL track")
+    return Trajectory("usbl", ("x", "y"), timeline.fix_time_s, timeline.fix_m, cov=None)
+
+
+def start_from_fixes(timeline: Timeline, count: int = 5, least_sd_m: float = 3.0) -> tuple[Vector, float]:
+    """Return the position at time 0 that the first fixes tell, (2,), and its 1-sigma per axis.
+
+    Each fix is carried back by the dead-reckoned displacement since time 0; the median bears two gross errors in five.
+    The sigma is the spread of the fixes (the axis that spreads more), but not below ``least_sd_m``. Raises LogError
+    where there is no fix.
+    """
+    if not len(timeline.fix_time_s):
+        raise LogError("the log has no USBL fix to start from")
+    carried = timeline.fix_m[:count] - _at(timeline, displacement_m(timeline), timeline.fix_time_s[:count])
+    spread_m = carried.std(axis=0, ddof=1).max() if len(carried) > 1 else 0.0
+    return np.median(carried, axis=0), float(max(least_sd_m, spread_m))
+
+
+def displacement_m(timeline: Timeline) -> Array:
+    """Return how far east and north dead reckoning has moved since the first epoch, (K, 2)."""
+    u, v = timeline.dr_mps.T
+    c, s = np.cos(timeline.dr_yaw_rad), np.sin(timeline.dr_yaw_rad)
+    V = np.column_stack([u * c - v * s, u * s + v * c])  # V_E, V_N, eq. (1)
+    moves = (V[1:] + V[:-1]) / 2 * np.diff(timeline.time_s)[:, None]
+    return np.vstack([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+
+
+def _at(timeline: Timeline, moved: Array, time_s: Vector) -> Array:
+    east, north = moved.T
+    return np.column_stack([np.interp(time_s, timeline.time_s, east), np.interp(time_s, timeline.time_s, north)])

@@ -1,0 +1,182 @@
+"""From the tables of a log to the grid that filters walk on: the one place where time is cut into epochs.
+
+Epochs are at k / fast rate seconds. An epoch carries a DVL or compass measurement only from the records of its own
+interval, so that each record is used once and none is invented: a slow DVL leaves epochs without a measurement.
+Interpolated values serve dead reckoning alone, and a USBL fix keeps its own time.
+"""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.noise import robust_sd
+from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
+from usbldr.io.log import COLUMNS, Log
+
+LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond
+USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
+LEAST_DVL_SD_MPS = 1e-3  # the resolution of a DVL: a quiet, rounded record repeats itself and would claim 0
+COMPASS_SD_DEG = 0.3  # where a log does not say
+LONGEST_LOG_S = 30 * 86400.0  # a span beyond is a wrong stamp, and a grid over it would fill the memory
+
+
+def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
+    """Cut a log into epochs, from time 0 to the last DVL, compass or USBL record.
+
+    Raises LogError without a usable DVL or compass record, UsageError where the rates do not fit together.
+    """
+    every = _epochs_per_slow(fast_hz, slow_hz)
+    t_d, dvl, sd_d = _dvl(log)
+    t_c, yaw, sd_c = _compass(log)
+    fixes = _fixes(log)
+    t_f = fixes["time_s"].to_numpy(dtype=float)
+
+    last_s = max(t_d[-1], t_c[-1], *t_f[-1:])
+    if last_s > LONGEST_LOG_S:
+        raise LogError(f"{log.path}: stamps span {last_s / 86400:.0f} days; one of them must be wrong")
+    ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
+    ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it
+    count = 1 + int(max(ends))
+    time_s = np.arange(count) / fast_hz
+
+    dvl_count, dvl_mean = _averages(_epoch_of(t_d, fast_hz), np.column_stack([dvl, sd_d**2]), count)
+    yaw_count, yaw_mean = _averages(_epoch_of(t_c, fast_hz), np.column_stack([yaw, sd_c**2]), count)
+    gps = _gps(log)
+    return Timeline(
+        start_ns=log.start_ns,
+        time_s=time_s,
+        slow=np.arange(0, count, every),
+        dvl_mps=dvl_mean[:, :2],
+        dvl_count=dvl_count,
+        dvl_sd_mps=_filled(np.sqrt(dvl_mean[:, 2])),
+        yaw_rad=yaw_mean[:, 0],
+        yaw_count=yaw_count,
+        yaw_sd_rad=_filled(np.sqrt(yaw_mean[:, 1])),
+        dr_mps=_interpolated(time_s, t_d, dvl),
+        dr_yaw_rad=_interpolated(time_s, t_c, yaw[:, None])[:, 0],
+        fix_time_s=t_f,
+        fix_received_s=fixes["received_s"].to_numpy(dtype=float),
+        fix_m=fixes[["east_m", "north_m"]].to_numpy(dtype=float),
+        fix_cov_m2=fixes[["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy(dtype=float).reshape(-1, 2, 2),
+        gps_time_s=gps[:, 0],
+        gps_m=gps[:, 1:],
+        outages=(
+            *_outages("dvl", t_d, time_s[-1], LONGEST_GAP_S),
+            *_outages("compass", t_c, time_s[-1], LONGEST_GAP_S),
+            *_outages("usbl", t_f, time_s[-1], _usbl_gap_s(t_f)),
+        ),
+    )
+
+
+def _epochs_per_slow(fast_hz: float, slow_hz: float) -> int:
+    if not (fast_hz > 0 and slow_hz > 0 and math.isfinite(fast_hz / slow_hz)):
+        raise UsageError(f"rates must be above 0 Hz (fast {fast_hz:g}, slow {slow_hz:g})")
+    every = round(fast_hz / slow_hz)
+    if every < 1 or not math.isclose(every * slow_hz, fast_hz, rel_tol=1e-9):
+        raise UsageError(f"the fast rate must be a multiple of the slow one (fast {fast_hz:g} Hz, slow {slow_hz:g} Hz)")
+    return every
+
+
+def _dvl(log: Log) -> tuple[Vector, Array, Vector]:
+    """Times (n,), starboard and forward (n, 2) and 1-sigma (n,) of the valid records, one per stamp."""
+    table = _sorted(log, "dvl")
+    velocity = table[["starboard_mps", "forward_mps"]].to_numpy(dtype=float)
+    good = table["valid"].to_numpy(dtype=bool) & np.isfinite(velocity).all(axis=1)
+    if not good.any():
+        raise LogError(f"{log.path}: none of the {len(table)} dvl records is valid")
+    known = table["sd_mps"].to_numpy(dtype=float)[good]
+    t, values = _one_per_stamp(table["time_s"].to_numpy(dtype=float)[good], np.column_stack([velocity[good], known]))
+    velocity, sd = values[:, :2], values[:, 2]
+    unknown = ~(sd > 0)
+    if unknown.any():
+        measured = robust_sd(np.diff(velocity, axis=0).ravel())
+        sd = np.where(unknown, measured if measured > LEAST_DVL_SD_MPS else LEAST_DVL_SD_MPS, sd)
+    return t, velocity, sd
+
+
+def _compass(log: Log) -> tuple[Vector, Vector, Vector]:
+    """Times, unwrapped yaw and 1-sigma in radians, (n,) each, one per stamp."""
+    table = _sorted(log, "compass")
+    heading = table["heading_deg"].to_numpy(dtype=float)
+    good = np.isfinite(heading)
+    if not good.any():
+        raise LogError(f"{log.path}: none of the {len(table)} compass records has a heading")
+    sd = table["sd_deg"].to_numpy(dtype=float)[good]
+    sd = np.radians(np.where(sd > 0, sd, COMPASS_SD_DEG))
+    wrapped: Vector = -np.radians(heading[good])
+    unwrapped: Vector = np.unwrap(wrapped)
+    yaw = unwrapped - 2 * np.pi * np.round(wrapped[0] / (2 * np.pi))  # starts within half a turn of north
+    t, values = _one_per_stamp(table["time_s"].to_numpy(dtype=float)[good], np.column_stack([yaw, sd]))
+    return t, values[:, 0], values[:, 1]
+
+
+def _fixes(log: Log) -> pd.DataFrame:
+    """Usable fixes by time of validity; a fix that was logged twice counts once, from its first arrival."""
+    if "usbl" not in log.tables:
+        return pd.DataFrame(columns=list(COLUMNS["usbl"]))
+    table = log.tables["usbl"]
+    table = table[np.isfinite(table[["time_s", "east_m", "north_m"]].to_numpy(dtype=float)).all(axis=1)]
+    arrival = np.fmax(table["time_s"], table["received_s"])  # never before it was true; unknown: at once
+    table = table.assign(received_s=arrival).sort_values(["time_s", "received_s"], kind="stable")
+    return table.drop_duplicates(["time_s", "east_m", "north_m"])
+
+
+def _gps(log: Log) -> Array:
+    if "gps" not in log.tables:
+        return np.empty((0, 3))
+    values = log.tables["gps"][["time_s", "east_m", "north_m"]].to_numpy(dtype=float)
+    values = values[np.isfinite(values).all(axis=1)]
+    return values[np.argsort(values[:, 0], kind="stable")]
+
+
+def _sorted(log: Log, sensor: str) -> pd.DataFrame:
+    if sensor not in log.tables or log.tables[sensor].empty:
+        raise LogError(f"{log.path}: no {sensor} data (sensors in this log: {', '.join(log.tables) or 'none'})")
+    table = log.tables[sensor]
+    return table[np.isfinite(table["time_s"])].sort_values("time_s", kind="stable")
+
+
+def _one_per_stamp(time_s: Vector, values: Array) -> tuple[Vector, Array]:
+    """Average the records that share a stamp: they are one measurement, said twice or differently."""
+    stamps, group = np.unique(time_s, return_inverse=True)
+    if len(stamps) == len(time_s):
+        return time_s, values
+    return stamps, _averages(group, values, len(stamps))[1]
+
+
+def _epoch_of(time_s: Vector, fast_hz: float) -> Indices:
+    """Return k with t_k - dt/2 <= t < t_k + dt/2."""
+    return np.floor(time_s * fast_hz + 0.5).astype(np.intp)
+
+
+def _averages(group: Indices, values: Array, count: int) -> tuple[Indices, Array]:
+    """Return how many records fell into each of ``count`` groups and their means, (count, k), NaN where none did."""
+    values, group = values[group >= 0], group[group >= 0]
+    n = np.bincount(group, minlength=count)
+    sums = np.column_stack([np.bincount(group, weights=column, minlength=count) for column in values.T])
+    return n, np.divide(sums, n[:, None], out=np.full(sums.shape, np.nan), where=n[:, None] > 0)
+
+
+def _filled(sd: Vector) -> Vector:
+    """Give epochs without a record the usual sigma, so that the column is a number everywhere."""
+    return np.where(np.isnan(sd), np.nanmedian(sd), sd)
+
+
+def _interpolated(time_s: Vector, t: Vector, values: Array) -> Array:
+    """Return values (n, k) at the epochs: linear across gaps up to LONGEST_GAP_S, else the last one (or the first)."""
+    before = np.clip(np.searchsorted(t, time_s, side="right") - 1, 0, len(t) - 1)
+    after = np.minimum(before + 1, len(t) - 1)
+    gap = t[after] - t[before]
+    share = np.divide(time_s - t[before], gap, out=np.zeros(len(time_s)), where=(gap > 0) & (gap <= LONGEST_GAP_S))
+    return values[before] + np.clip(share, 0, 1)[:, None] * (values[after] - values[before])
+
+
+def _outages(sensor: str, t: Vector, last_s: float, longest_s: float) -> list[Outage]:
+    edges = np.concatenate([[0.0], t, [last_s]])
+    return [Outage(sensor, float(edges[i]), float(edges[i + 1])) for i in np.flatnonzero(np.diff(edges) > longest_s)]
+
+
+def _usbl_gap_s(t: Vector) -> float:
+    return max(USBL_GAP_S, USBL_GAP_INTERVALS * float(np.median(np.diff(t)))) if len(t) > 1 else USBL_GAP_S
