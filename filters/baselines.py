@@ -45,9 +45,10 @@ def displacement_m(timeline: Timeline) -> Array:
     c, s = np.cos(timeline.dr_yaw_rad), np.sin(timeline.dr_yaw_rad)
     V = np.column_stack([u * c - v * s, u * s + v * c])  # V_E, V_N, eq. (1)
     moves = (V[1:] + V[:-1]) / 2 * np.diff(timeline.time_s)[:, None]
-    return np.vstack([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    moved: Array = np.vstack([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    return moved
 
 
 def _at(timeline: Timeline, moved: Array, time_s: Vector) -> Array:
-    east, north = moved.T
-    return np.column_stack([np.interp(time_s, timeline.time_s, east), np.interp(time_s, timeline.time_s, north)])
+    t = timeline.time_s
+    return np.column_stack([np.interp(time_s, t, moved[:, 0]), np.interp(time_s, t, moved[:, 1])])

@@ -107,7 +107,7 @@ def _compass(log: Log) -> tuple[Vector, Vector, Vector]:
     sd = np.radians(np.where(sd > 0, sd, COMPASS_SD_DEG))
     wrapped: Vector = -np.radians(heading[good])
     unwrapped: Vector = np.unwrap(wrapped)
-    yaw = unwrapped - 2 * np.pi * np.round(wrapped[0] / (2 * np.pi))  # starts within half a turn of north
+    yaw = unwrapped - 2 * np.pi * round(float(wrapped[0]) / (2 * np.pi))  # starts within half a turn of north
     t, values = _one_per_stamp(table["time_s"].to_numpy(dtype=float)[good], np.column_stack([yaw, sd]))
     return t, values[:, 0], values[:, 1]
 
