@@ -1,0 +1,181 @@
+"""usbldr.toml: found beside the log, read, checked key by key, and turned into the assumptions of a run.
+
+The sections themselves stand in sections.py.
+"""
+
+import difflib
+import math
+import re
+import tomllib
+import typing
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+from msgspec import Struct
+
+from usbldr.filters.assumptions import Assumptions, Start
+from usbldr.filters.errors import UsageError
+from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
+from usbldr.io.sections import (
+    CompassContamination,
+    CompassNoise,
+    Configuration,
+    DvlContamination,
+    DvlNoise,
+    GaussianNoise,
+    MixtureNoise,
+    StudentNoise,
+    UsblContamination,
+    UsblNoise,
+)
+
+
+def find_configuration(log: Path, asked: str | None) -> Path | None:
+    """Return the file to read for ``log``: the one asked for, else NAME.usbldr.toml, else usbldr.toml, else none.
+
+    ``asked`` = "none" ignores all of them.
+    """
+    if asked == "none":
+        return None
+    if asked is not None:
+        if not Path(asked).is_file():
+            raise UsageError(f"{asked}: no such configuration file")
+        return Path(asked)
+    named = log.parent / f"{log.stem if log.is_file() else log.name}.usbldr.toml"
+    places = [log / "usbldr.toml"] if log.is_dir() else []
+    return next((place for place in [*places, named, log.parent / "usbldr.toml"] if place.is_file()), None)
+
+
+def read_configuration(file: Path) -> Configuration:
+    """Read and check a configuration; raise UsageError with file, key, nearest match and allowed values."""
+    try:
+        document = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as err:
+        raise UsageError(f"{file}: cannot be read ({err.strerror})") from err
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
+        raise UsageError(f"{file}: is not TOML ({err})") from err
+    return check(document, file)
+
+
+def check(document: dict[str, object], file: Path) -> Configuration:
+    """Turn a parsed TOML document into a Configuration."""
+    _refuse_unknown_keys(document, Configuration, "", file)
+    try:
+        return msgspec.convert(document, Configuration)
+    except msgspec.ValidationError as err:
+        raise UsageError(f"{file}: {_sentence(str(err))}") from err
+
+
+def _structs(annotation: object) -> list[type[Struct]]:
+    """Return the sections that a key may hold."""
+    if isinstance(annotation, type) and issubclass(annotation, Struct):
+        return [annotation]
+    return [s for part in typing.get_args(annotation) for s in _structs(part)]
+
+
+def _refuse_unknown_keys(table: dict[str, object], section: type[Struct], path: str, file: Path) -> None:
+    hints = typing.get_type_hints(section, include_extras=True)
+    tag = [section.__struct_config__.tag_field] if section.__struct_config__.tag_field else []
+    allowed = [*tag, *section.__struct_fields__]
+    for key, value in table.items():
+        if key not in allowed:
+            near = difflib.get_close_matches(key, allowed, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            where = f"[{path}] has no key" if path else "there is no section"
+            raise UsageError(f"{file}: {where} {key}{hint} (allowed: {', '.join(allowed)})")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise UsageError(f"{file}: [{path}] {key} = {value} is no finite number")
+        if isinstance(value, dict) and key in hints:
+            inner = typing.cast("dict[str, object]", value)
+            sections = _structs(hints[key])
+            tagged = [s for s in sections if s.__struct_config__.tag is not None]
+            chosen = [s for s in tagged if s.__struct_config__.tag == inner.get("kind")] if tagged else sections
+            if tagged and not chosen:
+                kinds = ", ".join(str(s.__struct_config__.tag) for s in tagged)
+                raise UsageError(f"{file}: [{path}] {key}: kind is missing or unknown (allowed: {kinds})")
+            if chosen:
+                _refuse_unknown_keys(inner, chosen[0], f"{path}.{key}" if path else key, file)
+
+
+def _sentence(message: str) -> str:
+    """Turn msgspec's "Expected `float`, got `str` - at `$.dvl.mount_deg`" into "[dvl] mount_deg: expected ..."."""
+    what, _, place = message.partition(" - at ")
+    path = re.sub(r"^.*\$\.?|`$", "", place)
+    invalid = re.fullmatch(r"Invalid enum value '?(.*?)'?", what)
+    if invalid:
+        what = f"{invalid[1]} is not allowed (allowed: {', '.join(_allowed(path))})"
+    else:
+        what = (
+            what.replace("`", "")
+            .replace("Expected ", "expected ")
+            .replace(" | null", "")
+            .replace("Object", "the table")
+        )
+        what = re.sub(r"\bfloat\b|\bint\b", "number", what).replace("str", "text").replace("object", "table")
+    section, _, key = path.partition(".")
+    return (f"[{section}] {key}: " if key else f"{section}: " if section else "") + what
+
+
+def _allowed(path: str) -> list[str]:
+    """Return the words that the key at a dotted path takes."""
+    annotation: object = Configuration
+    for name in path.removesuffix("[...]").split("."):
+        hints = [typing.get_type_hints(s, include_extras=True) for s in _structs(annotation)]
+        annotation = next((h[name] for h in hints if name in h), None)
+    return list(dict.fromkeys(_words(annotation)))
+
+
+def _words(annotation: object) -> list[str]:
+    if typing.get_origin(annotation) is Literal:
+        return [str(word) for word in typing.get_args(annotation)]
+    if annotation is float:
+        return ["a number"]
+    return [word for part in typing.get_args(annotation) for word in _words(part)]
+
+
+def assumptions(configuration: Configuration) -> Assumptions:
+    """Return the model side of a run: what the file states, usbldr's defaults for the rest. Angles become radians."""
+    process, start, default = configuration.process, configuration.start, Assumptions()
+    walks = {
+        "position_m": process.position_m,
+        "yaw_rad": _radians(process.heading_deg),
+        "velocity_mps": process.velocity_mps,
+        "turn_rate_radps": _radians(process.turn_rate_dps),
+    }
+    return replace(
+        default,
+        process=replace(default.process, **{name: walk for name, walk in walks.items() if walk is not None}),
+        dvl=_family(configuration.dvl.noise, default.dvl),
+        compass=_family(configuration.compass.noise, default.compass),
+        usbl=_family(configuration.usbl.noise, default.usbl),
+        dvl_lever_m=configuration.dvl.lever_arm_m,
+        usbl_lever_m=configuration.usbl.lever_arm_m,
+        start=Start(start.east_m, start.north_m, start.sd_m) if start else None,
+    )
+
+
+def _radians(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else math.radians(angle_deg)
+
+
+def _family(noise: DvlNoise | CompassNoise | UsblNoise | None, default: NoiseFamily) -> NoiseFamily:
+    """Return the noise family that a section states; ``per`` is the family's own unless stated."""
+    family: Gaussian | Mixture | StudentT | Contamination
+    match noise:
+        case None:
+            return default
+        case GaussianNoise():
+            family = Gaussian()
+        case MixtureNoise():
+            family = Mixture(noise.share, noise.variance_ratio)
+        case StudentNoise():
+            family = StudentT(noise.dof)
+        case DvlContamination():
+            family = Contamination(noise.share, noise.sd_mps)
+        case CompassContamination():
+            family = Contamination(noise.share, math.radians(noise.sd_deg))
+        case UsblContamination():
+            family = Contamination(noise.share, noise.sd_m)
+    return family if noise.per is None else replace(family, per_scalar=noise.per == "scalar")

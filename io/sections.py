@@ -1,0 +1,268 @@
+"""The sections of usbldr.toml as types: which keys there are, in which unit, and which values make no sense.
+
+Every key that states an error of a sensor (mount_deg, bias_deg, scale_error, latency_s) is later subtracted from its
+readings; declination_deg is added; angles are degrees clockwise. docs/configuration.md explains each key.
+"""
+
+from typing import Annotated, Literal, TypeAlias
+
+from msgspec import Meta, Struct
+
+Positive: TypeAlias = Annotated[float, Meta(gt=0)]
+NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
+Share: TypeAlias = Annotated[float, Meta(gt=0, lt=1)]
+Latitude: TypeAlias = Annotated[float, Meta(ge=-90, le=90)]
+Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
+Lever: TypeAlias = tuple[float, float, float]  # starboard, forward, up, metres
+Clock: TypeAlias = Literal["header", "log"]
+Per: TypeAlias = Literal["scalar", "record"]
+
+
+class Section(Struct, frozen=True):
+    """A table of the file. A key that is not listed is refused."""
+
+
+class GaussianNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="gaussian"):
+    """N(0, R)."""
+
+    per: Per | None = None
+
+
+class MixtureNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="mixture"):
+    """N(0, R), with probability ``share`` N(0, variance_ratio R)."""
+
+    share: Share = 0.30
+    variance_ratio: Annotated[float, Meta(gt=1)] = 10.0
+    per: Per | None = None
+
+
+class StudentNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="student-t"):
+    """Student's t."""
+
+    dof: Positive = 4.0
+    per: Per | None = None
+
+
+class DvlContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
+    """N(0, R), with probability ``share`` a gross error."""
+
+    share: Share = 0.05
+    sd_mps: Positive
+    per: Per | None = None
+
+
+class CompassContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
+    """N(0, R), with probability ``share`` a gross error."""
+
+    share: Share = 0.05
+    sd_deg: Positive
+    per: Per | None = None
+
+
+class UsblContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
+    """N(0, R), with probability ``share`` a gross error."""
+
+    share: Share = 0.05
+    sd_m: Positive = 10.0
+    per: Per | None = None
+
+
+DvlNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | DvlContamination
+CompassNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | CompassContamination
+UsblNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | UsblContamination
+
+
+class MapSection(Section, frozen=True, kw_only=True):
+    """The point that the local plane touches."""
+
+    origin_lat_deg: Latitude
+    origin_lon_deg: Longitude
+
+
+class DvlSection(Section, frozen=True, kw_only=True):
+    """The Doppler velocity log."""
+
+    topic: str | None = None
+    axes: str | None = None
+    mount_deg: float = 0.0
+    unit: Literal["m/s", "mm/s"] | None = None
+    scale_error: Annotated[float, Meta(gt=-1)] = 0.0
+    sd_mps: Positive | Literal["message"] | None = None
+    min_good_beams: Annotated[int, Meta(ge=0)] | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    time: Clock | None = None
+    latency_s: float = 0.0
+    noise: DvlNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse axes that are no three directions at right angles."""
+        if self.axes is not None:
+            axis_signs(self.axes)
+
+
+class CompassSection(Section, frozen=True, kw_only=True):
+    """The heading sensor."""
+
+    topic: str | None = None
+    convention: Literal["ENU", "NED", "compass"] | None = None
+    unit: Literal["deg", "rad"] | None = None
+    bias_deg: float = 0.0
+    declination_deg: float = 0.0
+    sd_deg: Positive | None = None
+    time: Clock | None = None
+    latency_s: float = 0.0
+    noise: CompassNoise | None = None
+
+
+class Head(Section, frozen=True, kw_only=True):
+    """A fixed USBL head, by latitude and longitude or on the map."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    east_m: float | None = None
+    north_m: float | None = None
+    depth_m: float = 0.0
+    topic: str | None = None
+    heading_topic: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a head that moves, and one that is nowhere or in two places."""
+        if self.topic is not None or self.heading_topic is not None:
+            raise ValueError("a moving head cannot be used yet; state lat_deg and lon_deg of a fixed one")
+        geodetic = self.lat_deg is not None and self.lon_deg is not None
+        local = self.east_m is not None and self.north_m is not None
+        given = [v for v in (self.lat_deg, self.lon_deg, self.east_m, self.north_m) if v is not None]
+        if geodetic == local or len(given) != 2:
+            raise ValueError("state either lat_deg and lon_deg or east_m and north_m")
+
+
+class UsblSection(Section, frozen=True, kw_only=True):
+    """The acoustic positioning system."""
+
+    topic: str | None = None
+    kind: Literal["position", "latlon", "range_bearing"] | None = None
+    frame: Literal["ENU", "NED", "body"] | None = None
+    relative_to: Literal["map", "head"] | None = None
+    head: Head | None = None
+    sd_m: Positive | Literal["message"] | None = None
+    range_sd_m: NotNegative | None = None
+    range_sd_rel: NotNegative | None = None
+    bearing_sd_deg: Positive | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    time: Clock | None = None
+    latency_s: float = 0.0
+    noise: UsblNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse keys that contradict each other."""
+        if self.frame == "body":
+            raise ValueError('frame = "body" cannot be used yet; give ENU or NED positions')
+        polar = [self.range_sd_m, self.range_sd_rel, self.bearing_sd_deg]
+        if self.sd_m is not None and any(v is not None for v in polar):
+            raise ValueError("sd_m excludes range_sd_m, range_sd_rel and bearing_sd_deg")
+        if any(v is not None for v in polar):
+            if self.bearing_sd_deg is None or not (self.range_sd_m or self.range_sd_rel):
+                raise ValueError("range_sd_m or range_sd_rel and bearing_sd_deg belong together")
+            if self.head is None:
+                raise ValueError("range_sd_m, range_sd_rel and bearing_sd_deg need the head's position (head = {...})")
+        if self.head is None and (self.relative_to == "head" or self.kind == "range_bearing"):
+            raise ValueError("the head's position is missing (head = { lat_deg = ..., lon_deg = ..., depth_m = ... })")
+
+
+class GpsSection(Section, frozen=True, kw_only=True):
+    """The satellite receiver: truth by default, never a sensor of the filter."""
+
+    topic: str | None = None
+    frame: Literal["ENU", "NED", "latlon"] | None = None
+    sd_m: Positive | Literal["message"] | None = None
+    time: Clock | None = None
+    latency_s: float = 0.0
+
+
+class DepthSection(Section, frozen=True, kw_only=True):
+    """The pressure or depth sensor."""
+
+    topic: str | None = None
+    unit: Literal["Pa", "hPa", "dbar", "bar", "m"] | None = None
+    surface_pa: NotNegative | None = None
+    positive: Literal["down", "up"] | None = None
+    time: Clock | None = None
+    latency_s: float = 0.0
+
+
+class TruthSection(Section, frozen=True, kw_only=True):
+    """The reference that errors are taken against."""
+
+    topic: str | None = None
+    file: str | None = None
+    kind: Literal["gps", "slam", "simulated", "other"] | None = None
+    frame: Literal["ENU", "NED", "latlon"] | None = None
+    skip_rows: Annotated[int, Meta(ge=0)] = 0
+    max_gap_s: Positive = 30.0
+    columns: dict[Literal["time_ns", "time_unix_s", "time_s", "x", "y", "sd_m"], str] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two sources."""
+        if self.topic is not None and self.file is not None:
+            raise ValueError("state either topic or file")
+
+
+class ProcessSection(Section, frozen=True, kw_only=True):
+    """Random walks of the motion model: 1-sigma after one second."""
+
+    position_m: NotNegative | None = None
+    heading_deg: NotNegative | None = None
+    velocity_mps: NotNegative | None = None
+    turn_rate_dps: NotNegative | None = None
+
+
+class StartSection(Section, frozen=True, kw_only=True):
+    """Where the vehicle is known to start."""
+
+    east_m: float
+    north_m: float
+    sd_m: Positive
+
+
+class Configuration(Section, frozen=True, kw_only=True):
+    """A whole usbldr.toml; without a file, all defaults."""
+
+    schema: Literal[1] = 1
+    map: MapSection | None = None
+    dvl: DvlSection = DvlSection()
+    compass: CompassSection = CompassSection()
+    usbl: UsblSection = UsblSection()
+    gps: GpsSection = GpsSection()
+    depth: DepthSection = DepthSection()
+    truth: TruthSection = TruthSection()
+    process: ProcessSection = ProcessSection()
+    start: StartSection | None = None
+
+    def topic(self, role: str) -> str | None:
+        """Return the topic that the file names for a role; "none" switches the role off."""
+        section: DvlSection | CompassSection | UsblSection | GpsSection | DepthSection = getattr(self, role)
+        return section.topic
+
+
+def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:
+    """Return for x, y and z which of (starboard, forward, up) it lies along, and with which sign.
+
+    ``axes`` has one letter for each: F(orward), B(ackward), S(tarboard) or R(ight), P(ort) or L(eft), U(p), D(own).
+    """
+    letters = {
+        "S": (0, 1),
+        "R": (0, 1),
+        "P": (0, -1),
+        "L": (0, -1),
+        "F": (1, 1),
+        "B": (1, -1),
+        "U": (2, 1),
+        "D": (2, -1),
+    }
+    signs = tuple(letters.get(letter, (-1, 0)) for letter in axes.upper())
+    if len(signs) != 3 or {axis for axis, _ in signs} != {0, 1, 2}:
+        raise ValueError(
+            f'axes = "{axes}" is not three directions at right angles; '
+            "name where x, y and z point by one letter each: F or B, S (R) or P (L), U or D"
+        )
+    return signs
