@@ -106,16 +106,13 @@ def _sentence(message: str) -> str:
     invalid = re.fullmatch(r"Invalid enum value '?(.*?)'?", what)
     if invalid:
         what = f"{invalid[1]} is not allowed (allowed: {', '.join(_allowed(path))})"
-    else:
-        what = (
-            what.replace("`", "")
-            .replace("Expected ", "expected ")
-            .replace(" | null", "")
-            .replace("Object", "the table")
-        )
-        what = re.sub(r"\bfloat\b|\bint\b", "number", what).replace("str", "text").replace("object", "table")
+    elif what.startswith("Object missing required field"):
+        what = f"lacks the key {what.split('`')[1]}"
+    elif what.startswith("Expected"):
+        what = what.replace("`", "").replace("Expected", "expected").replace(" | null", "")
+        what = re.sub(r"\b(float|int)\b", "number", what).replace("str", "text").replace("object", "table")
     section, _, key = path.partition(".")
-    return (f"[{section}] {key}: " if key else f"{section}: " if section else "") + what
+    return (f"[{section}] {key}: " if key else f"[{section}]: " if section else "") + what
 
 
 def _allowed(path: str) -> list[str]:
