@@ -1,0 +1,79 @@
+"""Which format a log has: judged by its first bytes, never by its name."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from usbldr.filters.errors import LogError
+from usbldr.io.reader import Reader
+
+FOREIGN: Mapping[bytes, str] = {
+    b"#ROSBAG V": "a ROS 1 bag; usbldr cannot read those yet (convert it: rosbags-convert --src IN.bag --dst OUT)",
+    b"SQLite format 3\x00": "a sqlite3 rosbag2; usbldr cannot read those yet (convert it to MCAP: ros2 bag convert)",
+    b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
+    b"\x1f\x8b": "compressed with gzip; unpack it first (gunzip)",
+    b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
+}
+"""What people hand over instead, by its first bytes, and what to do about it."""
+
+
+def _is_mcap(path: Path, head: bytes) -> bool:
+    return head.startswith(b"\x89MCAP0\r\n")
+
+
+def _is_csv(path: Path, head: bytes) -> bool:
+    from usbldr.io.csv_log import looks_like_csv, text_files
+
+    return any(text_files(path)) if path.is_dir() else looks_like_csv(head)
+
+
+def _mcap(path: Path) -> Reader:
+    from usbldr.io.mcap_log import McapLog
+
+    return McapLog(path)
+
+
+def _csv(path: Path) -> Reader:
+    from usbldr.io.csv_log import CsvLog
+
+    return CsvLog(path)
+
+
+class Format(NamedTuple):
+    """How a format is told and opened."""
+
+    matches: Callable[[Path, bytes], bool]  # by path and the first bytes (empty for a folder)
+    open: Callable[[Path], Reader]
+
+
+FORMATS: Mapping[str, Format] = {
+    "MCAP file": Format(_is_mcap, _mcap),
+    "CSV folder": Format(_is_csv, _csv),
+}
+"""One line per format; importing its reader waits until it is opened."""
+
+
+def open_log(path: Path) -> Reader:
+    """Return the reader that fits; raise LogError for a missing, empty or unknown file."""
+    if not path.exists():
+        raise LogError(f"{path}: no such file or folder")
+    head = b""
+    try:
+        if not path.is_dir():
+            with path.open("rb") as file:
+                head = file.read(4096)
+        for matches, opened in FORMATS.values():
+            if matches(path, head):
+                return opened(path)
+    except PermissionError as err:
+        raise LogError(f"{path}: may not be read ({err.strerror})") from err
+    accepted = " or ".join(FORMATS)
+    if path.is_dir():
+        inside = ", ".join(sorted(child.name for child in path.iterdir())[:5]) or "nothing"
+        raise LogError(f"{path}: this folder holds no CSV file with a header (it holds {inside}); give a {accepted}")
+    if not head:
+        raise LogError(f"{path}: the file is empty")
+    known = next((what for magic, what in FOREIGN.items() if head.startswith(magic)), None)
+    if known:
+        raise LogError(f"{path}: is {known}")
+    raise LogError(f"{path}: unknown format (starts with {head[:12]!r}); give a {accepted}")

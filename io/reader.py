@@ -1,0 +1,88 @@
+"""What every log format offers: its topics, and their messages as columns named by field path.
+
+A field path is the name that `rostopic echo -p` gives, with dots throughout: "header.stamp", "twist.twist.linear.x",
+"twist.covariance.0". A format joins by one class with these methods and one line in detect.FORMATS.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.io.log import Finding
+
+Nanoseconds: TypeAlias = NDArray[np.int64]  # (n,) since 1970, never through float64
+Column: TypeAlias = NDArray[Any]  # (n,) int64, float64, bool or str, as the message has it
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic of a log."""
+
+    name: str
+    type: str  # as the file spells it: "sensor_msgs/msg/Imu"
+    encoding: str  # "cdr", "csv"; what is not one of ours has a problem
+    count: int
+    first_ns: int | None  # first and last log time; None: no message
+    last_ns: int | None
+    fields: tuple[str, ...] = ()  # field paths, an array by its bare name
+    problem: str = ""  # why its messages cannot be read; told only when the topic is wanted
+
+    @property
+    def span_s(self) -> float:
+        """Return the seconds from the first to the last message."""
+        return 0.0 if self.first_ns is None or self.last_ns is None else (self.last_ns - self.first_ns) / 1e9
+
+    @property
+    def rate_hz(self) -> float:
+        """Return messages per second, NaN for fewer than two."""
+        return (self.count - 1) / self.span_s if self.span_s > 0 else float("nan")
+
+    def has(self, path: str) -> bool:
+        """Tell whether messages of this topic have the field."""
+        head, _, last = path.rpartition(".")
+        return path in self.fields or (last.isdecimal() and head in self.fields)
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """The messages of one topic in the order of their log times."""
+
+    received_ns: Nanoseconds  # (n,) log time
+    columns: Mapping[str, Column]  # field path -> (n,)
+
+
+class Reader(Protocol):
+    """An opened log."""
+
+    @property
+    def path(self) -> Path:
+        """The file or folder."""
+        ...
+
+    @property
+    def format(self) -> str:
+        """What a user calls it: "MCAP", "CSV folder"."""
+        ...
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List what the log holds, without decoding any message."""
+        ...
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read the fields of the topics, both as `topics` lists them, in one pass over the log."""
+        ...
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what was lost or odd in what has been read so far."""
+        ...
+
+
+def utc(time_ns: int) -> str:
+    """Return nanoseconds since 1970 as text, to the millisecond: 2016-09-21T16:59:10.501Z."""
+    moment = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{time_ns % 1_000_000_000 // 1_000_000:03d}Z"
