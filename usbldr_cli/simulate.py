@@ -1,0 +1,43 @@
+"""The command ``usbldr simulate``: a dive whose truth is known, as a log that ``replay`` reads."""
+
+from pathlib import Path
+
+import click
+
+from usbldr.filters.errors import UsageError
+
+
+@click.command()
+@click.argument("scenario", required=False)
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="NAME.mcap, or a folder for CSV files.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed, the same bytes.")
+@click.option("--force", is_flag=True, help="Overwrite what is there.")
+@click.option("--list", "list_them", is_flag=True, help="List the scenarios.")
+def simulate(scenario: str | None, output: Path | None, seed: int, force: bool, list_them: bool) -> None:
+    """Write SCENARIO as a log with its truth, and its configuration beside it.
+
+    OUTPUT is an MCAP file of ROS 2 messages where it ends in .mcap, else a folder of CSV files. Its configuration
+    (NAME.usbldr.toml, or usbldr.toml in the folder) states noise, start and conventions, never a sensor's true error.
+
+    \b
+    $ usbldr simulate paper -o paper.mcap
+    """
+    from usbldr.filters.simulation import SCENARIOS, scenario_named
+
+    if list_them:
+        width = max(map(len, SCENARIOS))
+        for known in SCENARIOS.values():
+            click.echo(f"{known.name:<{width}}  {known.about}")
+        return
+    if scenario is None:
+        raise UsageError(f"name a scenario (scenarios: {', '.join(SCENARIOS)})")
+    chosen = scenario_named(scenario)
+    if output is None:
+        raise UsageError("say where to write with -o NAME.mcap, or -o FOLDER for CSV files")
+
+    from usbldr.io.scenario_files import write_scenario
+
+    log, configuration = write_scenario(chosen, seed, output, force)
+    counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in log.tables.items())
+    click.echo(f"{output}: scenario {chosen.name}, seed {seed}, {chosen.duration_s:g} s, records: {counts}")
+    click.echo(f"{configuration}: noise, start and conventions")
