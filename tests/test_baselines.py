@@ -1,0 +1,130 @@
+"""Dead reckoning and raw fixes against motions and error laws that are known in closed form."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from usbldr.filters import baselines
+from usbldr.filters.errors import LogError
+from usbldr.filters.simulation import PAPER, Leg, Scenario, simulate
+from usbldr.filters.types import Timeline
+from usbldr.io.scenario import simulated_log
+from usbldr.io.timeline import timeline
+
+EXACT = dataclasses.replace(
+    PAPER,
+    dvl=dataclasses.replace(PAPER.dvl, sd_mps=1e-12, scale_error=0.0),
+    compass=dataclasses.replace(PAPER.compass, sd_rad=1e-12),
+)
+TURNING = dataclasses.replace(EXACT, legs=(Leg(500.0, 0.1, 1.5, 0.02),), duration_s=500.0)
+
+
+def _line(scenario: Scenario, seed: int = 0) -> Timeline:
+    return timeline(simulated_log(scenario, seed))
+
+
+def _with_fixes(line: Timeline, east_m: list[float]) -> Timeline:
+    n = len(east_m)
+    fixes = np.column_stack([np.array(east_m), np.zeros(n)])
+    return dataclasses.replace(line, fix_time_s=np.arange(n, dtype=float), fix_m=fixes)
+
+
+def test_dead_reckoning_without_sensor_errors_follows_the_turns() -> None:
+    track = baselines.dr(_line(TURNING), np.zeros(2))
+
+    truth = simulate(TURNING, 0).truth
+    # the trapezoid shortens each chord by (r dt)^2 / 12: 1.3e-6 of 750 m
+    np.testing.assert_allclose(track.position_m, truth.position_m, atol=2e-3)
+    np.testing.assert_allclose(track.mean[:, :3], np.column_stack([truth.yaw_rad, truth.velocity_mps]), atol=1e-9)
+    assert track.cov is None
+
+
+@pytest.mark.parametrize("start_time_s", [0.0, 33.3, 500.0])
+def test_dead_reckoning_meets_its_start_at_its_time(start_time_s: float) -> None:
+    line = _line(TURNING)
+
+    track = baselines.dr(line, np.array([100.0, -50.0]), start_time_s)
+
+    there = [np.interp(start_time_s, track.time_s, axis) for axis in track.position_m.T]
+    np.testing.assert_allclose(there, [100.0, -50.0])
+    from_origin = baselines.dr(line, np.zeros(2)).position_m
+    np.testing.assert_allclose(np.ptp(track.position_m - from_origin, axis=0), 0, atol=1e-9)
+
+
+def test_a_scale_error_lengthens_the_dead_reckoned_track_by_itself() -> None:
+    scaled = dataclasses.replace(EXACT, dvl=dataclasses.replace(EXACT.dvl, scale_error=0.01))
+
+    track = baselines.dr(_line(scaled), np.zeros(2))
+
+    np.testing.assert_allclose(track.position_m[-1], 1.01 * simulate(EXACT, 0).truth.position_m[-1], rtol=1e-9)
+
+
+def test_dead_reckoning_of_the_paper_errs_by_half_of_a_hundredth_of_the_way() -> None:
+    c, s = math.cos(math.radians(5)), math.sin(math.radians(5))
+    seeds = range(20)
+
+    errors = [
+        np.abs(baselines.dr(line, np.zeros(2)).position_m[line.slow] - dive.gps.value).mean(axis=0)
+        for line, dive in ((_line(PAPER, seed), simulate(PAPER, seed)) for seed in seeds)
+    ]
+
+    # 1 % of 909 and 1083 m, half of it on average; heading noise adds the rest (spread over seeds about .4 m)
+    expected = [0.005 * 1000 * (c - s), 0.005 * 1000 * (c + s)]
+    np.testing.assert_allclose(np.mean(errors, axis=0), expected, atol=0.2)
+
+
+def test_raw_fixes_of_the_paper_err_by_the_mean_of_equation_23() -> None:
+    errors = [
+        np.abs(baselines.usbl(_line(PAPER, seed)).position_m - simulate(PAPER, seed).gps.value) for seed in range(20)
+    ]
+
+    expected = math.sqrt(2 / math.pi) * (0.7 + 0.3 * math.sqrt(10))
+    np.testing.assert_allclose(np.mean(errors, axis=(0, 1)), expected, rtol=0.03)
+
+
+def test_raw_fixes_keep_their_own_times() -> None:
+    line = _with_fixes(_line(EXACT), [1.0, 2.0])
+
+    track = baselines.usbl(line)
+
+    assert track.time_s.tolist() == [0.0, 1.0]
+    assert track.names == ("x", "y")
+
+
+def test_the_start_is_where_the_fixes_say_less_the_way_since() -> None:
+    line = _line(EXACT)
+    truth = simulate(EXACT, 0).truth.position_m[::5]
+    moved = truth[20:30] + np.array([40.0, -60.0])
+    line = dataclasses.replace(line, fix_time_s=np.arange(20.0, 30.0), fix_m=moved)
+
+    start, sd_m = baselines.start_from_fixes(line)
+
+    np.testing.assert_allclose(start, [40.0, -60.0], atol=1e-6)
+    assert sd_m == 3.0
+
+
+def test_two_gross_errors_in_five_do_not_move_the_start_but_widen_it() -> None:
+    still = dataclasses.replace(EXACT, legs=(Leg(1000.0, 0.0, 0.0),))
+
+    start, sd_m = baselines.start_from_fixes(_with_fixes(_line(still), [0.1, 50.0, 0.0, 80.0, -0.1]))
+
+    np.testing.assert_allclose(start, [0.1, 0.0], atol=1e-6)
+    assert sd_m == pytest.approx(np.std([0.1, 50.0, 0.0, 80.0, -0.1], ddof=1))
+
+
+def test_gps_is_no_part_of_the_start() -> None:
+    line = _line(EXACT)
+    moved = dataclasses.replace(line, gps_m=line.gps_m + 1000.0)
+
+    np.testing.assert_array_equal(baselines.start_from_fixes(moved)[0], baselines.start_from_fixes(line)[0])
+
+
+def test_without_fixes_there_is_one_sentence() -> None:
+    line = _with_fixes(_line(EXACT), [])
+
+    with pytest.raises(LogError, match="no USBL fix"):
+        baselines.usbl(line)
+    with pytest.raises(LogError, match="no USBL fix"):
+        baselines.start_from_fixes(line)
