@@ -94,12 +94,13 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
 def _tables(scenario: Scenario, seed: int) -> dict[str, pd.DataFrame]:
     dive = simulate(scenario, seed)
     variance_m2 = scenario.usbl.sd_m**2
+    gps_sd_m = scenario.gps.sd_m or math.nan  # no format can say "exact": 0 is how many say "unknown"
     lat_deg, lon_deg = _at_sea_level(dive.gps.value)
     columns: dict[str, tuple[Vector | float | bool, ...]] = {
         "dvl": (*dive.dvl[:2], *dive.dvl.value.T, 0.0, scenario.dvl.sd_mps, True),
         "compass": (*dive.compass[:2], _heading_deg(dive.compass.value[:, 0]), _degrees(scenario.compass.sd_rad)),
         "usbl": (*dive.usbl[:2], *dive.usbl.value.T, variance_m2, 0.0, variance_m2),
-        "gps": (*dive.gps[:2], *dive.gps.value.T, scenario.gps.sd_m, lat_deg, lon_deg),
+        "gps": (*dive.gps[:2], *dive.gps.value.T, gps_sd_m, lat_deg, lon_deg),
     }
     return {s: pd.DataFrame(dict(zip(COLUMNS[s], values, strict=True))) for s, values in columns.items()}
 
@@ -125,8 +126,9 @@ def _heading_deg(yaw_rad: Vector) -> Vector:
 
 
 def _degrees(angle_rad: float) -> float:
-    """Degrees to fifteen digits: 0.1 deg in a scenario is 0.1 in its file."""
-    return float(f"{math.degrees(angle_rad):.15g}")
+    """Degrees with the fewest digits that bring back the angle: 0.1 deg in a scenario is 0.1 in its file."""
+    candidates = [float(f"{math.degrees(angle_rad):.{digits}g}") for digits in range(1, 18)]
+    return next((deg for deg in candidates if math.radians(deg) == angle_rad), candidates[-1])
 
 
 def _noise(family: NoiseFamily, unit: str) -> str:

@@ -25,6 +25,8 @@ LONGEST_LOG_S = 30 * 86400.0  # a span beyond is a wrong stamp, and a grid over 
 def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     """Cut a log into epochs, from time 0 to the last DVL, compass or USBL record.
 
+    Where a latency was subtracted, the first records may lie before 0: no epoch is theirs, and the first fixes are used
+    at time 0 with their offset.
     Raises LogError without a usable DVL or compass record, UsageError where the rates do not fit together.
     """
     every = _epochs_per_slow(fast_hz, slow_hz)

@@ -23,6 +23,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.simulation import PAPER, simulate
 from usbldr.io.log import COLUMNS
+from usbldr.io.read import read_log
 from usbldr.io.scenario import START_NS, configuration_text, simulated_log
 from usbldr.io.scenario_files import write_scenario
 
@@ -187,6 +188,27 @@ def test_the_configuration_hides_every_true_error() -> None:
     scaled = dataclasses.replace(SHORT, dvl=dataclasses.replace(SHORT.dvl, scale_error=0.07))
 
     assert configuration_text(scaled, 0, {}) == configuration_text(plain, 0, {})
+
+
+@pytest.mark.parametrize("name", ["dive.mcap", "dive"])
+def test_what_is_written_reads_back_as_the_log_in_memory(tmp_path: Path, name: str) -> None:
+    delayed = dataclasses.replace(PAPER, usbl=dataclasses.replace(PAPER.usbl, delay_s=1.25))
+    written, configuration = write_scenario(delayed, 5, tmp_path / name)
+
+    read = read_log(tmp_path / name)
+
+    assert read.configuration == configuration
+    assert (read.start_ns, read.origin, read.findings) == (written.start_ns, written.origin, ())
+    assert read.assumptions == written.assumptions
+    assert list(read.tables) == list(written.tables)
+    for sensor, table in written.tables.items():
+        pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-12)
+    assert read.truth is not None
+    assert written.truth is not None
+    assert (read.truth.kind, read.truth.max_gap_s) == (written.truth.kind, written.truth.max_gap_s)
+    np.testing.assert_array_equal(read.truth.time_s, written.truth.time_s)
+    np.testing.assert_allclose(read.truth.position_m, written.truth.position_m, atol=1e-8)
+    np.testing.assert_array_equal(read.truth.sd_m, written.truth.sd_m)
 
 
 def test_every_noise_family_has_its_keys() -> None:

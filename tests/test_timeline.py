@@ -189,6 +189,16 @@ def test_a_fix_keeps_its_own_time_and_its_covariance_and_there_is_an_epoch_after
     assert line.time_s[-1] == 10.2
 
 
+def test_records_from_before_time_0_belong_to_no_epoch() -> None:
+    t = grid(2) - 0.5
+
+    line = timeline(log(dvl=dvl_table(t), compass=compass_table(grid(2)), usbl=usbl_table([-0.7, 1.0])))
+
+    assert line.time_s[0] == 0.0
+    assert line.dvl_count.sum() == np.sum(t >= -0.1)
+    assert line.fix_time_s.tolist() == [-0.7, 1.0]
+
+
 def test_a_usbl_outage_is_measured_by_the_sensors_own_rate() -> None:
     t = np.arange(0, 600, 20.0)  # every 20 s by design
     present = t[(t < 200) | (t > 340)]
