@@ -1,0 +1,228 @@
+"""DVL, compass and depth in the axes, units and signs of usbldr, and a sentence for every convention chosen.
+
+An error of a sensor that the configuration states is subtracted here; declination, no error of the sensor, is added.
+Angles are degrees clockwise.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.types import Vector
+from usbldr.io.log import Finding
+from usbldr.io.messages import Mask, Raw, dvl_causes
+from usbldr.io.sections import CompassSection, DepthSection, DvlSection, axis_signs
+from usbldr.io.times import Times, times_of
+
+COMPASS_SD_DEG = 0.3  # where nobody says
+WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
+SURFACE_PA = 101325.0
+PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """A sensor's table in the making: the canonical columns, with times.TIMES in place of time_s and received_s."""
+
+    table: pd.DataFrame  # in order of arrival
+    conventions: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+
+def stated(raw: Raw, key: str, value: str | None, default: str) -> tuple[str, str, list[Finding]]:
+    """Return a key's value, who chose it, and a finding where the configuration asks for what the log rules out."""
+    if key in raw.layout.fixed:
+        fixed = raw.layout.fixed[key]
+        if value in (None, fixed):
+            return fixed, "by column names", []
+        text = f'{raw.topic.name}: {key} = "{value}" of the configuration is not used; its columns say {fixed}'
+        return fixed, "by column names", [Finding("KEY-UNUSED", text)]
+    if value is not None:
+        return value, "configuration", []
+    if key in raw.layout.defaults:
+        return raw.layout.defaults[key], "by type", []
+    return default, "default", []
+
+
+def converted(
+    raw: Raw, times: Times, columns: Mapping[str, Vector | Mask], said: list[str], findings: list[Finding]
+) -> Converted:
+    """Put times and columns into one table, times' conventions last."""
+    table = pd.DataFrame(times.columns() | dict(columns))
+    return Converted(table, (*said, *times.conventions), (*findings, *times.findings))
+
+
+def dropped(
+    raw: Raw, causes: Mapping[str, Mask], sensor: str, verdict: str, advice: str = ""
+) -> tuple[Mask, list[Finding]]:
+    """Return which records (n,) are good, and a finding that counts the others by their first cause.
+
+    Raises LogError where none is good, ending in the advice.
+    """
+    good = np.ones(len(raw.received_ns), dtype=np.bool_)
+    counts: dict[str, int] = {}
+    for cause, mask in causes.items():
+        counts[cause] = int(np.sum(mask & good))
+        good = good & ~mask
+    bad = int(np.sum(~good))
+    if not bad:
+        return good, []
+    parts = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
+    if bad == len(good):
+        raise LogError(f"{raw.log}: all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}")
+    text = f"{raw.topic.name}: {bad} of {len(good)} records are invalid and {verdict} ({parts})"
+    return good, [Finding(f"{sensor.upper()}-INVALID", text)]
+
+
+def dvl(raw: Raw, section: DvlSection) -> Converted:
+    """Turn velocities to starboard, forward, up in m/s; invalid records stay in the table and are marked.
+
+    Raises LogError where all are invalid.
+    """
+    by_frame = "FRD" if "ned" in raw.frame_id.lower() or "frd" in raw.frame_id.lower() else "FLU"
+    axes, who, findings = stated(raw, "axes", section.axes, by_frame)
+    who = f'by frame_id "{raw.frame_id}"' if who == "default" else who
+    unit, unit_who, more = stated(raw, "unit", section.unit, "m/s")
+    to_mps = {"m/s": 1.0, "mm/s": 1e-3}[unit]
+    said = [f"axes {axes} ({who})", f"unit {unit} ({unit_who})"]
+
+    instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
+    for name, (axis, sign) in zip("xyz", axis_signs(axes), strict=True):
+        instrument[axis] = sign * to_mps * raw.number(name) / (1.0 + section.scale_error)
+    if section.scale_error:
+        said.append(f"scale error {section.scale_error:g} taken off (configuration)")
+    mount = np.radians(section.mount_deg)
+    said.append(f"mount {section.mount_deg:g} deg ({'configuration' if section.mount_deg else 'default'})")
+    starboard = instrument[0] * np.cos(mount) + instrument[1] * np.sin(mount)
+    forward = -instrument[0] * np.sin(mount) + instrument[1] * np.cos(mount)
+
+    if section.min_good_beams is not None and "good_beams" not in raw.values:
+        raise UsageError(
+            f"{raw.log}: [dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) does not tell its good beams"
+        )
+    causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
+    fast = np.mean(causes["faster than 20 m/s"]) > 0.5 and section.unit is None
+    advice = '; if they are mm/s, state unit = "mm/s" under [dvl]' if fast else ""
+    valid, invalid = dropped(raw, causes, "dvl", "not used", advice)
+    sd, sd_said = _dvl_sd(raw, section, to_mps)
+    columns: dict[str, Vector | Mask] = {
+        "starboard_mps": starboard,
+        "forward_mps": forward,
+        "up_mps": instrument[2],
+        "sd_mps": sd,
+        "valid": valid,
+    }
+    times = times_of(raw, section.time, section.latency_s)
+    return converted(raw, times, columns, [*said, sd_said], [*findings, *more, *invalid])
+
+
+def _dvl_sd(raw: Raw, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
+    """Return the 1-sigma of each record, (n,), NaN where unknown."""
+    own = "starboard_mps" in raw.layout.required.values()
+    if isinstance(section.sd_mps, float):
+        return np.full(len(raw.received_ns), section.sd_mps), f"sd {section.sd_mps:g} m/s (configuration)"
+    if section.sd_mps is None and not own:
+        return np.full(len(raw.received_ns), np.nan), "sd to be estimated from the records (default)"
+    who = "by column names" if own else "configuration"
+    covariance = np.fmax(raw.number("covariance"), raw.number("own_covariance"))  # a type has one of them at most
+    sd = np.sqrt(np.where(covariance > 0, covariance, np.nan))
+    sd = to_mps * np.where(np.isfinite(sd), sd, np.where(raw.number("sd") > 0, raw.number("sd"), np.nan))
+    if not np.isfinite(sd).any():
+        return sd, f"sd of the messages ({who}), which is unknown: to be estimated from the records"
+    return sd, f"sd of the messages, median {np.nanmedian(sd):.3g} m/s ({who})"
+
+
+def compass(raw: Raw, section: CompassSection) -> Converted:
+    """Turn headings to degrees clockwise from true north, 0 to 360; invalid records are left out.
+
+    Raises LogError where all are invalid.
+    """
+    by_frame = "NED" if "ned" in raw.frame_id.lower() else None
+    convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
+    who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
+    said = [f"convention {convention} ({who})"]
+    if "angle" in raw.values:
+        unit, unit_who, more = stated(raw, "unit", section.unit, "deg")
+        angle = raw.number("angle") * {"deg": 1.0, "rad": 180.0 / np.pi}[unit]
+        said.append(f"unit {unit} ({unit_who})")
+        if unit_who == "default" and len(angle) and np.nanmax(np.abs(raw.number("angle"))) < 6.3:
+            text = f'{raw.topic.name}: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
+            more = [*more, Finding("HEADING-UNIT", text)]
+        causes = {"not a number": ~np.isfinite(angle)}
+    else:
+        angle, causes, more = *_yaw_deg(raw), list[Finding]()
+    good, invalid = dropped(raw, causes, "compass", "left out")
+    heading = (90.0 - angle if convention == "ENU" else angle) - section.bias_deg + section.declination_deg
+    said += [f"bias {section.bias_deg:g} deg subtracted (configuration)"] if section.bias_deg else []
+    said += [f"declination {section.declination_deg:g} deg added (configuration)"] if section.declination_deg else []
+
+    sd = raw.number("sd_deg")
+    if section.sd_deg is not None:
+        sd = np.full(len(sd), section.sd_deg)
+        said.append(f"sd {section.sd_deg:g} deg (configuration)")
+    elif np.isfinite(sd).any():
+        said.append(f"sd of the records, median {np.nanmedian(sd):.3g} deg (by column names)")
+    else:
+        said.append(f"sd {COMPASS_SD_DEG:g} deg (default)")
+    sd = np.where(np.isfinite(sd), sd, COMPASS_SD_DEG)
+    times = times_of(raw, section.time, section.latency_s)
+    columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
+    return _kept(converted(raw, times, columns, said, [*findings, *more, *invalid]), good)
+
+
+def _yaw_deg(raw: Raw) -> tuple[Vector, dict[str, Mask]]:
+    """Return the yaw of the quaternions about their frame's z axis, degrees (n,), and by cause which are invalid."""
+    x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
+    yaw = np.degrees(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    causes = {
+        "not a number": ~np.isfinite(length),
+        "without orientation (covariance -1)": raw.number("own_covariance") == -1,
+        "zero quaternion": length < 0.5,
+    }
+    return yaw, causes
+
+
+def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
+    """Turn pressures or depths to metres below the surface; return a finding where the unit makes no sense.
+
+    Raises LogError where all are invalid.
+    """
+    unit, who, findings = stated(raw, "unit", section.unit, "m")
+    said = [f"unit {unit} ({who})"]
+    if "pressure" in raw.values:
+        if unit == "m":
+            raise UsageError(f'{raw.log}: [depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
+        pressure = raw.number("pressure") * PASCALS[unit]
+        surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
+        said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
+        if section.unit is None and section.surface_pa is None and np.nanmedian(pressure) < 5e4:
+            text = (
+                f"{raw.topic.name}: a median of {np.nanmedian(pressure):g} cannot be Pa; state [depth] unit; not used"
+            )
+            return Finding("DEPTH-UNIT", text)
+        value = (pressure - surface) / WATER_PA_PER_M
+        _refuse(section.positive, "positive", "pressures", raw)
+    else:
+        _refuse(None if section.surface_pa is None else "", "surface_pa", "depths", raw)
+        if unit != "m":
+            raise UsageError(f'{raw.log}: [depth] unit = "{unit}": {raw.topic.name} holds depths in m')
+        sign, sign_who, more = stated(raw, "positive", section.positive, "down")
+        value = raw.number("depth") * (1.0 if sign == "down" else -1.0)
+        said.append(f"positive {sign} ({sign_who})")
+        findings = [*findings, *more]
+    good, invalid = dropped(raw, {"not a number": ~np.isfinite(value)}, "depth", "left out")
+    times = times_of(raw, section.time, section.latency_s)
+    return _kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
+
+
+def _refuse(value: str | None, key: str, what: str, raw: Raw) -> None:
+    if value is not None:
+        raise UsageError(f"{raw.log}: [depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")
+
+
+def _kept(made: Converted, good: Mask) -> Converted:
+    return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)

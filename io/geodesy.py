@@ -1,0 +1,28 @@
+"""Latitude and longitude to the local tangent plane and back: WGS84, by pymap3d, degrees and metres.
+
+Everything is taken at height 0: over 10 km the plane leaves the sphere by 8 m, which moves a point by a centimetre.
+"""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+import pymap3d  # pyright: ignore[reportMissingTypeStubs]
+
+from usbldr.filters.types import Vector
+from usbldr.io.log import Origin
+
+_forward = cast("Callable[..., Any]", pymap3d.geodetic2enu)  # pyright: ignore[reportUnknownMemberType]
+_backward = cast("Callable[..., Any]", pymap3d.enu2geodetic)  # pyright: ignore[reportUnknownMemberType]
+
+
+def to_plane(origin: Origin, lat_deg: Vector, lon_deg: Vector) -> tuple[Vector, Vector]:
+    """Return east and north in metres, (n,) each."""
+    east, north, _ = _forward(lat_deg, lon_deg, np.zeros(len(lat_deg)), origin.lat_deg, origin.lon_deg, 0.0)
+    return np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
+
+
+def to_geodetic(origin: Origin, east_m: Vector, north_m: Vector) -> tuple[Vector, Vector]:
+    """Return latitude and longitude in degrees, (n,) each."""
+    lat, lon, _ = _backward(east_m, north_m, np.zeros(len(east_m)), origin.lat_deg, origin.lon_deg, 0.0)
+    return np.asarray(lat, dtype=np.float64), np.asarray(lon, dtype=np.float64)

@@ -1,0 +1,82 @@
+"""Positions of any kind as east and north on the local plane; GPS fixes are all of it."""
+
+import numpy as np
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.types import Array, Vector
+from usbldr.io.conventions import Converted, converted, dropped, stated
+from usbldr.io.geodesy import to_geodetic, to_plane
+from usbldr.io.log import Origin
+from usbldr.io.messages import Mask, Raw
+from usbldr.io.sections import GpsSection
+from usbldr.io.times import times_of
+
+
+def place_causes(raw: Raw) -> dict[str, Mask]:
+    """Return by cause which positions (n,) are invalid by themselves."""
+    lat, lon = ("lat_deg", "lon_deg") if "lat_deg" in raw.layout.required else ("x", "y")
+    lat, lon = ("east_m", "north_m") if "east_m" in raw.layout.required else (lat, lon)
+    a, b = raw.number(lat), raw.number(lon)
+    causes = {"not a number": ~(np.isfinite(a) & np.isfinite(b))}
+    if lat == "lat_deg":
+        causes["without fix (status below 0)"] = raw.number("status") < 0
+        causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
+        causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
+    return causes
+
+
+def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vector]:
+    """Return east and north, (n,) each, of positions whose frame is ENU, NED or latlon (x latitude, y longitude).
+
+    Raises LogError where latitudes are to be placed and the plane has no origin.
+    """
+    if "east_m" in raw.layout.required:
+        return raw.number("east_m"), raw.number("north_m")
+    geodetic = "lat_deg" in raw.layout.required
+    x, y = (raw.number("lat_deg"), raw.number("lon_deg")) if geodetic else (raw.number("x"), raw.number("y"))
+    if frame != "latlon":
+        return (y, x) if frame == "NED" else (x, y)
+    if origin is None:
+        raise LogError(
+            f"{raw.log}: {raw.topic.name} holds latitudes and longitudes, but the plane has no origin; "
+            "state origin_lat_deg and origin_lon_deg under [map]"
+        )
+    return to_plane(origin, x, y)
+
+
+def message_covariance(raw: Raw, frame: str) -> Array:
+    """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none."""
+    if "sd_m" in raw.values:
+        ee = nn = raw.number("sd_m") ** 2
+        en = np.zeros(len(ee))
+    elif "cov_ee_m2" in raw.values:
+        ee, en, nn = (raw.number(f"cov_{axes}_m2") for axes in ("ee", "en", "nn"))
+    else:
+        ee, en, nn = (raw.number(f"cov_{axes}") for axes in ("xx", "xy", "yy"))
+        if frame == "NED":
+            ee, nn = nn, ee
+    R = np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
+    unknown = ~((ee > 0) & (nn > 0) & np.isfinite(en)) | (raw.number("covariance_type") == 0)
+    return np.where(unknown[:, None, None], np.nan, R)
+
+
+def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
+    """Turn GPS fixes, or another reference's positions, to east and north; fixes without validity are left out."""
+    latlon = "lat_deg" in raw.layout.required
+    frame, who, findings = stated(raw, "frame", section.frame, "NED" if "ned" in raw.frame_id.lower() else "ENU")
+    if latlon != (frame == "latlon") and latlon:
+        raise UsageError(f'{raw.log}: frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
+    good, invalid = dropped(raw, place_causes(raw), "gps", "left out")
+    east, north = on_plane(raw, frame, origin)
+    covariance = message_covariance(raw, frame)
+    sd = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+    sd_said = "sd of the messages" if np.isfinite(sd).any() else "sd unknown"
+    if isinstance(section.sd_m, float):
+        sd, sd_said = np.full(len(sd), section.sd_m), f"sd {section.sd_m:g} m (configuration)"
+    lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
+    if origin is not None and not np.isfinite(lat).any():
+        lat, lon = to_geodetic(origin, east, north)
+    columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
+    times = times_of(raw, section.time, section.latency_s)
+    made = converted(raw, times, columns, [f"frame {frame} ({who})", sd_said], [*findings, *invalid])
+    return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)

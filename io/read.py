@@ -1,0 +1,270 @@
+"""From a file to a Log: the door of this package."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.types import Truth
+from usbldr.io import conventions, positions
+from usbldr.io.configuration import assumptions, find_configuration, read_configuration
+from usbldr.io.conventions import Converted
+from usbldr.io.detect import open_log
+from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance
+from usbldr.io.messages import Raw, raw, wanted_paths
+from usbldr.io.reader import Reader, TopicInfo, utc
+from usbldr.io.sections import Configuration, GpsSection
+from usbldr.io.times import in_order
+from usbldr.io.topics import ROLES, Choice, choose_roles, find, named
+from usbldr.io.truth import find_file, read_truth_file, truth_from_table
+from usbldr.io.usbl import Depths, usbl
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What the user asks beside the log itself; it beats the configuration."""
+
+    configuration: str | None = None  # a file, or "none": ignore what lies beside the log
+    topics: Mapping[str, str] = field(default_factory=dict[str, str])  # role -> topic or "none"
+    truth: str | None = None  # a file, a topic or "none"
+
+
+def read_log(path: Path, request: Request = Request()) -> Log:
+    """Read a log in any format of detect.FORMATS.
+
+    Raises LogError where it cannot be read or lacks what was named, UsageError where options, configuration and log do
+    not fit together. A missing sensor is no error here (see `require`).
+    """
+    return read(open_log(path), request)
+
+
+def require(log: Log, roles: Sequence[str]) -> None:
+    """Raise LogError that says what is there if the log lacks one of the sensors."""
+    have = ", ".join(log.tables) or "none"
+    for role in roles:
+        if role not in log.tables:
+            raise LogError(f"{log.path}: no {role} data (sensors in this log: {have})")
+
+
+def read(reader: Reader, request: Request) -> Log:
+    """Read an opened log (see `read_log`)."""
+    path, topics = reader.path, reader.topics()
+    file = find_configuration(path, request.configuration)
+    configuration = read_configuration(file) if file else Configuration()
+    if not any(topic.count for topic in topics):
+        lost = "; ".join(finding.text for finding in reader.findings())
+        raise LogError(f"{path}: holds no messages" + (f" ({lost})" if lost else ""))
+
+    configured = {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
+    roles = choose_roles(path, topics, request.topics, configured)
+    for fault in roles.unclear.values():
+        raise fault
+    source = _truth_source(path, topics, request, configuration)
+    choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
+    raws = _raws(reader, choices)
+
+    origin = _origin(configuration, raws)
+    made, findings = _converted(configuration, raws, origin)
+    tables: dict[str, pd.DataFrame] = {}
+    for role, sensor in made.items():
+        tables[role], more = in_order(sensor.table, choices[role].topic.name, role)
+        findings += [*sensor.findings, *more]
+    _refuse_apart(path, tables)
+    start_ns = _start_ns(tables, topics)
+
+    provenance = {role: _provenance(choices[role], made[role], tables[role]) for role in tables}
+    if source.file is not None:
+        truth_table, provenance["truth"] = read_truth_file(
+            source.file, source.chosen_by, configuration.truth, start_ns, origin
+        )
+    else:
+        truth_table = tables.pop("truth", None if source.off else tables.get("gps"))
+    truth = None
+    if truth_table is not None:
+        name, kind = provenance["truth" if "truth" in provenance else "gps"].topic, _kind(source)
+        truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
+        findings += more
+    findings += _truth_apart(truth, tables, start_ns)
+    return Log(
+        path=path,
+        sha256=_sha256(path),
+        format=reader.format,
+        start_ns=start_ns,
+        tables={role: _in_seconds(role, table, start_ns) for role, table in tables.items()},
+        provenance=provenance,
+        assumptions=assumptions(configuration),
+        origin=origin,
+        truth=truth,
+        configuration=file,
+        findings=(*reader.findings(), *findings),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TruthSource:
+    """Where the truth comes from: a file, a topic, nowhere (off), else the GPS."""
+
+    file: Path | None = None
+    topic: Choice | None = None
+    off: bool = False
+    chosen_by: str = "configuration"
+
+
+def _truth_source(
+    path: Path, topics: Sequence[TopicInfo], request: Request, configuration: Configuration
+) -> TruthSource:
+    section, option = configuration.truth, request.truth
+    if option == "none" or (option is None and section.topic == "none"):
+        return TruthSource(off=True)
+    if option is not None:
+        file = find_file(option, path, from_option=True)
+        if file is not None:
+            return TruthSource(file, chosen_by="option")
+        if find(topics, option) is None:
+            raise LogError(f"{path}: truth {option} is neither a file here or beside the log nor a topic of it")
+        return TruthSource(topic=named(path, topics, "truth", option, "option"))
+    if section.file is not None:
+        file = find_file(section.file, path, from_option=False)
+        if file is None:
+            raise LogError(f"{path.resolve().parent / section.file}: no such truth file ([truth] file)")
+        return TruthSource(file)
+    if section.topic is not None:
+        return TruthSource(topic=named(path, topics, "truth", section.topic, "configuration"))
+    own = [topic for topic in topics if topic.type == "usbldr/truth"]
+    return TruthSource(topic=named(path, topics, "truth", own[0].name, "type and name") if len(own) == 1 else None)
+
+
+def _raws(reader: Reader, choices: Mapping[str, Choice]) -> dict[str, Raw]:
+    """Read the topics chosen, each once."""
+    wanted: dict[str, list[str]] = {}
+    for choice in choices.values():
+        paths = wanted.setdefault(choice.topic.name, [])
+        paths += [p for p in wanted_paths(choice.topic, choice.layout).values() if p not in paths]
+    records = reader.read(wanted)
+    for role, choice in choices.items():
+        if not len(records[choice.topic.name].received_ns):
+            raise LogError(f"{reader.path}: no message of {choice.topic.name} ({role}) fits its definition")
+    return {role: raw(reader.path, c.topic, c.layout, records[c.topic.name]) for role, c in choices.items()}
+
+
+def _origin(configuration: Configuration, raws: Mapping[str, Raw]) -> Origin | None:
+    """Return the plane's origin: [map], else a fixed USBL head, else the first valid GPS fix, else unknown."""
+    if configuration.map is not None:
+        return Origin(configuration.map.origin_lat_deg, configuration.map.origin_lon_deg, "[map]")
+    head = configuration.usbl.head
+    if head is not None and head.lat_deg is not None and head.lon_deg is not None:
+        return Origin(head.lat_deg, head.lon_deg, "usbl head")
+    for role in ("gps", "truth"):
+        if role in raws and "lat_deg" in raws[role].values:
+            bad = np.any(list(positions.place_causes(raws[role]).values()), axis=0)
+            lat, lon = raws[role].number("lat_deg")[~bad], raws[role].number("lon_deg")[~bad]
+            if len(lat):
+                return Origin(float(lat[0]), float(lon[0]), "first gps fix")
+    return None
+
+
+def _converted(
+    configuration: Configuration, raws: Mapping[str, Raw], origin: Origin | None
+) -> tuple[dict[str, Converted], list[Finding]]:
+    """Turn each sensor to canonical columns. Depth and GPS without a valid record are findings, not errors."""
+    made: dict[str, Converted] = {}
+    findings: list[Finding] = []
+    if "dvl" in raws:
+        made["dvl"] = conventions.dvl(raws["dvl"], configuration.dvl)
+    if "compass" in raws:
+        made["compass"] = conventions.compass(raws["compass"], configuration.compass)
+    if "depth" in raws:
+        try:
+            depth = conventions.depth(raws["depth"], configuration.depth)
+        except LogError as err:
+            depth = Finding("DEPTH-INVALID", str(err))
+        if isinstance(depth, Finding):
+            findings.append(depth)
+        else:
+            made["depth"] = depth
+    if "usbl" in raws:
+        depths = None
+        if "depth" in made:
+            ordered, _ = in_order(made["depth"].table, "", "depth")
+            depths = Depths(ordered["time_ns"].to_numpy(dtype=float), ordered["depth_m"].to_numpy(dtype=float))
+        made["usbl"] = usbl(raws["usbl"], configuration.usbl, origin, depths)
+    if "gps" in raws:
+        try:
+            made["gps"] = positions.gps(raws["gps"], configuration.gps, origin)
+        except LogError as err:
+            findings.append(Finding("GPS-INVALID", str(err)))
+    if "truth" in raws:
+        same = "gps" in raws and raws["gps"].topic == raws["truth"].topic
+        section = configuration.gps if same else GpsSection()
+        section = msgspec.structs.replace(section, frame=configuration.truth.frame or section.frame)
+        made["truth"] = positions.gps(raws["truth"], section, origin)
+    return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
+
+
+def _start_ns(tables: Mapping[str, pd.DataFrame], topics: Sequence[TopicInfo]) -> int:
+    """Return the earliest stamp of the DVL, compass and USBL records used; without any, of whatever there is."""
+    used = [tables[role] for role in ("dvl", "compass", "usbl") if role in tables]
+    used = [table[table["valid"]] if "valid" in table else table for table in used] or list(tables.values())
+    if used:
+        return min(int(table["stamp_ns"].min()) for table in used)
+    return min(topic.first_ns for topic in topics if topic.first_ns is not None)
+
+
+def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
+    """Raise LogError with each sensor's span where DVL, compass and USBL have no moment in common."""
+    spans = {
+        role: (int(tables[role]["time_ns"].min()), int(tables[role]["time_ns"].max()))
+        for role in ("dvl", "compass", "usbl")
+        if role in tables
+    }
+    if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
+        said = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
+        raise LogError(
+            f"{path}: the sensors do not overlap in time: {said}; are their clocks the same (see time, latency_s)?"
+        )
+
+
+def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
+    times = [tables[role]["time_ns"] for role in ("dvl", "compass", "usbl") if role in tables]
+    if truth is None or not times:
+        return []
+    first_s, last_s = (min(t.min() for t in times) - start_ns) / 1e9, (max(t.max() for t in times) - start_ns) / 1e9
+    if truth.time_s[-1] >= first_s and truth.time_s[0] <= last_s:
+        return []
+    span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s, the sensors {first_s:.1f} to {last_s:.1f} s"
+    return [
+        Finding("TRUTH-APART", f"the truth {truth.source} and the sensors do not overlap in time: it covers {span}")
+    ]
+
+
+def _kind(source: TruthSource) -> str:
+    """Return the kind of truth that a source is unless the configuration says it."""
+    if source.file is not None or (source.topic is not None and source.topic.layout.type != "navsatfix"):
+        return "other"
+    return "gps"
+
+
+def _provenance(choice: Choice, made: Converted, table: pd.DataFrame) -> Provenance:
+    used = int(table["valid"].sum()) if "valid" in table else len(table)
+    topic = choice.topic
+    return Provenance(topic.name, topic.type, choice.chosen_by, made.conventions, topic.count, used)
+
+
+def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:
+    """Return the table with the COLUMNS of its sensor."""
+    times = {name: (table[name.replace("_s", "_ns")] - start_ns) / 1e9 for name in ("time_s", "received_s")}
+    return table.assign(**times)[list(COLUMNS[role])].reset_index(drop=True)
+
+
+def _sha256(path: Path) -> str:
+    """Return the digest of a file; of a folder, that of its files' digests by name, its configuration apart."""
+    if path.is_dir():
+        files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix != ".toml"]
+        return hashlib.sha256("\n".join(_sha256(file) for file in files).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

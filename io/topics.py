@@ -1,0 +1,129 @@
+"""Which topic is which sensor: by option, by configuration, else recognised by message type and topic name."""
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.messages import LAYOUTS, Layout, layout_of
+from usbldr.io.reader import TopicInfo
+
+ROLES = ("dvl", "compass", "usbl", "gps", "depth")
+
+HINTS: Mapping[str, str] = {
+    "dvl": r"dvl|velocity_report|bottom_?track|nortek|a50|a125",
+    "compass": r"compass|heading|hdg|hdt|ahrs|imu|gyro",
+    "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/",
+    "gps": r"gps|gnss|navsat|global_position|fix",
+    "depth": r"depth|pressure",
+}
+"""Words of topic names that speak for a role."""
+
+NO_SENSOR = re.compile(
+    r"(^|[/_])(filtered|odometry|odom|ekf|ukf|estimate|estimated|ground_?truth|truth|gt|setpoint|cmd|cmd_vel)($|[/_])"
+)
+"""Words of topic names that speak of something computed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A topic taken for a role."""
+
+    topic: TopicInfo
+    layout: Layout
+    chosen_by: str  # "option", "configuration", "type and name"
+
+
+@dataclass(frozen=True, slots=True)
+class Roles:
+    """The roles of a log, and what keeps a role from being filled."""
+
+    chosen: Mapping[str, Choice]
+    unclear: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
+
+
+def choose_roles(
+    log: Path, topics: Sequence[TopicInfo], options: Mapping[str, str], configured: Mapping[str, str]
+) -> Roles:
+    """Fill the roles; ``options`` and ``configured`` map roles to topics, or to "none" to leave a role empty."""
+    chosen: dict[str, Choice] = {}
+    unclear: dict[str, UsbldrError] = {}
+    for role in ROLES:
+        name = options.get(role) or configured.get(role)
+        if name is not None and name != "none":
+            try:
+                chosen[role] = named(log, topics, role, name, "option" if role in options else "configuration")
+            except UsbldrError as err:
+                unclear[role] = err
+    for role in ROLES:
+        if role not in options and role not in configured:
+            taken = {choice.topic.name for choice in chosen.values()}
+            found = [topic for topic in _candidates(role, topics) if topic.name not in taken]
+            if len(found) > 1:
+                unclear[role] = UsageError(_which(log, role, found))
+            elif found:
+                layout = layout_of(role, found[0])
+                assert layout is not None, "a candidate has a layout"
+                chosen[role] = Choice(found[0], layout, "type and name")
+    return Roles({role: chosen[role] for role in ROLES if role in chosen}, unclear)
+
+
+def named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> Choice:
+    """Return the topic of that name as the role; raise LogError or UsageError where that is impossible."""
+    topic = find(topics, name)
+    if topic is None:
+        near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
+        hint = f"; did you mean {' or '.join(near)}?" if near else ""
+        raise LogError(f"{log}: no topic {name} for the {role}{hint} (topics in this log: {_listed(topics)})")
+    if topic.problem:
+        raise LogError(f"{log}: {topic.name} cannot be read as the {role}: {topic.problem}")
+    if topic.count == 0:
+        raise LogError(f"{log}: {topic.name}, named for the {role}, has no messages")
+    layout = layout_of(role, topic)
+    if layout is None:
+        known = ", ".join(sorted({layout.type for layout in LAYOUTS[role]}))
+        raise UsageError(
+            f"{log}: {topic.name} is of type {topic.type}, which cannot serve as {role} (these can: {known})"
+        )
+    return Choice(topic, layout, chosen_by)
+
+
+def find(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
+    """Return the topic of that name: with or without the first "/"; of CSV files also by its last part alone."""
+    topics = list(topics)
+    slashed = "/" + name.lstrip("/")
+    last = "/" + slashed.rpartition("/")[2]
+    exact = [t for t in topics if t.name in (name, slashed)]
+    alone = [t for t in topics if t.encoding == "csv" and t.name == last]
+    found = sorted(exact or alone, key=lambda t: -t.count)
+    return found[0] if found else None
+
+
+def _candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
+    """Return the topics that could be the role: those that a hint in the name speaks for before the others."""
+    fitting: list[tuple[bool, TopicInfo]] = []
+    for topic in topics:
+        layout = layout_of(role, topic)
+        if layout is None or topic.count == 0 or topic.problem or NO_SENSOR.search(topic.name.lower()):
+            continue
+        hints = {r for r, words in HINTS.items() if re.search(words, topic.name.lower())}
+        by_type = layout.recognised == "by type" and (role in hints or not hints)
+        if by_type or (layout.recognised == "by type and name" and role in hints):
+            fitting.append((role in hints, topic))
+    best = [topic for hinted, topic in fitting if hinted] or [topic for _, topic in fitting]
+    plain = [topic for topic in best if not topic.name.endswith("data_raw")]  # imu/data_raw has no orientation
+    return plain or best
+
+
+def _which(log: Path, role: str, found: Sequence[TopicInfo]) -> str:
+    described = "; ".join(f"{t.name} ({t.type}, {t.count} messages, {t.rate_hz:.2f} Hz)" for t in found)
+    choose = f"choose one with --{role} TOPIC or with topic under [{role}] in the configuration"
+    return f"{log}: {len(found)} topics could be the {role}: {described}; {choose}"
+
+
+def _listed(topics: Sequence[TopicInfo]) -> str:
+    names = [topic.name for topic in topics]
+    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
+    return ", ".join(names[:20]) + more if names else "none"

@@ -1,0 +1,122 @@
+"""The reference track: a topic of the log or a file of its own, with its frame, its columns and its time.
+
+Seconds with decimals are taken to nanoseconds exactly: 1474477150.374442 is no float64.
+"""
+
+from collections.abc import Mapping, Sequence
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.types import Truth, Vector
+from usbldr.io.csv_log import column, nanoseconds, numbers, read_texts
+from usbldr.io.geodesy import to_plane
+from usbldr.io.log import Finding, Origin, Provenance
+from usbldr.io.reader import Nanoseconds
+from usbldr.io.sections import TruthSection
+
+SECOND = Decimal(1_000_000_000)
+
+
+def find_file(name: str, log: Path, from_option: bool) -> Path | None:
+    """Return the truth file of that name: of an option from here, else from the folder that holds the log."""
+    places = [Path(name)] if from_option else []
+    places.append(log.resolve().parent / name)
+    return next((place for place in places if place.is_file()), None)
+
+
+def truth_from_table(
+    table: pd.DataFrame, source: str, start_ns: int, section: TruthSection, kind: str
+) -> tuple[Truth, list[Finding]]:
+    """Return the truth of a table with time_ns, east_m, north_m and sd_m: in order of time, one row for each."""
+    rows = table.iloc[section.skip_rows :]
+    rows = rows[np.isfinite(rows["east_m"]) & np.isfinite(rows["north_m"])]
+    rows = rows.sort_values("time_ns", kind="stable")
+    again = rows.duplicated(subset="time_ns")
+    findings: list[Finding] = []
+    if again.any():
+        text = f"{source}: {again.sum()} truth rows have the time of an earlier one and are left out"
+        findings.append(Finding("TRUTH-REPEATED", text))
+        rows = rows[~again]
+    if rows.empty:
+        raise LogError(f"{source}: no truth row is left of {len(table)} (skip_rows = {section.skip_rows})")
+    truth = Truth(
+        time_s=(rows["time_ns"].to_numpy() - start_ns) / 1e9,
+        position_m=rows[["east_m", "north_m"]].to_numpy(dtype=float),
+        sd_m=rows["sd_m"].to_numpy(dtype=float),
+        kind=section.kind or kind,
+        source=source,
+        max_gap_s=section.max_gap_s,
+    )
+    return truth, findings
+
+
+def read_truth_file(
+    file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None
+) -> tuple[pd.DataFrame, Provenance]:
+    """Return time_ns, east_m, north_m and sd_m of a truth file, and the conventions taken.
+
+    Raises LogError for a missing column, a broken number or an unknown plane; UsageError where the columns are unnamed.
+    """
+    texts = read_texts(file)
+    columns, frame = _columns(file, texts, section)
+    time_ns = _times(file, texts, columns, start_ns)
+    x, y = (numbers(column(texts, columns[axis], file), columns[axis], file) for axis in "xy")
+    sd = numbers(texts[columns["sd_m"]], columns["sd_m"], file) if "sd_m" in columns else np.full(len(x), np.nan)
+    east, north = _on_plane(file, frame, x, y, origin)
+    said = [f"frame {frame}", "columns " + ", ".join(f"{key} = {name}" for key, name in columns.items())]
+    said += [f"first {section.skip_rows} rows left out (configuration)"] if section.skip_rows else []
+    table = pd.DataFrame({"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd})
+    used = max(0, len(table) - section.skip_rows)
+    return table, Provenance(file.name, "file", chosen_by, tuple(said), len(table), used)
+
+
+def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
+    """Return which column is what, and the frame of x and y."""
+    if section.columns is not None:
+        columns = {str(key): name.strip().lstrip("% ").removeprefix("field.") for key, name in section.columns.items()}
+        times = [key for key in columns if key.startswith("time")]
+        if len(times) != 1 or "x" not in columns or "y" not in columns:
+            raise UsageError(f"{file}: [truth] columns must name x, y and one of time_ns, time_unix_s, time_s")
+        for name in columns.values():
+            column(texts, name, file)
+        return columns, section.frame or "ENU"
+    own = {"time_ns": "time_ns"} | ({"sd_m": "sd_m"} if "sd_m" in texts else {})
+    if "time_ns" in texts and {"east_m", "north_m"} <= set(texts):
+        return own | {"x": "east_m", "y": "north_m"}, "ENU"
+    if "time_ns" in texts and {"lat_deg", "lon_deg"} <= set(texts):
+        return own | {"x": "lat_deg", "y": "lon_deg"}, "latlon"
+    example = '{ time_unix_s = "...", x = "...", y = "..." }'
+    raise UsageError(
+        f"{file}: which columns hold time and position? State columns = {example} under [truth] "
+        f"(its columns: {', '.join(texts)})"
+    )
+
+
+def _times(file: Path, texts: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int) -> Nanoseconds:
+    if "time_ns" in columns:
+        return nanoseconds(texts[columns["time_ns"]], columns["time_ns"], file)
+    key = "time_unix_s" if "time_unix_s" in columns else "time_s"
+    base = 0 if key == "time_unix_s" else start_ns
+    name = columns[key]
+    times: list[int] = []
+    for i, text in enumerate(texts[name]):
+        try:
+            times.append(base + int((Decimal(text) * SECOND).to_integral_value()))
+        except (InvalidOperation, ValueError, OverflowError) as err:
+            raise LogError(f'{file}: line {i + 2}: {name} is "{text}", not a number of seconds') from err
+    return np.array(times, dtype=np.int64)
+
+
+def _on_plane(file: Path, frame: str, x: Vector, y: Vector, origin: Origin | None) -> tuple[Vector, Vector]:
+    if frame == "latlon":
+        if origin is None:
+            raise LogError(
+                f"{file}: holds latitudes and longitudes, but the plane has no origin; "
+                "state origin_lat_deg and origin_lon_deg under [map]"
+            )
+        return to_plane(origin, x, y)
+    return (y, x) if frame == "NED" else (x, y)
