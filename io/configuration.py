@@ -50,13 +50,17 @@ def find_configuration(log: Path, asked: str | None) -> Path | None:
 
 def read_configuration(file: Path) -> Configuration:
     """Read and check a configuration; raise UsageError with file, key, nearest match and allowed values."""
+    return check(read_document(file), file)
+
+
+def read_document(file: Path) -> dict[str, object]:
+    """Return what a TOML file says, unchecked; raise UsageError where it is none."""
     try:
-        document = tomllib.loads(file.read_text(encoding="utf-8"))
+        return tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as err:
         raise UsageError(f"{file}: cannot be read ({err.strerror})") from err
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
         raise UsageError(f"{file}: is not TOML ({err})") from err
-    return check(document, file)
 
 
 def check(document: dict[str, object], file: Path) -> Configuration:

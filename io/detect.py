@@ -47,8 +47,8 @@ class Format(NamedTuple):
 
 
 FORMATS: Mapping[str, Format] = {
-    "MCAP file": Format(_is_mcap, _mcap),
-    "CSV folder": Format(_is_csv, _csv),
+    "MCAP files": Format(_is_mcap, _mcap),
+    "CSV folders": Format(_is_csv, _csv),
 }
 """One line per format; importing its reader waits until it is opened."""
 
@@ -67,13 +67,15 @@ def open_log(path: Path) -> Reader:
                 return opened(path)
     except PermissionError as err:
         raise LogError(f"{path}: may not be read ({err.strerror})") from err
-    accepted = " or ".join(FORMATS)
+    accepted = " and ".join(FORMATS)
     if path.is_dir():
         inside = ", ".join(sorted(child.name for child in path.iterdir())[:5]) or "nothing"
-        raise LogError(f"{path}: this folder holds no CSV file with a header (it holds {inside}); give a {accepted}")
+        raise LogError(
+            f"{path}: this folder holds no CSV file with a header (it holds {inside}); usbldr reads {accepted}"
+        )
     if not head:
         raise LogError(f"{path}: the file is empty")
     known = next((what for magic, what in FOREIGN.items() if head.startswith(magic)), None)
     if known:
         raise LogError(f"{path}: is {known}")
-    raise LogError(f"{path}: unknown format (starts with {head[:12]!r}); give a {accepted}")
+    raise LogError(f"{path}: unknown format (starts with {head[:12]!r}); usbldr reads {accepted}")

@@ -51,6 +51,11 @@ def require(log: Log, roles: Sequence[str]) -> None:
             raise LogError(f"{log.path}: no {role} data (sensors in this log: {have})")
 
 
+def configured_topics(configuration: Configuration) -> dict[str, str]:
+    """Return role -> topic for the roles whose topic the configuration names."""
+    return {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
+
+
 def read(reader: Reader, request: Request) -> Log:
     """Read an opened log (see `read_log`)."""
     path, topics = reader.path, reader.topics()
@@ -60,8 +65,7 @@ def read(reader: Reader, request: Request) -> Log:
         lost = "; ".join(finding.text for finding in reader.findings())
         raise LogError(f"{path}: holds no messages" + (f" ({lost})" if lost else ""))
 
-    configured = {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
-    roles = choose_roles(path, topics, request.topics, configured)
+    roles = choose_roles(path, topics, request.topics, configured_topics(configuration))
     for fault in roles.unclear.values():
         raise fault
     source = _truth_source(path, topics, request, configuration)

@@ -67,7 +67,8 @@ def read_truth_file(
     x, y = (numbers(column(texts, columns[axis], file), columns[axis], file) for axis in "xy")
     sd = numbers(texts[columns["sd_m"]], columns["sd_m"], file) if "sd_m" in columns else np.full(len(x), np.nan)
     east, north = _on_plane(file, frame, x, y, origin)
-    said = [f"frame {frame}", "columns " + ", ".join(f"{key} = {name}" for key, name in columns.items())]
+    who = "by column names" if section.columns is None else "configuration" if section.frame else "default"
+    said = [f"frame {frame} ({who})", "columns " + ", ".join(f"{key} = {name}" for key, name in columns.items())]
     said += [f"first {section.skip_rows} rows left out (configuration)"] if section.skip_rows else []
     table = pd.DataFrame({"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd})
     used = max(0, len(table) - section.skip_rows)

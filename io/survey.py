@@ -1,0 +1,56 @@
+"""What a log holds and how it would be understood, also where it cannot be replayed as it stands."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from usbldr.filters.errors import UsbldrError
+from usbldr.io.configuration import Configuration, find_configuration, read_configuration
+from usbldr.io.detect import open_log
+from usbldr.io.log import Finding, Log
+from usbldr.io.read import Request, configured_topics, read
+from usbldr.io.reader import TopicInfo
+from usbldr.io.topics import choose_roles
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """A log's topics, the roles they take, and the log itself or why it cannot be made."""
+
+    path: Path
+    format: str
+    configuration: Path | None
+    topics: tuple[TopicInfo, ...]
+    roles: Mapping[str, str]  # role -> topic
+    findings: tuple[Finding, ...]
+    log: Log | None  # None: fault says why
+    fault: str
+
+    @property
+    def complete(self) -> bool:
+        """Tell whether nothing of the file was lost."""
+        return not any(finding.lost_data for finding in self.findings)
+
+
+def survey(path: Path, request: Request) -> Survey:
+    """Look through a log; raise LogError if it is none, UsageError if the configuration makes no sense."""
+    reader = open_log(path)
+    file = find_configuration(path, request.configuration)
+    configuration = read_configuration(file) if file else Configuration()
+    topics = reader.topics()
+    roles = choose_roles(path, topics, request.topics, configured_topics(configuration)).chosen
+    log, fault = None, ""
+    try:
+        log = read(reader, request)
+    except UsbldrError as err:
+        fault = str(err).removeprefix(f"{path}: ")
+    return Survey(
+        path=path,
+        format=reader.format,
+        configuration=file,
+        topics=topics,
+        roles={role: choice.topic.name for role, choice in roles.items()},
+        findings=log.findings if log else reader.findings(),
+        log=log,
+        fault=fault,
+    )

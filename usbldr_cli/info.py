@@ -1,0 +1,150 @@
+"""``usbldr info``: what is in a log, which topic is taken for which sensor, and by which conventions."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import LogError
+from usbldr_cli.options import request, selection_options
+
+if TYPE_CHECKING:
+    from usbldr.io.log import Log
+    from usbldr.io.reader import TopicInfo
+    from usbldr.io.survey import Survey
+
+MOST_TOPICS = 40  # rows shown of a log that has more, unless --all
+
+
+@click.command()
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True)
+@selection_options
+@click.option("--all", "all_topics", is_flag=True, help=f"List every topic, not only the first {MOST_TOPICS}.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: str | None) -> int:
+    """Say what LOG holds and how each sensor is understood.
+
+    Lists topics with type, count, rate and span, the sensor that each is taken for, every convention chosen and by
+    whom, and what a user ought to know of the log. Exit code 3 if a part of LOG could not be read.
+
+    \b
+    $ usbldr info dive.mcap
+    """
+    from usbldr.io.survey import survey
+
+    asked = request(**selection)  # pyright: ignore[reportArgumentType]
+    found = [survey(Path(log), asked) for log in logs]
+    if as_json:
+        click.echo(json.dumps({"logs": [_described(one) for one in found]}, indent=1, allow_nan=False))
+    else:
+        click.echo("\n\n".join(_text(one, all_topics) for one in found))
+    return 0 if all(one.complete for one in found) else LogError.exit_code
+
+
+def _text(found: "Survey", all_topics: bool) -> str:
+    """Return the page for a terminal."""
+    from usbldr.io.reader import utc
+
+    total = sum(topic.count for topic in found.topics)
+    times = [t for topic in found.topics for t in (topic.first_ns, topic.last_ns) if t is not None]
+    when = f", {utc(min(times))} to {utc(max(times))} ({(max(times) - min(times)) / 1e9:.1f} s)" if times else ""
+    lines = [f"{found.path}: {found.format}, {total} messages{when}"]
+    lines.append(f"configuration: {found.configuration or 'none'}")
+    if found.log is not None and found.log.origin is not None:
+        origin = found.log.origin
+        lines.append(f"plane: touches {origin.lat_deg:.9f}, {origin.lon_deg:.9f} deg ({origin.source})")
+    lines += ["", *_topic_table(found, all_topics)]
+    if found.log is not None and found.log.tables:
+        for role, p in found.log.provenance.items():
+            lines += ["", f"{role}: {p.topic} ({p.chosen_by}), {p.used} of {p.messages} records used"]
+            lines += [f"  {sentence}" for sentence in p.conventions]
+        lines += ["", *_truth(found.log)]
+    if found.findings:
+        lines += ["", *(f"{finding.code}: {finding.text}" for finding in found.findings)]
+    if found.fault:
+        lines += ["", f"not to be replayed as it stands: {found.fault}"]
+    elif not found.roles:
+        lines += ["", "no topic here is a sensor that usbldr knows"]
+    return "\n".join(lines)
+
+
+def _truth(log: "Log") -> list[str]:
+    if log.truth is None:
+        return ["errors are measured against: nothing (no GPS and no other truth)"]
+    truth = log.truth
+    span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s"
+    return [
+        f"errors are measured against: {truth.source}, kind {truth.kind}",
+        f"  {len(truth.time_s)} rows from {span}, gaps up to {truth.max_gap_s:g} s",
+    ]
+
+
+def _topic_table(found: "Survey", all_topics: bool) -> list[str]:
+    """Return the topics, those with a role first, and why some cannot be read."""
+    roles: dict[str, list[str]] = {}
+    for role, topic in found.roles.items():
+        roles.setdefault(topic, []).append(role)
+    topics = sorted(found.topics, key=lambda topic: (topic.name not in roles, topic.name))
+    shown = topics if all_topics else topics[:MOST_TOPICS]
+    header = ("topic", "type", "messages", "rate Hz", "span s", "role")
+    rows = [header, *((*_cells(topic), " ".join(roles.get(topic.name, ()))) for topic in shown)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(header))]
+    left = (True, True, False, False, False, True)
+    lines = [
+        "  ".join(
+            cell.ljust(w) if to_left else cell.rjust(w) for cell, w, to_left in zip(row, widths, left, strict=True)
+        )
+        for row in rows
+    ]
+    lines = [line.rstrip() for line in lines]
+    if len(topics) > len(shown):
+        lines.append(f"and {len(topics) - len(shown)} more topics (--all lists them)")
+    problems: dict[str, list[str]] = {}
+    for topic in topics:
+        if topic.problem:
+            problems.setdefault(topic.problem, []).append(topic.name)
+    for problem, names in problems.items():
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        lines.append(f"cannot be read: {', '.join(names[:3])}{more}: {problem}")
+    return lines
+
+
+def _cells(topic: "TopicInfo") -> tuple[str, str, str, str, str]:
+    rate = f"{topic.rate_hz:.3f}" if topic.span_s > 1e-3 else "-"
+    return topic.name, topic.type or "?", str(topic.count), rate, f"{topic.span_s:.3f}"
+
+
+def _described(found: "Survey") -> dict[str, Any]:
+    """Return what JSON says: the same as the page, times in nanoseconds since 1970 where they are absolute."""
+    from dataclasses import asdict
+
+    log = found.log
+    truth = log.truth if log else None
+    return {
+        "path": str(found.path),
+        "format": found.format,
+        "sha256": log.sha256 if log else None,
+        "complete": found.complete,
+        "configuration": str(found.configuration) if found.configuration else None,
+        "start_ns": log.start_ns if log else None,
+        "origin": asdict(log.origin) if log and log.origin else None,
+        "topics": [
+            {
+                "topic": topic.name,
+                "type": topic.type,
+                "encoding": topic.encoding,
+                "messages": topic.count,
+                "first_ns": topic.first_ns,
+                "last_ns": topic.last_ns,
+                "rate_hz": round(topic.rate_hz, 6) if topic.span_s > 0 else None,
+                "roles": [role for role, name in found.roles.items() if name == topic.name],
+                "problem": topic.problem or None,
+            }
+            for topic in found.topics
+        ],
+        "sensors": {role: asdict(p) for role, p in log.provenance.items()} if log else {},
+        "truth": {"source": truth.source, "kind": truth.kind, "rows": len(truth.time_s)} if truth else None,
+        "findings": [asdict(finding) for finding in found.findings],
+        "fault": found.fault or None,
+    }

@@ -1,0 +1,74 @@
+"""How every command takes a log: LOG itself, its configuration, which topic is which sensor, and the truth."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError
+
+if TYPE_CHECKING:
+    from usbldr.io.log import Log
+    from usbldr.io.read import Request
+
+ROLE_HELP = {
+    "dvl": "Topic of the DVL.",
+    "compass": "Topic of the heading.",
+    "usbl": "Topic of the USBL.",
+    "gps": "Topic of the GPS.",
+    "depth": 'Topic of the depth. "none" leaves a sensor out.',
+}
+
+
+def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --config, one option for each sensor, and --truth."""
+    options = (
+        click.option("--config", metavar="FILE", help='Configuration. "none": not even the one beside LOG.'),
+        *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
+        click.option("--truth", metavar="FILE|TOPIC", help='What to measure errors against, "none" for nothing.'),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the argument LOG and the options that say how to read it; `open_log` takes them all."""
+    return click.argument("log", metavar="LOG")(selection_options(command))
+
+
+def request(config: str | None, truth: str | None, **topics: str | None) -> "Request":
+    """Return what the selection options ask for."""
+    from usbldr.io.read import Request
+
+    return Request(config, {role: topic for role, topic in topics.items() if topic is not None}, truth)
+
+
+def open_log(log: str, seed: int = 0, **selection: str | None) -> "tuple[Log, dict[str, object] | None]":
+    """Read LOG, a file or folder or else the name of a scenario; return it and what its configuration says.
+
+    ``selection`` are the values of selection_options; raises LogError and UsageError.
+    """
+    from usbldr.io.read import read_log
+
+    asked = request(**selection)  # pyright: ignore[reportArgumentType]
+    if not Path(log).exists():
+        return _scenario(log, seed, any(value is not None for value in selection.values())), None
+    found = read_log(Path(log), asked)
+    if found.configuration is None:
+        return found, None
+    from usbldr.io.configuration import read_document
+
+    return found, read_document(found.configuration)
+
+
+def _scenario(name: str, seed: int, selected: bool) -> "Log":
+    from usbldr.filters.simulation import SCENARIOS
+    from usbldr.io.scenario import simulated_log
+
+    if name not in SCENARIOS:
+        raise LogError(f"{name}: no such file or folder, nor a scenario (scenarios: {', '.join(SCENARIOS)})")
+    if selected:
+        raise UsageError(f"{name}: a scenario takes no --config, no topics and no --truth")
+    return simulated_log(SCENARIOS[name], seed)
