@@ -7,7 +7,7 @@ so the bounds here use the effective number of independent ones.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from usbldr.filters.types import Array, Trajectory, Vector
 DOF = 2  # east and north
 CONFIDENCE = 0.95
 EXPECTED_INSIDE = (0.683, 0.954, 0.997)  # of a normal error within 1, 2, 3 sigma of its axis
+FATES = ("used", "down-weighted", "rejected")  # of an update, from good to bad
 LEAST_VARIANCE_M2 = 1e-12  # a filter that claims to know better than a micrometre is taken to claim that
 
 
@@ -89,10 +90,32 @@ def innovations(trajectory: Trajectory) -> dict[str, float]:
         if taken:
             found[f"nis_mean_{sensor}"] = float(np.mean([update.nis for update in taken]))
             found[f"nis_expected_{sensor}"] = float(np.mean([update.dof for update in taken]))
-        for fate in ("used", "down-weighted", "rejected"):
-            name = f"updates_{fate.replace('-', '_')}_{sensor}"
-            found[name] = float(sum(update.fate == fate for update in mine))
+        found |= _counts(f"updates_{{}}_{sensor}", [update.fate for update in mine])
     return found
+
+
+def fixes(trajectory: Trajectory) -> dict[str, float]:
+    """Return what became of the USBL fixes, each of one update or two, and the longest time without a used one."""
+    fates: dict[int, list[str]] = {}
+    used_s = [float(trajectory.time_s[0]), float(trajectory.time_s[-1])]
+    for update in trajectory.updates:
+        if update.sensor == "usbl":
+            fates.setdefault(update.row, []).append(update.fate)
+            if update.fate != "rejected":
+                used_s.append(update.time_s)
+    if not fates:
+        return {}
+    counts = _counts("fixes_{}", [worst_fate(mine) for mine in fates.values()])
+    return {**counts, "longest_fix_gap_s": float(np.diff(np.sort(used_s)).max())}
+
+
+def worst_fate(fates: Iterable[str]) -> str:
+    """Return the fate of a record whose scalars fared differently."""
+    return max(fates, key=FATES.index)
+
+
+def _counts(name: str, fates: Sequence[str]) -> dict[str, float]:
+    return {name.format(fate.replace("-", "_")): float(fates.count(fate)) for fate in FATES}
 
 
 def consistency_verdict(metrics: Mapping[str, float]) -> str:

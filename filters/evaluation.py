@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.alignment import Alignment, fit_alignment
-from usbldr.filters.consistency import consistency, innovations, shares_inside, sigmas
+from usbldr.filters.consistency import consistency, fixes, innovations, shares_inside, sigmas
 from usbldr.filters.errors import LogError
 from usbldr.filters.metrics import Surfacing, error_metrics, run_metrics, surfacing_metrics, surfacings, travelled
 from usbldr.filters.types import Array, Trajectory, Truth, Vector
@@ -148,7 +148,7 @@ def evaluate(
     if cov_m2 is not None:
         whole_m2 = _with_truth(cov_m2, truth_sd_m)
         metrics |= consistency(error_m, whole_m2) | shares_inside(error_m, whole_m2)
-    metrics |= innovations(trajectory) | run_metrics(trajectory)
+    metrics |= innovations(trajectory) | fixes(trajectory) | run_metrics(trajectory)
     metrics |= {"matched": float(matching.matched), "coverage": matching.matched / matching.offered}
 
     warnings = _warnings(matching, truth)

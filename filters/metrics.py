@@ -6,6 +6,18 @@ import numpy as np
 
 from usbldr.filters.types import Array, Trajectory, Truth, Vector
 
+_ABSOLUTE = ("mean", "median", "std", "min", "p95", "max")
+METRICS = (
+    *(f"{name}_{axis}_m" for axis in ("east", "north") for name in ("bias", "rmse", *(f"{n}_abs" for n in _ABSOLUTE))),
+    *(f"{name}_horizontal_m" for name in ("rmse", *_ABSOLUTE, "final")),
+    *("surfacing_error_m", "surfacing_percent", "distance_m", "drift_percent"),
+    *("nees_mean", "nees_low", "nees_high", "independent_errors"),
+    *("inside_1_sigma", "inside_2_sigma", "inside_3_sigma"),
+    *("fixes_used", "fixes_down_weighted", "fixes_rejected", "longest_fix_gap_s"),
+    *("ess_mean_ratio", "acceptance_mean", "matched", "coverage", "filter_time_s", "real_time_factor"),
+)
+"""Every metric by name; beside them nis_mean_, nis_expected_ and updates_<fate>_ for each sensor that was used."""
+
 SURFACING_GAP_S = 30.0  # after a longer silence of the truth its next sample tells what the dive has cost
 
 

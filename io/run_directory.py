@@ -1,0 +1,84 @@
+"""The folder of a run: it appears under its name when it is complete, and replaces nothing but another run."""
+
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from usbldr.filters.errors import UsageError
+
+REPORT = "report.json"  # written last, names every file of the run
+
+
+@contextmanager
+def run_directory(target: Path, force: bool = False) -> Generator[Path]:
+    """Give a new folder to write into; it becomes ``target`` when the block ends, and vanishes when the block fails.
+
+    What stands there already is replaced only with ``force``, only if it is a run directory with no foreign file in it,
+    and only once the new one is complete. Raise UsageError before anything is written.
+    """
+    target = target.expanduser().resolve()
+    _check(target, force)
+    made_parents = [folder for folder in target.parents if not folder.exists()]
+    token = secrets.token_hex(4)
+    new, old = target.parent / f".{target.name}.{token}.part", target.parent / f".{target.name}.{token}.old"
+    try:
+        new.mkdir(parents=True)
+        yield new
+        _put_in_place(new, target, old)
+    except BaseException as fault:
+        shutil.rmtree(new, ignore_errors=True)
+        for folder in made_parents:
+            _remove_if_empty(folder)
+        if isinstance(fault, OSError):
+            raise UsageError(f"{target}: could not be written: {fault.strerror or fault}") from fault
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _put_in_place(new: Path, target: Path, old: Path) -> None:
+    """Rename new to target, what was there to old; a failure leaves the target as it was."""
+    if target.exists():
+        target.rename(old)
+    try:
+        new.rename(target)
+    except BaseException:
+        if old.exists():
+            old.rename(target)
+        raise
+
+
+def _check(target: Path, force: bool) -> None:
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise UsageError(f"{target} is a file: --output takes the name of a folder to be made")
+    held = set(os.listdir(target))
+    if not held:
+        return
+    if not force:
+        raise UsageError(f"{target} exists already: choose another --output, or --force to replace that run")
+    foreign = sorted(held - _own_files(target))
+    if foreign:
+        raise UsageError(
+            f"{target} holds {foreign[0]}, which usbldr did not write, so --force does not replace it: "
+            "choose another --output"
+        )
+
+
+def _own_files(target: Path) -> set[str]:
+    """Return the files that the report in the folder calls its own; none where there is no such report."""
+    try:
+        report: Any = json.loads((target / REPORT).read_text(encoding="utf-8"))
+        return {REPORT, *map(str, report["files"])} if report["tool"]["name"] == "usbldr" else set()
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if folder.is_dir() and not os.listdir(folder):
+        folder.rmdir()

@@ -1,0 +1,163 @@
+"""What a reader is told of a run, as titles, rows and sentences: the terminal and report.md only set it.
+
+Every number stands in report.json under its own name; "" where it does not apply.
+"""
+
+import math
+from typing import NamedTuple
+
+from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
+from usbldr.filters.evaluation import ErrorReport, Window
+from usbldr.filters.metrics import SURFACING_GAP_S
+from usbldr.io.reports import Run
+
+ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
+
+TRUTHS = {
+    "gps": "GPS",
+    "slam": "SLAM, not GPS",
+    "simulated": "simulated",
+    "other": "other than GPS",
+}
+
+
+class Table(NamedTuple):
+    """A title, column heads and rows of text; the first column labels its row."""
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def context(run: Run) -> list[tuple[str, str]]:
+    """Return what has to stand beside every number: log, truth and its share, order of fixes, alignment."""
+    length_s = float(run.timeline.time_s[-1])
+    lines = [("log", f"{run.log.path.name} ({run.log.format}), {length_s:.0f} s")]
+    if run.configuration is not None and run.log.configuration is not None:
+        lines.append(("settings", run.log.configuration.name))
+    report = run.scored.report
+    if report is None:
+        return [*lines, ("truth", "none"), ("fixes", ORDERS[run.order])]
+    m = report.matching
+    share = f"{m.matched} of {m.offered} epochs ({100 * m.matched / m.offered:.0f} % of the run)"
+    lines.append(("truth", f"{TRUTHS.get(report.truth_kind, report.truth_kind)}: {report.truth_source}"))
+    lines.append(("compared", f"{share}, resting on {m.truth_rows} truth samples{_left_out(report)}"))
+    if report.window != Window():
+        lines.append(("window", window_text(report.window)))
+    lines.append(("fixes", ORDERS[run.order]))
+    lines.append(("alignment", report.alignment.sentence))
+    return lines
+
+
+def _left_out(report: ErrorReport) -> str:
+    m = report.matching
+    reasons = {
+        "before or after the truth": m.outside_truth,
+        "outside the window": m.outside_window,
+        "in gaps of the truth": m.in_gap,
+        "without a position": m.undefined,
+    }
+    said = ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
+    return f"; left out: {said}" if said else ""
+
+
+def window_text(window: Window) -> str:
+    """Say which truth rows were chosen."""
+    start = "the start" if math.isinf(window.start_s) else f"{window.start_s:g} s"
+    end = "the end" if math.isinf(window.end_s) else f"{window.end_s:g} s"
+    return f"truth rows from {start} to {end} of the log"
+
+
+def error_table(report: ErrorReport) -> Table:
+    """Return the error of east, north and their length, evo's statistics first."""
+    heads = ("rmse", "mean", "median", "std", "min", "max", "p95", "bias", "final")
+    rows: list[tuple[str, ...]] = []
+    for axis in ("east", "north"):
+        names = [f"rmse_{axis}_m", *(f"{name}_abs_{axis}_m" for name in heads[1:7]), f"bias_{axis}_m"]
+        rows.append((f"|{axis}|", *(metres(report, name) for name in names), ""))
+    names = [f"{name}_horizontal_m" for name in (*heads[:7], "bias", "final")]
+    rows.append(("horizontal", *(metres(report, name) for name in names)))
+    return Table("error in m", heads, tuple(rows))
+
+
+def method_table(run: Run) -> Table:
+    """Return the method beside doing without: raw fixes and dead reckoning."""
+    heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "covered")
+    names = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m", "rmse_horizontal_m", "median_horizontal_m")
+    rows: list[tuple[str, ...]] = []
+    for scored in (run.scored, *run.baselines):
+        report = scored.report
+        if report is None or any(row[0] == report.filter for row in rows):
+            continue
+        numbers = [metres(report, name) for name in (*names, "p95_horizontal_m", "max_horizontal_m")]
+        share = f"{100 * report.metrics['coverage']:.0f} %"
+        rows.append((report.filter, *numbers, f"{report.matching.matched}", share))
+    return Table("mean error in m", heads, tuple(rows))
+
+
+def health(run: Run) -> list[tuple[str, str]]:
+    """Return sentences on consistency, sensors, particles, surfacings, drift, outages and speed."""
+    report = run.scored.report
+    lines: list[tuple[str, str]] = []
+    if report is not None:
+        m = report.metrics
+        if "nees_mean" in m:
+            inside = ", ".join(f"{100 * m[f'inside_{k}_sigma']:.0f}" for k in (1, 2, 3))
+            right = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_INSIDE)
+            lines.append(
+                (
+                    "NEES",
+                    f"{m['nees_mean']:.2f}: {consistency_verdict(m)} (2 is right, {m['nees_low']:.2f} to "
+                    f"{m['nees_high']:.2f} in 95 of 100 runs)",
+                )
+            )
+            lines.append(("sigmas", f"{inside} % of the errors inside 1, 2, 3 sigma ({right} are right)"))
+        for sensor in [name.removeprefix("updates_used_") for name in m if name.startswith("updates_used_")]:
+            lines.append((sensor, _sensor(report, sensor)))
+        if "ess_mean_ratio" in m:
+            ess = f"{100 * m['ess_mean_ratio']:.0f} % of {run.scored.trajectory.particles} particles"
+            moved = f", {100 * m['acceptance_mean']:.0f} % of the moves accepted" if "acceptance_mean" in m else ""
+            lines.append(("ESS", ess + moved))
+        if "surfacing_error_m" in m:
+            way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
+            gaps = f"mean of {len(report.surfacings)} ends of truth gaps"
+            lines.append(("surfacing", f"{m['surfacing_error_m']:.2f} m, {gaps} over {SURFACING_GAP_S:.0f} s{way}"))
+        if "filter_time_s" in m:
+            lines.append(("speed", f"{m['filter_time_s']:.2f} s, {m['real_time_factor']:.0f} times real time"))
+    for scored in (run.scored, *run.baselines):
+        if scored.report is not None and "drift_percent" in scored.report.metrics:
+            m = scored.report.metrics
+            text = f"{m['drift_percent']:.2f} % of {m['distance_m']:.0f} m travelled"
+            lines.append((f"{scored.report.filter} drift", f"{m['final_horizontal_m']:.2f} m at the end, {text}"))
+            break
+    if run.timeline.outages:
+        lines.append(("outages", _outages(run)))
+    return lines
+
+
+def _sensor(report: ErrorReport, sensor: str) -> str:
+    m = report.metrics
+    stem, what = ("fixes_{}", "fixes") if sensor == "usbl" else (f"updates_{{}}_{sensor}", "updates")
+    counts = {fate: m[stem.format(fate.replace("-", "_"))] for fate in FATES}
+    told = ", ".join(f"{count:.0f} {fate}" for fate, count in counts.items() if count or fate == "used")
+    nis = ""
+    if f"nis_mean_{sensor}" in m:
+        nis = f"NIS {m[f'nis_mean_{sensor}']:.2f} ({m[f'nis_expected_{sensor}']:.0f} is right); "
+    gap = f", {m['longest_fix_gap_s']:.1f} s the longest time without one" if sensor == "usbl" else ""
+    return f"{nis}{what}: {told}{gap}"
+
+
+def _outages(run: Run) -> str:
+    """Count the outages of each sensor and name its longest."""
+    said: list[str] = []
+    for sensor in sorted({outage.sensor for outage in run.timeline.outages}):
+        mine = [outage for outage in run.timeline.outages if outage.sensor == sensor]
+        longest = max(mine, key=lambda outage: outage.end_s - outage.start_s)
+        span = f"{longest.end_s - longest.start_s:.1f} s at {longest.start_s:.0f} s"
+        said.append(f"{sensor} {len(mine)}, the longest {span}" if len(mine) > 1 else f"{sensor} {span}")
+    return "; ".join(said)
+
+
+def metres(report: ErrorReport, name: str) -> str:
+    """Return a metric in metres to the millimetre, "" where it does not apply."""
+    return f"{report.metrics[name]:.3f}" if name in report.metrics else ""
