@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters import cpf, kalman, pf, policies, rules, sensors
+from usbldr.filters import cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.baselines import start_from_fixes
 from usbldr.filters.errors import LogError, UsageError
@@ -30,6 +30,7 @@ class Settings:
     particles: int = 100
     gate: float | None = None  # probability that a good reading passes; None: no gate
     seed: int = 0
+    form: str = "mixture"  # of cpf and upf, see FORMS
 
 
 def _kalman(rule: rules.Rule) -> "Build":
@@ -40,6 +41,18 @@ def _kalman(rule: rules.Rule) -> "Build":
     return build
 
 
+def _particles(rule: rules.Rule) -> "Build":
+    return lambda motion, settings: FORMS[settings.form](motion, rule, settings.particles)
+
+
+FORMS: Mapping[str, Callable[[MotionModel, rules.Rule, int], Filter[Any]]] = {
+    "mixture": cpf.CubatureParticleFilter,
+    "gaussian": gaussian_cpf.GaussianParticleFilter,
+    "literal": literal_cpf.LiteralParticleFilter,
+}
+"""How the paper's text can be read: particles over noise modes (sound, the default), one Gaussian proposal (sound), by
+the letter (collapses; for study)."""
+
 Build = Callable[[MotionModel, Settings], Filter[Any]]
 
 FILTERS: Mapping[str, Build] = {
@@ -47,14 +60,15 @@ FILTERS: Mapping[str, Build] = {
     "ckf": _kalman(rules.cubature),
     "ukf": _kalman(rules.unscented),
     "adf": lambda motion, settings: kalman.KalmanFilter(motion, rules.cubature, policies.collapse),
-    "cpf": lambda motion, settings: cpf.CubatureParticleFilter(motion, rules.cubature, settings.particles),
-    "upf": lambda motion, settings: cpf.CubatureParticleFilter(motion, rules.unscented, settings.particles),
+    "cpf": _particles(rules.cubature),
+    "upf": _particles(rules.unscented),
     "pf": lambda motion, settings: pf.BootstrapParticleFilter(motion, settings.particles, start_seed=settings.seed),
 }
 """A new filter is one line here."""
 
 GATED = ("ekf", "ckf", "ukf")
 SAMPLED = ("cpf", "upf", "pf")
+FORMED = ("cpf", "upf")
 TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior
 
 
@@ -73,6 +87,8 @@ def run(
         raise UsageError(f"there is no filter {name!r} (filters: {', '.join(FILTERS)})")
     if settings.gate is not None and name not in GATED:
         raise UsageError(f"{name} weighs outliers and takes no gate (filters with a gate: {', '.join(GATED)})")
+    if settings.form not in FORMS or (settings.form != "mixture" and name not in FORMED):
+        raise UsageError(f"{name} has no form {settings.form!r} (forms of {', '.join(FORMED)}: {', '.join(FORMS)})")
     layout = Layout()
     estimator = FILTERS[name](VehicleMotion(layout, assumptions.process), settings)
     began = time.perf_counter()
@@ -101,7 +117,7 @@ def run(
         ess if sampled else None,
         particles,
         acceptance if sampled else None,
-        _warnings(name, ess, particles),
+        _warnings(name, settings, ess),
         time.perf_counter() - began,
     )
 
@@ -197,8 +213,12 @@ def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:
     return modes
 
 
-def _warnings(name: str, ess: Vector, particles: int) -> tuple[str, ...]:
-    ratio = float(ess.mean()) / particles
-    if particles > 1 and ratio < TINY_ESS:
-        return (f"{name}: on average {ratio:.1%} of the particles count: use more particles or check the noise model",)
-    return ()
+def _warnings(name: str, settings: Settings, ess: Vector) -> tuple[str, ...]:
+    said: list[str] = []
+    if settings.form == "literal":
+        said.append(f"{name}: its literal form is for study only: it loses its particles in dead reckoning")
+    ratio = float(ess.mean()) / settings.particles
+    if name in SAMPLED and ratio < TINY_ESS:
+        advice = "use more particles or check the noise model"
+        said.append(f"{name}: on average {ratio:.1%} of the particles count: {advice}")
+    return tuple(said)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import PRIOR, Drift, exact_mixture, position_steps
 
+from models import PRIOR, Drift, exact_mixture, position_steps
 from usbldr.filters.cpf import CubatureParticleFilter
 from usbldr.filters.filter import Step
 from usbldr.filters.kalman import KalmanFilter

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from filterpy.kalman import CubatureKalmanFilter, JulierSigmaPoints, KalmanFilter, UnscentedKalmanFilter
-from models import PRIOR, Drift, position_steps
 
+from models import PRIOR, Drift, position_steps
 from usbldr.filters.assumptions import ProcessNoise
 from usbldr.filters.bank import copies, predict, project, update
 from usbldr.filters.filter import Prior, Step

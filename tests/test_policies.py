@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from models import PRIOR
 
+from models import PRIOR
 from usbldr.filters.bank import Projection, copies, inverse_and_logdet, project, update
 from usbldr.filters.layout import Layout
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, Noise, StudentT

@@ -41,7 +41,8 @@ def cli() -> None:
     """Replay underwater vehicle logs through navigation filters and measure them against GPS.
 
     \b
-    Exit codes: 0 good, 1 a check failed, 2 usage, 3 the input is unreadable, partial or lacks a sensor, 130 interrupted.
+    Exit codes: 0 good, 1 a check failed, 2 wrong usage or configuration,
+    3 the log is unreadable, partial or lacks a sensor, 130 interrupted.
 
     \b
     $ usbldr replay dive.mcap --filter cpf

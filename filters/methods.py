@@ -1,0 +1,64 @@
+"""Every way of making a track, by its name on the command line: the filters, and the tracks without one."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters import baselines
+from usbldr.filters.assumptions import Assumptions
+from usbldr.filters.errors import LogError
+from usbldr.filters.run import FILTERS, Settings, run
+from usbldr.filters.types import Timeline, Trajectory, Truth, Vector
+
+METHODS = (*FILTERS, "dr", "usbl")
+
+
+class Anchor(NamedTuple):
+    """Where dead reckoning is tied to the map."""
+
+    position_m: Vector  # (2,) east, north
+    time_s: float
+    said: str  # "the first five fixes"
+
+
+def track(
+    method: str,
+    timeline: Timeline,
+    assumptions: Assumptions,
+    settings: Settings,
+    anchor: Anchor | None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Trajectory:
+    """Make a track by one of METHODS; ``dr`` alone needs the anchor."""
+    if method == "usbl":
+        return baselines.usbl(timeline)
+    if method == "dr":
+        if anchor is None:
+            raise LogError("dead reckoning has nothing to start from: give --dr-from LAT,LON or state [start]")
+        return baselines.dr(timeline, anchor.position_m, anchor.time_s)
+    return run(method, timeline, assumptions, settings, progress)
+
+
+def anchor_at(where: str, timeline: Timeline, assumptions: Assumptions, truth: Truth | None) -> Anchor | None:
+    """Return the anchor "start", "first-fix", "first-gps" or "first-truth" of a log, None where it has no such thing.
+
+    "start" is the stated start, else the first fixes: what a filter starts from too. A single fix may be a gross
+    error, so "first-fix" is the median of the first five.
+    """
+    if where == "start" and assumptions.start is not None:
+        start = assumptions.start
+        return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
+    if where in ("start", "first-fix"):
+        if not len(timeline.fix_time_s):
+            return None
+        return Anchor(baselines.start_from_fixes(timeline)[0], 0.0, "the first five fixes")
+    if where == "first-gps":
+        if not len(timeline.gps_time_s):
+            return None
+        return Anchor(timeline.gps_m[0], float(timeline.gps_time_s[0]), "the first GPS fix")
+    if truth is None or not len(truth.time_s):
+        return None
+    inside = truth.time_s >= 0
+    first = int(inside.argmax()) if inside.any() else 0
+    return Anchor(truth.position_m[first], max(0.0, float(truth.time_s[first])), "the first row of the truth")
