@@ -16,7 +16,8 @@ def seconds(command: list[str]) -> float:
 
 
 def main(pairs: int = 15) -> None:
-    helped = [sys.executable, "-c", "import sys; sys.argv = ['usbldr', '--help']; from usbldr_cli.main import main; main()"]
+    call = "import sys; sys.argv = ['usbldr', '--help']; from usbldr_cli.main import main; main()"
+    helped = [sys.executable, "-c", call]
     click = [sys.executable, "-c", "import click"]
     seconds(helped), seconds(click)  # warm the file cache
     times = [(seconds(helped), seconds(click)) for _ in range(pairs)]

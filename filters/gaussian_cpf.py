@@ -69,8 +69,8 @@ class GaussianParticleFilter:
 
 def whitened(normals: Array) -> Array:
     """Return draws (n, N) with a sample mean of exactly 0 and a sample covariance of exactly 1; needs N > n."""
-    centred = normals - normals.mean(axis=1, keepdims=True)
-    spread: Array = centred @ centred.T / centred.shape[1]
+    centred: Array = normals - normals.mean(axis=1, keepdims=True)
+    spread = centred @ centred.T / centred.shape[1]
     root = np.linalg.cholesky(spread)
     return np.linalg.solve(root, centred)
 
