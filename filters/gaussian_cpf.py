@@ -70,9 +70,9 @@ class GaussianParticleFilter:
 def whitened(normals: Array) -> Array:
     """Return draws (n, N) with a sample mean of exactly 0 and a sample covariance of exactly 1; needs N > n."""
     centred: Array = normals - normals.mean(axis=1, keepdims=True)
-    spread = centred @ centred.T / centred.shape[1]
+    spread: Array = centred @ centred.T / centred.shape[1]
     root = np.linalg.cholesky(spread)
-    return np.linalg.solve(root, centred)
+    return np.linalg.solve(root, centred).astype(np.float64, copy=False)
 
 
 def log_density(x: Array, mean: Array, cov: Array) -> Vector:
