@@ -116,7 +116,8 @@ def _sentence(message: str) -> str:
         what = what.replace("`", "").replace("Expected", "expected").replace(" | null", "")
         what = re.sub(r"\b(float|int)\b", "number", what).replace("str", "text").replace("object", "table")
     section, _, key = path.partition(".")
-    return (f"[{section}] {key}: " if key else f"[{section}]: " if section else "") + what
+    where = f"[{section}] {key}" if key else section if section == "schema" else f"[{section}]"
+    return f"{where}: {what}"
 
 
 def _allowed(path: str) -> list[str]:

@@ -100,7 +100,10 @@ class CsvLog:
         if missing:
             problem = f"{file.name} has no column {', '.join(missing)} (its columns: {', '.join(header)})"
             return TopicInfo(topic, sheet.type, "csv", 0, None, None, tuple(fields), problem)
-        times = self._received(topic)
+        try:
+            times = self._received(topic)
+        except LogError as err:
+            return TopicInfo(topic, sheet.type, "csv", 0, None, None, tuple(fields), str(err))
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
         return TopicInfo(topic, sheet.type, "csv", len(times), first, last, ("header.stamp", *fields))
 

@@ -41,7 +41,8 @@ def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
     else:
         unset = raw.stamp_ns == 0
         stamp = np.where(unset, raw.received_ns, raw.stamp_ns)
-        said.append("timed by header stamp" + (" (configuration)" if clock else ""))
+        stamps = "time_ns" if raw.topic.encoding == "csv" else "header stamp"
+        said.append(f"timed by {stamps}" + (" (configuration)" if clock else ""))
         if unset.any():
             text = f"{name}: {unset.sum()} of {len(unset)} header stamps are zero; those records are timed by log time"
             findings.append(Finding("ZERO-STAMP", text))
