@@ -1,0 +1,113 @@
+"""``usbldr replay``: log in, filter over it, errors against the truth, run directory out."""
+
+import json
+import sys
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr_cli.options import log_options, open_log
+from usbldr_cli.run_options import RunChoices, run_options
+from usbldr_cli.scoring import needed, score
+
+if TYPE_CHECKING:
+    from usbldr.filters.types import Timeline
+    from usbldr.io.log import Log
+    from usbldr.io.reports import Run, Scored
+
+
+@click.command()
+@log_options
+@click.option("--filter", "-f", "method", default="cpf", show_default=True, help="cpf upf pf adf ekf ckf ukf dr usbl")
+@run_options
+@click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
+@click.option("--force", is_flag=True, help="Replace a run directory that is there already.")
+@click.option("--json", "json_to", is_flag=False, flag_value="-", help="Report as JSON: to a file, or alone to stdout.")
+@click.option("--strict", is_flag=True, help="Write nothing when a part of LOG could not be read.")
+@click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
+def replay(
+    method: str,
+    choices: RunChoices,
+    output: Path | None,
+    force: bool,
+    json_to: str | None,
+    strict: bool,
+    quiet: bool,
+    **where: Any,
+) -> int:
+    """Run a filter over LOG and report how far east and north it lies from the truth.
+
+    Prints the table of errors and writes a run directory with report.md, report.json, tables, tracks and pictures.
+
+    \b
+    $ usbldr replay dive.mcap --filter cpf
+    """
+    from usbldr.filters.methods import METHODS
+    from usbldr.io.read import require
+    from usbldr.io.run_directory import run_directory
+    from usbldr.io.timeline import timeline
+
+    if method not in METHODS:
+        raise UsageError(f"there is no filter {method!r} (filters: {', '.join(METHODS)})")
+    if json_to not in (None, "-") and Path(str(json_to)).exists() and not force:
+        raise UsageError(f"{json_to} exists already: choose another file for --json, or --force")
+    log, content = open_log(seed=choices.seed, **where)
+    lost = [finding.text for finding in log.findings if finding.lost_data]
+    if strict and lost:
+        raise LogError(lost[0])
+    require(log, needed(method, log))
+    line = timeline(log, choices.fast_hz, choices.slow_hz)
+    target = output or Path(f"{log.path.stem}-{method}")
+    with run_directory(target, force) as folder:
+        run = _run(method, log, line, choices, content)
+        _write(folder, run)
+    _tell(run, target, json_to, quiet)
+    return LogError.exit_code if lost else 0
+
+
+def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content: dict[str, object] | None) -> "Run":
+    """Make the track and those that people do without a filter, and judge all of them alike."""
+    from usbldr.io.reports import Run
+
+    anchor = choices.anchor(log, line)
+    possible = {"usbl": len(line.fix_time_s) > 0, "dr": anchor is not None}
+    others = [name for name, there in possible.items() if there and name != method]
+    scored = score(method, log, line, choices, anchor)
+    baselines: list[Scored] = []
+    for name in others:
+        with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
+            baselines.append(score(name, log, line, choices, anchor))
+    return Run(log, line, scored, tuple(baselines), "validity", choices.seed, asdict(choices), content)
+
+
+def _write(folder: Path, run: "Run") -> None:
+    """Write everything of the run; report.json, which names all files, comes last."""
+    from usbldr.io.markdown_report import write_markdown
+    from usbldr.io.reports import write_json, write_tables
+    from usbldr_cli.figures import write_figures
+
+    write_tables(folder, run)
+    write_markdown(folder, run, write_figures(folder, run))
+    write_json(folder, run)
+
+
+def _tell(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
+    """Print the table, or the report as JSON."""
+    from usbldr.io.reports import describe, strict
+    from usbldr_cli.tables import render
+
+    if json_to is not None:
+        text = json.dumps(strict(describe(run)), indent=1, allow_nan=False, ensure_ascii=False)
+        if json_to == "-":
+            click.echo(text)
+            return
+        Path(json_to).write_text(text + "\n", encoding="utf-8")
+    if quiet:
+        click.echo(run.verdict)
+        return
+    click.echo(render(run, colour=sys.stdout.isatty()))
+    click.echo(f"\nwritten to {target}")

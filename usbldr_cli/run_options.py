@@ -1,0 +1,136 @@
+"""The options that every command which runs filters shares, spelt once: replay now, compare later."""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import UsageError
+
+if TYPE_CHECKING:
+    from usbldr.filters.evaluation import Window
+    from usbldr.filters.methods import Anchor
+    from usbldr.filters.run import Settings
+    from usbldr.filters.types import Timeline
+    from usbldr.io.log import Log
+
+ANCHORS = ("start", "first-fix", "first-gps", "first-truth")
+
+
+@dataclass(frozen=True, slots=True)
+class RunChoices:
+    """What the user chose for a run."""
+
+    particles: int
+    gate: float | None
+    seed: int
+    form: str
+    start: str | None
+    end: str | None
+    align: str
+    dr_from: str
+    fast_hz: float
+    slow_hz: float
+
+    @property
+    def settings(self) -> "Settings":
+        """The filter's share."""
+        from usbldr.filters.run import Settings
+
+        return Settings(self.particles, self.gate, self.seed, self.form)
+
+    def window(self, log: "Log") -> "Window":
+        """Return the truth rows to score against, in seconds of the log."""
+        from usbldr.filters.evaluation import Window
+
+        start = -math.inf if self.start is None else _seconds("--start", self.start, log.start_ns)
+        end = math.inf if self.end is None else _seconds("--end", self.end, log.start_ns)
+        if start >= end:
+            raise UsageError(f"--start {self.start} does not lie before --end {self.end}")
+        return Window(start, end)
+
+    def anchor(self, log: "Log", timeline: "Timeline") -> "Anchor | None":
+        """Return where dead reckoning starts."""
+        import numpy as np
+
+        from usbldr.filters.methods import Anchor, anchor_at
+        from usbldr.io.geodesy import to_plane
+
+        if self.dr_from in ANCHORS:
+            return anchor_at(self.dr_from, timeline, log.assumptions, log.truth)
+        try:
+            lat_deg, lon_deg = (float(part) for part in self.dr_from.split(","))
+        except ValueError as err:
+            raise UsageError(
+                f"--dr-from {self.dr_from} is neither LAT,LON in degrees nor one of {', '.join(ANCHORS)}"
+            ) from err
+        if log.origin is None:
+            raise UsageError("--dr-from LAT,LON needs an origin: state [map] origin_lat_deg, origin_lon_deg")
+        position_m = np.concatenate(to_plane(log.origin, np.array([lat_deg]), np.array([lon_deg])))
+        return Anchor(position_m, 0.0, f"{lat_deg:g}, {lon_deg:g}")
+
+
+def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options; the command gets them as one RunChoices, ``choices``."""
+    names = [field.name for field in fields(RunChoices)]
+
+    @functools.wraps(command)
+    def packed(**given: Any) -> Any:
+        return command(choices=RunChoices(**{name: given.pop(name) for name in names}), **given)
+
+    several = click.IntRange(min=2)
+    share = click.FloatRange(0, 1, min_open=True, max_open=True)
+    options = (
+        click.option("--particles", "-N", type=several, default=100, show_default=True, help="Of cpf, upf and pf."),
+        click.option(
+            "--gate", type=share, metavar="P", help="ekf, ckf, ukf: refuse what P of good readings do not do."
+        ),
+        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Same seed, same bits."),
+        click.option(
+            "--form",
+            type=click.Choice(["mixture", "gaussian", "literal"]),
+            default="mixture",
+            show_default=True,
+            help="Of cpf and upf: how the paper is read; literal is for study.",
+        ),
+        click.option("--start", metavar="TIME", help="Score from here on: seconds of the log, or ISO time."),
+        click.option("--end", metavar="TIME", help="Score up to here."),
+        click.option(
+            "--align",
+            type=click.Choice(["none", "first", "rigid"]),
+            default="none",
+            show_default=True,
+            help="Move the track onto the truth before scoring.",
+        ),
+        click.option(
+            "--dr-from",
+            default="start",
+            show_default=True,
+            metavar="WHERE",
+            help="Dead reckoning starts at start, first-fix, first-gps, first-truth or LAT,LON.",
+        ),
+        click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Grid of DVL and compass."),
+        click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Grid of the errors."),
+    )
+    for option in reversed(options):
+        packed = option(packed)
+    return packed
+
+
+def _seconds(option: str, text: str, start_ns: int) -> float:
+    """Return seconds of the log from seconds or ISO time (UTC where it names no zone)."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as err:
+        raise UsageError(f"{option} {text} is neither seconds nor ISO time (2026-01-01T12:00:00Z)") from err
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    whole_s = int(moment.timestamp() // 1)
+    return (whole_s - start_ns // 10**9) + (moment.microsecond * 1000 - start_ns % 10**9) / 1e9

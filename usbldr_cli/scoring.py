@@ -1,0 +1,42 @@
+"""One method on one log, judged: what replay does once and compare many times."""
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import click
+
+from usbldr_cli.run_options import RunChoices
+
+if TYPE_CHECKING:
+    from usbldr.filters.methods import Anchor
+    from usbldr.filters.types import Timeline
+    from usbldr.io.log import Log
+    from usbldr.io.reports import Scored
+
+
+def needed(method: str, log: "Log") -> tuple[str, ...]:
+    """Return the sensors that a method cannot do without: fixes tell the start unless it is stated."""
+    return ("dvl", "compass") if method == "dr" or log.assumptions.start else ("dvl", "compass", "usbl")
+
+
+def score(method: str, log: "Log", line: "Timeline", choices: RunChoices, anchor: "Anchor | None") -> "Scored":
+    """Make a track and take its errors: raw fixes at their own stamps, all others on the slow grid."""
+    from usbldr.filters.evaluation import evaluate
+    from usbldr.filters.methods import track
+    from usbldr.io.reports import Scored
+
+    with _bar(method, len(line.time_s)) as progress:
+        trajectory = track(method, line, log.assumptions, choices.settings, anchor, progress)
+    if log.truth is None:
+        return Scored(trajectory, None)
+    at = None if method == "usbl" else line.time_s[line.slow]
+    return Scored(trajectory, evaluate(trajectory, log.truth, choices.window(log), choices.align, at))
+
+
+@contextmanager
+def _bar(label: str, total: int) -> Generator[Callable[[int, int], None]]:
+    """Show progress on stderr while it is a terminal."""
+    with click.progressbar(length=total, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
+        yield lambda done, _: bar.update(done - bar.pos)
