@@ -180,10 +180,10 @@ def _warnings(matching: Matching, truth: Truth) -> tuple[str, ...]:
     found: list[str] = []
     asked = matching.offered - matching.outside_window
     if matching.matched < LOW_COVERAGE * asked:
-        found.append(
-            f"only {matching.matched} of {asked} epochs could be compared with the truth: {matching.outside_truth} "
-            f"lie outside it, {matching.in_gap} in its gaps over {truth.max_gap_s:g} s"
-        )
+        outside = f"{matching.outside_truth} lie before or after it" if matching.outside_truth else ""
+        gaps = f"{matching.in_gap} in its gaps over {truth.max_gap_s:g} s" if matching.in_gap else ""
+        why = ", ".join(filter(None, (outside, gaps)))
+        found.append(f"only {matching.matched} of {asked} epochs could be compared with the truth{why and ': '}{why}")
     if matching.undefined:
         found.append(f"the track has no position at {matching.undefined} epochs; they are left out of the errors")
     return tuple(found)

@@ -120,8 +120,9 @@ def health(run: Run) -> list[tuple[str, str]]:
             lines.append(("ESS", ess + moved))
         if "surfacing_error_m" in m:
             way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
-            gaps = f"mean of {len(report.surfacings)} ends of truth gaps"
-            lines.append(("surfacing", f"{m['surfacing_error_m']:.2f} m, {gaps} over {SURFACING_GAP_S:.0f} s{way}"))
+            many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
+            when = f"at the first truth after a gap over {SURFACING_GAP_S:.0f} s{many}"
+            lines.append(("surfacing", f"{m['surfacing_error_m']:.2f} m {when}{way}"))
         if "filter_time_s" in m:
             lines.append(("speed", f"{m['filter_time_s']:.2f} s, {m['real_time_factor']:.0f} times real time"))
     for scored in (run.scored, *run.baselines):
@@ -143,7 +144,7 @@ def _sensor(report: ErrorReport, sensor: str) -> str:
     nis = ""
     if f"nis_mean_{sensor}" in m:
         nis = f"NIS {m[f'nis_mean_{sensor}']:.2f} ({m[f'nis_expected_{sensor}']:.0f} is right); "
-    gap = f", {m['longest_fix_gap_s']:.1f} s the longest time without one" if sensor == "usbl" else ""
+    gap = f"; at most {m['longest_fix_gap_s']:.1f} s without one" if sensor == "usbl" else ""
     return f"{nis}{what}: {told}{gap}"
 
 
@@ -160,4 +161,4 @@ def _outages(run: Run) -> str:
 
 def metres(report: ErrorReport, name: str) -> str:
     """Return a metric in metres to the millimetre, "" where it does not apply."""
-    return f"{report.metrics[name]:.3f}" if name in report.metrics else ""
+    return f"{report.metrics[name]:z.3f}" if name in report.metrics else ""
