@@ -100,9 +100,7 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
     forward = -instrument[0] * np.sin(mount) + instrument[1] * np.cos(mount)
 
     if section.min_good_beams is not None and "good_beams" not in raw.values:
-        raise UsageError(
-            f"{raw.log}: [dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) does not tell its good beams"
-        )
+        raise UsageError(f"{raw.log}: [dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
     fast = np.mean(causes["faster than 20 m/s"]) > 0.5 and section.unit is None
     advice = '; if they are mm/s, state unit = "mm/s" under [dvl]' if fast else ""
@@ -200,9 +198,8 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
         said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
         if section.unit is None and section.surface_pa is None and np.nanmedian(pressure) < 5e4:
-            text = (
-                f"{raw.topic.name}: a median of {np.nanmedian(pressure):g} cannot be Pa; state [depth] unit; not used"
-            )
+            median = np.nanmedian(pressure)
+            text = f"{raw.topic.name}: not used as depth: a median of {median:g} cannot be Pa; state unit under [depth]"
             return Finding("DEPTH-UNIT", text)
         value = (pressure - surface) / WATER_PA_PER_M
         _refuse(section.positive, "positive", "pressures", raw)

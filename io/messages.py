@@ -49,10 +49,11 @@ class Raw:
     frame_id: str
 
     def number(self, quantity: str) -> Vector:
-        """Return a quantity as floats, (n,); NaN throughout where the messages have no such field."""
-        values = self.values.get(quantity)
-        count = len(self.received_ns)
-        return np.full(count, np.nan) if values is None else np.asarray(values, dtype=np.float64)
+        """Return a quantity as floats, (n,); NaN where it is no finite number or the messages have no such field."""
+        if quantity not in self.values:
+            return np.full(len(self.received_ns), np.nan)
+        values = np.asarray(self.values[quantity], dtype=np.float64)
+        return np.where(np.isfinite(values), values, np.nan)
 
 
 def _xyz(prefix: str) -> dict[str, str]:

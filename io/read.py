@@ -61,7 +61,7 @@ def read(reader: Reader, request: Request) -> Log:
     path, topics = reader.path, reader.topics()
     file = find_configuration(path, request.configuration)
     configuration = read_configuration(file) if file else Configuration()
-    if not any(topic.count for topic in topics):
+    if not any(topic.count or topic.problem for topic in topics):
         lost = "; ".join(finding.text for finding in reader.findings())
         raise LogError(f"{path}: holds no messages" + (f" ({lost})" if lost else ""))
 

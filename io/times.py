@@ -39,7 +39,7 @@ def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
         stamp = raw.received_ns
         said.append("timed by log time (configuration)")
     else:
-        unset = raw.stamp_ns == 0
+        unset = (raw.stamp_ns == 0) & (raw.topic.encoding != "csv")
         stamp = np.where(unset, raw.received_ns, raw.stamp_ns)
         stamps = "time_ns" if raw.topic.encoding == "csv" else "header stamp"
         said.append(f"timed by {stamps}" + (" (configuration)" if clock else ""))

@@ -67,6 +67,8 @@ def choose_roles(
                 layout = layout_of(role, found[0])
                 assert layout is not None, "a candidate has a layout"
                 chosen[role] = Choice(found[0], layout, "type and name")
+            elif broken := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
+                unclear[role] = _unreadable(log, role, broken[0])
     return Roles({role: chosen[role] for role in ROLES if role in chosen}, unclear)
 
 
@@ -78,15 +80,13 @@ def named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_b
         hint = f"; did you mean {' or '.join(near)}?" if near else ""
         raise LogError(f"{log}: no topic {name} for the {role}{hint} (topics in this log: {_listed(topics)})")
     if topic.problem:
-        raise LogError(f"{log}: {topic.name} cannot be read as the {role}: {topic.problem}")
+        raise _unreadable(log, role, topic)
     if topic.count == 0:
         raise LogError(f"{log}: {topic.name}, named for the {role}, has no messages")
     layout = layout_of(role, topic)
     if layout is None:
         known = ", ".join(sorted({layout.type for layout in LAYOUTS[role]}))
-        raise UsageError(
-            f"{log}: {topic.name} is of type {topic.type}, which cannot serve as {role} (these can: {known})"
-        )
+        raise UsageError(f"{log}: {topic.name} is of type {topic.type}, which cannot serve as {role} (only {known})")
     return Choice(topic, layout, chosen_by)
 
 
@@ -115,6 +115,10 @@ def _candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
     best = [topic for hinted, topic in fitting if hinted] or [topic for _, topic in fitting]
     plain = [topic for topic in best if not topic.name.endswith("data_raw")]  # imu/data_raw has no orientation
     return plain or best
+
+
+def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
+    return LogError(f"{log}: {topic.name} cannot be read as the {role}: {topic.problem}")
 
 
 def _which(log: Path, role: str, found: Sequence[TopicInfo]) -> str:

@@ -1,0 +1,352 @@
+"""Axes, signs and units of DVL, compass and depth: simulate +x by hand, read +x back."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dives import (
+    DVL,
+    HEADING,
+    IMU,
+    MARINE,
+    ODOMETRY,
+    PRESSURE,
+    SECOND,
+    T0,
+    TWIST_COVARIANCE,
+    Row,
+    twist,
+    write_csv,
+    write_mcap,
+    yaw,
+)
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+
+def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
+    write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
+
+
+def body(table: pd.DataFrame) -> list[float]:
+    """Starboard, forward, up of the first record."""
+    return [float(table[c].iloc[0]) for c in ("starboard_mps", "forward_mps", "up_mps")]
+
+
+def codes(log: Log) -> dict[str, str]:
+    return {finding.code: finding.text for finding in log.findings}
+
+
+FORWARD_2_STARBOARD_1_UP_3 = {
+    "FSD": (2, 1, -3),
+    "FRD": (2, 1, -3),
+    "FLU": (2, -1, 3),
+    "FPU": (2, -1, 3),
+    "SFU": (1, 2, 3),
+    "BSU": (-2, 1, 3),
+    "UPB": (3, -1, -2),
+}
+
+
+@pytest.mark.parametrize("axes", FORWARD_2_STARBOARD_1_UP_3)
+def test_axes_say_where_x_y_and_z_point(tmp_path: Path, axes: str) -> None:
+    x, y, z = FORWARD_2_STARBOARD_1_UP_3[axes]
+
+    log = logged(tmp_path, [twist(T0, x, y, z)], f'[dvl]\naxes = "{axes}"')
+
+    assert body(log.tables["dvl"]) == pytest.approx([1, 2, 3])
+
+
+@pytest.mark.parametrize(("frame_id", "axes"), [("dvl_link", "FLU"), ("base_link_ned", "FRD"), ("dvl_frd", "FRD")])
+def test_a_twist_without_configured_axes_goes_by_its_frame(tmp_path: Path, frame_id: str, axes: str) -> None:
+    time_ns, topic, kind, values = twist(T0, 1.0, 0.5)
+
+    log = logged(tmp_path, [(time_ns, topic, kind, {**values, "header.frame_id": frame_id})])
+
+    assert log.provenance["dvl"].conventions[0] == f'axes {axes} (by frame_id "{frame_id}")'
+    assert log.tables["dvl"]["starboard_mps"].iloc[0] == (-0.5 if axes == "FLU" else 0.5)
+
+
+def test_a_dvl_turned_30_degrees_clockwise_reads_the_surge_on_its_port_side(tmp_path: Path) -> None:
+    """The bow moves at 1 m/s; an FRD instrument turned 30 deg to starboard sees it 30 deg to its left."""
+    turn = math.radians(30)
+
+    log = logged(tmp_path, [twist(T0, math.cos(turn), -math.sin(turn))], '[dvl]\naxes = "FRD"\nmount_deg = 30')
+
+    assert body(log.tables["dvl"])[:2] == pytest.approx([0, 1])
+
+
+def test_the_turbot_formula_of_its_authors_is_axes_flu_and_mount_135(tmp_path: Path) -> None:
+    """Rz(135 deg) (vx, -vy), in a frame of x forward, y starboard."""
+    vx, vy, c, s = 0.4, -0.3, math.cos(math.radians(135)), math.sin(math.radians(135))
+    forward, starboard = c * vx - s * -vy, s * vx + c * -vy
+
+    log = logged(tmp_path, [twist(T0, vx, vy)], '[dvl]\naxes = "FLU"\nmount_deg = 135')
+
+    assert body(log.tables["dvl"])[:2] == pytest.approx([starboard, forward])
+
+
+def test_a_dvl_that_reads_one_per_cent_too_much_is_brought_back(tmp_path: Path) -> None:
+    log = logged(tmp_path, [twist(T0, 2.02, 0.0)], "[dvl]\nscale_error = 0.01")
+
+    assert log.tables["dvl"]["forward_mps"].iloc[0] == pytest.approx(2.0)
+
+
+def test_millimetres_per_second_become_metres_per_second(tmp_path: Path) -> None:
+    log = logged(tmp_path, [twist(T0, 1500.0, -200.0)], '[dvl]\naxes = "FRD"\nunit = "mm/s"')
+
+    assert body(log.tables["dvl"])[:2] == pytest.approx([-0.2, 1.5])
+
+
+def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> None:
+    rows = [twist(T0 + k * SECOND, 1.0, 0.0) for k in range(3)] + [yaw(T0 + k * SECOND, 0.0) for k in range(3)]
+
+    log = logged(tmp_path, rows, "[dvl]\nlatency_s = 0.25")
+
+    np.testing.assert_allclose(log.tables["dvl"]["time_s"], [-0.25, 0.75, 1.75])
+    np.testing.assert_allclose(log.tables["dvl"]["received_s"], [0, 1, 2])
+    assert log.start_ns == T0
+
+
+@pytest.mark.parametrize(("yaw_deg", "heading"), [(0, 90), (90, 0), (180, 270), (-45, 135)])
+def test_an_imu_turns_counter_clockwise_from_east(tmp_path: Path, yaw_deg: float, heading: float) -> None:
+    log = logged(tmp_path, [yaw(T0, yaw_deg)])
+
+    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(heading)
+    assert log.provenance["compass"].conventions[0] == "convention ENU (by type)"
+
+
+def test_a_ned_quaternion_turns_clockwise_from_north(tmp_path: Path) -> None:
+    log = logged(tmp_path, [yaw(T0, 30)], '[compass]\nconvention = "NED"')
+
+    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(30)
+
+
+def test_roll_and_pitch_do_not_change_the_yaw(tmp_path: Path) -> None:
+    """Yaw 40, then pitch -20, then roll 10 degrees, each about the turned axes."""
+    y, p, r = (math.radians(a) / 2 for a in (40, -20, 10))
+    w = math.cos(r) * math.cos(p) * math.cos(y) + math.sin(r) * math.sin(p) * math.sin(y)
+    qx = math.sin(r) * math.cos(p) * math.cos(y) - math.cos(r) * math.sin(p) * math.sin(y)
+    qy = math.cos(r) * math.sin(p) * math.cos(y) + math.sin(r) * math.cos(p) * math.sin(y)
+    qz = math.cos(r) * math.cos(p) * math.sin(y) - math.sin(r) * math.sin(p) * math.cos(y)
+    values = {"header.stamp": T0, "orientation.x": qx, "orientation.y": qy, "orientation.z": qz, "orientation.w": w}
+
+    log = logged(tmp_path, [(T0, "/imu", IMU, values)])
+
+    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(50)
+
+
+def test_a_compass_that_reads_two_degrees_too_much_is_brought_back(tmp_path: Path) -> None:
+    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": 361.0})], "[compass]\nbias_deg = 2.0")
+
+    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(359)
+
+
+def test_an_easterly_declination_is_added_to_a_magnetic_heading(tmp_path: Path) -> None:
+    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": 350.0})], "[compass]\ndeclination_deg = 15.6")
+
+    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(5.6)
+
+
+def test_a_plain_number_may_be_radians(tmp_path: Path) -> None:
+    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": math.pi / 2})], '[compass]\nunit = "rad"')
+
+    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(90)
+
+
+def test_numbers_that_could_be_radians_are_pointed_out(tmp_path: Path) -> None:
+    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": 3.0})])
+
+    assert codes(log)["HEADING-UNIT"] == (
+        '/heading: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
+    )
+    assert codes(log)["NO-HEADER"] == "/heading: its type has no header, so it is timed by log time"
+
+
+def test_imu_messages_without_orientation_are_left_out(tmp_path: Path) -> None:
+    none = np.array([-1.0] + [0.0] * 8)
+    bad = [(T0 + k, "/imu", IMU, {**yaw(T0 + k, 10)[3], "orientation_covariance": none}) for k in range(2)]
+    zero = (T0 + 5, "/imu", IMU, {"header.stamp": T0 + 5})
+
+    log = logged(tmp_path, [*bad, zero, yaw(T0 + 9, 10)])
+
+    assert len(log.tables["compass"]) == 1
+    assert codes(log)["COMPASS-INVALID"] == (
+        "/imu: 3 of 4 records are invalid and left out (2 without orientation (covariance -1), 1 zero quaternion)"
+    )
+
+
+def marine(time_ns: int, beams: int = 4, **more: Any) -> Row:
+    values = {
+        "header.stamp": time_ns,
+        "velocity.x": 1.0,
+        "velocity.y": 0.2,
+        "velocity_mode": 1,
+        "num_good_beams": beams,
+    }
+    unknown = np.full(9, -1.0)
+    more = {path.replace("__", "."): value for path, value in more.items()}
+    return time_ns, "/dvl/data", MARINE, {**values, "velocity_covar": unknown, **more}
+
+
+def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path) -> None:
+    rows = [
+        marine(T0),
+        marine(T0 + 1, beams=2),
+        marine(T0 + 2, velocity_mode=2),
+        marine(T0 + 3, velocity__x=0.0, velocity__y=0.0),
+        marine(T0 + 4, velocity__x=math.nan),
+        marine(T0 + 5, velocity__x=327.67),
+    ]
+
+    log = logged(tmp_path, rows)
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False, False, False, False, False]
+    assert codes(log)["DVL-INVALID"] == (
+        "/dvl/data: 5 of 6 records are invalid and not used (1 not a number, 1 exactly zero, "
+        "1 fewer than 3 good beams, 1 water track, 1 faster than 20 m/s)"
+    )
+    assert log.provenance["dvl"].conventions[0] == "axes FRD (by type)"
+    assert log.provenance["dvl"].used == 1
+
+
+def test_good_beams_that_nobody_fills_are_no_fault(tmp_path: Path) -> None:
+    log = logged(tmp_path, [marine(T0, beams=0), marine(T0 + 1, beams=0)])
+
+    assert log.tables["dvl"]["valid"].all()
+
+
+def test_min_good_beams_of_the_configuration_is_taken_at_its_word(tmp_path: Path) -> None:
+    log = logged(tmp_path, [marine(T0, beams=3), marine(T0 + 1, beams=4)], "[dvl]\nmin_good_beams = 4")
+
+    assert list(log.tables["dvl"]["valid"]) == [False, True]
+
+
+def test_min_good_beams_without_such_a_field_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as fault:
+        logged(tmp_path, [twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3")
+
+    kind = "geometry_msgs/msg/TwistStamped"
+    assert str(fault.value) == f"{tmp_path / 'dive.mcap'}: [dvl] min_good_beams: /dvl ({kind}) has no such field"
+
+
+def water_linked(time_ns: int, valid: bool = True, kind: str = DVL, more: Mapping[str, Any] | None = None) -> Row:
+    values = {"header.stamp": time_ns, "velocity.x": 1.0, "velocity.y": 0.5, "velocity_valid": valid, "fom": 0.03}
+    return time_ns, "/dvl/data", kind, {**values, **(more or {})}
+
+
+@pytest.mark.parametrize("kind", ["old_dvl_msgs/msg/DVL", DVL])
+def test_both_layouts_of_dvl_msgs_are_read(tmp_path: Path, kind: str) -> None:
+    rows = [water_linked(T0, kind=kind), water_linked(T0 + SECOND, valid=False, kind=kind)]
+
+    log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False]
+    assert body(log.tables["dvl"])[:2] == [0.5, 1.0]
+    assert log.tables["dvl"]["sd_mps"].iloc[0] == 0.03
+
+
+def test_a_dvl_that_stands_still_and_says_so_is_valid(tmp_path: Path) -> None:
+    log = logged(tmp_path, [water_linked(T0, more={"velocity.x": 0.0, "velocity.y": 0.0})])
+
+    assert log.tables["dvl"]["valid"].all()
+
+
+def test_a_dvl_record_is_as_old_as_its_transmission_took(tmp_path: Path) -> None:
+    ages = {"time_of_validity": 5_000_000, "time_of_transmission": 5_189_000}
+    rows = [water_linked(T0 + k * SECOND, more=ages) for k in range(3)]
+
+    log = logged(tmp_path, [*rows, yaw(T0, 0), yaw(T0 + 2 * SECOND, 0)])
+    as_stamped = logged(tmp_path, [*rows, yaw(T0, 0), yaw(T0 + 2 * SECOND, 0)], '[dvl]\ntime = "header"')
+
+    assert log.start_ns == T0 - 189_000_000
+    np.testing.assert_allclose(log.tables["dvl"]["time_s"], [0, 1, 2])
+    np.testing.assert_allclose(log.tables["compass"]["time_s"], [0.189, 2.189])
+    said = "stamps moved back by transmission minus validity, median 0.189 s (by type)"
+    assert said in log.provenance["dvl"].conventions
+    assert as_stamped.start_ns == T0
+
+
+@pytest.mark.parametrize("kind", [TWIST_COVARIANCE, ODOMETRY])
+def test_a_negative_covariance_makes_a_twist_invalid(tmp_path: Path, kind: str) -> None:
+    values = {"header.stamp": T0, "twist.twist.linear.x": 1.0}
+    good, bad = np.full(36, 0.0), np.full(36, 0.0)
+    good[0], bad[0] = 0.0004, -1.0
+    rows = [
+        (T0, "/dvl", kind, {**values, "twist.covariance": good}),
+        (T0 + 1, "/dvl", kind, {**values, "header.stamp": T0 + 1, "twist.covariance": bad}),
+    ]
+
+    log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False]
+    assert log.tables["dvl"]["sd_mps"].iloc[0] == pytest.approx(0.02)
+
+
+def test_all_dvl_records_invalid_is_an_error_with_counts(tmp_path: Path) -> None:
+    with pytest.raises(LogError) as fault:
+        logged(tmp_path, [marine(T0, beams=1), marine(T0 + 1, beams=1), marine(T0 + 2, velocity__y=math.inf)])
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'dive.mcap'}: all 3 records of /dvl/data (dvl) are invalid: "
+        "1 not a number, 2 fewer than 3 good beams"
+    )
+
+
+def test_speeds_that_look_like_millimetres_are_pointed_out(tmp_path: Path) -> None:
+    with pytest.raises(LogError) as fault:
+        logged(tmp_path, [twist(T0, 800.0, 12.0)])
+
+    assert str(fault.value).endswith('1 faster than 20 m/s; if they are mm/s, state unit = "mm/s" under [dvl]')
+
+
+def test_the_dvl_noise_is_left_open_unless_somebody_states_it(tmp_path: Path) -> None:
+    open_log = logged(tmp_path, [twist(T0, 1.0, 0.0)])
+    stated = logged(tmp_path, [twist(T0, 1.0, 0.0)], "[dvl]\nsd_mps = 0.1")
+
+    assert open_log.tables["dvl"]["sd_mps"].isna().all()
+    assert stated.tables["dvl"]["sd_mps"].iloc[0] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("unit", "pressure"), [(None, 201325.0), ("Pa", 201325.0), ("hPa", 2013.25), ("dbar", 20.1325), ("bar", 2.01325)]
+)
+def test_pressure_becomes_depth_in_sea_water(tmp_path: Path, unit: str | None, pressure: float) -> None:
+    toml = f'[depth]\nunit = "{unit}"' if unit else ""
+
+    log = logged(tmp_path, [(T0, "/pressure", PRESSURE, {"header.stamp": T0, "fluid_pressure": pressure})], toml)
+
+    assert log.tables["depth"]["depth_m"].iloc[0] == pytest.approx(1e5 / (1025 * 9.80665))
+
+
+def test_pressures_that_cannot_be_pascals_are_not_used(tmp_path: Path) -> None:
+    log = logged(tmp_path, [(T0, "/pressure", PRESSURE, {"header.stamp": T0, "fluid_pressure": 1013.0})])
+
+    assert "depth" not in log.tables
+    assert codes(log)["DEPTH-UNIT"] == (
+        "/pressure: not used as depth: a median of 1013 cannot be Pa; state unit under [depth]"
+    )
+
+
+def test_depth_may_be_a_number_that_grows_upwards(tmp_path: Path) -> None:
+    log = logged(tmp_path, [(T0, "/depth", HEADING, {"data": -4.0})], '[depth]\npositive = "up"')
+
+    assert log.tables["depth"]["depth_m"].iloc[0] == 4.0
+
+
+def test_keys_that_the_column_names_settle_are_said_not_to_act(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", dvl="time_ns,starboard_mps,forward_mps\n0,0.1,1.0\n200000000,0.1,1.0")
+    (folder / "usbldr.toml").write_text('[dvl]\naxes = "FRD"\nmount_deg = 90', encoding="utf-8")
+
+    log = read_log(folder)
+
+    assert codes(log) == {"KEY-UNUSED": '/dvl: axes = "FRD" of the configuration is not used; its columns say SFU'}
+    assert body(log.tables["dvl"])[:2] == pytest.approx([1.0, -0.1])

@@ -1,0 +1,32 @@
+"""The tangent plane, against the radii of WGS84 near its origin and against itself far from it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from usbldr.io.geodesy import to_geodetic, to_plane
+from usbldr.io.log import Origin
+
+ORIGIN = Origin(39.718033330, 2.587106667, "[map]")
+
+
+def test_near_the_origin_an_arc_second_is_as_long_as_the_radii_of_wgs84_say() -> None:
+    a, e2 = 6378137.0, 0.00669437999014
+    sine = math.sin(math.radians(ORIGIN.lat_deg))
+    meridian, vertical = a * (1 - e2) / (1 - e2 * sine**2) ** 1.5, a / math.sqrt(1 - e2 * sine**2)
+    second = 1 / 3600
+
+    east, north = to_plane(ORIGIN, np.array([ORIGIN.lat_deg + second]), np.array([ORIGIN.lon_deg + second]))
+
+    assert north[0] == pytest.approx(math.radians(second) * meridian, abs=2e-3)
+    assert east[0] == pytest.approx(math.radians(second) * vertical * math.cos(math.radians(ORIGIN.lat_deg)), abs=2e-3)
+
+
+def test_there_and_back_is_a_centimetre_over_five_kilometres() -> None:
+    east, north = np.array([0.0, 5000.0, -3000.0]), np.array([0.0, -100.0, 4000.0])
+
+    lat, lon = to_geodetic(ORIGIN, east, north)
+    back = to_plane(ORIGIN, lat, lon)
+
+    np.testing.assert_allclose(back, [east, north], atol=0.01)

@@ -1,0 +1,99 @@
+"""Order, repeats and zero stamps: what becomes of records that share a moment."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dives import SECOND, T0, Row, point, twist, write_mcap, yaw
+from usbldr.io.log import Log
+from usbldr.io.read import read_log
+
+
+def logged(tmp_path: Path, rows: Sequence[Row]) -> Log:
+    return read_log(write_mcap(tmp_path / "dive.mcap", rows))
+
+
+def codes(log: Log) -> dict[str, str]:
+    return {finding.code: finding.text for finding in log.findings}
+
+
+def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -> None:
+    rows = [point(T0, 0, 0, delay_s=2.0), point(T0 + SECOND, 1, 0, delay_s=0.1), point(T0 + 3 * SECOND, 3, 0)]
+
+    log = logged(tmp_path, rows)
+    table = log.tables["usbl"]
+
+    assert list(table["east_m"]) == [0, 1, 3]
+    np.testing.assert_allclose(table["time_s"], [0, 1, 3])
+    np.testing.assert_allclose(table["received_s"], [2, 1.1, 3])
+    assert codes(log) == {
+        "OUT-OF-ORDER": "/usbl: 1 of 3 records are stamped earlier than the one before "
+        "(fixes arrive late; sorted by stamp, arrival kept)"
+    }
+
+
+def test_records_with_the_same_stamp_and_values_are_one(tmp_path: Path) -> None:
+    rows = [row for k in range(5) for row in [twist(T0 + k, 1.0 + k, 0.0)] * 2]
+
+    log = logged(tmp_path, rows)
+
+    assert len(log.tables["dvl"]) == 5
+    assert codes(log)["REPEATED"] == "/dvl: 5 of 10 records repeat another's stamp and values and are left out"
+
+
+def test_dvl_records_of_one_stamp_with_other_values_are_averaged(tmp_path: Path) -> None:
+    log = logged(tmp_path, [twist(T0, 1.0, 0.2), twist(T0, 2.0, 0.4), twist(T0 + SECOND, 5.0, 0.0)])
+
+    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], [1.5, 5.0])
+    np.testing.assert_allclose(log.tables["dvl"]["starboard_mps"], [-0.3, 0.0])
+    assert codes(log)["SAME-STAMP"] == (
+        "/dvl: 1 of 3 records have another's stamp and other values; those of one stamp are averaged"
+    )
+
+
+def test_an_invalid_dvl_record_spoils_no_average(tmp_path: Path) -> None:
+    log = logged(tmp_path, [twist(T0, 1.0, 0.0), twist(T0, 300.0, 0.0)])
+
+    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], [1.0])
+    assert log.tables["dvl"]["valid"].all()
+
+
+def test_headings_of_one_stamp_are_averaged_as_directions(tmp_path: Path) -> None:
+    log = logged(tmp_path, [yaw(T0, 90 - 359), yaw(T0, 90 - 3), yaw(T0 + SECOND, 0)])
+
+    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(1.0)
+
+
+def test_usbl_fixes_of_one_stamp_are_all_kept(tmp_path: Path) -> None:
+    log = logged(tmp_path, [point(T0, 1.0, 0.0), point(T0, 2.0, 0.0), point(T0, 2.0, 0.0)])
+
+    assert list(log.tables["usbl"]["east_m"]) == [1.0, 2.0]
+    assert codes(log)["SAME-STAMP"] == ("/usbl: 1 of 2 records have another's stamp and other values; all are kept")
+
+
+def test_zero_stamps_are_timed_by_log_time_and_counted(tmp_path: Path) -> None:
+    time_ns, topic, kind, values = twist(T0 + SECOND, 1.0, 0.0)
+
+    log = logged(tmp_path, [twist(T0, 1.0, 0.0), (time_ns, topic, kind, {**values, "header.stamp": 0})])
+
+    np.testing.assert_allclose(log.tables["dvl"]["time_s"], [0, 1])
+    assert codes(log)["ZERO-STAMP"] == "/dvl: 1 of 2 header stamps are zero; those records are timed by log time"
+
+
+def test_time_zero_is_the_earliest_stamp_of_the_records_used(tmp_path: Path) -> None:
+    rows = [twist(T0, 99.0, 0.0), twist(T0 + 2 * SECOND, 1.0, 0.0), yaw(T0 + 3 * SECOND, 0), yaw(T0 + SECOND, 0)]
+
+    log = logged(tmp_path, rows)
+
+    assert log.start_ns == T0 + SECOND  # the DVL record before is faster than any vehicle
+    np.testing.assert_allclose(log.tables["dvl"]["time_s"], [-1, 1])
+    np.testing.assert_allclose(log.tables["compass"]["time_s"], [0, 2])
+
+
+def test_times_keep_their_nanoseconds(tmp_path: Path) -> None:
+    log = logged(tmp_path, [twist(T0 + 1, 1.0, 0.0), twist(T0 + 124, 1.0, 0.0)])
+
+    assert log.start_ns == T0 + 1
+    assert list(log.tables["dvl"]["time_s"]) == [0.0, 123e-9]
