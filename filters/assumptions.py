@@ -23,11 +23,21 @@ class ProcessNoise:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A known start. Without one the first fixes tell the position and the first DVL and compass records the rest."""
+    """A known start. Without one the first fixes tell the position.
+
+    Yaw and velocity start at the first compass and DVL records, the turn rate at 0; the sigmas say how far off they
+    may be. A bootstrap particle filter has to hit the start by chance, and is lost where they are wide.
+    """
 
     east_m: float
     north_m: float
     sd_m: float
+    sd_yaw_rad: float = math.radians(5.0)
+    sd_mps: float = 0.5
+    sd_radps: float = math.radians(3.0)
+
+
+UNKNOWN_START = Start(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +51,3 @@ class Assumptions:
     dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
     usbl_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the transponder on the vehicle
     start: Start | None = None
-    start_sd_mps: float = 0.5  # velocity before the first DVL record
-    start_sd_yaw_rad: float = math.radians(5.0)
-    start_sd_radps: float = 0.05

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters import cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors
-from usbldr.filters.assumptions import Assumptions
+from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
 from usbldr.filters.baselines import start_from_fixes
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.filter import Filter, Prior, Step
@@ -134,12 +134,12 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
         position, position_sd_m = start_from_fixes(timeline)
     else:
         raise LogError("there is no USBL fix to start from: state [start] east_m, north_m, sd_m in the configuration")
-    a = assumptions
+    start = assumptions.start or UNKNOWN_START
     known: dict[str, tuple[float, float]] = {
-        "psi": (float(timeline.dr_yaw_rad[0]), a.start_sd_yaw_rad),
-        "u": (float(timeline.dr_mps[0, 0]), a.start_sd_mps),
-        "v": (float(timeline.dr_mps[0, 1]), a.start_sd_mps),
-        "r": (0.0, a.start_sd_radps),
+        "psi": (float(timeline.dr_yaw_rad[0]), start.sd_yaw_rad),
+        "u": (float(timeline.dr_mps[0, 0]), start.sd_mps),
+        "v": (float(timeline.dr_mps[0, 1]), start.sd_mps),
+        "r": (0.0, start.sd_radps),
         "x": (float(position[0]), position_sd_m),
         "y": (float(position[1]), position_sd_m),
     }

@@ -101,7 +101,7 @@ PAPER = Scenario(
     gps=Gps(rate_hz=1.0),
     yaw_rad=math.radians(5.0),
     process=ProcessNoise(position_m=0.067, yaw_rad=2.2e-4, velocity_mps=2.2e-3, turn_rate_radps=2.2e-5),
-    start=Start(east_m=0.0, north_m=0.0, sd_m=0.01),
+    start=Start(0.0, 0.0, 0.01, sd_yaw_rad=math.radians(0.5), sd_mps=0.1, sd_radps=math.radians(0.01)),
 )
 
 SCENARIOS = {scenario.name: scenario for scenario in (PAPER,)}

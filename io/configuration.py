@@ -26,6 +26,7 @@ from usbldr.io.sections import (
     DvlNoise,
     GaussianNoise,
     MixtureNoise,
+    StartSection,
     StudentNoise,
     UsblContamination,
     UsblNoise,
@@ -154,7 +155,18 @@ def assumptions(configuration: Configuration) -> Assumptions:
         usbl=_family(configuration.usbl.noise, default.usbl),
         dvl_lever_m=configuration.dvl.lever_arm_m,
         usbl_lever_m=configuration.usbl.lever_arm_m,
-        start=Start(start.east_m, start.north_m, start.sd_m) if start else None,
+        start=_start(start) if start else None,
+    )
+
+
+def _start(stated: StartSection) -> Start:
+    return Start(
+        stated.east_m,
+        stated.north_m,
+        stated.sd_m,
+        math.radians(stated.heading_sd_deg),
+        stated.velocity_sd_mps,
+        math.radians(stated.turn_rate_sd_dps),
     )
 
 

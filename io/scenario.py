@@ -78,6 +78,9 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
             "east_m": f"{start.east_m!r}",
             "north_m": f"{start.north_m!r}",
             "sd_m": f"{start.sd_m!r}",
+            "heading_sd_deg": f"{_degrees(start.sd_yaw_rad)!r}",
+            "velocity_sd_mps": f"{start.sd_mps!r}",
+            "turn_rate_sd_dps": f"{_degrees(start.sd_radps)!r}",
         }
     lines = [
         f"# Written by: usbldr simulate {scenario.name} --seed {seed}",

@@ -217,11 +217,14 @@ class ProcessSection(Section, frozen=True, kw_only=True):
 
 
 class StartSection(Section, frozen=True, kw_only=True):
-    """Where the vehicle is known to start."""
+    """Where the vehicle is known to start, and how far off the first heading and velocity may be."""
 
     east_m: float
     north_m: float
     sd_m: Positive
+    heading_sd_deg: Positive = 5.0
+    velocity_sd_mps: Positive = 0.5
+    turn_rate_sd_dps: Positive = 3.0
 
 
 class Configuration(Section, frozen=True, kw_only=True):

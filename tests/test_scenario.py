@@ -172,7 +172,14 @@ def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) ->
         },
         "gps": {"topic": "/gps/fix"},
         "truth": {"kind": "simulated"},
-        "start": {"east_m": 0.0, "north_m": 0.0, "sd_m": 0.01},
+        "start": {
+            "east_m": 0.0,
+            "north_m": 0.0,
+            "sd_m": 0.01,
+            "heading_sd_deg": 0.5,
+            "velocity_sd_mps": 0.1,
+            "turn_rate_sd_dps": 0.01,
+        },
     }
     assert process == {
         "position_m": 0.067,
