@@ -228,9 +228,7 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     }
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
         said = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
-        raise LogError(
-            f"{path}: the sensors do not overlap in time: {said}; are their clocks the same (see time, latency_s)?"
-        )
+        raise LogError(f'{path}: the sensors do not overlap in time: {said}; if a clock is wrong, try time = "log"')
 
 
 def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
@@ -241,9 +239,7 @@ def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_
     if truth.time_s[-1] >= first_s and truth.time_s[0] <= last_s:
         return []
     span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s, the sensors {first_s:.1f} to {last_s:.1f} s"
-    return [
-        Finding("TRUTH-APART", f"the truth {truth.source} and the sensors do not overlap in time: it covers {span}")
-    ]
+    return [Finding("TRUTH-APART", f"{truth.source}: truth and sensors do not overlap in time: it covers {span}")]
 
 
 def _kind(source: TruthSource) -> str:

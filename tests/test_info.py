@@ -1,0 +1,149 @@
+"""``usbldr info`` by its exact output and exit codes."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from dives import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap
+from usbldr.filters.errors import LogError, UsageError
+from usbldr_cli.info import info
+
+PAGE = """\
+{folder}/dive.mcap: MCAP, 34 messages, 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:50.000Z (10.0 s)
+configuration: {folder}/usbldr.toml
+plane: touches 45.000000000, 7.000000000 deg (first gps fix)
+
+topic     type                            messages  rate Hz  span s  role
+/dvl      geometry_msgs/msg/TwistStamped        11    1.000  10.000  dvl
+/gps/fix  sensor_msgs/msg/NavSatFix              1        -   0.000  gps
+/imu      sensor_msgs/msg/Imu                   11    1.000  10.000  compass
+/usbl     geometry_msgs/msg/PointStamped        11    1.000  10.000  usbl
+
+dvl: /dvl (configuration), 11 of 11 records used
+  axes FRD (configuration)
+  unit m/s (default)
+  mount 0 deg (default)
+  sd to be estimated from the records (default)
+  timed by header stamp
+
+compass: /imu (type and name), 11 of 11 records used
+  convention ENU (by type)
+  sd 0.3 deg (default)
+  timed by header stamp
+
+usbl: /usbl (type and name), 11 of 11 records used
+  kind position (default)
+  frame ENU (default)
+  relative to the map (default)
+  sd 1 m (default)
+  timed by header stamp
+
+gps: /gps/fix (type and name), 1 of 1 records used
+  frame latlon (by type)
+  sd unknown
+  timed by header stamp
+
+errors are measured against: /gps/fix, kind gps
+  1 rows from 0.0 to 0.0 s, gaps up to 30 s
+
+MAP-UNKNOWN: /usbl: positions on a map whose origin nobody states; taken for the first gps fix's (state origin_lat_deg \
+and origin_lon_deg under [map])
+"""
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(info, [str(a) for a in arguments], standalone_mode=False, catch_exceptions=False)
+    return (done.return_value or 0), done.stdout
+
+
+def test_the_page_lists_topics_roles_and_every_convention(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
+    (tmp_path / "usbldr.toml").write_text('[dvl]\ntopic = "/dvl"\naxes = "FRD"', encoding="utf-8")
+
+    code, page = run(tmp_path / "dive.mcap")
+
+    assert page == PAGE.format(folder=tmp_path)
+    assert code == 0
+
+
+def test_json_says_the_same(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
+
+    code, text = run(tmp_path / "dive.mcap", "--json")
+    (log,) = json.loads(text)["logs"]
+
+    assert code == 0
+    assert log["complete"] is True
+    assert log["start_ns"] == T0
+    assert {t["topic"]: (t["type"], t["messages"], t["roles"]) for t in log["topics"]}["/gps/fix"] == (FIX, 1, ["gps"])
+    assert log["sensors"]["compass"]["conventions"][0] == "convention ENU (by type)"
+    assert log["truth"] == {"source": "/gps/fix", "kind": "gps", "rows": 1}
+    assert [finding["code"] for finding in log["findings"]] == ["MAP-UNKNOWN"]
+
+
+def test_a_log_with_unclear_roles_is_still_listed(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), point(T0, 1, 2, topic="/usbl2")])
+
+    code, page = run(file)
+
+    assert code == 0
+    assert "\n/usbl2  geometry_msgs/msg/PointStamped         1 " in page
+    assert "not to be replayed as it stands: 2 topics could be the usbl: /usbl " in page
+    assert json.loads(run(file, "--json")[1])["logs"][0]["fault"].startswith("2 topics could be the usbl")
+    assert "not to be replayed" not in run(file, "--usbl", "/usbl")[1]
+
+
+def test_a_cut_log_is_listed_with_exit_code_3(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive() * 40, chunk_size=4096)
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+    code, page = run(file)
+
+    assert code == 3
+    assert "TRUNCATED: the file is cut or broken at byte" in page
+
+
+def test_a_log_without_sensors_says_so(tmp_path: Path) -> None:
+    code, page = run(write_mcap(tmp_path / "dive.mcap", [twist(T0, 1, 2, topic="/cmd_vel")]))
+
+    assert code == 0
+    assert page.endswith("\n\nno topic here is a sensor that usbldr knows\n")
+
+
+def test_files_that_are_no_sensor_are_listed(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2", events="when,what\nnow,start")
+
+    code, page = run(folder)
+
+    assert code == 0
+    assert "cannot be read: /events: its columns fit no sensor" in page
+
+
+def test_many_topics_are_cut_short_unless_all_are_asked_for(tmp_path: Path) -> None:
+    rows = [twist(T0, 1, 2, topic=f"/vehicle/{k:03}") for k in range(50)]
+    file = write_mcap(tmp_path / "dive.mcap", rows)
+
+    assert "and 10 more topics (--all lists them)" in run(file)[1]
+    assert "/vehicle/049" in run(file, "--all")[1]
+
+
+def test_what_is_no_log_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no such file or folder"):
+        run(tmp_path / "gone.mcap")
+
+
+def test_a_wrong_configuration_is_a_usage_error(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive())
+    (tmp_path / "usbldr.toml").write_text("[dvll]", encoding="utf-8")
+
+    with pytest.raises(UsageError, match="there is no section dvll"):
+        run(file)
+
+
+def test_the_robustness_files_are_listed_completely(field_logs: Path) -> None:
+    for file in sorted((field_logs / "reader_zoo").rglob("*.mcap")):
+        code, page = run(file)
+        assert code == 0
+        assert len(page.splitlines()) < 70

@@ -1,0 +1,161 @@
+"""The door: what a log that cannot be used says, and what a half-readable one still gives."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from dives import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, yaw
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import COLUMNS
+from usbldr.io.read import Request, read_log, require
+
+
+def test_a_short_dive_becomes_canonical_tables(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
+
+    log = read_log(file)
+
+    assert {role: tuple(table.columns) for role, table in log.tables.items()} == {
+        role: COLUMNS[role] for role in ("dvl", "compass", "usbl", "gps")
+    }
+    assert log.format == "MCAP"
+    assert log.start_ns == T0
+    assert log.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert log.configuration is None
+    assert {role: (p.messages, p.used) for role, p in log.provenance.items()} == {
+        "dvl": (11, 11),
+        "compass": (11, 11),
+        "usbl": (11, 11),
+        "gps": (1, 1),
+    }
+
+
+def test_the_configuration_beside_the_log_is_read_and_named(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive())
+    (tmp_path / "usbldr.toml").write_text("[compass]\nsd_deg = 2.0", encoding="utf-8")
+
+    beside, ignored = read_log(file), read_log(file, Request(configuration="none"))
+
+    assert beside.configuration == tmp_path / "usbldr.toml"
+    assert beside.tables["compass"]["sd_deg"].iloc[0] == 2.0
+    assert ignored.configuration is None
+    assert ignored.tables["compass"]["sd_deg"].iloc[0] == 0.3
+
+
+def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [yaw(T0, 0), point(T0, 1, 2)])
+    log = read_log(file)
+
+    require(log, ("compass", "usbl"))
+    with pytest.raises(LogError) as fault:
+        require(log, ("dvl", "compass"))
+
+    assert str(fault.value) == f"{file}: no dvl data (sensors in this log: compass, usbl)"
+
+
+def test_a_log_without_messages_says_so(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [])
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == f"{file}: holds no messages"
+
+
+def test_a_log_cut_before_its_first_message_says_both(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive())
+    file.write_bytes(file.read_bytes()[:60])
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == (
+        f"{file}: holds no messages (the file is cut or broken at byte 36 of 60: 0 messages could be read)"
+    )
+
+
+def test_a_cut_log_gives_what_it_holds_and_says_what_is_lost(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive() * 40, chunk_size=4096)
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+    log = read_log(file)
+
+    assert set(log.tables) == {"dvl", "compass", "usbl"}
+    assert any(finding.code == "TRUNCATED" and finding.lost_data for finding in log.findings)
+
+
+def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Path) -> None:
+    later = T0 + 3600 * SECOND
+    rows = [twist(T0, 1, 0), twist(T0 + SECOND, 1, 0), yaw(T0, 0), yaw(T0 + SECOND, 0), point(later, 0, 0)]
+    file = write_mcap(tmp_path / "dive.mcap", rows)
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == (
+        f"{file}: the sensors do not overlap in time: "
+        "dvl 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
+        "compass 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
+        "usbl 2020-09-13T13:26:40.000Z to 2020-09-13T13:26:40.000Z; "
+        'if a clock is wrong, try time = "log"'
+    )
+
+
+def test_gps_without_any_fix_is_a_finding_not_an_error(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 0.0, 0.0, status=-1)])
+
+    log = read_log(file)
+
+    assert "gps" not in log.tables
+    assert log.truth is None
+    assert [f.text for f in log.findings if f.code == "GPS-INVALID"] == [
+        f"{file}: all 1 records of /gps/fix (gps) are invalid: 1 without fix (status below 0)"
+    ]
+
+
+def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
+    head = "[usbl]\nhead = { lat_deg = 44.0, lon_deg = 7.0 }\n"
+    sources: list[tuple[float, str]] = []
+    for toml in ("[map]\norigin_lat_deg = 43.0\norigin_lon_deg = 7.0\n" + head, head, ""):
+        (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+        origin = read_log(file).origin
+        assert origin is not None
+        sources.append((origin.lat_deg, origin.source))
+
+    assert sources == [(43.0, "[map]"), (44.0, "usbl head"), (45.0, "first gps fix")]
+
+
+def test_without_any_latitude_the_origin_is_unknown(tmp_path: Path) -> None:
+    assert read_log(write_mcap(tmp_path / "dive.mcap", short_dive())).origin is None
+
+
+def test_unclear_roles_are_an_error(tmp_path: Path) -> None:
+    rows = [*short_dive(), point(T0, 0, 0, topic="/usbl_2"), point(T0 + SECOND, 0, 0, topic="/usbl_2")]
+    file = write_mcap(tmp_path / "dive.mcap", rows)
+
+    with pytest.raises(UsageError, match="2 topics could be the usbl"):
+        read_log(file)
+    assert len(read_log(file, Request(topics={"usbl": "/usbl_2"})).tables["usbl"]) == 2
+    assert "usbl" not in read_log(file, Request(topics={"usbl": "none"})).tables
+
+
+def test_the_digest_of_a_folder_changes_with_its_files_and_not_with_its_configuration(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2")
+    first = read_log(folder).sha256
+    (folder / "usbldr.toml").write_text("[compass]\nsd_deg = 2.0", encoding="utf-8")
+    assert read_log(folder).sha256 == first
+
+    write_csv(folder, compass="time_ns,heading_deg\n1,3")
+    assert read_log(folder).sha256 != first
+
+
+def test_one_topic_may_serve_two_sensors(tmp_path: Path) -> None:
+    odometry = {"header.stamp": T0, "twist.twist.linear.x": 1.5, "pose.pose.orientation.w": 1.0}
+    file = write_mcap(tmp_path / "dive.mcap", [(T0, "/dvl/odom", "nav_msgs/msg/Odometry", odometry)])
+
+    log = read_log(file, Request(topics={"dvl": "/dvl/odom", "compass": "/dvl/odom"}))
+
+    assert log.tables["dvl"]["forward_mps"].iloc[0] == 1.5
+    assert log.tables["compass"]["heading_deg"].iloc[0] == 90.0

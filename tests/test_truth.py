@@ -1,0 +1,228 @@
+"""The reference track: from a file, from a topic, from the GPS, or none."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dives import ODOMETRY, POSE, SECOND, T0, Row, fix, short_dive, write_mcap
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+VERTICES = """% timestamp, frame id, x, y, z
+1600000000.374442,0,0.1,0.2,9
+1600000001.908468,1,1.5,2.5,9
+1600000001.500001,2,3.0,4.0,9
+1600000001.500001,3,8.0,9.0,9
+"""
+NED_FILE = """
+[truth]
+file = "slam/vertices.txt"
+kind = "slam"
+frame = "NED"
+max_gap_s = 12.0
+columns = { time_unix_s = "timestamp", x = "x", y = "y" }
+"""
+
+
+def dive(tmp_path: Path, toml: str = "", more: Sequence[Row] = (), request: Request | None = None) -> Log:
+    write_mcap(tmp_path / "dive.mcap", [*short_dive(), *more])
+    (tmp_path / "slam").mkdir(exist_ok=True)
+    (tmp_path / "slam" / "vertices.txt").write_text(VERTICES, encoding="utf-8")
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "dive.mcap", request or Request())
+
+
+def test_a_file_beside_the_log_is_read_by_its_columns_and_sorted(tmp_path: Path) -> None:
+    log = dive(tmp_path, NED_FILE)
+
+    assert log.truth is not None
+    assert (log.truth.source, log.truth.kind, log.truth.max_gap_s) == ("vertices.txt", "slam", 12.0)
+    np.testing.assert_allclose(log.truth.position_m, [[0.2, 0.1], [4, 3], [2.5, 1.5]])
+    assert [f.text for f in log.findings if f.code == "TRUTH-REPEATED"] == [
+        "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
+    ]
+
+
+def test_decimal_seconds_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
+    truth = dive(tmp_path, NED_FILE).truth
+
+    assert truth is not None
+    assert list(truth.time_s) == [0.374442, 1.500001, 1.908468]  # as floats of today's seconds: off by 0.1 us
+
+
+def test_skipped_rows_are_the_first_of_the_file(tmp_path: Path) -> None:
+    truth = dive(tmp_path, NED_FILE + "skip_rows = 1").truth
+
+    assert truth is not None
+    assert len(truth.time_s) == 2
+
+
+def test_columns_may_count_seconds_of_the_log(tmp_path: Path) -> None:
+    text = "t,lat,lon\n1.25,45.0009,7.0\n"
+    toml = """
+    [map]
+    origin_lat_deg = 45.0
+    origin_lon_deg = 7.0
+    [truth]
+    file = "t.csv"
+    frame = "latlon"
+    columns = { time_s = "t", x = "lat", y = "lon" }
+    """
+    (tmp_path / "t.csv").write_text(text, encoding="utf-8")
+
+    truth = dive(tmp_path, toml).truth
+
+    assert truth is not None
+    assert list(truth.time_s) == [1.25]
+    assert truth.position_m[0, 1] == pytest.approx(0.0009 * 111132, abs=0.1)
+
+
+def test_latitudes_of_a_file_without_a_plane_are_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text("time_ns,lat_deg,lon_deg\n1,45,7\n", encoding="utf-8")
+
+    with pytest.raises(LogError) as fault:
+        dive(tmp_path, request=Request(truth=str(file)))
+
+    assert str(fault.value) == (
+        f"{file}: holds latitudes and longitudes, but the plane has no origin; "
+        "state origin_lat_deg and origin_lon_deg under [map]"
+    )
+
+
+def test_a_canonical_file_needs_no_columns(tmp_path: Path) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
+
+    truth = dive(tmp_path, request=Request(truth=str(file))).truth
+
+    assert truth is not None
+    assert (truth.time_s[0], truth.sd_m[0], truth.kind) == (1.0, 0.25, "other")
+
+
+def test_other_files_need_their_columns_named(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as fault:
+        dive(tmp_path, request=Request(truth="slam/vertices.txt"))
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'slam' / 'vertices.txt'}: which columns hold time and position? "
+        'State columns = { time_unix_s = "...", x = "...", y = "..." } under [truth] '
+        "(its columns: timestamp, frame id, x, y, z)"
+    )
+
+
+def test_a_missing_truth_column_is_an_error_with_the_header(tmp_path: Path) -> None:
+    with pytest.raises(LogError) as fault:
+        dive(tmp_path, NED_FILE.replace('"timestamp"', '"stamp"'))
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'slam' / 'vertices.txt'}: has no column stamp (its columns: timestamp, frame id, x, y, z)"
+    )
+
+
+def test_a_broken_truth_time_is_an_error_with_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text("timestamp,x,y\n1600000000.1,1,2\nnoon,1,2\n", encoding="utf-8")
+
+    with pytest.raises(LogError) as fault:
+        dive(tmp_path, NED_FILE, request=Request(truth=str(file)))
+
+    assert str(fault.value) == f'{file}: line 3: timestamp is "noon", not a number of seconds'
+
+
+@pytest.mark.parametrize("option", ["slam/gone.txt", "/no/topic"])
+def test_an_absent_truth_is_an_error(tmp_path: Path, option: str) -> None:
+    with pytest.raises(LogError) as fault:
+        dive(tmp_path, request=Request(truth=option))
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'dive.mcap'}: truth {option} is neither a file here or beside the log nor a topic of it"
+    )
+
+
+def test_a_configured_truth_file_that_is_absent_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"gone\.txt: no such truth file \(\[truth\] file\)"):
+        dive(tmp_path, '[truth]\nfile = "gone.txt"')
+
+
+def pose(time_ns: int, x: float, y: float, kind: str = POSE) -> Row:
+    path = "pose.position" if kind == POSE else "pose.pose.position"
+    return time_ns, "/slam", kind, {"header.stamp": time_ns, f"{path}.x": x, f"{path}.y": y}
+
+
+@pytest.mark.parametrize("kind", [POSE, ODOMETRY])
+def test_a_topic_of_poses_can_be_the_truth(tmp_path: Path, kind: str) -> None:
+    poses = [pose(T0 + k * SECOND, 10.0 + k, 20.0, kind) for k in range(3)]
+    toml = '[truth]\ntopic = "/slam"\nframe = "NED"\nskip_rows = 1\nkind = "slam"'
+
+    log = dive(tmp_path, toml, poses)
+
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.position_m, [[20, 11], [20, 12]])
+    np.testing.assert_allclose(log.truth.time_s, [1, 2])
+    assert (log.truth.source, log.truth.kind) == ("/slam", "slam")
+
+
+def test_an_option_beats_the_configured_truth_and_keeps_its_frame(tmp_path: Path) -> None:
+    log = dive(tmp_path, NED_FILE, [pose(T0 + SECOND, 10.0, 20.0)], Request(truth="/slam"))
+
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.position_m, [[20, 10]])
+    assert (log.truth.source, log.provenance["truth"].chosen_by) == ("/slam", "option")
+
+
+FIXES = [fix(T0 + k * SECOND, 45.0 + k * 1e-5, 7.0) for k in range(3)]
+
+
+def test_gps_is_the_truth_by_default(tmp_path: Path) -> None:
+    log = dive(tmp_path, more=FIXES)
+
+    assert log.truth is not None
+    assert (log.truth.kind, log.truth.source) == ("gps", "/gps/fix")
+    np.testing.assert_allclose(log.truth.position_m[:, 1], [0, 1.111, 2.223], atol=1e-3)
+    assert log.origin is not None
+    assert (log.origin.lat_deg, log.origin.source) == (45.0, "first gps fix")
+
+
+def test_gps_stays_in_the_log_where_the_truth_is_another(tmp_path: Path) -> None:
+    log = dive(tmp_path, NED_FILE, FIXES)
+
+    assert log.truth is not None
+    assert log.truth.source == "vertices.txt"
+    assert len(log.tables["gps"]) == 3
+
+
+@pytest.mark.parametrize(("toml", "option"), [("", "none"), ('[truth]\ntopic = "none"', None)])
+def test_truth_can_be_switched_off(tmp_path: Path, toml: str, option: str | None) -> None:
+    log = dive(tmp_path, toml, FIXES, Request(truth=option))
+
+    assert log.truth is None
+    assert "gps" in log.tables
+
+
+def test_a_log_without_gps_has_no_truth(tmp_path: Path) -> None:
+    assert dive(tmp_path).truth is None
+
+
+def test_a_truth_of_another_day_is_pointed_out(tmp_path: Path) -> None:
+    log = dive(tmp_path, more=[fix(T0 + 86400 * SECOND, 45.0, 7.0)])
+
+    assert [f.text for f in log.findings if f.code == "TRUTH-APART"] == [
+        "/gps/fix: truth and sensors do not overlap in time: it covers 86400.0 to 86400.0 s, the sensors 0.0 to 10.0 s"
+    ]
+
+
+def test_the_accuracy_of_a_gps_message_is_taken_where_it_is_known(tmp_path: Path) -> None:
+    covariance = np.diag([0.09, 0.09, 1.0]).ravel()
+    rows = [
+        (t, topic, kind, {**values, "position_covariance": covariance, "position_covariance_type": known})
+        for known, (t, topic, kind, values) in zip((2, 0, 2), FIXES, strict=True)
+    ]
+
+    truth = dive(tmp_path, more=rows).truth
+
+    assert truth is not None
+    np.testing.assert_allclose(truth.sd_m, [0.3, np.nan, 0.3])
