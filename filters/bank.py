@@ -24,6 +24,10 @@ class Gaussians(NamedTuple):
         """Return the bank of these members, weights and all."""
         return Gaussians(self.mean[:, ancestors], self.cov[:, :, ancestors], self.log_weight[ancestors])
 
+    def offspring(self, ancestors: Indices) -> "Gaussians":
+        """Return what resampling leaves: these members, equally weighted."""
+        return self.take(ancestors)._replace(log_weight=equal_weights(len(ancestors)))
+
 
 class Projection(NamedTuple):
     """A measurement seen from each member of the bank."""
@@ -37,12 +41,17 @@ class Projection(NamedTuple):
         return Projection(self.innovation[:, ancestors], self.cov[:, :, ancestors], self.cross[:, :, ancestors])
 
 
+def equal_weights(count: int) -> Vector:
+    """Return log weights of 1 / N each."""
+    return np.full(count, -np.log(count))
+
+
 def copies(mean: Vector, cov: Array, count: int) -> Gaussians:
     """Return ``count`` copies of N(mean, cov), equally weighted: the paper's initial particles."""
     return Gaussians(
         np.repeat(mean[:, None], count, axis=1),
         np.repeat(cov[:, :, None], count, axis=2),
-        np.full(count, -np.log(count)),
+        equal_weights(count),
     )
 
 

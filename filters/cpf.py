@@ -89,8 +89,7 @@ class CubatureParticleFilter:
             least = min(least, ess)
             if ess < self.resample_below * self.particles:
                 ancestors = systematic(np.exp(bank.log_weight), rng)
-                equal = np.full(self.particles, -math.log(self.particles))
-                bank = bank.take(ancestors)._replace(log_weight=equal)
+                bank = bank.offspring(ancestors)
                 past = tuple(old.take(ancestors) for old in past)
                 seen, weighed = seen.take(ancestors), Modes(*(x[..., ancestors] for x in weighed))
                 resampled = True

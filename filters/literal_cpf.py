@@ -61,8 +61,7 @@ class LiteralParticleFilter:
         bank = Gaussians(points, proposal.cov, log_weight)
         ess = effective_size(log_weight)
         if ess < self.resample_below * self.particles:
-            equal = np.full(self.particles, -math.log(self.particles))
-            bank = bank.take(systematic(np.exp(log_weight), rng))._replace(log_weight=equal)
+            bank = bank.offspring(systematic(np.exp(log_weight), rng))
         return ParticleBelief(bank, (), tuple(updates), ess, math.nan)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usbldr.filters.bank import Gaussians, moments, predict, project
+from usbldr.filters.bank import Gaussians, equal_weights, moments, predict, project
 from usbldr.filters.cpf import ParticleBelief
 from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
 from usbldr.filters.motion import MotionModel
@@ -32,8 +32,7 @@ class BootstrapParticleFilter:
         """Return N draws from the prior."""
         rng = np.random.default_rng((self.start_seed, 2**32))  # no epoch has this number
         draws = prior.mean[:, None] + np.linalg.cholesky(prior.cov) @ rng.normal(size=(len(prior.mean), self.particles))
-        equal = np.full(self.particles, -math.log(self.particles))
-        bank = Gaussians(draws, np.zeros((*prior.cov.shape, self.particles)), equal)
+        bank = Gaussians(draws, np.zeros((*prior.cov.shape, self.particles)), equal_weights(self.particles))
         return ParticleBelief(bank, (), (), float(self.particles), math.nan)
 
     def step(self, belief: ParticleBelief, step: Step, chance: Chance) -> ParticleBelief:
@@ -51,9 +50,7 @@ class BootstrapParticleFilter:
             ess = effective_size(bank.log_weight)
             least = min(least, ess)
             if ess < self.resample_below * self.particles:
-                ancestors = systematic(np.exp(bank.log_weight), rng)
-                equal = np.full(self.particles, -math.log(self.particles))
-                bank = bank.take(ancestors)._replace(log_weight=equal)
+                bank = bank.offspring(systematic(np.exp(bank.log_weight), rng))
         return ParticleBelief(bank, (), tuple(updates), least, math.nan)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
