@@ -40,6 +40,7 @@ class Pass:
     complete: bool = False  # the end of the data was reached
     finished: bool = False  # so was the end of the file
     messages: int = 0
+    undated: int = 0  # messages whose log time is beyond the year 2262: a bent bit where there is no checksum
     promised: int | None = None  # number of messages by the file's own statistics
     good_until: int = 0  # byte behind the last whole record
     lost_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # log times from, to
@@ -74,6 +75,9 @@ class Pass:
     def _counted(self, records: Sequence[McapRecord] | Iterator[McapRecord]) -> Iterator[Schema | Channel | Message]:
         for record in records:
             if isinstance(record, Message):
+                if record.log_time >= 1 << 63:
+                    self.undated += 1
+                    continue
                 self.messages += 1
             if isinstance(record, (Message, Schema, Channel)):
                 yield record
@@ -222,6 +226,9 @@ class McapLog:
                 f"{len(walk.lost_chunks)} chunks are damaged (logged between {utc(first)} and {utc(last)}): "
                 f"{walk.messages}{total} messages could be read"
             )
+            said.append(Finding("DAMAGED", text, lost_data=True))
+        if walk.undated:
+            text = f"{walk.undated} messages have an impossible log time and are left out"
             said.append(Finding("DAMAGED", text, lost_data=True))
         for topic, count in self._undecoded.items():
             text = f"{topic}: {count} messages do not fit the definition that the file gives for them"

@@ -62,12 +62,12 @@ def read(reader: Reader, request: Request) -> Log:
     file = find_configuration(path, request.configuration)
     configuration = read_configuration(file) if file else Configuration()
     if not any(topic.count or topic.problem for topic in topics):
-        lost = "; ".join(finding.text for finding in reader.findings())
-        raise LogError(f"{path}: holds no messages" + (f" ({lost})" if lost else ""))
-
+        raise _without_messages(reader)
     roles = choose_roles(path, topics, request.topics, configured_topics(configuration))
     for fault in roles.unclear.values():
         raise fault
+    if not any(topic.count for topic in topics):
+        raise _without_messages(reader)
     source = _truth_source(path, topics, request, configuration)
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
     raws = _raws(reader, choices)
@@ -107,6 +107,11 @@ def read(reader: Reader, request: Request) -> Log:
         configuration=file,
         findings=(*reader.findings(), *findings),
     )
+
+
+def _without_messages(reader: Reader) -> LogError:
+    lost = "; ".join(finding.text for finding in reader.findings())
+    return LogError(f"{reader.path}: holds no messages" + (f" ({lost})" if lost else ""))
 
 
 @dataclass(frozen=True, slots=True)

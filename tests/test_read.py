@@ -4,6 +4,7 @@ import hashlib
 from pathlib import Path
 
 import pytest
+from mcap.writer import Writer
 
 from dives import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
@@ -159,3 +160,25 @@ def test_one_topic_may_serve_two_sensors(tmp_path: Path) -> None:
 
     assert log.tables["dvl"]["forward_mps"].iloc[0] == 1.5
     assert log.tables["compass"]["heading_deg"].iloc[0] == 90.0
+
+
+def test_a_log_time_beyond_all_calendars_costs_only_its_message(tmp_path: Path) -> None:
+    beyond = (1 << 63, *twist(T0, 1.0, 0.0)[1:])
+
+    log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), beyond]))
+
+    assert len(log.tables["dvl"]) == 11
+    assert [f.text for f in log.findings if f.lost_data] == ["1 messages have an impossible log time and are left out"]
+
+
+def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Path) -> None:
+    file = tmp_path / "dive.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("foxglove.LocationFix", "jsonschema", b"{}")
+        channel = writer.register_channel("/gps/fix", "json", schema)
+        writer.add_message(channel, T0, b"{}", T0)
+        writer.finish()
+
+    assert dict(read_log(file).tables) == {}
