@@ -24,7 +24,7 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     if run.warnings:
         parts += ["## Warnings", _bullets(run.warnings)]
     if pictures:
-        parts += ["## Pictures", *(f"![{caption}]({name})\n\n*{caption}*" for name, caption in pictures)]
+        parts += ["## Pictures", *(f"{caption}:\n\n![{caption}]({name})" for name, caption in pictures)]
     parts += ["## How the log was understood", _sensors(run)]
     if run.log.findings:
         parts += ["## Findings", _bullets([f"`{finding.code}` {finding.text}" for finding in run.log.findings])]
