@@ -38,7 +38,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.argument("log", metavar="LOG")(selection_options(command))
 
 
-def request(config: str | None, truth: str | None, **topics: str | None) -> "Request":
+def request(config: str | None = None, truth: str | None = None, **topics: str | None) -> "Request":
     """Return what the selection options ask for."""
     from usbldr.io.read import Request
 

@@ -35,6 +35,7 @@ class RunChoices:
     dr_from: str
     fast_hz: float
     slow_hz: float
+    calibrate: str = "none"
 
     @property
     def settings(self) -> "Settings":
@@ -113,12 +114,26 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             metavar="WHERE",
             help="Dead reckoning starts at start, first-fix, first-gps, first-truth or LAT,LON.",
         ),
+        click.option(
+            "--calibrate",
+            metavar="LIST",
+            default="none",
+            show_default=True,
+            callback=_no_calibration,
+            help="Sensor errors to estimate beside the track; none so far.",
+        ),
         click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Grid of DVL and compass."),
         click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Grid of the errors."),
     )
     for option in reversed(options):
         packed = option(packed)
     return packed
+
+
+def _no_calibration(ctx: click.Context, param: click.Parameter, value: str) -> str:
+    if value != "none":
+        raise UsageError(f"--calibrate {value}: this version estimates no errors of sensors yet; leave it at none")
+    return value
 
 
 def _seconds(option: str, text: str, start_ns: int) -> float:

@@ -21,13 +21,18 @@ def needed(method: str, log: "Log") -> tuple[str, ...]:
     return ("dvl", "compass") if method == "dr" or log.assumptions.start else ("dvl", "compass", "usbl")
 
 
-def score(method: str, log: "Log", line: "Timeline", choices: RunChoices, anchor: "Anchor | None") -> "Scored":
-    """Make a track and take its errors: raw fixes at their own stamps, all others on the slow grid."""
+def score(
+    method: str, log: "Log", line: "Timeline", choices: RunChoices, anchor: "Anchor | None", shown: bool = True
+) -> "Scored":
+    """Make a track and take its errors: raw fixes at their own stamps, all others on the slow grid.
+
+    ``shown``: with a progress bar while stderr is a terminal.
+    """
     from usbldr.filters.evaluation import evaluate
     from usbldr.filters.methods import track
     from usbldr.io.reports import Scored
 
-    with _bar(method, len(line.time_s)) as progress:
+    with _bar(method, len(line.time_s), shown) as progress:
         trajectory = track(method, line, log.assumptions, choices.settings, anchor, progress)
     if log.truth is None:
         return Scored(trajectory, None)
@@ -36,7 +41,8 @@ def score(method: str, log: "Log", line: "Timeline", choices: RunChoices, anchor
 
 
 @contextmanager
-def _bar(label: str, total: int) -> Generator[Callable[[int, int], None]]:
+def _bar(label: str, total: int, shown: bool) -> Generator[Callable[[int, int], None]]:
     """Show progress on stderr while it is a terminal."""
-    with click.progressbar(length=total, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
+    hidden = not (shown and sys.stderr.isatty())
+    with click.progressbar(length=total, label=label, file=sys.stderr, hidden=hidden) as bar:
         yield lambda done, _: bar.update(done - bar.pos)
