@@ -1,6 +1,9 @@
 """usbldr.toml: which file is taken, which keys are refused and how, and what a run is told."""
 
 import math
+import re
+import tomllib
+import typing
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +12,8 @@ import pytest
 from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, StudentT
-from usbldr.io.configuration import assumptions, find_configuration, read_configuration
-from usbldr.io.sections import axis_signs
+from usbldr.io.configuration import assumptions, check, find_configuration, read_configuration
+from usbldr.io.sections import Configuration, axis_signs
 
 FIELD = sorted((Path(__file__).parents[1] / "benchmarks" / "field").glob("*.toml"))
 
@@ -166,3 +169,39 @@ def test_usbl_noise_can_be_made_gaussian(tmp_path: Path) -> None:
     file = written(tmp_path, '[usbl]\nnoise = { kind = "gaussian", per = "record" }')
 
     assert assumptions(read_configuration(file)).usbl == Gaussian(per_scalar=False)
+
+
+DOCUMENT = (Path(__file__).parents[1] / "docs" / "configuration.md").read_text(encoding="utf-8")
+
+
+def sections() -> list[tuple[str, str]]:
+    """Every section with every key that it takes."""
+    return [
+        (name, key)
+        for name, annotation in typing.get_type_hints(Configuration).items()
+        for struct in (annotation, *typing.get_args(annotation))
+        if hasattr(struct, "__struct_fields__")
+        for key in struct.__struct_fields__
+    ]
+
+
+@pytest.mark.parametrize(("section", "key"), sections())
+def test_every_key_is_explained_in_its_section_of_the_document(section: str, key: str) -> None:
+    general, _, rest = DOCUMENT.partition("## Sections")
+    own = rest.partition(f"### `[{section}]`")[2].partition("\n### ")[0]
+    common = general.partition("Keys of every sensor")[2] if section not in ("map", "truth", "process", "start") else ""
+
+    assert f"`{key}`" in own + common
+
+
+def test_the_examples_of_the_document_are_accepted() -> None:
+    blocks = re.findall(r"```toml\n(.*?)```", DOCUMENT, flags=re.DOTALL)
+
+    assert blocks
+    for block in blocks:
+        check(tomllib.loads(block), Path("example.toml"))
+
+
+def test_the_noises_of_the_document_are_accepted() -> None:
+    for noise in re.findall(r"`(\{ kind = .*?\})`", DOCUMENT):
+        check(tomllib.loads(f"[usbl]\nnoise = {noise}"), Path("example.toml"))
