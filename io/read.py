@@ -73,7 +73,7 @@ def read(reader: Reader, request: Request) -> Log:
     raws = _raws(reader, choices)
 
     origin = _origin(configuration, raws)
-    made, findings = _converted(configuration, raws, origin)
+    made, findings = _converted(configuration, raws, origin, source.chosen_by)
     tables: dict[str, pd.DataFrame] = {}
     for role, sensor in made.items():
         tables[role], more = in_order(sensor.table, choices[role].topic.name, role)
@@ -136,7 +136,7 @@ def _truth_source(
             return TruthSource(file, chosen_by="option")
         if find(topics, option) is None:
             raise LogError(f"{path}: truth {option} is neither a file here or beside the log nor a topic of it")
-        return TruthSource(topic=named(path, topics, "truth", option, "option"))
+        return TruthSource(topic=named(path, topics, "truth", option, "option"), chosen_by="option")
     if section.file is not None:
         file = find_file(section.file, path, from_option=False)
         if file is None:
@@ -178,7 +178,7 @@ def _origin(configuration: Configuration, raws: Mapping[str, Raw]) -> Origin | N
 
 
 def _converted(
-    configuration: Configuration, raws: Mapping[str, Raw], origin: Origin | None
+    configuration: Configuration, raws: Mapping[str, Raw], origin: Origin | None, truth_by: str
 ) -> tuple[dict[str, Converted], list[Finding]]:
     """Turn each sensor to canonical columns. Depth and GPS without a valid record are findings, not errors."""
     made: dict[str, Converted] = {}
@@ -208,11 +208,20 @@ def _converted(
         except LogError as err:
             findings.append(Finding("GPS-INVALID", str(err)))
     if "truth" in raws:
-        same = "gps" in raws and raws["gps"].topic == raws["truth"].topic
-        section = configuration.gps if same else GpsSection()
-        section = msgspec.structs.replace(section, frame=configuration.truth.frame or section.frame)
-        made["truth"] = positions.gps(raws["truth"], section, origin)
+        made["truth"] = positions.gps(raws["truth"], _truth_section(configuration, raws, truth_by), origin)
     return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
+
+
+def _truth_section(configuration: Configuration, raws: Mapping[str, Raw], truth_by: str) -> GpsSection:
+    """Return how a truth topic is read: as the GPS, if it is that, else by [truth] frame.
+
+    A topic of latitudes that an option puts in the place of the configured truth does not have that truth's frame.
+    """
+    same = "gps" in raws and raws["gps"].topic == raws["truth"].topic
+    section = configuration.gps if same else GpsSection()
+    if truth_by == "option" and "lat_deg" in raws["truth"].layout.required:
+        return section
+    return msgspec.structs.replace(section, frame=configuration.truth.frame or section.frame)
 
 
 def _start_ns(tables: Mapping[str, pd.DataFrame], topics: Sequence[TopicInfo]) -> int:

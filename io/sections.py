@@ -205,6 +205,8 @@ class TruthSection(Section, frozen=True, kw_only=True):
         """Refuse two sources."""
         if self.topic is not None and self.file is not None:
             raise ValueError("state either topic or file")
+        if self.topic is not None and self.columns is not None:
+            raise ValueError("columns belong to a file, not to a topic")
 
 
 class ProcessSection(Section, frozen=True, kw_only=True):

@@ -55,6 +55,7 @@ def written(tmp_path: Path, text: str) -> Path:
         ("[truth]\ncolumns = { time = 't' }", "[truth] columns: time is not allowed (allowed: time_ns, time_unix_s, "
          "time_s, x, y, sd_m)"),
         ("[truth]\ntopic = '/a'\nfile = 'b'", "[truth]: state either topic or file"),
+        ("[truth]\ntopic = '/a'\ncolumns = { x = 'b' }", "[truth]: columns belong to a file, not to a topic"),
         ("schema = 2", "schema: 2 is not allowed (allowed: 1)"),
     ],
 )  # fmt: skip

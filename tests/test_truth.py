@@ -174,6 +174,20 @@ def test_an_option_beats_the_configured_truth_and_keeps_its_frame(tmp_path: Path
     assert (log.truth.source, log.provenance["truth"].chosen_by) == ("/slam", "option")
 
 
+def test_latitudes_named_by_option_do_not_take_the_frame_of_another_truth(tmp_path: Path) -> None:
+    log = dive(tmp_path, NED_FILE, FIXES, Request(truth="/gps/fix"))
+
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.position_m[:, 1], [0, 1.111, 2.223], atol=1e-3)
+
+
+def test_a_local_frame_for_configured_latitudes_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as fault:
+        dive(tmp_path, '[truth]\ntopic = "/gps/fix"\nframe = "NED"', FIXES)
+
+    assert str(fault.value) == f'{tmp_path / "dive.mcap"}: frame = "NED": /gps/fix holds latitudes and longitudes'
+
+
 FIXES = [fix(T0 + k * SECOND, 45.0 + k * 1e-5, 7.0) for k in range(3)]
 
 
