@@ -6,9 +6,9 @@ BIN := $(VENV)/bin
 .PHONY: demo test lint clean
 
 demo: $(VENV)/installed
-	rm -rf demo && mkdir demo
-	$(BIN)/usbldr simulate paper --seed 0 -o demo/paper.mcap
-	$(BIN)/usbldr replay demo/paper.mcap --filter cpf --output demo/paper-cpf
+	@mkdir -p demo
+	$(BIN)/usbldr simulate paper -o demo/paper.mcap --force
+	$(BIN)/usbldr replay demo/paper.mcap --filter cpf --output demo/paper-cpf --force
 	@echo
 	@echo "The pictures are in demo/paper-cpf (track.png, errors.png, error_cdf.png, innovations.png, ess.png)."
 
