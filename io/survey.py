@@ -54,3 +54,14 @@ def survey(path: Path, request: Request) -> Survey:
         log=log,
         fault=fault,
     )
+
+
+def survey_of(log: Log) -> Survey:
+    """Look through a log that has no file, such as a simulated one."""
+    topics: list[TopicInfo] = []
+    for role, table in log.tables.items():
+        received = [log.start_ns + round(t * 1e9) for t in (table["received_s"].min(), table["received_s"].max())]
+        p = log.provenance[role]
+        topics.append(TopicInfo(p.topic, p.type, log.format, len(table), received[0], received[1]))
+    roles = {role: log.provenance[role].topic for role in log.tables}
+    return Survey(log.path, log.format, None, tuple(topics), roles, log.findings, log, "")

@@ -147,3 +147,13 @@ def test_the_robustness_files_are_listed_completely(field_logs: Path) -> None:
         code, page = run(file)
         assert code == 0
         assert len(page.splitlines()) < 70
+
+
+def test_a_scenario_is_a_log_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    code, page = run("paper")
+
+    assert code == 0
+    assert page.startswith("paper: simulated, 12004 messages, 2026-01-01T00:00:00.000Z to 2026-01-01T00:16:40.000Z")
+    assert "dvl: paper/dvl (scenario), 5001 of 5001 records used" in page

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError
-from usbldr_cli.options import request, selection_options
+from usbldr_cli.options import open_log, request, selection_options
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
@@ -31,15 +31,20 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: st
     \b
     $ usbldr info dive.mcap
     """
-    from usbldr.io.survey import survey
-
-    asked = request(**selection)  # pyright: ignore[reportArgumentType]
-    found = [survey(Path(log), asked) for log in logs]
+    found = [_survey(log, selection) for log in logs]
     if as_json:
         click.echo(json.dumps({"logs": [_described(one) for one in found]}, indent=1, allow_nan=False))
     else:
         click.echo("\n\n".join(_text(one, all_topics) for one in found))
     return 0 if all(one.complete for one in found) else LogError.exit_code
+
+
+def _survey(log: str, selection: dict[str, str | None]) -> "Survey":
+    from usbldr.io.survey import survey, survey_of
+
+    if not Path(log).exists():
+        return survey_of(open_log(log, seed=0, **selection)[0])
+    return survey(Path(log), request(**selection))
 
 
 def _text(found: "Survey", all_topics: bool) -> str:
