@@ -1,4 +1,4 @@
-"""ROS 2 messages (cdr) to values by field path, by the message definition that a log carries.
+"""ROS messages (cdr of ROS 2, or ROS 1's own bytes) to values by field path, by the definition that a log carries.
 
 rosbags' type system reads the definition and decodes; no ROS distribution is assumed.
 """
@@ -22,8 +22,9 @@ class DefinitionError(ValueError):
 class Decoder:
     """The messages of one type."""
 
-    def __init__(self, name: str, definition: bytes) -> None:
-        """Read the definition; raise DefinitionError where that fails."""
+    def __init__(self, name: str, definition: bytes, encoding: str = "cdr") -> None:
+        """Read the definition; raise DefinitionError where that fails. ``encoding`` is "cdr" or "ros1"."""
+        self._encoding = encoding
         self._name = name if name.count("/") > 1 else name.replace("/", "/msg/")  # ROS 1 spells pkg/Type
         self._store = get_typestore(Stores.EMPTY)  # one for each type: two logs' definitions cannot disagree
         try:
@@ -47,10 +48,11 @@ class Decoder:
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
         getters = [_getter(path) for path in paths]
+        deserialize = self._store.deserialize_ros1 if self._encoding == "ros1" else self._store.deserialize_cdr
 
         def extract(data: bytes) -> tuple[Any, ...] | None:
             try:
-                message = self._store.deserialize_cdr(data, self._name)
+                message = deserialize(data, self._name)
             except (SerdeError, struct.error, ValueError, IndexError):
                 return None
             return tuple(getter(message) for getter in getters)

@@ -8,8 +8,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.reader import Reader
 
 FOREIGN: Mapping[bytes, str] = {
-    b"#ROSBAG V": "a ROS 1 bag; usbldr cannot read those yet (convert it: rosbags-convert --src IN.bag --dst OUT)",
-    b"SQLite format 3\x00": "a sqlite3 rosbag2; usbldr cannot read those yet (convert it to MCAP: ros2 bag convert)",
+    b"#ROSBAG V1": "a ROS 1 bag of an old version; bring it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
     b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
     b"\x1f\x8b": "compressed with gzip; unpack it first (gunzip)",
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
@@ -19,6 +18,16 @@ FOREIGN: Mapping[bytes, str] = {
 
 def _is_mcap(path: Path, head: bytes) -> bool:
     return head.startswith(b"\x89MCAP0\r\n")
+
+
+def _is_bag(path: Path, head: bytes) -> bool:
+    return head.startswith(b"#ROSBAG V2.0\n")
+
+
+def _is_rosbag2(path: Path, head: bytes) -> bool:
+    from usbldr.io.rosbag2_log import holds_recording
+
+    return holds_recording(path) if path.is_dir() else head.startswith(b"SQLite format 3\x00")
 
 
 def _is_csv(path: Path, head: bytes) -> bool:
@@ -31,6 +40,18 @@ def _mcap(path: Path) -> Reader:
     from usbldr.io.mcap_log import McapLog
 
     return McapLog(path)
+
+
+def _bag(path: Path) -> Reader:
+    from usbldr.io.bag_log import BagLog
+
+    return BagLog(path)
+
+
+def _rosbag2(path: Path) -> Reader:
+    from usbldr.io.rosbag2_log import open_rosbag2
+
+    return open_rosbag2(path)
 
 
 def _csv(path: Path) -> Reader:
@@ -48,6 +69,8 @@ class Format(NamedTuple):
 
 FORMATS: Mapping[str, Format] = {
     "MCAP files": Format(_is_mcap, _mcap),
+    "ROS 1 bags": Format(_is_bag, _bag),
+    "rosbag2 (folders and .db3 files)": Format(_is_rosbag2, _rosbag2),
     "CSV folders": Format(_is_csv, _csv),
 }
 """One line per format; importing its reader waits until it is opened."""
@@ -67,11 +90,13 @@ def open_log(path: Path) -> Reader:
                 return opened(path)
     except PermissionError as err:
         raise LogError(f"{path}: may not be read ({err.strerror})") from err
-    accepted = " and ".join(FORMATS)
+    *others, last = FORMATS
+    accepted = f"{', '.join(others)} and {last}"
     if path.is_dir():
         inside = ", ".join(sorted(child.name for child in path.iterdir())[:5]) or "nothing"
         raise LogError(
-            f"{path}: this folder holds no CSV file with a header (it holds {inside}); usbldr reads {accepted}"
+            f"{path}: this folder holds no recording and no CSV file with a header (it holds {inside}); "
+            f"usbldr reads {accepted}"
         )
     if not head:
         raise LogError(f"{path}: the file is empty")

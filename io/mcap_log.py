@@ -1,7 +1,7 @@
 """MCAP files (https://mcap.dev): chunked or not, indexed or not, zstd or lz4, also cut short or damaged.
 
-The container is read front to back, so that a file without its end still gives what it holds. ROS 2 messages (cdr)
-are decoded with the definitions that the file carries.
+The container is read front to back, so that a file without its end still gives what it holds. ROS 2 messages (cdr) and
+ROS 1 messages are decoded with the definitions that the file carries.
 """
 
 import struct
@@ -11,20 +11,20 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
-import numpy as np
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from usbldr.filters.errors import LogError
-from usbldr.io.cdr import Decoder, DefinitionError
+from usbldr.io.cdr import Decoder
 from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo, utc
+from usbldr.io.streams import Key, Stream, collect, decoder_of, undecoded_findings
+from usbldr.io.streams import Message as Payload
 
 MAGIC = b"\x89MCAP0\r\n"
 DAMAGE = (McapError, struct.error, ValueError, OverflowError, MemoryError, RuntimeError, EOFError, zstandard.ZstdError)
@@ -110,15 +110,6 @@ def _inside_cut_chunk(file: IO[bytes], start: int) -> Iterator[McapRecord]:
         return
 
 
-@dataclass(slots=True)
-class Seen:
-    """The messages of one topic and type, by their log times."""
-
-    channel: Channel
-    schema: Schema | None
-    times_ns: list[int] = field(default_factory=list[int])
-
-
 class McapLog:
     """An MCAP file."""
 
@@ -131,14 +122,14 @@ class McapLog:
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics from one pass over the file."""
-        return tuple(self._info(seen) for seen in self._scan[0].values())
+        return tuple(stream.info() for stream in self._scan[0].values())
 
     @cached_property
-    def _scan(self) -> tuple[dict[tuple[str, str], Seen], Pass]:
+    def _scan(self) -> tuple[dict[Key, Stream], Pass]:
         """Return what is seen of each (topic, type), and how the walk went."""
+        found: dict[Key, Stream] = {}
+        channels: dict[int, Stream] = {}
         schemas: dict[int, Schema] = {}
-        channels: dict[int, Seen] = {}
-        found: dict[tuple[str, str], Seen] = {}
         with self.path.open("rb") as file:
             walk = Pass(file, self.path.stat().st_size)
             for record in walk:
@@ -147,67 +138,35 @@ class McapLog:
                 elif isinstance(record, Channel):
                     schema = schemas.get(record.schema_id)
                     key = (record.topic, schema.name if schema else "")
-                    channels[record.id] = found.setdefault(key, Seen(record, schema))
+                    if key not in found:
+                        found[key] = Stream(*key, record.message_encoding, _decoder(record, schema))
+                    channels[record.id] = found[key]
                 elif record.channel_id in channels:
-                    channels[record.channel_id].times_ns.append(record.log_time)
+                    channels[record.channel_id].saw(record.log_time)
         return found, walk
-
-    @cached_property
-    def _decoders(self) -> dict[tuple[str, str], Decoder | str]:
-        """Return for each (topic, type) its decoder, or why there is none."""
-        return {key: _decoder(seen) for key, seen in self._scan[0].items()}
-
-    def _info(self, seen: Seen) -> TopicInfo:
-        name = seen.schema.name if seen.schema else ""
-        decoder = self._decoders[seen.channel.topic, name]
-        return TopicInfo(
-            name=seen.channel.topic,
-            type=name,
-            encoding=seen.channel.message_encoding,
-            count=len(seen.times_ns),
-            first_ns=min(seen.times_ns, default=None),
-            last_ns=max(seen.times_ns, default=None),
-            fields=() if isinstance(decoder, str) else decoder.fields,
-            problem=decoder if isinstance(decoder, str) else "",
-        )
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; where one topic has several types, the one with most messages."""
-        chosen: dict[str, tuple[str, str]] = {}
-        for key in sorted(self._scan[0], key=lambda key: len(self._scan[0][key].times_ns)):
-            if key[0] in wanted:
-                chosen[key[0]] = key
-        getters = {topic: self._getters(chosen[topic], paths) for topic, paths in wanted.items()}
-        rows: dict[str, list[tuple[Any, ...]]] = {topic: [] for topic in wanted}
+        records, self._undecoded = collect(self.path, self._scan[0], wanted, self._messages())
+        return records
+
+    def _messages(self) -> Iterator[Payload]:
         schemas: dict[int, str] = {}
-        channels: dict[int, str] = {}
+        channels: dict[int, Key] = {}
         with self.path.open("rb") as file:
             for record in Pass(file, self.path.stat().st_size):
                 if isinstance(record, Schema):
                     schemas[record.id] = record.name
                 elif isinstance(record, Channel):
-                    if chosen.get(record.topic) == (record.topic, schemas.get(record.schema_id, "")):
-                        channels[record.id] = record.topic
+                    channels[record.id] = (record.topic, schemas.get(record.schema_id, ""))
                 elif record.channel_id in channels:
-                    topic = channels[record.channel_id]
-                    values = getters[topic](record.data)
-                    if values is None:
-                        self._undecoded[topic] += 1
-                    else:
-                        rows[topic].append((record.log_time, *values))
-        return {topic: _columns(rows[topic], list(paths)) for topic, paths in wanted.items()}
-
-    def _getters(self, key: tuple[str, str], paths: Sequence[str]) -> Callable[[bytes], tuple[Any, ...] | None]:
-        decoder = self._decoders[key]
-        if isinstance(decoder, str):
-            raise LogError(f"{self.path}: {key[0]} cannot be read: {decoder}")
-        return decoder.extractor(paths)
+                    yield channels[record.channel_id], record.log_time, record.data
 
     def findings(self) -> tuple[Finding, ...]:
         """Say what is missing of the file."""
         found, walk = self._scan
         said: list[Finding] = []
-        times = [t for seen in found.values() for t in (seen.times_ns[:1] + seen.times_ns[-1:])]
+        times = [t for stream in found.values() for t in (stream.first_ns, stream.last_ns) if t is not None]
         span = f", the last {(max(times) - min(times)) / 1e9:.1f} s after the first" if times else ""
         if not walk.complete:
             text = (
@@ -230,28 +189,19 @@ class McapLog:
         if walk.undated:
             text = f"{walk.undated} messages have an impossible log time and are left out"
             said.append(Finding("DAMAGED", text, lost_data=True))
-        for topic, count in self._undecoded.items():
-            text = f"{topic}: {count} messages do not fit the definition that the file gives for them"
-            said.append(Finding("UNDECODED", text, lost_data=True))
-        return tuple(said)
+        return (*said, *undecoded_findings(self._undecoded))
 
 
-def _decoder(seen: Seen) -> Decoder | str:
+READABLE = (("cdr", "ros2msg"), ("ros1", "ros1msg"))
+"""Message encodings and schema encodings that go together."""
+
+
+def _decoder(channel: Channel, schema: Schema | None) -> Decoder | str:
     """Return the decoder of a topic, or in a few words why there is none."""
-    encoding = seen.channel.message_encoding
-    if seen.schema is None or not seen.schema.data:
+    encoding = channel.message_encoding
+    if schema is None or not schema.data:
         return f"its messages ({encoding or 'unknown encoding'}) carry no definition"
-    if encoding != "cdr" or seen.schema.encoding != "ros2msg":
-        return f"encoding {encoding} with {seen.schema.encoding} definitions is not supported, only cdr with ros2msg"
-    try:
-        return Decoder(seen.schema.name, seen.schema.data)
-    except DefinitionError as err:
-        return f"the definition of its type {seen.schema.name} is not valid ({err})"
-
-
-def _columns(rows: list[tuple[Any, ...]], paths: list[str]) -> Records:
-    """Return rows of (log time, values) as columns in the order of log time."""
-    received = np.array([row[0] for row in rows], dtype=np.int64)
-    order = np.argsort(received, kind="stable")
-    columns = {path: np.array([row[i + 1] for row in rows])[order] for i, path in enumerate(paths)}
-    return Records(received[order], columns)
+    if (encoding, schema.encoding) not in READABLE:
+        can = " and ".join(f"{message} with {definition}" for message, definition in READABLE)
+        return f"encoding {encoding} with {schema.encoding} definitions is not supported, only {can}"
+    return decoder_of(schema.name, schema.data, encoding)

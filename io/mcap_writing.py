@@ -11,40 +11,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from usbldr.io.definitions import known_types
 from usbldr.io.log import Log
 
 Row: TypeAlias = Mapping[str, Any]  # one record of a table, by the names of COLUMNS
 Message: TypeAlias = Any  # rosbags makes the classes of messages at run time
-
-# The fields of marine_acoustic_msgs/msg/Dvl (apl-ocean-engineering/marine_msgs); no ROS distribution brings it.
-DVL_DEFINITION = """\
-uint8 DVL_MODE_BOTTOM=1
-uint8 DVL_MODE_WATER=2
-uint8 DVL_TYPE_PISTON=0
-uint8 DVL_TYPE_PHASED_ARRAY=1
-std_msgs/Header header
-uint8 velocity_mode
-uint8 dvl_type
-geometry_msgs/Vector3 velocity
-float64[9] velocity_covar
-float64 altitude
-float64 course_gnd
-float64 speed_gnd
-uint8 num_good_beams
-float32 sound_speed
-bool beam_ranges_valid
-bool beam_velocities_valid
-geometry_msgs/Vector3[4] beam_unit_vec
-float64[4] range
-float32[4] range_covar
-float32[4] beam_quality
-float32[4] beam_velocity
-float32[4] beam_velocity_covar
-"""
-
 
 @dataclass(frozen=True, slots=True)
 class Channel:
@@ -156,8 +129,7 @@ CHANNELS: Mapping[str, Channel] = {
 
 def write_mcap(log: Log, file: Path, remarks: Mapping[str, str]) -> None:
     """Write the sensors of CHANNELS that the log has, in order of arrival; ``remarks`` become the file's metadata."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(DVL_DEFINITION, CHANNELS["dvl"].type))
+    store = known_types(2)
     makers = Makers(store)
     sensors = [sensor for sensor in CHANNELS if sensor in log.tables]
     with file.open("wb") as stream:

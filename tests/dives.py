@@ -8,6 +8,7 @@ import numpy as np
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 SECOND = 1_000_000_000
 T0 = 1_600_000_000 * SECOND  # 2020-09-13T12:26:40Z
@@ -57,9 +58,9 @@ def stamp(time_ns: int) -> Any:
     return _store.types["builtin_interfaces/msg/Time"](*divmod(time_ns, SECOND))
 
 
-def message(type_name: str, values: Mapping[str, Any]) -> Any:
+def message(type_name: str, values: Mapping[str, Any], store: Typestore = _store) -> Any:
     """Make a message of zeros and empty texts, but for the values, named by field path; "header.stamp" in ns."""
-    made = _zeros(type_name)
+    made = _zeros(type_name, store)
     for path, value in values.items():
         *parents, last = path.split(".")
         owner = made
@@ -70,18 +71,18 @@ def message(type_name: str, values: Mapping[str, Any]) -> Any:
     return made
 
 
-def _zeros(type_name: str) -> Any:
+def _zeros(type_name: str, store: Typestore) -> Any:
     fields = []
-    descriptions: list[tuple[str, Any]] = list(_store.fielddefs[type_name][1])
+    descriptions: list[tuple[str, Any]] = list(store.fielddefs[type_name][1])
     for _, (kind, what) in descriptions:
         if kind is Nodetype.NAME:
-            fields.append(_zeros(str(what)))
+            fields.append(_zeros(str(what), store))
         elif kind is Nodetype.BASE:
             fields.append({"string": "", "bool": False, "float64": 0.0, "float32": 0.0}.get(str(what[0]), 0))
         else:
             (_, (base, _)), count = what  # an array of numbers
             fields.append(np.zeros(count if kind is Nodetype.ARRAY else 0, dtype=str(base)))
-    return _store.types[type_name](*fields)
+    return store.types[type_name](*fields)
 
 
 def write_mcap(

@@ -8,6 +8,8 @@ from dives import short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError
 from usbldr.io.detect import open_log
 
+FORMATS = "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files) and CSV folders"
+
 
 def test_an_mcap_file_is_one_whatever_its_name(tmp_path: Path) -> None:
     file = write_mcap(tmp_path / "dive.mcap", short_dive()).rename(tmp_path / "dive.csv")
@@ -26,13 +28,10 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
     ("content", "sentence"),
     [
         (b"", "the file is empty"),
-        (b"\0\1\2\3not a log", "unknown format (starts with b'\\x00\\x01\\x02\\x03not a lo'); usbldr reads MCAP files "
-         "and CSV folders"),
-        (b"hello world", "unknown format (starts with b'hello world'); usbldr reads MCAP files and CSV folders"),
-        (b"#ROSBAG V2.0\n", "is a ROS 1 bag; usbldr cannot read those yet (convert it: rosbags-convert --src IN.bag "
-         "--dst OUT)"),
-        (b"SQLite format 3\0", "is a sqlite3 rosbag2; usbldr cannot read those yet (convert it to MCAP: ros2 bag "
-         "convert)"),
+        (b"\0\1\2\3not a log", "unknown format (starts with b'\\x00\\x01\\x02\\x03not a lo'); usbldr reads " + FORMATS),
+        (b"hello world", "unknown format (starts with b'hello world'); usbldr reads " + FORMATS),
+        (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; bring it to version 2.0 first "
+         "(rosbag fix IN.bag OUT.bag)"),
         (b"\x28\xb5\x2f\xfdrest", "is compressed with zstd; unpack it first (zstd -d)"),
         (b"\x1f\x8brest", "is compressed with gzip; unpack it first (gunzip)"),
         (b"PK\x03\x04rest", "is a zip archive; unpack it first (unzip)"),
@@ -56,12 +55,12 @@ def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_text_is_an_error_that_says_what_it_holds(tmp_path: Path) -> None:
-    (tmp_path / "dive.db3").write_bytes(b"SQLite format 3\0")
+    (tmp_path / "dive.pdf").write_bytes(b"%PDF\0")
 
     with pytest.raises(LogError) as fault:
         open_log(tmp_path)
 
     assert str(fault.value) == (
-        f"{tmp_path}: this folder holds no CSV file with a header (it holds dive.db3); "
-        "usbldr reads MCAP files and CSV folders"
+        f"{tmp_path}: this folder holds no recording and no CSV file with a header (it holds dive.pdf); "
+        f"usbldr reads {FORMATS}"
     )

@@ -176,7 +176,7 @@ def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_p
     with pytest.raises(LogError) as fault:
         log.read({"/fix": ["latitude"]})
 
-    problem = "encoding json with jsonschema definitions is not supported, only cdr with ros2msg"
+    problem = "encoding json with jsonschema definitions is not supported, only cdr with ros2msg and ros1 with ros1msg"
     assert str(fault.value) == f"{file}: /fix cannot be read: {problem}"
 
 

@@ -1,0 +1,130 @@
+"""One sqlite3 file of a rosbag2 recording (.db3), with or without message definitions inside.
+
+The file is opened read-only and as unchanging, so that sqlite3 puts nothing beside it. A file from before ROS 2 Iron
+carries no definitions: those of the standard types are known, and of the types in DEFINITIONS.
+"""
+
+import sqlite3
+from collections import Counter
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from functools import cache, cached_property
+from pathlib import Path
+from urllib.parse import quote
+
+import zstandard
+
+from usbldr.filters.errors import LogError
+from usbldr.io.cdr import Decoder
+from usbldr.io.definitions import definition_of
+from usbldr.io.log import Finding
+from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.streams import Key, Message, Stream, collect, decoder_of, undecoded_findings
+
+ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no cdr begins so
+
+
+class Db3Log:
+    """A .db3 file."""
+
+    format = "rosbag2 (sqlite3)"
+
+    def __init__(self, path: Path) -> None:
+        """Open nothing yet; ``path`` has been found to be sqlite3 by its first bytes."""
+        self.path = path
+        self._undecoded: Counter[str] = Counter()
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics."""
+        return tuple(stream.info() for stream in self._streams.values())
+
+    @contextmanager
+    def _open(self) -> Generator[sqlite3.Connection]:
+        address = f"file:{quote(str(self.path.resolve()))}?mode=ro&immutable=1"
+        try:
+            with closing(sqlite3.connect(address, uri=True)) as database:
+                yield database
+        except sqlite3.Error as err:
+            if "no such" in str(err):
+                raise LogError(f"{self.path}: is sqlite3, but no rosbag2 recording ({err})") from err
+            advice = f"sqlite3 {self.path.name} .recover | sqlite3 NEW.db3 may save what is left"
+            raise LogError(f"{self.path}: no readable rosbag2 recording ({err}); {advice}") from err
+
+    @cached_property
+    def _keys(self) -> dict[int, Key]:
+        """Return topic and type by the file's own numbers."""
+        return {number: key for number, key, _ in self._listed}
+
+    @cached_property
+    def _listed(self) -> list[tuple[int, Key, str]]:
+        with self._open() as database:
+            have = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
+            encoding = "serialization_format" if "serialization_format" in have else "'cdr'"  # the first rosbag2
+            rows = database.execute(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
+        return [(int(number), (str(name), str(kind)), str(how or "cdr")) for number, name, kind, how in rows]
+
+    @cached_property
+    def _streams(self) -> dict[Key, Stream]:
+        streams: dict[Key, Stream] = {}
+        with self._open() as database:
+            definitions = _definitions(database)
+            query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
+            counts = {int(number): (int(n), int(t0), int(t1)) for number, n, t0, t1 in database.execute(query)}
+        for number, key, encoding in self._listed:
+            count, first, last = counts.get(number, (0, None, None))
+            streams[key] = Stream(*key, encoding, _decoder(key[1], encoding, definitions), count, first, last)
+        return streams
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Decode the wanted topics; where one topic has several types, the one with most messages."""
+        records, self._undecoded = collect(self.path, self._streams, wanted, self._messages(wanted))
+        return records
+
+    def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[Message]:
+        """Yield the messages of the wanted topics; the payloads of others are never touched."""
+        numbers = [number for number, key in self._keys.items() if key[0] in wanted]
+        marks = ", ".join("?" * len(numbers))
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"
+        with self._open() as database:
+            for number, time_ns, data in database.execute(query, numbers):
+                yield self._keys[number], int(time_ns), _unpacked(bytes(data))
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what is missing of the file."""
+        said: list[Finding] = []
+        journal = self.path.with_name(self.path.name + "-wal")
+        if journal.exists() and journal.stat().st_size:
+            text = f"{journal.name} lies beside the file and is not read; sqlite3 {self.path.name} .databases merges it"
+            said.append(Finding("JOURNAL", text, lost_data=True))
+        return (*said, *undecoded_findings(self._undecoded))
+
+
+def _definitions(database: sqlite3.Connection) -> dict[str, str]:
+    """Return the definitions by type that the file carries."""
+    if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+        return {}
+    rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+    return {str(kind): str(text) for kind, encoding, text in rows if encoding == "ros2msg" and text}
+
+
+def _decoder(type_name: str, encoding: str, definitions: Mapping[str, str]) -> Decoder | str:
+    if encoding != "cdr":
+        return f"encoding {encoding} is not supported, only cdr"
+    definition = definitions.get(type_name) or definition_of(type_name)
+    if definition is None:
+        return f"the file carries no definition of its type {type_name}; convert it with ros2 bag convert, to MCAP"
+    return decoder_of(type_name, definition.encode())
+
+
+@cache
+def _zstd() -> zstandard.ZstdDecompressor:
+    return zstandard.ZstdDecompressor()
+
+
+def _unpacked(data: bytes) -> bytes:
+    if not data.startswith(ZSTD):
+        return data
+    try:
+        return _zstd().decompressobj().decompress(data)
+    except zstandard.ZstdError:
+        return b""  # fits no definition, and is counted so

@@ -1,0 +1,99 @@
+"""What the binary formats share: the messages of one topic and type, counted, decoded and laid out in columns."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.io.cdr import Decoder, DefinitionError
+from usbldr.io.log import Finding
+from usbldr.io.reader import Records, TopicInfo
+
+Key: TypeAlias = tuple[str, str]  # topic and type
+Message: TypeAlias = tuple[Key, int, bytes]  # and log time, nanoseconds since 1970; and payload
+
+
+@dataclass(slots=True)
+class Stream:
+    """The messages of one topic and type, as far as they have been seen."""
+
+    topic: str
+    type: str  # as the file spells it
+    encoding: str
+    decoder: Decoder | str  # or why there is none
+    count: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+    def saw(self, time_ns: int) -> None:
+        """Count one message."""
+        self.count += 1
+        self.first_ns = time_ns if self.first_ns is None else min(self.first_ns, time_ns)
+        self.last_ns = time_ns if self.last_ns is None else max(self.last_ns, time_ns)
+
+    def info(self) -> TopicInfo:
+        """Return what a user is told of it."""
+        problem, fields = (self.decoder, ()) if isinstance(self.decoder, str) else ("", self.decoder.fields)
+        return TopicInfo(
+            name=self.topic,
+            type=self.type,
+            encoding=self.encoding,
+            count=self.count,
+            first_ns=self.first_ns,
+            last_ns=self.last_ns,
+            fields=fields,
+            problem=problem,
+        )
+
+
+def decoder_of(type_name: str, definition: bytes, encoding: str = "cdr") -> Decoder | str:
+    """Return the decoder of a type, or in a few words why there is none."""
+    try:
+        return Decoder(type_name, definition, encoding)
+    except DefinitionError as err:
+        return f"the definition of its type {type_name} is not valid ({err})"
+
+
+def collect(
+    log: Path, streams: Mapping[Key, Stream], wanted: Mapping[str, Sequence[str]], messages: Iterable[Message]
+) -> tuple[dict[str, Records], Counter[str]]:
+    """Decode the wanted fields; return the columns and, by topic, how many messages did not fit their definition.
+
+    ``messages`` may hold more than is wanted. Where one topic has several types, the one with most messages is taken.
+    """
+    chosen = {key[0]: key for key in sorted(streams, key=lambda key: streams[key].count) if key[0] in wanted}
+    extractors = {key: _decoder(log, streams[key]).extractor(wanted[topic]) for topic, key in chosen.items()}
+    rows: dict[str, list[tuple[Any, ...]]] = {topic: [] for topic in wanted}
+    undecoded: Counter[str] = Counter()
+    for key, time_ns, data in messages:
+        if key in extractors:
+            values = extractors[key](data)
+            if values is None:
+                undecoded[key[0]] += 1
+            else:
+                rows[key[0]].append((time_ns, *values))
+    return {topic: _columns(rows[topic], list(paths)) for topic, paths in wanted.items()}, undecoded
+
+
+def undecoded_findings(undecoded: Mapping[str, int]) -> list[Finding]:
+    """Say which topics had messages that did not fit their definition."""
+    what = "messages do not fit the definition that the file gives for them"
+    return [Finding("UNDECODED", f"{topic}: {n} {what}", lost_data=True) for topic, n in undecoded.items()]
+
+
+def _decoder(log: Path, stream: Stream) -> Decoder:
+    if isinstance(stream.decoder, str):
+        raise LogError(f"{log}: {stream.topic} cannot be read: {stream.decoder}")
+    return stream.decoder
+
+
+def _columns(rows: list[tuple[Any, ...]], paths: list[str]) -> Records:
+    """Return rows of (log time, values) as columns in the order of log time."""
+    received = np.array([row[0] for row in rows], dtype=np.int64)
+    order = np.argsort(received, kind="stable")
+    columns = {path: np.array([row[i + 1] for row in rows])[order] for i, path in enumerate(paths)}
+    return Records(received[order], columns)
