@@ -1,8 +1,8 @@
 """Many runs at once: each unit is one method on one log with one seed, and finished units are kept.
 
 Units run in processes of their own, one BLAS thread each, so that the number of jobs changes no bit of a result. What
-is kept of a unit goes by a digest of everything that it depends on: the records and the truth as they were read (so
-the configuration, too), the method, its options, and usbldr's own code.
+is kept of a unit goes by a digest of everything that it depends on: records, assumptions and truth as the filter and
+its judge are given them (so the configuration, too), the method, its options, and the code of the filters.
 """
 
 import functools
@@ -18,7 +18,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -172,7 +172,8 @@ def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: 
     from usbldr_cli.options import open_log
 
     found, _ = open_log(log, seed, **dict(selection))
-    return _Source(found, timeline(found, fast_hz, slow_hz), _digest(found))
+    line = timeline(found, fast_hz, slow_hz)
+    return _Source(found, line, _digest(found, line))
 
 
 def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, Trace]:
@@ -212,17 +213,13 @@ def _key(source: _Source, method: str, choices: RunChoices) -> str:
     return hashlib.sha256(said.encode()).hexdigest()[:32]
 
 
-def _digest(log: "Log") -> str:
-    """Return the digest of a log as it was read: its records, its truth, and what the filters are told."""
-    digest = hashlib.sha256(repr((log.start_ns, log.origin, log.assumptions, log.sha256)).encode())
-    for sensor, table in log.tables.items():
-        for column in table:
-            digest.update(f"{sensor}.{column}".encode())
-            digest.update(table[column].to_numpy().tobytes())
-    if log.truth is not None:
-        digest.update(repr((log.truth.kind, log.truth.source, log.truth.max_gap_s)).encode())
-        for values in (log.truth.time_s, log.truth.position_m, log.truth.sd_m):
-            digest.update(values.tobytes())
+def _digest(log: "Log", line: "Timeline") -> str:
+    """Return the digest of what a filter and its judge are given, and of the file that it comes from."""
+    digest = hashlib.sha256(repr((log.sha256, log.origin, log.assumptions)).encode())
+    for part in (line, log.truth):
+        for name, value in [] if part is None else [(f.name, getattr(part, f.name)) for f in fields(part)]:
+            digest.update(name.encode())
+            digest.update(value.tobytes() if hasattr(value, "tobytes") else repr(value).encode())
     return digest.hexdigest()
 
 
@@ -232,10 +229,8 @@ def _code() -> str:
     from importlib.metadata import version
 
     import usbldr.filters
-    import usbldr.io
 
     digest = hashlib.sha256(f"{version('usbldr')} {version('numpy')}".encode())
-    for package in (usbldr.filters, usbldr.io):
-        for file in sorted(Path(str(package.__file__)).parent.glob("*.py")):
-            digest.update(file.read_bytes())
+    for file in sorted(Path(str(usbldr.filters.__file__)).parent.glob("*.py")):
+        digest.update(file.read_bytes())
     return digest.hexdigest()
