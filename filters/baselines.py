@@ -1,4 +1,4 @@
-"""Tracks without a filter: dead reckoning, the raw USBL fixes, and the start that the first fixes tell."""
+"""Tracks without a filter: dead reckoning, raw USBL fixes, one nudged by the other, and where to start."""
 
 import numpy as np
 
@@ -16,6 +16,22 @@ def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajec
     position = moved - _at(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
     mean = np.column_stack([timeline.dr_yaw_rad, timeline.dr_mps, position])
     return Trajectory("dr", ("psi", "u", "v", "x", "y"), timeline.time_s, mean, cov=None)
+
+
+def nudge(timeline: Timeline) -> Trajectory:
+    """Return dead reckoning shifted by the offset of the fixes, interpolated in time: what seabed mapping often does.
+
+    It passes through every fix, gross errors and all; before the first and after the last fix the offset is held.
+    States as of `dr`. Raises LogError where there is no fix.
+    """
+    if not len(timeline.fix_time_s):
+        raise LogError("the log has no USBL fix to nudge dead reckoning by")
+    reckoned = dr(timeline, np.zeros(2))
+    stamps, first = np.unique(timeline.fix_time_s, return_index=True)
+    offset = (timeline.fix_m - _at(timeline, reckoned.position_m, timeline.fix_time_s))[first]
+    shift = np.column_stack([np.interp(timeline.time_s, stamps, axis) for axis in offset.T])
+    mean = np.column_stack([reckoned.mean[:, :3], reckoned.position_m + shift])
+    return Trajectory("nudge", reckoned.names, timeline.time_s, mean, cov=None)
 
 
 def usbl(timeline: Timeline) -> Trajectory:

@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.run import FILTERS, Settings, run
 from usbldr.filters.types import Timeline, Trajectory, Truth, Vector
 
-METHODS = (*FILTERS, "dr", "usbl")
+METHODS = (*FILTERS, "nudge", "dr", "usbl")
 
 
 class Anchor(NamedTuple):
@@ -33,6 +33,8 @@ def track(
     """Make a track by one of METHODS; ``dr`` alone needs the anchor."""
     if method == "usbl":
         return baselines.usbl(timeline)
+    if method == "nudge":
+        return baselines.nudge(timeline)
     if method == "dr":
         if anchor is None:
             raise LogError("dead reckoning has nothing to start from: give --dr-from LAT,LON or state [start]")

@@ -198,3 +198,28 @@ def test_without_fixes_there_is_one_sentence() -> None:
         baselines.usbl(line)
     with pytest.raises(LogError, match="no USBL fix"):
         baselines.start_from_fixes(line)
+
+
+def test_nudged_dead_reckoning_meets_every_fix_and_keeps_its_shape_between() -> None:
+    slow = dataclasses.replace(TURNING, dvl=dataclasses.replace(TURNING.dvl, scale_error=0.2))
+    line = _line(slow)
+    every_20 = slice(0, None, 20)
+    truth = simulate(slow, 0).truth
+    fix_s = line.fix_time_s[every_20]
+    where = np.column_stack([np.interp(fix_s, truth.time_s, axis) for axis in truth.position_m.T])
+    line = dataclasses.replace(line, fix_time_s=fix_s, fix_m=where)
+
+    track = baselines.nudge(line)
+
+    at_fixes = np.column_stack([np.interp(fix_s, track.time_s, axis) for axis in track.position_m.T])
+    np.testing.assert_allclose(at_fixes, where, atol=1e-9)
+    within = track.time_s <= fix_s[-1]
+    worst = np.hypot(*(track.position_m - truth.position_m)[within].T).max()
+    reckoned = np.hypot(*(baselines.dr(line, where[0]).position_m - truth.position_m)[within].T).max()
+    # 20 s of a circle of 75 m radius: what a straight line between two offsets misses of a fifth of it
+    assert worst < 0.2 * 75 * (1 - math.cos(0.2)) * 1.05 < reckoned / 10
+
+
+def test_nudging_without_fixes_is_one_sentence() -> None:
+    with pytest.raises(LogError, match="no USBL fix to nudge"):
+        baselines.nudge(_with_fixes(_line(PAPER), []))

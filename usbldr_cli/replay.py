@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 @click.command()
 @log_options
-@click.option("--filter", "-f", "method", default="cpf", show_default=True, help="cpf upf pf adf ekf ckf ukf dr usbl")
+@click.option(
+    "--filter", "-f", "method", default="cpf", show_default=True, help="cpf upf pf adf ekf ckf ukf; nudge dr usbl"
+)
 @run_options
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
 @click.option("--force", is_flag=True, help="Replace a run directory that is there already.")
