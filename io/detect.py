@@ -31,7 +31,7 @@ def _is_rosbag2(path: Path, head: bytes) -> bool:
 
 
 def _is_csv(path: Path, head: bytes) -> bool:
-    from usbldr.io.csv_log import looks_like_csv, text_files
+    from usbldr.io.csv_text import looks_like_csv, text_files
 
     return any(text_files(path)) if path.is_dir() else looks_like_csv(head)
 

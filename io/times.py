@@ -39,9 +39,10 @@ def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
         stamp = raw.received_ns
         said.append("timed by log time (configuration)")
     else:
-        unset = (raw.stamp_ns == 0) & (raw.topic.encoding != "csv")
+        own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
+        unset = (raw.stamp_ns == 0) & (not own)
         stamp = np.where(unset, raw.received_ns, raw.stamp_ns)
-        stamps = "time_ns" if raw.topic.encoding == "csv" else "header stamp"
+        stamps = "time_ns" if own else "header stamp"
         said.append(f"timed by {stamps}" + (" (configuration)" if clock else ""))
         if unset.any():
             text = f"{name}: {unset.sum()} of {len(unset)} header stamps are zero; those records are timed by log time"

@@ -1,10 +1,7 @@
 """The reference track: a topic of the log or a file of its own, with its frame, its columns and its time.
-
-Seconds with decimals are taken to nanoseconds exactly: 1474477150.374442 is no float64.
 """
 
 from collections.abc import Mapping, Sequence
-from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +9,12 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Truth, Vector
-from usbldr.io.csv_log import column, nanoseconds, numbers, read_texts
+from usbldr.io.csv_sheets import plain
+from usbldr.io.csv_text import column, nanoseconds, numbers, read_texts, seconds
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Finding, Origin, Provenance
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.sections import TruthSection
-
-SECOND = Decimal(1_000_000_000)
 
 
 def find_file(name: str, log: Path, from_option: bool) -> Path | None:
@@ -78,7 +74,7 @@ def read_truth_file(
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
     """Return which column is what, and the frame of x and y."""
     if section.columns is not None:
-        columns = {str(key): name.strip().lstrip("% ").removeprefix("field.") for key, name in section.columns.items()}
+        columns = {str(key): plain(name) for key, name in section.columns.items()}
         times = [key for key in columns if key.startswith("time")]
         if len(times) != 1 or "x" not in columns or "y" not in columns:
             raise UsageError(f"{file}: [truth] columns must name x, y and one of time_ns, time_unix_s, time_s")
@@ -101,15 +97,8 @@ def _times(file: Path, texts: Mapping[str, Sequence[str]], columns: Mapping[str,
     if "time_ns" in columns:
         return nanoseconds(texts[columns["time_ns"]], columns["time_ns"], file)
     key = "time_unix_s" if "time_unix_s" in columns else "time_s"
-    base = 0 if key == "time_unix_s" else start_ns
-    name = columns[key]
-    times: list[int] = []
-    for i, text in enumerate(texts[name]):
-        try:
-            times.append(base + int((Decimal(text) * SECOND).to_integral_value()))
-        except (InvalidOperation, ValueError, OverflowError) as err:
-            raise LogError(f'{file}: line {i + 2}: {name} is "{text}", not a number of seconds') from err
-    return np.array(times, dtype=np.int64)
+    times = seconds(texts[columns[key]], columns[key], file)
+    return times if key == "time_unix_s" else times + start_ns
 
 
 def _on_plane(file: Path, frame: str, x: Vector, y: Vector, origin: Origin | None) -> tuple[Vector, Vector]:

@@ -21,7 +21,7 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive.mcap", dvl="time_ns,starboard_mps,forward_mps\n1,2,3")
 
     assert open_log(folder).format == "CSV folder"
-    assert open_log(folder / "dvl.csv").format == "CSV folder"
+    assert open_log(folder / "dvl.csv").format == "CSV file"
 
 
 @pytest.mark.parametrize(

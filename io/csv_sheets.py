@@ -1,0 +1,151 @@
+"""How the columns of a CSV file are taken: by our own names, by rostopic's, or as the configuration says.
+
+- Our own: the columns of log.COLUMNS with integer ``time_ns`` (and, where known, ``received_ns``) in place of the times
+  in seconds. A file belongs to the sensor that its stem names, else to the only one that its columns fit.
+- `rostopic echo -p`: ``%time`` and ``field.`` names; the message type is known by them.
+- Any: ``columns`` of a sensor's section of the configuration name the column of each quantity.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from usbldr.filters.errors import UsageError
+
+CANONICAL = "usbldr/"  # types of files with our own columns: "usbldr/dvl"
+
+
+class Clock(NamedTuple):
+    """A column of times."""
+
+    column: str
+    in_seconds: bool = False  # with decimals; else integer nanoseconds
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """Which column of a file is what."""
+
+    type: str
+    columns: Mapping[str, str]  # field path -> column
+    received: Clock | None = None  # log time; None: the file cannot be read, problem says why
+    stamp: Clock | None = None  # "header.stamp"; None: records have log time only
+    problem: str = ""
+
+
+class Kind(NamedTuple):
+    """What a file of our own for one sensor has beside time_ns."""
+
+    choices: tuple[frozenset[str], ...]  # the columns of at least one of these must be there
+    optional: frozenset[str]
+
+
+def _kind(choices: Sequence[str], optional: str = "") -> Kind:
+    return Kind(tuple(frozenset(c.split()) for c in choices), frozenset(optional.split()))
+
+
+KINDS: Mapping[str, Kind] = {
+    "dvl": _kind(["starboard_mps forward_mps"], "up_mps sd_mps valid"),
+    "compass": _kind(["heading_deg"], "sd_deg"),
+    "usbl": _kind(
+        ["east_m north_m", "lat_deg lon_deg", "slant_range_m bearing_deg"],
+        "elevation_deg depth_m sd_m cov_ee_m2 cov_en_m2 cov_nn_m2",
+    ),
+    "gps": _kind(["lat_deg lon_deg", "east_m north_m"], "sd_m lat_deg lon_deg"),
+    "depth": _kind(["depth_m"]),
+    "truth": _kind(["east_m north_m", "lat_deg lon_deg"], "sd_m lat_deg lon_deg"),
+}
+"""One line per sensor."""
+
+ROSTOPIC: Mapping[str, str] = {
+    "nav_msgs/Odometry": "pose.pose.position.x twist.twist.linear.x",
+    "geometry_msgs/TwistWithCovarianceStamped": "twist.twist.linear.x twist.covariance.0",
+    "geometry_msgs/TwistStamped": "twist.linear.x",
+    "geometry_msgs/PoseWithCovarianceStamped": "pose.pose.position.x pose.covariance.0",
+    "geometry_msgs/PoseStamped": "pose.position.x pose.orientation.x",
+    "geometry_msgs/PointStamped": "point.x",
+    "marine_acoustic_msgs/Dvl": "velocity.x velocity_covar.0 num_good_beams",
+    "dvl_msgs/DVL": "velocity.x velocity_valid",
+    "sensor_msgs/Imu": "orientation.x angular_velocity.x",
+    "sensor_msgs/NavSatFix": "latitude longitude",
+    "sensor_msgs/FluidPressure": "fluid_pressure",
+    "sensor_msgs/Range": "range radiation_type",
+    "std_msgs/Float64": "data",
+}
+"""The type of a message by some of its fields; the first that fits is taken."""
+
+TIMES = ("time_ns", "time_unix_s", "time_s")
+"""Keys of ``columns`` for the time of validity; time_s counts from 1970 where nothing else is known."""
+
+
+def sheet_of(stem: str, header: Sequence[str]) -> Sheet | None:
+    """Return how a file is taken by its own column names, None where they fit no sensor and no message."""
+    if header and header[0].replace(" ", "") == "%time":
+        return _rostopic(header)
+    return _own(stem, plain_names(header))
+
+
+def plain(name: str) -> str:
+    """Return a column's name without blanks, a leading "%" and rostopic's "field."."""
+    return name.strip().lstrip("% ").removeprefix("field.").strip()
+
+
+def plain_names(header: Sequence[str]) -> list[str]:
+    """Return the plain names of a file's columns; rostopic's %time keeps its mark where messages have a time, too."""
+    names = [plain(name) for name in header]
+    return ["%" + name if i == 0 and names.count(name) > 1 else name for i, name in enumerate(names)]
+
+
+def _rostopic(header: Sequence[str]) -> Sheet:
+    log_time, *names = plain_names(header)
+    columns = {name: name for name in names}
+    for name in names:
+        array = re.fullmatch(r"(.*[a-z_])(\d+)", name)
+        if array and f"{array[1]}0" in columns:
+            columns[f"{array[1]}.{array[2]}"] = name
+    stamp = Clock("header.stamp") if columns.pop("header.stamp", None) else None
+    fitting = (kind for kind, paths in ROSTOPIC.items() if set(paths.split()) <= set(columns))
+    return Sheet(next(fitting, ""), columns, Clock(log_time), stamp)
+
+
+def _own(stem: str, header: Sequence[str]) -> Sheet | None:
+    sensor = _sensor(stem, set(header))
+    if sensor is None:
+        return None
+    kind = KINDS[sensor]
+    known = kind.optional.union(*kind.choices)
+    columns = {name: name for name in header if name in known}
+    missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
+    if missing:
+        problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)})"
+        return Sheet(CANONICAL + sensor, columns, problem=problem)
+    received = "received_ns" if "received_ns" in header else "time_ns"
+    return Sheet(CANONICAL + sensor, columns, Clock(received), Clock("time_ns"))
+
+
+def _sensor(stem: str, header: set[str]) -> str | None:
+    """Return the sensor that a file's stem is, else the one that its columns fit and, of several, its stem names."""
+    name = stem.lower().split("__")[-1]
+    if name in KINDS:
+        return name
+    fitting = [s for s, kind in KINDS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
+    wished = [sensor for sensor in fitting if sensor in name] or fitting
+    return wished[0] if len(wished) == 1 else None
+
+
+def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[str], file: str) -> Sheet:
+    """Return how the configuration takes a file; raise UsageError where a column is missing or no time is named."""
+    names = plain_names(header)
+    wanted = {key: plain(name) for key, name in columns.items()}
+    for key, name in wanted.items():
+        if name not in names:
+            raise UsageError(f"{file}: has no column {name} ([{sensor}] columns {key}; it has {', '.join(names)})")
+    times = [key for key in TIMES if key in wanted]
+    if len(times) != 1:
+        raise UsageError(f"[{sensor}] columns must name one of {', '.join(TIMES)}")
+    arrivals = [key for key in ("received_ns", "received_unix_s") if key in wanted]
+    stamp = Clock(wanted[times[0]], times[0] != "time_ns")
+    received = Clock(wanted[arrivals[0]], arrivals[0] != "received_ns") if arrivals else stamp
+    quantities = {key: name for key, name in wanted.items() if key not in (*times, *arrivals)}
+    return Sheet(CANONICAL + sensor, quantities, received, stamp)

@@ -1,0 +1,108 @@
+"""The texts of CSV files as columns: names, whole nanoseconds and numbers, each fault with its line."""
+
+import codecs
+from collections.abc import Iterator, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.types import Vector
+from usbldr.io.csv_sheets import plain_names
+from usbldr.io.reader import Nanoseconds
+
+SECOND = Decimal(1_000_000_000)
+
+
+def text_files(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder that look like CSV, by name."""
+    for file in sorted(folder.iterdir()):
+        if file.is_file() and not file.name.startswith(".") and file.suffix not in (".toml", ".md", ".json"):
+            with file.open("rb") as opened:
+                if looks_like_csv(opened.read(4096)):
+                    yield file
+
+
+def looks_like_csv(head: bytes) -> bool:
+    """Tell whether a file's first bytes are text whose first line names columns."""
+    if b"\0" in head or not head.strip():
+        return False
+    first = head.removeprefix(codecs.BOM_UTF8).splitlines()[0]
+    return b"," in first and any(chr(c).isalpha() for c in first)
+
+
+def raw_header(file: Path) -> list[str]:
+    """Return a file's column names as they are written."""
+    try:
+        with file.open(encoding="utf-8-sig", errors="replace") as lines:
+            return [name.strip() for name in lines.readline().split(",")]
+    except OSError as err:
+        raise LogError(f"{file}: cannot be read ({err.strerror})") from err
+
+
+def read_texts(file: Path) -> Mapping[str, Sequence[str]]:
+    """Return all columns of a CSV file as text without blanks, by plain names; raise LogError where it is none."""
+    header = plain_names(raw_header(file))
+    try:
+        table = pd.read_csv(file, header=0, names=header, dtype=str, keep_default_na=False, index_col=False)
+    except (ValueError, UnicodeDecodeError) as err:
+        raise LogError(f"{file}: is not a CSV file ({' '.join(str(err).split())})") from err
+    return {name: [str(text).strip() for text in table[name]] for name in header}
+
+
+def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequence[str]:
+    """Return one column; raise LogError with the header where it is missing."""
+    if name not in texts:
+        raise LogError(f"{file}: has no column {name} (its columns: {', '.join(texts)})")
+    return texts[name]
+
+
+def nanoseconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
+    """Return a column of integer nanoseconds, through no float; ``rows`` (all) says which of the file's they are."""
+    try:
+        return np.array([int(text) for text in texts], dtype=np.int64)
+    except (ValueError, OverflowError) as err:
+        i = next(i for i, text in enumerate(texts) if not _is_nanoseconds(text))
+        raise _fault(texts, i, name, file, rows, "a whole number of nanoseconds") from err
+
+
+def seconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
+    """Return a column of seconds with decimals as nanoseconds, exactly: 1474477150.374442 is no float64."""
+    times: list[int] = []
+    for i, text in enumerate(texts):
+        try:
+            times.append(int((Decimal(text) * SECOND).to_integral_value()))
+        except (InvalidOperation, ValueError, OverflowError) as err:
+            raise _fault(texts, i, name, file, rows, "a number of seconds") from err
+    return np.array(times, dtype=np.int64)
+
+
+def numbers(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Vector:
+    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0."""
+    words = {"": "nan", "true": "1", "false": "0"}
+    values = [words.get(text.lower(), text) for text in texts]
+    try:
+        return np.array([float(value) for value in values], dtype=np.float64)
+    except ValueError as err:
+        i = next(i for i, value in enumerate(values) if not _is_number(value))
+        raise _fault(texts, i, name, file, rows, "a number") from err
+
+
+def _fault(texts: Sequence[str], i: int, name: str, file: Path, rows: Sequence[int] | None, what: str) -> LogError:
+    line = (i if rows is None else rows[i]) + 2
+    return LogError(f'{file}: line {line}: {name} is "{texts[i]}", not {what}')
+
+
+def _is_nanoseconds(text: str) -> bool:
+    digits = text.removeprefix("-").removeprefix("+")
+    return digits.isdecimal() and abs(int(text)) < 2**63
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
