@@ -1,117 +1,22 @@
 """Simulated dives: a vehicle whose motion is known exactly, and what its sensors would have said.
 
-The scenario ``paper`` is section 3.1 of Dou et al., "A USBL/DR underwater integrated positioning method based on the
-cubature particle filter". Frames, units and signs are the package's; a sensor's scale, bias, misalignment and latency
-are its errors: positive means that the sensor reads too much (too far counter-clockwise, too late).
+Frames, units and signs are the package's. The dives themselves stand in scenarios.py.
 """
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.assumptions import ProcessNoise, Start
-from usbldr.filters.errors import UsageError
-from usbldr.filters.noise import Gaussian, Mixture, NoiseFamily
+from usbldr.filters.noise import NoiseFamily
+from usbldr.filters.scenarios import PAPER, SCENARIOS, Leg, Outliers, Scenario, Silences, Usbl, scenario_named
 from usbldr.filters.types import Array, Vector
+
+__all__ = ["PAPER", "SCENARIOS", "Motion", "Records", "Scenario", "Simulated", "draw", "motion", "scenario_named"]
+__all__ += ["rotation", "simulate"]
 
 SENSORS = ("dvl", "compass", "usbl", "gps")
 """Each draws from a generator of its own, spawned in this order: append, and the draws of the others stay."""
-
-
-@dataclass(frozen=True, slots=True)
-class Leg:
-    """A stretch of constant body velocity and constant turn rate (counter-clockwise)."""
-
-    duration_s: float
-    starboard_mps: float
-    forward_mps: float
-    turn_rate_radps: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Dvl:
-    """(z_u, z_v) = (1 + s)(u cos d + v sin d, -u sin d + v cos d) + noise."""
-
-    rate_hz: float
-    sd_mps: float
-    noise: NoiseFamily = Gaussian()
-    scale_error: float = 0.0  # s
-    misalignment_rad: float = 0.0  # d: angle of the DVL's axes in the body
-
-
-@dataclass(frozen=True, slots=True)
-class Compass:
-    """z_psi = psi + b0 + noise."""
-
-    rate_hz: float
-    sd_rad: float
-    noise: NoiseFamily = Gaussian()
-    bias_rad: float = 0.0  # b0
-
-
-@dataclass(frozen=True, slots=True)
-class Usbl:
-    """A fix stamped t_v tells where the vehicle was at t_v - latency; the vehicle hears of it after the delay."""
-
-    rate_hz: float
-    sd_m: float
-    noise: NoiseFamily = Gaussian()
-    latency_s: float = 0.0
-    delay_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Gps:
-    """The truth of the log: the position itself, with noise only where a scenario asks for it."""
-
-    rate_hz: float
-    sd_m: float = 0.0
-    noise: NoiseFamily = Gaussian()
-
-
-@dataclass(frozen=True, slots=True)
-class Scenario:
-    """A dive: how the vehicle moves, how its sensors err, and what a filter is told beforehand."""
-
-    name: str
-    about: str
-    duration_s: float
-    legs: tuple[Leg, ...]  # the first also reaches back before time 0, the last goes on
-    dvl: Dvl
-    compass: Compass
-    usbl: Usbl
-    gps: Gps
-    yaw_rad: float = 0.0
-    east_m: float = 0.0
-    north_m: float = 0.0
-    process: ProcessNoise = field(default_factory=ProcessNoise)  # told to the filter; the truth has none
-    start: Start | None = None  # told to the filter
-
-
-PAPER = Scenario(
-    name="paper",
-    about="section 3.1 of the paper: 1000 s straight on at 5 deg yaw, noise of eq. (23), DVL reads 1 % too much",
-    duration_s=1000.0,
-    legs=(Leg(1000.0, starboard_mps=1.0, forward_mps=1.0),),
-    dvl=Dvl(rate_hz=5.0, sd_mps=0.02, noise=Mixture(), scale_error=0.01),
-    compass=Compass(rate_hz=5.0, sd_rad=math.radians(0.1), noise=Mixture()),
-    usbl=Usbl(rate_hz=1.0, sd_m=1.0, noise=Mixture()),
-    gps=Gps(rate_hz=1.0),
-    yaw_rad=math.radians(5.0),
-    process=ProcessNoise(position_m=0.067, yaw_rad=2.2e-4, velocity_mps=2.2e-3, turn_rate_radps=2.2e-5),
-    start=Start(0.0, 0.0, 0.01, sd_yaw_rad=math.radians(0.5), sd_mps=0.1, sd_radps=math.radians(0.01)),
-)
-
-SCENARIOS = {scenario.name: scenario for scenario in (PAPER,)}
-
-
-def scenario_named(name: str) -> Scenario:
-    """Return a scenario of SCENARIOS; raises UsageError that lists the names."""
-    if name not in SCENARIOS:
-        raise UsageError(f"there is no scenario {name!r} (scenarios: {', '.join(SCENARIOS)})")
-    return SCENARIOS[name]
 
 
 class Motion(NamedTuple):
@@ -156,20 +61,51 @@ def simulate(scenario: Scenario, seed: int) -> Simulated:
     seen_rad = motion(scenario, t_c).yaw_rad[:, None] + compass.bias_rad
     noise_rad = draw(compass.noise, np.array([[compass.sd_rad**2]]), len(t_c), np.random.default_rng(chance["compass"]))
 
-    t_v = _stamps(scenario, usbl.rate_hz)
-    seen_m = motion(scenario, t_v - usbl.latency_s).position_m
-    noise_m = draw(usbl.noise, usbl.sd_m**2 * np.eye(2), len(t_v), np.random.default_rng(chance["usbl"]))
-
     t_g = _stamps(scenario, gps.rate_hz)
     gps_m = motion(scenario, t_g).position_m
     gps_m = gps_m + draw(gps.noise, gps.sd_m**2 * np.eye(2), len(t_g), np.random.default_rng(chance["gps"]))
     return Simulated(
         truth,
-        Records(t, t, seen_mps),
-        Records(t_c, t_c, seen_rad + noise_rad),
-        Records(t_v, t_v + usbl.delay_s, seen_m + noise_m),
+        _but(dvl.silences_s, Records(t, t, seen_mps)),
+        _but(compass.silences_s, Records(t_c, t_c, seen_rad + noise_rad)),
+        _but(usbl.silences_s, _fixes(scenario, usbl, chance["usbl"])),
         Records(t_g, t_g, gps_m),
     )
+
+
+def _fixes(scenario: Scenario, usbl: Usbl, chance: np.random.SeedSequence) -> Records:
+    """Return the USBL's records. Noise, jitter, delay and outliers draw apart, so that each leaves the others alone.
+
+    What is drawn of time is rounded to milliseconds, as a stamp in integer nanoseconds can say it.
+    """
+    of_jitter, of_delay, of_outliers = map(np.random.default_rng, chance.spawn(3))
+    t = _stamps(scenario, usbl.rate_hz)
+    n = len(t)
+    noise_m = draw(usbl.noise, usbl.sd_m**2 * np.eye(2), n, np.random.default_rng(chance))
+    t = t + np.round(usbl.jitter_s * of_jitter.random(n), 3)
+    received_s = t + usbl.delay_s + np.round(usbl.delay_spread_s * of_delay.random(n), 3)
+    seen_m = motion(scenario, t - usbl.latency_s).position_m + noise_m
+    if usbl.outliers is not None:
+        seen_m = seen_m + _gross_errors(usbl.outliers, n, of_outliers)
+    inside = t <= scenario.duration_s
+    return Records(t[inside], received_s[inside], seen_m[inside])
+
+
+def _gross_errors(outliers: Outliers, count: int, rng: np.random.Generator) -> Array:
+    """Return what outliers add to the positions, (count, 2): nothing to most."""
+    struck = rng.random(count) < outliers.share
+    far_m = np.where(struck, rng.uniform(outliers.least_m, outliers.most_m, count), 0.0)
+    direction = rng.uniform(0, 2 * np.pi, count)
+    return far_m[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+
+
+def _but(silences_s: Silences, records: Records) -> Records:
+    """Leave out the records stamped in a silence."""
+    t = records.time_s
+    heard = np.ones(len(t), dtype=bool)
+    for start_s, end_s in silences_s:
+        heard &= (t < start_s) | (t >= end_s)
+    return Records(*(column[heard] for column in records))
 
 
 def motion(scenario: Scenario, time_s: Vector) -> Motion:

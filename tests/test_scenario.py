@@ -21,7 +21,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, StudentT
-from usbldr.filters.simulation import PAPER, simulate
+from usbldr.filters.scenarios import LAWNMOWER, PAPER
+from usbldr.filters.simulation import simulate
 from usbldr.io.log import COLUMNS
 from usbldr.io.read import read_log
 from usbldr.io.scenario import START_NS, configuration_text, simulated_log
@@ -197,6 +198,23 @@ def test_the_configuration_hides_every_true_error() -> None:
     assert configuration_text(scaled, 0, {}) == configuration_text(plain, 0, {})
 
 
+def test_the_lawnmower_states_a_contamination_and_none_of_its_true_errors() -> None:
+    text = configuration_text(LAWNMOWER, 0, {})
+
+    assert tomllib.loads(text)["usbl"] == {
+        "sd_m": 0.6,
+        "noise": {"kind": "contamination", "share": 0.05, "sd_m": 10.0, "per": "record"},
+    }
+    assert simulated_log(LAWNMOWER, 0).assumptions.usbl == Contamination(share=0.05, sd=10.0)
+    exact = dataclasses.replace(
+        LAWNMOWER,
+        dvl=dataclasses.replace(LAWNMOWER.dvl, scale_error=0.0, silences_s=()),
+        compass=dataclasses.replace(LAWNMOWER.compass, bias_rad=0.0),
+        usbl=dataclasses.replace(LAWNMOWER.usbl, outliers=None, silences_s=(), delay_s=0.0, delay_spread_s=0.0),
+    )
+    assert configuration_text(exact, 0, {}) == text
+
+
 @pytest.mark.parametrize("name", ["dive.mcap", "dive"])
 def test_what_is_written_reads_back_as_the_log_in_memory(tmp_path: Path, name: str) -> None:
     delayed = dataclasses.replace(PAPER, usbl=dataclasses.replace(PAPER.usbl, delay_s=1.25))
@@ -301,12 +319,14 @@ def test_the_command_says_what_it_wrote(tmp_path: Path) -> None:
 
 
 def test_the_command_lists_the_scenarios_and_answers_an_unknown_name_with_them(tmp_path: Path) -> None:
-    assert _usbldr("simulate", "--list").stdout.startswith("paper  section 3.1 of the paper")
+    listed = _usbldr("simulate", "--list").stdout.splitlines()
+    assert [line.split()[0] for line in listed] == ["paper", "lawnmower"]
+    assert "section 3.1 of the paper" in listed[0]
 
     run = _usbldr("simulate", "lake", "-o", str(tmp_path / "x"))
 
     assert run.returncode == 2
-    assert run.stderr == "usbldr: there is no scenario 'lake' (scenarios: paper)\n"
+    assert run.stderr == "usbldr: there is no scenario 'lake' (scenarios: paper, lawnmower)\n"
 
 
 def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ import pytest
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Gaussian, Mixture
-from usbldr.filters.simulation import PAPER, Leg, Scenario, draw, motion, scenario_named, simulate
+from usbldr.filters.scenarios import LAWNMOWER, PAPER, Leg, Outliers, Scenario, scenario_named
+from usbldr.filters.simulation import draw, motion, simulate
 
 TURNING = dataclasses.replace(
     PAPER,
@@ -166,5 +167,98 @@ def test_noise_of_a_record_keeps_its_covariance_between_axes() -> None:
 
 
 def test_an_unknown_scenario_is_answered_with_the_names() -> None:
-    with pytest.raises(UsageError, match=r"no scenario 'lake' \(scenarios: paper\)"):
+    with pytest.raises(UsageError, match=r"no scenario 'lake' \(scenarios: paper, lawnmower\)"):
         scenario_named("lake")
+
+
+def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
+    silent = dataclasses.replace(
+        PAPER,
+        dvl=dataclasses.replace(PAPER.dvl, silences_s=((10.0, 20.0), (990.0, 2000.0))),
+        usbl=dataclasses.replace(PAPER.usbl, silences_s=((0.0, 5.0),)),
+    )
+
+    dive, whole = simulate(silent, 0), simulate(PAPER, 0)
+
+    kept = np.r_[0:50, 100:4950]  # 5 Hz: the record at 20 s is heard again
+    np.testing.assert_array_equal(dive.dvl.time_s, whole.dvl.time_s[kept])
+    np.testing.assert_array_equal(dive.dvl.value, whole.dvl.value[kept])
+    np.testing.assert_array_equal(dive.usbl.value, whole.usbl.value[5:])
+    assert len(dive.truth.time_s) == 5001
+
+
+def test_outliers_strike_their_share_of_the_fixes_at_their_distances_in_all_directions() -> None:
+    exact = _without_noise(dataclasses.replace(PAPER, duration_s=20_000.0))
+    struck = dataclasses.replace(exact, usbl=dataclasses.replace(exact.usbl, outliers=Outliers(0.05, 5.0, 40.0)))
+
+    error_m = simulate(struck, 0).usbl.value - simulate(exact, 0).usbl.value
+    far_m = np.hypot(*error_m.T)
+
+    hit = far_m > 0
+    assert hit.mean() == pytest.approx(0.05, abs=0.006)  # four standard errors
+    assert 5 <= far_m[hit].min() <= far_m[hit].max() <= 40
+    assert far_m[hit].mean() == pytest.approx(22.5, abs=4 * 35 / math.sqrt(12 * hit.sum()))
+    quarters = np.bincount((np.arctan2(*error_m[hit].T) // (np.pi / 2)).astype(int) + 2, minlength=4)
+    np.testing.assert_allclose(quarters / hit.sum(), 0.25, atol=4 * math.sqrt(0.25 * 0.75 / hit.sum()))
+
+
+def test_jitter_delays_the_stamp_with_the_vehicle_and_spread_delays_the_arrival_alone() -> None:
+    exact = _without_noise(TURNING)
+    late = dataclasses.replace(
+        exact, usbl=dataclasses.replace(exact.usbl, jitter_s=0.4, delay_s=0.5, delay_spread_s=1.5)
+    )
+
+    fixes = simulate(late, 0).usbl
+
+    jitter_s, delay_s = fixes.time_s - np.arange(len(fixes.time_s)), fixes.received_s - fixes.time_s
+    for drawn, low, high in ((jitter_s, 0.0, 0.4), (delay_s, 0.5, 2.0)):
+        assert low - 1e-9 <= drawn.min() < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < drawn.max() <= high + 1e-9
+        np.testing.assert_allclose(drawn * 1000, np.round(drawn * 1000), atol=1e-6)  # whole milliseconds
+    np.testing.assert_array_equal(fixes.value, motion(TURNING, fixes.time_s).position_m)
+
+
+def test_noise_outliers_jitter_and_delay_leave_each_other_alone() -> None:
+    still = dataclasses.replace(PAPER, legs=(Leg(1000.0, 0.0, 0.0),))  # jitter moves the vehicle nowhere
+    all_at_once = dataclasses.replace(
+        still,
+        usbl=dataclasses.replace(
+            PAPER.usbl, jitter_s=0.3, delay_s=0.5, delay_spread_s=1.0, outliers=Outliers(0.1, 500.0, 600.0)
+        ),
+    )
+
+    plain, rich = simulate(still, 4).usbl.value, simulate(all_at_once, 4).usbl.value[:1000]
+
+    spared = np.hypot(*(rich - plain[: len(rich)]).T) < 400
+    assert 0.85 < spared.mean() < 0.95
+    np.testing.assert_array_equal(rich[spared], plain[: len(rich)][spared])
+
+
+def test_the_lawnmower_turns_at_the_lane_ends_and_goes_up_the_field() -> None:
+    t = np.arange(0.0, 900.5, 0.5)
+    track = motion(LAWNMOWER, t)
+
+    heading = np.degrees(-track.yaw_rad) % 360
+    for lane in range(6):
+        on_it = (t >= 155 * lane) & (t < 155 * lane + 125)
+        np.testing.assert_allclose(heading[on_it], 280 if lane % 2 == 0 else 100)
+    turning = track.turn_rate_radps != 0
+    assert turning.sum() == 5 * 60
+    np.testing.assert_allclose(np.abs(np.degrees(track.turn_rate_radps[turning])), 6)
+    # lanes lie one turning circle apart: speed over turn rate is the radius
+    across = np.array([math.sin(math.radians(10)), math.cos(math.radians(10))])  # to the right of heading 280
+    steps = np.diff([(track.position_m[np.searchsorted(t, 155 * lane + 60)] @ across) for lane in range(6)])
+    np.testing.assert_allclose(steps, 2 * 0.9 / math.radians(6), atol=1.5)
+
+
+def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
+    dive = simulate(LAWNMOWER, 0)
+
+    np.testing.assert_allclose(np.median(np.diff(dive.dvl.time_s)), 0.5)
+    np.testing.assert_allclose(np.median(np.diff(dive.compass.time_s)), 0.1)
+    assert np.diff(dive.usbl.time_s).max() == pytest.approx(151.5, abs=1.5)
+    assert np.diff(dive.dvl.time_s).max() == pytest.approx(40.5)
+    delay_s = dive.usbl.received_s - dive.usbl.time_s
+    assert 0.5 <= delay_s.min() < delay_s.max() <= 2.0
+    error_m = np.hypot(*(dive.usbl.value - motion(LAWNMOWER, dive.usbl.time_s).position_m).T)
+    assert 0.02 < (error_m > 5).mean() < 0.1
