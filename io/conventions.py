@@ -119,7 +119,7 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
 
 def _dvl_sd(raw: Raw, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
     """Return the 1-sigma of each record, (n,), NaN where unknown."""
-    own = "starboard_mps" in raw.layout.required.values()
+    own = "sd_mps" in raw.layout.optional.values()
     if isinstance(section.sd_mps, float):
         return np.full(len(raw.received_ns), section.sd_mps), f"sd {section.sd_mps:g} m/s (configuration)"
     if section.sd_mps is None and not own:

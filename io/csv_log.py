@@ -93,7 +93,10 @@ class CsvLog:
         fitting = [t for t, source in self._sources.items() if wanted <= set(map(plain, source.header))]
         if len(fitting) > 1:
             raise UsageError(f"{self.path}: [{asked.sensor}] columns fit {', '.join(fitting)}; state topic, too")
-        return fitting[0] if fitting else None
+        if not fitting:
+            names = ", ".join(sorted(wanted))
+            raise UsageError(f"{self.path}: no file has the columns {names} of [{asked.sensor}]; state topic, too")
+        return fitting[0]
 
     def _recognised(self, topic: str, source: Source) -> Sheet | None:
         if source.sensor is None:

@@ -140,6 +140,7 @@ LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
             "by type",
             fixed={"axes": "SFU", "unit": "m/s"},
         ),
+        Layout("dvl", _own("x", "y"), {"z": "z", "sd": "sd_mps", "velocity_valid": "valid"}, "by type"),
     ),
     "compass": (
         Layout("imu", ORIENTATION, {"own_covariance": "orientation_covariance.0"}, "by type", ENU),
@@ -159,6 +160,7 @@ LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
             "by type",
             fixed={"convention": "compass", "unit": "deg"},
         ),
+        Layout("compass", {"angle": "heading"}, _own("sd_deg"), "by type", {"convention": "compass"}),
     ),
     "usbl": (
         *PLACES,
@@ -171,16 +173,19 @@ LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
             "by type",
             fixed={"kind": "range_bearing"},
         ),
+        Layout("usbl", _own("x", "y"), _own("z", "sd_m"), "by type"),
     ),
     "gps": (
         Layout("navsatfix", NAVSAT, NAVSAT_MORE, "by type", {"frame": "latlon"}),
         *_only_when_named(PLACES),
         *_own_places("gps"),
+        Layout("gps", _own("x", "y"), _own("sd_m"), "by type"),
     ),
     "depth": (
         Layout("fluidpressure", {"pressure": "fluid_pressure"}, recognised="by type", defaults={"unit": "Pa"}),
         Layout("float64", {"depth": "data"}, defaults={"unit": "m"}),
         Layout("float32", {"depth": "data"}, defaults={"unit": "m"}),
+        Layout("depth", _own("pressure"), recognised="by type", defaults={"unit": "Pa"}),
         Layout("depth", {"depth": "depth_m"}, recognised="by type", fixed={"unit": "m", "positive": "down"}),
     ),
     "truth": (
@@ -190,7 +195,10 @@ LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
         *_own_places("truth"),
     ),
 }
-"""A type that serves a role is one line. The first that fits a topic is taken."""
+"""A type that serves a role is one line. The first that fits a topic is taken.
+
+Files of our own columns, and those whose columns the configuration names, have the sensor for their type.
+"""
 
 
 def layout_of(role: str, topic: TopicInfo) -> Layout | None:

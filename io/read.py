@@ -1,8 +1,7 @@
 """From a file to a Log: the door of this package."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -12,11 +11,11 @@ import pandas as pd
 from usbldr.filters.errors import LogError
 from usbldr.filters.types import Truth
 from usbldr.io import conventions, positions
-from usbldr.io.configuration import assumptions, find_configuration, read_configuration
+from usbldr.io.configuration import assumptions
 from usbldr.io.conventions import Converted
-from usbldr.io.detect import open_log
 from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance
 from usbldr.io.messages import Raw, raw, wanted_paths
+from usbldr.io.opening import AS_IT_LIES, Opened, Request, digest_paths, open_configured
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.sections import Configuration, GpsSection
 from usbldr.io.times import in_order
@@ -25,22 +24,13 @@ from usbldr.io.truth import find_file, read_truth_file, truth_from_table
 from usbldr.io.usbl import Depths, usbl
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What the user asks beside the log itself; it beats the configuration."""
-
-    configuration: str | None = None  # a file, or "none": ignore what lies beside the log
-    topics: Mapping[str, str] = field(default_factory=dict[str, str])  # role -> topic or "none"
-    truth: str | None = None  # a file, a topic or "none"
-
-
-def read_log(path: Path, request: Request = Request()) -> Log:
+def read_log(path: Path, request: Request = AS_IT_LIES) -> Log:
     """Read a log in any format of detect.FORMATS.
 
     Raises LogError where it cannot be read or lacks what was named, UsageError where options, configuration and log do
     not fit together. A missing sensor is no error here (see `require`).
     """
-    return read(open_log(path), request)
+    return read(open_configured(path, request), request)
 
 
 def require(log: Log, roles: Sequence[str]) -> None:
@@ -56,11 +46,10 @@ def configured_topics(configuration: Configuration) -> dict[str, str]:
     return {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
 
 
-def read(reader: Reader, request: Request) -> Log:
+def read(opened: Opened, request: Request) -> Log:
     """Read an opened log (see `read_log`)."""
+    reader, configuration = opened.reader, opened.configuration
     path, topics = reader.path, reader.topics()
-    file = find_configuration(path, request.configuration)
-    configuration = read_configuration(file) if file else Configuration()
     if not any(topic.count or topic.problem for topic in topics):
         raise _without_messages(reader)
     roles = choose_roles(path, topics, request.topics, configured_topics(configuration))
@@ -96,7 +85,7 @@ def read(reader: Reader, request: Request) -> Log:
     findings += _truth_apart(truth, tables, start_ns)
     return Log(
         path=path,
-        sha256=_sha256(path),
+        sha256=digest_paths(opened.paths),
         format=reader.format,
         start_ns=start_ns,
         tables={role: _in_seconds(role, table, start_ns) for role, table in tables.items()},
@@ -104,7 +93,7 @@ def read(reader: Reader, request: Request) -> Log:
         assumptions=assumptions(configuration),
         origin=origin,
         truth=truth,
-        configuration=file,
+        configuration=opened.file,
         findings=(*reader.findings(), *findings),
     )
 
@@ -273,12 +262,3 @@ def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:
     """Return the table with the COLUMNS of its sensor."""
     times = {name: (table[name.replace("_s", "_ns")] - start_ns) / 1e9 for name in ("time_s", "received_s")}
     return table.assign(**times)[list(COLUMNS[role])].reset_index(drop=True)
-
-
-def _sha256(path: Path) -> str:
-    """Return the digest of a file; of a folder, that of its files' digests by name, its configuration apart."""
-    if path.is_dir():
-        files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix != ".toml"]
-        return hashlib.sha256("\n".join(_sha256(file) for file in files).encode()).hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

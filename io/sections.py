@@ -16,6 +16,10 @@ Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
 Lever: TypeAlias = tuple[float, float, float]  # starboard, forward, up, metres
 Clock: TypeAlias = Literal["header", "log"]
 Per: TypeAlias = Literal["scalar", "record"]
+UsblColumn: TypeAlias = Literal[
+    "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m"
+]
+Time: TypeAlias = Literal["time_ns", "time_unix_s", "time_s", "received_ns", "received_unix_s"]
 
 
 class Section(Struct, frozen=True):
@@ -83,6 +87,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     """The Doppler velocity log."""
 
     topic: str | None = None
+    columns: dict[Time | Literal["x", "y", "z", "sd_mps", "valid"], str] | None = None
     axes: str | None = None
     mount_deg: float = 0.0
     unit: Literal["m/s", "mm/s"] | None = None
@@ -104,6 +109,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     """The heading sensor."""
 
     topic: str | None = None
+    columns: dict[Time | Literal["heading", "sd_deg"], str] | None = None
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
     bias_deg: float = 0.0
@@ -140,6 +146,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
     """The acoustic positioning system."""
 
     topic: str | None = None
+    columns: dict[Time | UsblColumn, str] | None = None
     kind: Literal["position", "latlon", "range_bearing"] | None = None
     frame: Literal["ENU", "NED", "body"] | None = None
     relative_to: Literal["map", "head"] | None = None
@@ -173,6 +180,7 @@ class GpsSection(Section, frozen=True, kw_only=True):
     """The satellite receiver: truth by default, never a sensor of the filter."""
 
     topic: str | None = None
+    columns: dict[Time | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
     sd_m: Positive | Literal["message"] | None = None
     time: Clock | None = None
@@ -183,6 +191,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
     """The pressure or depth sensor."""
 
     topic: str | None = None
+    columns: dict[Time | Literal["depth_m", "pressure"], str] | None = None
     unit: Literal["Pa", "hPa", "dbar", "bar", "m"] | None = None
     surface_pa: NotNegative | None = None
     positive: Literal["down", "up"] | None = None
@@ -229,6 +238,13 @@ class StartSection(Section, frozen=True, kw_only=True):
     turn_rate_sd_dps: Positive = 3.0
 
 
+class FileSection(Section, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Another file of the same dive, or the log itself: its clock minus the clock of the dive."""
+
+    path: str
+    clock_offset_s: float = 0.0
+
+
 class Configuration(Section, frozen=True, kw_only=True):
     """A whole usbldr.toml; without a file, all defaults."""
 
@@ -242,11 +258,18 @@ class Configuration(Section, frozen=True, kw_only=True):
     truth: TruthSection = TruthSection()
     process: ProcessSection = ProcessSection()
     start: StartSection | None = None
+    file: tuple[FileSection, ...] = ()
 
     def topic(self, role: str) -> str | None:
         """Return the topic that the file names for a role; "none" switches the role off."""
-        section: DvlSection | CompassSection | UsblSection | GpsSection | DepthSection = getattr(self, role)
-        return section.topic
+        return self._section(role).topic
+
+    def columns(self, role: str) -> dict[str, str]:
+        """Return quantity -> column of a CSV file, empty where the file does not say."""
+        return {str(key): name for key, name in (self._section(role).columns or {}).items()}
+
+    def _section(self, role: str) -> DvlSection | CompassSection | UsblSection | GpsSection | DepthSection:
+        return getattr(self, role)
 
 
 def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.configuration import Configuration, find_configuration, read_configuration
-from usbldr.io.detect import open_log
 from usbldr.io.log import Finding, Log
-from usbldr.io.read import Request, configured_topics, read
+from usbldr.io.opening import Request, open_configured
+from usbldr.io.read import configured_topics, read
 from usbldr.io.reader import TopicInfo
 from usbldr.io.topics import choose_roles
 
@@ -34,20 +33,19 @@ class Survey:
 
 def survey(path: Path, request: Request) -> Survey:
     """Look through a log; raise LogError if it is none, UsageError if the configuration makes no sense."""
-    reader = open_log(path)
-    file = find_configuration(path, request.configuration)
-    configuration = read_configuration(file) if file else Configuration()
+    opened = open_configured(path, request)
+    reader, configuration = opened.reader, opened.configuration
     topics = reader.topics()
     roles = choose_roles(path, topics, request.topics, configured_topics(configuration)).chosen
     log, fault = None, ""
     try:
-        log = read(reader, request)
+        log = read(opened, request)
     except UsbldrError as err:
         fault = str(err).removeprefix(f"{path}: ")
     return Survey(
         path=path,
         format=reader.format,
-        configuration=file,
+        configuration=opened.file,
         topics=topics,
         roles={role: choice.topic.name for role, choice in roles.items()},
         findings=log.findings if log else reader.findings(),

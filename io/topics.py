@@ -109,7 +109,8 @@ def _candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
         if layout is None or topic.count == 0 or topic.problem or NO_SENSOR.search(topic.name.lower()):
             continue
         hints = {r for r, words in HINTS.items() if re.search(words, topic.name.lower())}
-        by_type = layout.recognised == "by type" and (role in hints or not hints)
+        own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
+        by_type = layout.recognised == "by type" and (role in hints or not hints or own)
         if by_type or (layout.recognised == "by type and name" and role in hints):
             fitting.append((role in hints, topic))
     best = [topic for hinted, topic in fitting if hinted] or [topic for _, topic in fitting]

@@ -28,9 +28,9 @@ def written(tmp_path: Path, text: str) -> Path:
     ("text", "sentence"),
     [
         ("[dvll]", "there is no section dvll; did you mean dvl? (allowed: schema, map, dvl, compass, usbl, gps, depth, "
-         "truth, process, start)"),
-        ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, axes, mount_deg, "
-         "unit, scale_error, sd_mps, min_good_beams, lever_arm_m, time, latency_s, noise)"),
+         "truth, process, start, file)"),
+        ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, columns, axes, "
+         "mount_deg, unit, scale_error, sd_mps, min_good_beams, lever_arm_m, time, latency_s, noise)"),
         ("[dvl]\nmount_deg = 'x'", "[dvl] mount_deg: expected number, got text"),
         ("[dvl]\nlatency_s = nan", "[dvl] latency_s = nan is no finite number"),
         ("[dvl]\nsd_mps = -1", "[dvl] sd_mps: expected number > 0.0"),
@@ -188,9 +188,10 @@ def sections() -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize(("section", "key"), sections())
 def test_every_key_is_explained_in_its_section_of_the_document(section: str, key: str) -> None:
-    general, _, rest = DOCUMENT.partition("## Sections")
+    general, _, rest = DOCUMENT.replace("[[file]]", "[file]").partition("## Sections")
     own = rest.partition(f"### `[{section}]`")[2].partition("\n### ")[0]
-    common = general.partition("Keys of every sensor")[2] if section not in ("map", "truth", "process", "start") else ""
+    of_sensor = section not in ("map", "truth", "process", "start", "file")
+    common = general.partition("Keys of every sensor")[2] if of_sensor else ""
 
     assert f"`{key}`" in own + common
 

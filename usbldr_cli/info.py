@@ -22,7 +22,7 @@ MOST_TOPICS = 40  # rows shown of a log that has more, unless --all
 @selection_options
 @click.option("--all", "all_topics", is_flag=True, help=f"List every topic, not only the first {MOST_TOPICS}.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: str | None) -> int:
+def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: Any) -> int:
     """Say what LOG holds and how each sensor is understood.
 
     Lists topics with type, count, rate and span, the sensor that each is taken for, every convention chosen and by
@@ -39,7 +39,7 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: st
     return 0 if all(one.complete for one in found) else LogError.exit_code
 
 
-def _survey(log: str, selection: dict[str, str | None]) -> "Survey":
+def _survey(log: str, selection: dict[str, Any]) -> "Survey":
     from usbldr.io.survey import survey, survey_of
 
     if not Path(log).exists():

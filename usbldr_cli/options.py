@@ -10,7 +10,7 @@ from usbldr.filters.errors import LogError, UsageError
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
-    from usbldr.io.read import Request
+    from usbldr.io.opening import Request
 
 ROLE_HELP = {
     "dvl": "Topic of the DVL.",
@@ -22,11 +22,12 @@ ROLE_HELP = {
 
 
 def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --config, one option for each sensor, and --truth."""
+    """Add --config, one option for each sensor, --truth and --with."""
     options = (
         click.option("--config", metavar="FILE", help='Configuration. "none": not even the one beside LOG.'),
         *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
         click.option("--truth", metavar="FILE|TOPIC", help='What to measure errors against, "none" for nothing.'),
+        click.option("--with", "joined", metavar="FILE", multiple=True, help="Another file of the same dive."),
     )
     for option in reversed(options):
         command = option(command)
@@ -38,23 +39,25 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.argument("log", metavar="LOG")(selection_options(command))
 
 
-def request(config: str | None = None, truth: str | None = None, **topics: str | None) -> "Request":
+def request(
+    config: str | None = None, truth: str | None = None, joined: tuple[str, ...] = (), **topics: str | None
+) -> "Request":
     """Return what the selection options ask for."""
-    from usbldr.io.read import Request
+    from usbldr.io.opening import Request
 
-    return Request(config, {role: topic for role, topic in topics.items() if topic is not None}, truth)
+    return Request(config, {role: topic for role, topic in topics.items() if topic is not None}, truth, joined)
 
 
-def open_log(log: str, seed: int = 0, **selection: str | None) -> "tuple[Log, dict[str, object] | None]":
+def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str, object] | None]":
     """Read LOG, a file or folder or else the name of a scenario; return it and what its configuration says.
 
     ``selection`` are the values of selection_options; raises LogError and UsageError.
     """
     from usbldr.io.read import read_log
 
-    asked = request(**selection)  # pyright: ignore[reportArgumentType]
+    asked = request(**selection)
     if not Path(log).exists():
-        return _scenario(log, seed, any(value is not None for value in selection.values())), None
+        return _scenario(log, seed, any(selection.values())), None
     found = read_log(Path(log), asked)
     if found.configuration is None:
         return found, None
@@ -70,5 +73,5 @@ def _scenario(name: str, seed: int, selected: bool) -> "Log":
     if name not in SCENARIOS:
         raise LogError(f"{name}: no such file or folder, nor a scenario (scenarios: {', '.join(SCENARIOS)})")
     if selected:
-        raise UsageError(f"{name}: a scenario takes no --config, no topics and no --truth")
+        raise UsageError(f"{name}: a scenario takes no --config, no topics, no --truth and no --with")
     return simulated_log(SCENARIOS[name], seed)

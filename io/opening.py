@@ -1,0 +1,92 @@
+"""From what a user names to an opened log: its configuration is found, its columns are named, its files are joined."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import cast
+
+from usbldr.filters.errors import LogError
+from usbldr.io.configuration import find_configuration, read_configuration
+from usbldr.io.detect import open_log
+from usbldr.io.joined import JoinedLog, Part
+from usbldr.io.reader import Reader
+from usbldr.io.sections import Configuration
+from usbldr.io.topics import ROLES
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What the user asks beside the log itself; it beats the configuration."""
+
+    configuration: str | None = None  # a file, or "none": ignore what lies beside the log
+    topics: Mapping[str, str] = field(default_factory=dict[str, str])  # role -> topic or "none"
+    truth: str | None = None  # a file, a topic or "none"
+    joined: tuple[str, ...] = ()  # further files of the same dive
+
+
+AS_IT_LIES = Request()
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A log ready to be read, and its configuration."""
+
+    reader: Reader
+    paths: tuple[Path, ...]  # of the log and the files joined to it
+    configuration: Configuration
+    file: Path | None  # where the configuration stands
+
+
+def open_configured(path: Path, request: Request) -> Opened:
+    """Open a log with the files that belong to it.
+
+    A file stated under [[file]] has its clock offset taken off its times; so has the log itself, if it is stated there.
+    Raises LogError for what cannot be read, UsageError for a configuration that makes no sense.
+    """
+    if not path.exists():
+        raise LogError(f"{path}: no such file or folder")
+    file = find_configuration(path, request.configuration)
+    configuration = read_configuration(file) if file else Configuration()
+    folder = path.resolve().parent
+    offsets = {(folder / stated.path).resolve(): round(stated.clock_offset_s * 1e9) for stated in configuration.file}
+    paths = {path.resolve(): path} | {(folder / f.path).resolve(): folder / f.path for f in configuration.file}
+    paths |= {Path(name).resolve(): Path(name) for name in request.joined}
+    parts = [Part(_opened(paths[real], configuration, request.topics), offsets.get(real, 0)) for real in paths]
+    (first, *others) = parts
+    reader = first.reader
+    if others or first.offset_ns:
+        formats = dict.fromkeys(part.reader.format for part in parts)
+        reader = JoinedLog(path, " + ".join(formats), tuple(parts))
+    return Opened(reader, tuple(paths.values()), configuration, file)
+
+
+def _opened(path: Path, configuration: Configuration, topics: Mapping[str, str]) -> Reader:
+    """Open one file, and name the columns of a CSV file as the configuration does."""
+    reader = open_log(path)
+    sections = {role: configuration.columns(role) for role in ROLES}
+    if not reader.format.startswith("CSV") or not any(sections.values()):
+        return reader
+    from usbldr.io.csv_log import Columns, CsvLog
+
+    stated = [
+        Columns(role, topics.get(role) or configuration.topic(role), columns)
+        for role, columns in sections.items()
+        if columns
+    ]
+    return cast("CsvLog", reader).with_columns(stated)
+
+
+def digest_paths(paths: Sequence[Path]) -> str:
+    """Return the digest of a file or folder; of several, that of their digests."""
+    digests = [_sha256(path) for path in paths]
+    return digests[0] if len(digests) == 1 else hashlib.sha256("\n".join(digests).encode()).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    """Return the digest of a file; of a folder, that of its files' digests by name, its configuration apart."""
+    if path.is_dir():
+        files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix != ".toml"]
+        return hashlib.sha256("\n".join(_sha256(file) for file in files).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
