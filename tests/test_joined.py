@@ -21,7 +21,8 @@ VEHICLE, SHIP = ("/dvl", "/imu"), ("/usbl",)
 def of(topics: tuple[str, ...], late_ns: int = 0) -> list[Row]:
     """The rows of the short dive on some topics, all stamps late."""
     rows = [row for row in short_dive() if row[1] in topics]
-    return [(t + late_ns, topic, kind, {**v, "header.stamp": v["header.stamp"] + late_ns}) for t, topic, kind, v in rows]
+    late = [{**v, "header.stamp": v["header.stamp"] + late_ns} for *_, v in rows]
+    return [(t + late_ns, topic, kind, v) for (t, topic, kind, _), v in zip(rows, late, strict=True)]
 
 
 def test_two_files_are_one_dive(tmp_path: Path) -> None:
