@@ -77,12 +77,17 @@ def colour(method: str) -> str:
 
 def canvas(run: Run, what: str, width_in: float, height_in: float) -> Figure:
     """Return a figure whose title says what is drawn, of which run, against which truth."""
-    lines = textwrap.wrap(subtitle(run), int(width_in * LETTERS_AN_INCH))
+    return titled(f"{what}: {run.filter} on {run.log.path.name}", subtitle(run), width_in, height_in)
+
+
+def titled(title: str, told: str, width_in: float, height_in: float) -> Figure:
+    """Return a figure with a title and, under it, what has to stand beside every number."""
+    lines = textwrap.wrap(told, int(width_in * LETTERS_AN_INCH))
     head_in = TITLE_IN + LINE_IN * len(lines)
     figure: Figure = mpl_figure.Figure(figsize=(width_in, height_in), layout="constrained")
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - head_in / height_in), w_pad=0.08, h_pad=0.06)
     left, top = 0.12 / width_in, 1 - 0.27 / height_in
-    figure.text(left, top, f"{what}: {run.filter} on {run.log.path.name}", size=13, weight="bold", va="center")
+    figure.text(left, top, title, size=13, weight="bold", va="center")
     figure.text(left, 1 - TITLE_IN / height_in, "\n".join(lines), size=9, color="#444444", va="top")
     return figure
 

@@ -10,6 +10,7 @@ from usbldr.filters.errors import UsbldrError
 COMMANDS = {
     "info": "What is in LOG and how each sensor is understood.",
     "replay": "Run a filter over LOG and report its east and north errors.",
+    "compare": "Run several filters over logs and seeds, side by side.",
     "simulate": "Write a simulated log with its truth.",
 }
 """One line per command; its function lives in the module of the same name and is imported when it is called."""

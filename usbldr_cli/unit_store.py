@@ -42,7 +42,7 @@ class Outcome:
     fault: str | None = None
     exit_code: int = 0  # that the fault asks for
     judged: Judged | None = None  # None where there is a fault
-    trace: Path | None = None  # .npz that read_trace opens
+    trace: Path | None = None  # what read_trace opens
     reused: bool = False  # taken from the store
 
 
@@ -100,8 +100,13 @@ class Store:
 
 
 def read_trace(path: Path) -> Trace:
-    """Read the epochs of a kept run."""
+    """Read the epochs of a kept run: a .npz of the store, or a run directory with its two TUM files."""
     import numpy as np
+
+    if path.is_dir():
+        estimate, truth = (np.loadtxt(path / f"{name}.tum", ndmin=2) for name in ("track", "truth"))
+        start_s = json.loads((path / "report.json").read_text(encoding="utf-8"))["time_base"]["start_ns"] / 1e9
+        return Trace(truth[:, 0] - start_s, estimate[:, 1:3], truth[:, 1:3])
 
     with np.load(path) as packed:
         return Trace(*(packed[name] for name in Trace._fields))

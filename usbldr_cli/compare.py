@@ -1,0 +1,203 @@
+"""``usbldr compare``: every filter on every log over seeds, side by side; or finished runs side by side."""
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr_cli.options import open_log, selection_options
+from usbldr_cli.run_options import RunChoices, run_options
+
+if TYPE_CHECKING:
+    from usbldr_cli.comparison import Row
+    from usbldr_cli.units import Unit
+
+
+@click.command()
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True)
+@selection_options
+@click.option("--filters", "-f", metavar="LIST", help="As in dr,ekf,ckf,cpf.  [default: dr,usbl,ekf,adf,cpf]")
+@click.option("--seeds", type=click.IntRange(min=1), default=5, show_default=True, help="Runs of each: --seed and up.")
+@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Runs at a time.  [default: one for each core]")
+@run_options
+@click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, pictures and finished runs.")
+@click.option("--force", is_flag=True, help="Replace the tables of another comparison in that folder.")
+@click.option("--json", "json_to", is_flag=False, flag_value="-", help="Table as JSON: to a file, or alone to stdout.")
+@click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
+def compare(
+    logs: tuple[str, ...],
+    filters: str | None,
+    seeds: int,
+    jobs: int | None,
+    choices: RunChoices,
+    output: Path | None,
+    force: bool,
+    json_to: str | None,
+    quiet: bool,
+    **where: Any,
+) -> int:
+    """Run several filters over each LOG and tabulate their errors, with standard errors over seeds.
+
+    LOG is a file, a folder or a scenario; of a scenario each seed is a dive of its own. Where every LOG is a run
+    directory of replay, nothing is run. Interrupted, the same command with the same --output goes on where it was.
+
+    \b
+    $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
+    """
+    from usbldr_cli.compare_directory import prepare
+    from usbldr_cli.comparison import refuse_unlike
+    from usbldr_cli.run_reports import is_run, read_runs
+
+    if json_to not in (None, "-") and Path(str(json_to)).exists() and not force:
+        raise UsageError(f"{json_to} exists already: choose another file for --json, or --force")
+    _refuse_repeats("LOG", logs)
+    if any(is_run(Path(log)) for log in logs):
+        if not all(is_run(Path(log)) for log in logs):
+            raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
+        if filters is not None:
+            raise UsageError("run directories are compared as they are: leave --filters out")
+        request: dict[str, Any] = {"runs": logs}
+        rows = read_runs([Path(log) for log in logs])
+        refuse_unlike(rows)
+        if output is not None:
+            prepare(output, request, force)
+    else:
+        methods = _methods(filters, choices)
+        request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": where}
+        for log in logs:
+            if not Path(log).exists():
+                open_log(log, **where)  # a misspelt name is told before hours of work
+        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, where, prepared(output, request, force))
+        _refuse_empty(rows)
+    _write(output, rows, request)
+    _tell(rows, request, output, json_to, quiet)
+    codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
+    lost = any(row.judged is not None and row.judged.lost for row in rows)
+    return max([*codes, LogError.exit_code if lost else 0])
+
+
+def prepared(output: Path | None, request: dict[str, Any], force: bool) -> Path | None:
+    """Return the folder that keeps finished runs, None where none is wanted."""
+    from usbldr_cli.compare_directory import prepare
+
+    return None if output is None else prepare(output, request, force)
+
+
+def _methods(filters: str | None, choices: RunChoices) -> list[str]:
+    """Return the names in a list of filters; refuse what none of them takes."""
+    from usbldr.filters.methods import METHODS
+    from usbldr.filters.run import FORMED, GATED
+
+    names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
+    unknown = [name for name in names if name not in METHODS]
+    if unknown or not names:
+        raise UsageError(f"there is no filter {', '.join(unknown) or 'in the list'!r} (filters: {', '.join(METHODS)})")
+    _refuse_repeats("--filters", names)
+    if choices.gate is not None and not set(names) & set(GATED):
+        raise UsageError(f"--gate is for {', '.join(GATED)}, and none of them is compared")
+    if choices.form != "mixture" and not set(names) & set(FORMED):
+        raise UsageError(f"--form is for {', '.join(FORMED)}, and none of them is compared")
+    return names
+
+
+def _refuse_repeats(what: str, names: Sequence[str]) -> None:
+    repeated = [name for k, name in enumerate(names) if name in names[:k]]
+    if repeated:
+        raise UsageError(f"{what} names {repeated[0]} twice")
+
+
+def _run(
+    logs: Sequence[str],
+    methods: Sequence[str],
+    seeds: int,
+    jobs: int,
+    choices: RunChoices,
+    where: dict[str, Any],
+    store: Path | None,
+) -> "list[Row]":
+    """Run everything; a method without chance runs once on a file, and on each dive of a scenario."""
+    from usbldr.filters.run import SAMPLED
+    from usbldr_cli.comparison import Row
+    from usbldr_cli.units import run_units
+
+    cells: dict[tuple[str, str], dict[int, Unit]] = {}
+    for log in logs:
+        for method in methods:
+            cells[log, method] = _cell(log, method, seeds, choices, where)
+    seed_major = sorted(
+        ((log, seed, method) for (log, method), units in cells.items() for seed in units),
+        key=lambda at: (logs.index(at[0]), at[1]),  # units of one dive follow each other: it is read once
+    )
+    outcomes = run_units([cells[log, method][seed] for log, seed, method in seed_major], jobs, store)
+    by_place = dict(zip(seed_major, outcomes, strict=True))
+    reused = sum(outcome.reused for outcome in outcomes)
+    if reused:
+        click.echo(f"{reused} of {len(outcomes)} runs were finished already, in {store}", err=True)
+    names = [Path(log).name for log in logs]
+    rows: list[Row] = []
+    for (log, method), units in cells.items():
+        name = Path(log).name if names.count(Path(log).name) == 1 else log
+        found = tuple(by_place[log, seed, method] for seed in units)
+        dives = next(iter(units.values())).simulated
+        rows.append(Row(name, method, method, tuple(units), found, method in SAMPLED, dives))
+    return rows
+
+
+def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Unit]":
+    """Return the units of one method on one log, by seed."""
+    from usbldr.filters.run import SAMPLED
+    from usbldr_cli.units import Unit
+
+    once = Path(log).exists() and method not in SAMPLED
+    wanted = range(choices.seed, choices.seed + (1 if once else seeds))
+    return {seed: Unit(log, method, replace(choices, seed=seed), where) for seed in wanted}
+
+
+def _refuse_empty(rows: "Sequence[Row]") -> None:
+    """Raise what went wrong where nothing came out."""
+    if any(row.good for row in rows):
+        return
+    faults = {row.fault: max(outcome.exit_code for outcome in row.outcomes) for row in rows}
+    code = max(faults.values())
+    kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(code, UsbldrError)
+    raise kind("; ".join(str(fault) for fault in faults))
+
+
+def _write(output: Path | None, rows: "Sequence[Row]", request: dict[str, Any]) -> None:
+    from usbldr_cli.compare_directory import write_tables
+    from usbldr_cli.compare_figures import write_figures
+    from usbldr_cli.compare_tables import markdown
+
+    if output is None:
+        return
+    try:
+        write_tables(output, rows, request, markdown(rows, write_figures(output, rows)))
+    except OSError as err:
+        raise UsageError(f"{output}: cannot be written ({err.strerror or err})") from err
+
+
+def _tell(
+    rows: "Sequence[Row]", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
+) -> None:
+    """Print the tables, or the rows as JSON."""
+    from usbldr_cli.compare_directory import as_json
+    from usbldr_cli.compare_tables import render
+    from usbldr_cli.comparison import overall
+
+    if json_to is not None:
+        text = as_json(rows, request)
+        if json_to == "-":
+            click.echo(text)
+            return
+        Path(json_to).write_text(text + "\n", encoding="utf-8")
+    if quiet:
+        click.echo(overall(rows))
+        return
+    click.echo(render(rows, colour=sys.stdout.isatty()))
+    if output is not None:
+        click.echo(f"\nwritten to {output}")
