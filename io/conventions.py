@@ -158,11 +158,15 @@ def compass(raw: Raw, section: CompassSection) -> Converted:
     said += [f"declination {section.declination_deg:g} deg added (configuration)"] if section.declination_deg else []
 
     sd = raw.number("sd_deg")
-    if section.sd_deg is not None:
+    if section.sd_deg == "message":
+        variance = raw.number("yaw_variance")  # rad^2
+        sd = np.where(np.isfinite(sd), sd, np.degrees(np.sqrt(np.where(variance > 0, variance, np.nan))))
+    if isinstance(section.sd_deg, float):
         sd = np.full(len(sd), section.sd_deg)
         said.append(f"sd {section.sd_deg:g} deg (configuration)")
     elif np.isfinite(sd).any():
-        said.append(f"sd of the records, median {np.nanmedian(sd):.3g} deg (by column names)")
+        who = "configuration" if section.sd_deg else "by column names"
+        said.append(f"sd of the records, median {np.nanmedian(sd):.3g} deg ({who})")
     else:
         said.append(f"sd {COMPASS_SD_DEG:g} deg (default)")
     sd = np.where(np.isfinite(sd), sd, COMPASS_SD_DEG)

@@ -30,7 +30,34 @@ float32[4] beam_quality
 float32[4] beam_velocity
 float32[4] beam_velocity_covar
 """
-DEFINITIONS = {"marine_acoustic_msgs/msg/Dvl": MARINE_DVL}
+# The fields of dvl_msgs/msg/DVL (paagutie/dvl_msgs) since 2025: Water Linked's report.
+DVL_BEAM = """\
+int64 id
+float64 velocity
+float64 distance
+float64 rssi
+float64 nsd
+bool valid
+"""
+DVL = """\
+std_msgs/Header header
+float64 time
+geometry_msgs/Vector3 velocity
+float64 fom
+float64[] covariance
+float64 altitude
+dvl_msgs/DVLBeam[] beams
+bool velocity_valid
+int64 status
+int64 time_of_validity
+int64 time_of_transmission
+string form
+"""
+DEFINITIONS = {
+    "marine_acoustic_msgs/msg/Dvl": MARINE_DVL,
+    "dvl_msgs/msg/DVLBeam": DVL_BEAM,
+    "dvl_msgs/msg/DVL": DVL,
+}
 
 
 @cache

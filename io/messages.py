@@ -143,7 +143,13 @@ LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
         Layout("dvl", _own("x", "y"), {"z": "z", "sd": "sd_mps", "velocity_valid": "valid"}, "by type"),
     ),
     "compass": (
-        Layout("imu", ORIENTATION, {"own_covariance": "orientation_covariance.0"}, "by type", ENU),
+        Layout(
+            "imu",
+            ORIENTATION,
+            {"own_covariance": "orientation_covariance.0", "yaw_variance": "orientation_covariance.8"},
+            "by type",
+            ENU,
+        ),
         Layout("float64", {"angle": "data"}, defaults={"convention": "compass"}),
         Layout("float32", {"angle": "data"}, defaults={"convention": "compass"}),
         *_only_when_named(

@@ -6,7 +6,7 @@ never says a true bias, scale, misalignment or latency.
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -60,16 +60,16 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
     dvl, compass, usbl, process = scenario.dvl, scenario.compass, scenario.usbl, scenario.process
     sections: dict[str, dict[str, str]] = {
         "map": {"origin_lat_deg": f"{ORIGIN.lat_deg!r}", "origin_lon_deg": f"{ORIGIN.lon_deg!r}"},
-        "dvl": {"sd_mps": f"{dvl.sd_mps!r}", "noise": _noise(dvl.noise, "mps")},
-        "compass": {"sd_deg": f"{_degrees(compass.sd_rad)!r}", "noise": _noise(compass.noise, "deg")},
-        "usbl": {"sd_m": f"{usbl.sd_m!r}", "noise": _noise(usbl.assumed_noise, "m")},
+        "dvl": {"sd_mps": f"{dvl.sd_mps!r}", "noise": noise_text(dvl.noise, "mps")},
+        "compass": {"sd_deg": f"{degrees(compass.sd_rad)!r}", "noise": noise_text(compass.noise, "deg")},
+        "usbl": {"sd_m": f"{usbl.sd_m!r}", "noise": noise_text(usbl.assumed_noise, "m")},
         "gps": {},
         "truth": {"kind": '"simulated"'},
         "process": {
             "position_m": f"{process.position_m!r}",
-            "heading_deg": f"{_degrees(process.yaw_rad)!r}",
+            "heading_deg": f"{degrees(process.yaw_rad)!r}",
             "velocity_mps": f"{process.velocity_mps!r}",
-            "turn_rate_dps": f"{_degrees(process.turn_rate_radps)!r}",
+            "turn_rate_dps": f"{degrees(process.turn_rate_radps)!r}",
         },
     }
     if scenario.start is not None:
@@ -78,17 +78,24 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
             "east_m": f"{start.east_m!r}",
             "north_m": f"{start.north_m!r}",
             "sd_m": f"{start.sd_m!r}",
-            "heading_sd_deg": f"{_degrees(start.sd_yaw_rad)!r}",
+            "heading_sd_deg": f"{degrees(start.sd_yaw_rad)!r}",
             "velocity_sd_mps": f"{start.sd_mps!r}",
-            "turn_rate_sd_dps": f"{_degrees(start.sd_radps)!r}",
+            "turn_rate_sd_dps": f"{degrees(start.sd_radps)!r}",
         }
-    lines = [
-        f"# Written by: usbldr simulate {scenario.name} --seed {seed}",
-        "# What a careful user knows: noise, start and conventions; never a true bias, scale or latency.",
-        "schema = 1",
-    ]
+    title = (
+        f"Written by: usbldr simulate {scenario.name} --seed {seed}",
+        "What a careful user knows: noise, start and conventions; never a true bias, scale or latency.",
+    )
+    return toml_text(title, sections, conventions)
+
+
+def toml_text(
+    title: Sequence[str], sections: Mapping[str, Mapping[str, str]], conventions: Mapping[str, Mapping[str, str]]
+) -> str:
+    """Return a usbldr.toml; ``sections`` hold TOML values, ``conventions`` words of the same sections."""
+    lines = [*(f"# {line}" for line in title), "schema = 1"]
     for section, keys in sections.items():
-        stated = {name: f'"{value}"' for name, value in conventions.get(section, {}).items()} | keys
+        stated = {name: f'"{value}"' for name, value in conventions.get(section, {}).items()} | dict(keys)
         if stated:
             lines += ["", f"[{section}]", *(f"{name} = {value}" for name, value in stated.items())]
     return "\n".join(lines) + "\n"
@@ -101,7 +108,7 @@ def _tables(scenario: Scenario, seed: int) -> dict[str, pd.DataFrame]:
     lat_deg, lon_deg = _at_sea_level(dive.gps.value)
     columns: dict[str, tuple[Vector | float | bool, ...]] = {
         "dvl": (*dive.dvl[:2], *dive.dvl.value.T, 0.0, scenario.dvl.sd_mps, True),
-        "compass": (*dive.compass[:2], _heading_deg(dive.compass.value[:, 0]), _degrees(scenario.compass.sd_rad)),
+        "compass": (*dive.compass[:2], _heading_deg(dive.compass.value[:, 0]), degrees(scenario.compass.sd_rad)),
         "usbl": (*dive.usbl[:2], *dive.usbl.value.T, variance_m2, 0.0, variance_m2),
         "gps": (*dive.gps[:2], *dive.gps.value.T, gps_sd_m, lat_deg, lon_deg),
     }
@@ -128,13 +135,13 @@ def _heading_deg(yaw_rad: Vector) -> Vector:
     return np.degrees(-yaw_rad) % 360.0
 
 
-def _degrees(angle_rad: float) -> float:
+def degrees(angle_rad: float) -> float:
     """Degrees with the fewest digits that bring back the angle: 0.1 deg in a scenario is 0.1 in its file."""
     candidates = [float(f"{math.degrees(angle_rad):.{digits}g}") for digits in range(1, 18)]
     return next((deg for deg in candidates if math.radians(deg) == angle_rad), candidates[-1])
 
 
-def _noise(family: NoiseFamily, unit: str) -> str:
+def noise_text(family: NoiseFamily, unit: str) -> str:
     """Return the family as a TOML value."""
     match family:
         case Gaussian():
@@ -142,7 +149,7 @@ def _noise(family: NoiseFamily, unit: str) -> str:
         case Mixture():
             keys = f'kind = "mixture", share = {family.share!r}, variance_ratio = {family.variance_ratio!r}'
         case Contamination():
-            sd = _degrees(family.sd) if unit == "deg" else family.sd
+            sd = degrees(family.sd) if unit == "deg" else family.sd
             keys = f'kind = "contamination", share = {family.share!r}, sd_{unit} = {sd!r}'
         case StudentT():
             keys = f'kind = "student-t", dof = {family.dof!r}'

@@ -114,7 +114,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     unit: Literal["deg", "rad"] | None = None
     bias_deg: float = 0.0
     declination_deg: float = 0.0
-    sd_deg: Positive | None = None
+    sd_deg: Positive | Literal["message"] | None = None
     time: Clock | None = None
     latency_s: float = 0.0
     noise: CompassNoise | None = None

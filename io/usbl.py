@@ -199,4 +199,6 @@ def _floored(R: Array) -> Array:
     """Raise the eigenvalues to LEAST_SD_M squared."""
     safe = np.where(np.isfinite(R), R, np.eye(2))  # of fixes that are left out
     values, U = np.linalg.eigh(safe)
-    return np.einsum("nij,nj,nkj->nik", U, np.maximum(values, LEAST_SD_M**2), U)
+    raised = np.einsum("nij,nj,nkj->nik", U, np.maximum(values, LEAST_SD_M**2), U)
+    low = values[:, 0] < LEAST_SD_M**2
+    return np.where(low[:, None, None], raised, safe)

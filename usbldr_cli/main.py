@@ -11,6 +11,8 @@ COMMANDS = {
     "info": "What is in LOG and how each sensor is understood.",
     "replay": "Run a filter over LOG and report its east and north errors.",
     "compare": "Run several filters over logs and seeds, side by side.",
+    "export": "Write LOG, or a stretch of it, in another format.",
+    "check": "Run a baseline again and fail where a metric got worse: the gate for CI.",
     "simulate": "Write a simulated log with its truth.",
 }
 """One line per command; its function lives in the module of the same name and is imported when it is called."""

@@ -34,6 +34,12 @@ def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
+def format_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --format: in which format a log is written."""
+    forms = click.Choice(["mcap", "bag", "rosbag2", "db3", "csv"])
+    return click.option("--format", "form", type=forms, help="Whatever the name of OUTPUT means.")(command)
+
+
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the argument LOG and the options that say how to read it; `open_log` takes them all."""
     return click.argument("log", metavar="LOG")(selection_options(command))

@@ -48,8 +48,8 @@ class RunChoices:
         """Return the truth rows to score against, in seconds of the log."""
         from usbldr.filters.evaluation import Window
 
-        start = -math.inf if self.start is None else _seconds("--start", self.start, log.start_ns)
-        end = math.inf if self.end is None else _seconds("--end", self.end, log.start_ns)
+        start = -math.inf if self.start is None else seconds_of_log("--start", self.start, log.start_ns)
+        end = math.inf if self.end is None else seconds_of_log("--end", self.end, log.start_ns)
         if start >= end:
             raise UsageError(f"--start {self.start} does not lie before --end {self.end}")
         return Window(start, end)
@@ -136,7 +136,7 @@ def _no_calibration(ctx: click.Context, param: click.Parameter, value: str) -> s
     return value
 
 
-def _seconds(option: str, text: str, start_ns: int) -> float:
+def seconds_of_log(option: str, text: str, start_ns: int) -> float:
     """Return seconds of the log from seconds or ISO time (UTC where it names no zone)."""
     try:
         return float(text)

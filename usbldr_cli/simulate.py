@@ -5,19 +5,24 @@ from pathlib import Path
 import click
 
 from usbldr.filters.errors import UsageError
+from usbldr_cli.options import format_option
 
 
 @click.command()
 @click.argument("scenario", required=False)
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="NAME.mcap, or a folder for CSV files.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="NAME.mcap, NAME.bag, NAME_db3 or a folder.")
+@format_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed, the same bytes.")
 @click.option("--force", is_flag=True, help="Overwrite what is there.")
 @click.option("--list", "list_them", is_flag=True, help="List the scenarios.")
-def simulate(scenario: str | None, output: Path | None, seed: int, force: bool, list_them: bool) -> None:
+def simulate(
+    scenario: str | None, output: Path | None, form: str | None, seed: int, force: bool, list_them: bool
+) -> None:
     """Write SCENARIO as a log with its truth, and its configuration beside it.
 
-    OUTPUT is an MCAP file of ROS 2 messages where it ends in .mcap, else a folder of CSV files. Its configuration
-    (NAME.usbldr.toml, or usbldr.toml in the folder) states noise, start and conventions, never a sensor's true error.
+    OUTPUT is written in the format that its name means: NAME.mcap (ROS 2), NAME.bag (ROS 1), NAME_db3 (rosbag2 folder)
+    or NAME.db3 (its file alone), else a folder of CSV files. Its configuration (NAME.usbldr.toml, or usbldr.toml in
+    the folder) states noise, start and conventions, never a sensor's true error.
 
     \b
     $ usbldr simulate paper -o paper.mcap
@@ -37,7 +42,7 @@ def simulate(scenario: str | None, output: Path | None, seed: int, force: bool, 
 
     from usbldr.io.scenario_files import write_scenario
 
-    log, configuration = write_scenario(chosen, seed, output, force)
+    log, configuration = write_scenario(chosen, seed, output, force, form)
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in log.tables.items())
     click.echo(f"{output}: scenario {chosen.name}, seed {seed}, {chosen.duration_s:g} s, records: {counts}")
     click.echo(f"{configuration}: noise, start and conventions")

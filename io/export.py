@@ -1,0 +1,144 @@
+"""A log, or a stretch of it, written anew in canonical form, with the configuration that replays it as it was.
+
+Conventions, mounts and offsets of the original have been applied; a latency is kept as one, so that stamps, and with
+them the epochs of a replay, stay what they were.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from usbldr.filters.assumptions import ProcessNoise
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.noise import NoiseFamily
+from usbldr.filters.types import Truth
+from usbldr.io.configuration import read_configuration
+from usbldr.io.log import Log
+from usbldr.io.log_files import configuration_place, conventions_of, form_of, write_records, write_whole
+from usbldr.io.scenario import degrees, noise_text, toml_text
+from usbldr.io.topics import ROLES
+
+
+def cut(log: Log, start_s: float, end_s: float) -> Log:
+    """Return the records valid from start to end, seconds of the log, ends included; raise LogError if none is left.
+
+    A known start is forgotten where the beginning is cut off.
+    """
+    tables = {
+        sensor: table[(table["time_s"] >= start_s) & (table["time_s"] <= end_s)].reset_index(drop=True)
+        for sensor, table in log.tables.items()
+    }
+    tables = {sensor: table for sensor, table in tables.items() if len(table)}
+    if not tables:
+        raise LogError(f"{log.path}: no record lies between {start_s:g} and {end_s:g} s")
+    known = log.assumptions if start_s <= 0 else replace(log.assumptions, start=None)
+    return replace(log, tables=tables, assumptions=known, truth=_cut_truth(log.truth, start_s, end_s))
+
+
+def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | None:
+    if truth is None:
+        return None
+    kept = (truth.time_s >= start_s) & (truth.time_s <= end_s)
+    if not kept.any():
+        return None
+    return replace(truth, time_s=truth.time_s[kept], position_m=truth.position_m[kept], sd_m=truth.sd_m[kept])
+
+
+def export(log: Log, out: Path, force: bool = False, stated: str | None = None) -> tuple[Log, Path]:
+    """Write a log to ``out``, in the stated form or the one of its name.
+
+    Return what was written, as tables, and the configuration's path. Raises UsageError as log_files.write_whole does.
+    """
+    form = form_of(out, stated)
+    _refuse_own(log, out, configuration_place(out, form))
+    latencies = _latencies(log)
+    written = _restamped(_with_truth(log), latencies)
+    configuration = _configuration(log, written, conventions_of(written, form, exported=True), latencies)
+
+    def make(target: Path) -> None:
+        write_records(written, target, form, {"exported from": log.path.name}, exported=True)
+
+    return written, write_whole(out, form, configuration, make, force)
+
+
+def _refuse_own(log: Log, out: Path, place: Path) -> None:
+    """Refuse to write over the log, and to put beside it a configuration that it would then be read by."""
+    own = log.path.resolve()
+    if out.resolve() == own:
+        raise UsageError(f"{out}: is the log itself; choose another name")
+    beside = own.with_name(f"{own.stem if own.is_file() else own.name}.usbldr.toml")
+    if place.resolve() in (beside, log.configuration and log.configuration.resolve()):
+        raise UsageError(f"{out}: its configuration {place.name} would also be that of {log.path}; choose another name")
+
+
+def _latencies(log: Log) -> dict[str, float]:
+    """Return by sensor what was taken off its stamps."""
+    if log.configuration is None:
+        return {}
+    stated = read_configuration(log.configuration)
+    return {role: latency for role in ROLES if (latency := getattr(stated, role).latency_s)}
+
+
+def _with_truth(log: Log) -> Log:
+    """Give a truth that is not the log's GPS a table of its own."""
+    if log.truth is None or ("truth" not in log.provenance and "gps" in log.tables):
+        return log
+    east, north = log.truth.position_m.T
+    columns = {"time_s": log.truth.time_s, "received_s": log.truth.time_s, "east_m": east, "north_m": north}
+    table = pd.DataFrame(columns | {"sd_m": log.truth.sd_m})
+    return replace(log, tables=dict(log.tables) | {"truth": table})
+
+
+def _restamped(log: Log, latencies: Mapping[str, float]) -> Log:
+    tables = {s: t.assign(time_s=t["time_s"] + latencies[s]) if s in latencies else t for s, t in log.tables.items()}
+    return replace(log, tables=tables)
+
+
+def _configuration(
+    log: Log, written: Log, conventions: Mapping[str, Mapping[str, str]], latencies: Mapping[str, float]
+) -> str:
+    known, process = log.assumptions, log.assumptions.process
+    sections: dict[str, dict[str, str]] = {}
+    if log.origin is not None:
+        sections["map"] = {"origin_lat_deg": repr(log.origin.lat_deg), "origin_lon_deg": repr(log.origin.lon_deg)}
+    sections["dvl"] = _of_sensor(known.dvl, "mps") | {"lever_arm_m": str(list(known.dvl_lever_m))}
+    sections["compass"] = _of_sensor(known.compass, "deg")
+    sections["usbl"] = _of_sensor(known.usbl, "m") | {"lever_arm_m": str(list(known.usbl_lever_m))}
+    sections |= {"gps": {}, "depth": {}}
+    for sensor, latency_s in latencies.items():
+        sections[sensor] |= {"latency_s": repr(latency_s)}
+    sections["truth"] = {"topic": '"none"'}
+    if log.truth is not None:
+        sections["truth"] = {"kind": f'"{log.truth.kind}"', "max_gap_s": repr(float(log.truth.max_gap_s))}
+        if "truth" in written.tables and "truth" not in conventions:
+            sections["truth"] |= {"topic": '"/truth"'}
+    default = ProcessNoise()
+    walks = {
+        "position_m": (process.position_m, default.position_m, process.position_m),
+        "heading_deg": (process.yaw_rad, default.yaw_rad, degrees(process.yaw_rad)),
+        "velocity_mps": (process.velocity_mps, default.velocity_mps, process.velocity_mps),
+        "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, degrees(process.turn_rate_radps)),
+    }
+    sections["process"] = {key: repr(value) for key, (own, usual, value) in walks.items() if own != usual}
+    start = known.start
+    if start is not None and not math.isnan(start.east_m):
+        sections["start"] = {
+            "east_m": repr(start.east_m),
+            "north_m": repr(start.north_m),
+            "sd_m": repr(start.sd_m),
+            "heading_sd_deg": repr(degrees(start.sd_yaw_rad)),
+            "velocity_sd_mps": repr(start.sd_mps),
+            "turn_rate_sd_dps": repr(degrees(start.sd_radps)),
+        }
+    title = (
+        f"Written by: usbldr export {log.path.name}",
+        "Mounts, offsets and signs of the original have been applied to the records.",
+    )
+    return toml_text(title, sections, conventions)
+
+
+def _of_sensor(noise: NoiseFamily, unit: str) -> dict[str, str]:
+    return {"noise": noise_text(noise, unit)}
