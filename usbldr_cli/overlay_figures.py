@@ -15,7 +15,7 @@ from usbldr_cli.unit_store import Trace, read_trace
 AXES = ("east", "north")
 UNFILTERED = ("dr", "usbl", "nudge")  # what filters are held against: their errors do not set the scale
 CLOSE_ERRORS = 10.0  # times the largest error: how far the close-up reaches along the track, either way
-WIDE, THIN = 3.0, 1.0  # of the first and the last line: tracks that coincide show as edges
+WIDE, THIN = 2.4, 0.8  # of the first and the last line: tracks that coincide show as edges
 GAP_STEPS = 3.0  # times the usual step: a line is not drawn across more
 
 Traces = Mapping[str, Trace]  # by label
@@ -61,11 +61,14 @@ def track_figure(rows: Sequence[Row]) -> Figure | None:
     for axes, span_s in ((whole, None), (close, _around(traces[leader], worst, CLOSE_ERRORS * errors_m[worst]))):
         for label, trace in traces.items():
             during = _during(trace.time_s, span_s)
-            _draw_track(axes, rows, label, trace.time_s[during], trace.estimate_m[during])
+            _draw_track(
+                axes, rows, label, trace.time_s[during], trace.estimate_m[during], "" if span_s is None else "."
+            )
         truth = traces[leader]
         during = _during(truth.time_s, span_s)
         _, truth_m = _broken(truth.time_s[during], truth.truth_m[during])
-        axes.plot(*truth_m.T, color=TRUTH_COLOUR, lw=2.4, label="truth", zorder=2.5)
+        mark = "" if span_s is None else "o"
+        axes.plot(*truth_m.T, color=TRUTH_COLOUR, lw=1.6, marker=mark, ms=5, mfc="white", label="truth", zorder=2.5)
         points = [trace.estimate_m[_during(trace.time_s, span_s)] for trace in scaling.values()]
         _frame(axes, np.vstack([*points, truth.truth_m[during]]))
         axes.set_xlabel("east [m]")
@@ -144,13 +147,16 @@ def _draw_over_time(axes: Axes, rows: Sequence[Row], label: str, time_s: Vector,
     axes.plot(t, e[:, 0], label=label, zorder=3, **line_style(rows, label))
 
 
-def _draw_track(axes: Axes, rows: Sequence[Row], label: str, time_s: Vector, position_m: Array) -> None:
+def _draw_track(
+    axes: Axes, rows: Sequence[Row], label: str, time_s: Vector, position_m: Array, marker: str = ""
+) -> None:
+    """Draw one track; with a marker at each epoch, errors along the track show, too."""
     if method_of(rows, label) == "usbl":
         style = {"ls": "", "marker": ".", "ms": 4, "alpha": 0.5, "zorder": 1.5}
         axes.plot(*position_m.T, color=colour_of(rows, label), label=label, **style)
         return
     _, line_m = _broken(time_s, position_m)
-    axes.plot(*line_m.T, label=label, zorder=3, **line_style(rows, label))
+    axes.plot(*line_m.T, label=label, zorder=3, marker=marker, ms=8, **line_style(rows, label))
 
 
 def _around(trace: Trace, middle: int, reach_m: float) -> tuple[float, float]:
