@@ -1,0 +1,191 @@
+"""``usbldr check``: the gate of CI. Runs a baseline's rows again and compares each metric with its stored value."""
+
+import json
+import os
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import CheckError, LogError, UsageError
+from usbldr_cli.options import selection_options
+from usbldr_cli.run_options import RunChoices, run_options
+
+if TYPE_CHECKING:
+    from usbldr.io.baseline_file import Baseline, Option, Row
+    from usbldr_cli.check_verdicts import Checked
+    from usbldr_cli.unit_store import Outcome
+    from usbldr_cli.units import Unit
+
+FILES = ("config", "truth", "with")  # options whose value may be a file, relative to the baseline's folder
+
+
+@click.command()
+@click.argument("baseline", type=click.Path(path_type=Path))
+@click.option("--update", is_flag=True, help="Show the differences and store the new values.")
+@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Runs at a time.  [default: one for each core]")
+@click.option("--json", "json_to", is_flag=False, flag_value="-", help="Result as JSON: to a file, or alone to stdout.")
+@click.option("--markdown", "markdown_to", metavar="FILE", help="Result as a page for the summary of a CI run.")
+@click.option("--force", is_flag=True, help="Replace the files of --json and --markdown.")
+@click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
+def check(
+    baseline: Path,
+    update: bool,
+    jobs: int | None,
+    json_to: str | None,
+    markdown_to: str | None,
+    force: bool,
+    quiet: bool,
+) -> int:
+    """Run the rows of BASELINE again; exit 1 where a metric got worse than its limit allows, or is missing.
+
+    A row or a log that is not there is a failure, never skipped. A metric that got better by more than its limit
+    passes, and is reported: the baseline is stale.
+
+    \b
+    $ usbldr check sample_logs/baseline.toml
+    """
+    from usbldr.io.baseline_file import read_baseline
+    from usbldr_cli.check_verdicts import as_json, markdown
+
+    for target in (json_to, markdown_to):
+        if target not in (None, "-") and not force and _holds_something(Path(str(target))):
+            raise UsageError(f"{target} exists already: choose another file, or --force")
+    wanted = read_baseline(baseline)
+    checked = _checked(wanted, jobs or os.cpu_count() or 1)
+    failed = not all(one.passed for one in checked)
+    code = max(one.exit_code for one in checked) or (CheckError.exit_code if failed else 0)
+    if markdown_to is not None:
+        _write(markdown_to, markdown(baseline.name, checked))
+    if json_to is not None:
+        text = json.dumps(as_json(baseline.name, checked, code), indent=1, allow_nan=False, ensure_ascii=False)
+        if json_to == "-":
+            click.echo(text)
+        else:
+            _write(json_to, text + "\n")
+    if json_to != "-":
+        _tell(checked, quiet)
+    return _update(wanted, checked, told=json_to != "-") if update else code
+
+
+def _checked(baseline: "Baseline", jobs: int) -> "list[Checked]":
+    """Run all rows at once and judge each."""
+    from usbldr_cli.units import run_units
+
+    units = {row.name: _units(baseline.file, row) for row in baseline.rows}
+    outcomes = iter(run_units([unit for cell in units.values() for unit in cell], jobs))
+    found = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
+    return [_judged(baseline.file, row, units[row.name], found[row.name]) for row in baseline.rows]
+
+
+def _units(file: Path, row: "Row") -> "list[Unit]":
+    """Return the runs of a row, one a seed; none where its log is not there."""
+    from usbldr.filters.methods import METHODS
+    from usbldr.filters.simulation import SCENARIOS
+    from usbldr_cli.units import Unit
+
+    if row.filter not in METHODS:
+        raise UsageError(f"{file}: row {row.name!r}: there is no filter {row.filter!r} (filters: {', '.join(METHODS)})")
+    choices, selection = _choices(file, row)
+    beside = file.parent / row.log
+    if not beside.exists() and row.log not in SCENARIOS:
+        return []
+    log = str(beside) if beside.exists() else row.log
+    seeds = range(choices.seed, choices.seed + row.seeds)
+    return [Unit(log, row.filter, replace(choices, seed=seed), selection) for seed in seeds]
+
+
+def _choices(file: Path, row: "Row") -> tuple[RunChoices, Mapping[str, Any]]:
+    """Return what a row's options ask for, read by the command line's own rules."""
+    arguments = [f"--{name.replace('_', '-')}={value}" for name, value in _stated(file.parent, row.options)]
+    try:
+        return _run_of_a_row.main(arguments, prog_name="row", standalone_mode=False)
+    except click.ClickException as err:
+        raise UsageError(f"{file}: row {row.name!r}: {err.format_message()}") from err
+    except UsageError as err:
+        raise UsageError(f"{file}: row {row.name!r}: {err}") from err
+
+
+def _stated(folder: Path, options: "Mapping[str, Option]") -> "list[tuple[str, Option]]":
+    """Return each option and value; a file is looked for beside the baseline."""
+    found: list[tuple[str, Option]] = []
+    for name, stated in options.items():
+        for value in stated if isinstance(stated, list) else [stated]:
+            beside = folder / str(value)
+            found.append((name, str(beside) if name in FILES and beside.exists() else value))
+    return found
+
+
+@click.command(add_help_option=False)
+@selection_options
+@run_options
+def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Mapping[str, Any]]:
+    """Take the options that replay takes for its run."""
+    return choices, selection
+
+
+def _judged(file: Path, row: "Row", units: "Sequence[Unit]", outcomes: "Sequence[Outcome]") -> "Checked":
+    from usbldr.filters.run import SAMPLED
+    from usbldr_cli import comparison
+    from usbldr_cli.check_verdicts import Checked, change
+
+    if not units:
+        where = file.parent / row.log
+        return Checked(row, (), f"{where}: there is no such log, nor a scenario of that name", CheckError.exit_code)
+    bad = [outcome for outcome in outcomes if outcome.fault is not None]
+    if bad:
+        return Checked(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
+    seeds = tuple(unit.choices.seed for unit in units)
+    dives = units[0].simulated
+    run = comparison.Row(row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLED, dives)
+    found = comparison.numbers(run)
+    lost = run.judged.lost if run.judged is not None else ()
+    changes = tuple(change(name, metric, found.get(name)) for name, metric in row.metrics.items())
+    return Checked(row, changes, None, LogError.exit_code if lost else 0, lost)
+
+
+def _tell(checked: "Sequence[Checked]", quiet: bool) -> None:
+    from usbldr_cli.check_verdicts import notes, summary, table
+    from usbldr_cli.tables import WIDTH, aligned, pairs
+
+    if not quiet:
+        click.echo(aligned(table(checked)) + "\n")
+        if told := notes(checked):
+            click.echo(pairs(told) + "\n")
+    click.echo(textwrap.fill(summary(checked), WIDTH, break_on_hyphens=False))
+
+
+def _update(baseline: "Baseline", checked: "Sequence[Checked]", told: bool) -> int:
+    """Store the new values, if every row gave all of its metrics."""
+    from usbldr.io.baseline_file import rewritten
+    from usbldr_cli.check_verdicts import MISSING
+
+    absent = [
+        one.row.name for one in checked if one.fault or one.lost or any(c.verdict == MISSING for c in one.changes)
+    ]
+    if absent:
+        codes = [one.exit_code for one in checked]
+        click.echo(f"{baseline.file}: left as it was: {', '.join(absent)} did not give every metric", err=True)
+        return max(*codes, CheckError.exit_code)
+    text = rewritten(baseline, [{c.metric: c.new for c in one.changes if c.new is not None} for one in checked])
+    if text != baseline.text:
+        _write(str(baseline.file.resolve()), text)
+    if told:
+        click.echo(f"{baseline.file}: {'updated' if text != baseline.text else 'is up to date'}")
+    return 0
+
+
+def _holds_something(path: Path) -> bool:
+    return path.is_dir() or (path.exists() and path.stat().st_size > 0)
+
+
+def _write(path: str, text: str) -> None:
+    from usbldr_cli.unit_store import write_whole
+
+    try:
+        write_whole(Path(path), text.encode())
+    except OSError as err:
+        raise UsageError(f"{path}: cannot be written ({err.strerror})") from err
