@@ -32,6 +32,7 @@ class Db3Log:
     def __init__(self, path: Path) -> None:
         """Open nothing yet; ``path`` has been found to be sqlite3 by its first bytes."""
         self.path = path
+        self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may save what is left"
         self._undecoded: Counter[str] = Counter()
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -40,15 +41,25 @@ class Db3Log:
 
     @contextmanager
     def _open(self) -> Generator[sqlite3.Connection]:
+        self._refuse_cut()
         address = f"file:{quote(str(self.path.resolve()))}?mode=ro&immutable=1"
         try:
             with closing(sqlite3.connect(address, uri=True)) as database:
                 yield database
-        except sqlite3.Error as err:
+        except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # broken cells are of any type
             if "no such" in str(err):
                 raise LogError(f"{self.path}: is sqlite3, but no rosbag2 recording ({err})") from err
-            advice = f"sqlite3 {self.path.name} .recover | sqlite3 NEW.db3 may save what is left"
-            raise LogError(f"{self.path}: no readable rosbag2 recording ({err}); {advice}") from err
+            raise LogError(f"{self.path}: no readable rosbag2 recording ({err}); {self._advice}") from err
+
+    def _refuse_cut(self) -> None:
+        """Raise LogError where the file is shorter than its own header says; sqlite3 would read zeros for the rest."""
+        with self.path.open("rb") as file:
+            head = file.read(32)
+        size, page, pages = self.path.stat().st_size, int.from_bytes(head[16:18]), int.from_bytes(head[28:32])
+        page = 65536 if page == 1 else page
+        if size < page * pages:
+            cut = f"cut at byte {size} of {page * pages}"
+            raise LogError(f"{self.path}: no readable rosbag2 recording ({cut}); {self._advice}")
 
     @cached_property
     def _keys(self) -> dict[int, Key]:

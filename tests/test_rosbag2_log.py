@@ -182,7 +182,7 @@ def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: 
     assert problems["/x"].startswith("the file carries no definition of its type my_msgs/msg/X")
 
 
-@pytest.mark.parametrize("keep", [0.02, 0.5, 0.9])
+@pytest.mark.parametrize("keep", [0.02, 0.25, 0.5, 0.75, 0.9, 0.99])
 def test_a_cut_db3_is_an_error_that_says_how_to_save_it(tmp_path: Path, keep: float) -> None:
     file = write_rosbag2(tmp_path / "dive", short_dive() * 50) / "dive.db3"
     whole = file.read_bytes()

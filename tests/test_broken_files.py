@@ -1,0 +1,68 @@
+"""Any file may be cut or damaged anywhere: a log that is partial and says so, or one sentence; never a traceback."""
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from dives import short_dive, write_csv, write_mcap
+from recordings import write_bag, write_rosbag2
+from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.read import read_log
+from usbldr_cli.main import cli
+
+HEADER = "time_ns,starboard_mps,forward_mps\n"
+WRITERS: dict[str, Callable[[Path], Path]] = {
+    "MCAP": lambda folder: write_mcap(folder / "a.mcap", short_dive() * 10, chunk_size=4096),
+    "ROS 1 bag": lambda folder: write_bag(folder / "a.bag", short_dive() * 10, "lz4", 4096),
+    "rosbag2": lambda folder: write_rosbag2(folder / "a", short_dive() * 10) / "a.db3",
+    "CSV": lambda folder: write_csv(folder / "a", dvl=HEADER + "1,2,3\n" * 300) / "dvl.csv",
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_damage_anywhere_is_no_traceback(tmp_path: Path, kind: str) -> None:
+    file = WRITERS[kind](tmp_path)
+    whole = file.read_bytes()
+    rng = random.Random(5)
+    for _ in range(30):
+        bent = bytearray(whole[: rng.randrange(len(whole))] if rng.random() < 0.4 else whole)
+        for _ in range(rng.choice([0, 1, 20])):
+            bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
+        file.write_bytes(bent)
+
+        sentence = ""
+        try:
+            read_log(file)
+        except UsbldrError as fault:
+            sentence = str(fault)
+        assert "\n" not in sentence
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("content", [b"", b"\0\1\2\3 no log at all"])
+def test_an_empty_or_foreign_file_is_exit_3_and_one_sentence(tmp_path: Path, kind: str, content: bytes) -> None:
+    file = WRITERS[kind](tmp_path)
+    file.write_bytes(content)
+    before = sorted(tmp_path.rglob("*"))
+
+    for command in (["info", str(file)], ["export", str(file), "-o", str(tmp_path / "new.bag")]):
+        done = CliRunner().invoke(cli, command, standalone_mode=False)
+
+        assert isinstance(done.exception, LogError)
+        assert str(done.exception).startswith(f"{file}: ")
+        assert "\n" not in str(done.exception)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("kind", ["MCAP", "ROS 1 bag", "rosbag2"])
+def test_a_topic_that_is_not_there_is_named_with_those_that_are(tmp_path: Path, kind: str) -> None:
+    file = WRITERS[kind](tmp_path)
+
+    done = CliRunner().invoke(cli, ["replay", str(file), "--dvl", "/dvll"], standalone_mode=False)
+
+    assert str(done.exception) == (
+        f"{file}: no topic /dvll for the dvl; did you mean /dvl? (topics in this log: /dvl, /imu, /usbl)"
+    )
