@@ -49,21 +49,15 @@ def compare(
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
     """
-    from usbldr_cli.compare_directory import prepare
-    from usbldr_cli.comparison import refuse_unlike
-    from usbldr_cli.run_reports import is_run, read_runs
+    from usbldr_cli.compare_directory import UNITS, prepare
+    from usbldr_cli.run_reports import is_run
 
     if json_to not in (None, "-") and Path(str(json_to)).exists() and not force:
         raise UsageError(f"{json_to} exists already: choose another file for --json, or --force")
     _refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
-        if not all(is_run(Path(log)) for log in logs):
-            raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
-        if filters is not None:
-            raise UsageError("run directories are compared as they are: leave --filters out")
         request: dict[str, Any] = {"runs": logs}
-        rows = read_runs([Path(log) for log in logs])
-        refuse_unlike(rows)
+        rows = _finished(logs, filters)
         if output is not None:
             prepare(output, request, force)
     else:
@@ -72,7 +66,10 @@ def compare(
         for log in logs:
             if not Path(log).exists():
                 open_log(log, **where)  # a misspelt name is told before hours of work
-        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, where, prepared(output, request, force))
+        if output is not None:
+            prepare(output, request, force)
+        store = None if output is None else output / UNITS
+        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, where, store)
         _refuse_empty(rows)
     _write(output, rows, request)
     _tell(rows, request, output, json_to, quiet)
@@ -81,11 +78,18 @@ def compare(
     return max([*codes, LogError.exit_code if lost else 0])
 
 
-def prepared(output: Path | None, request: dict[str, Any], force: bool) -> Path | None:
-    """Return the folder that keeps finished runs, None where none is wanted."""
-    from usbldr_cli.compare_directory import prepare
+def _finished(folders: Sequence[str], filters: str | None) -> "list[Row]":
+    """Return the rows of run directories that may be held against each other."""
+    from usbldr_cli.comparison import refuse_unlike
+    from usbldr_cli.run_reports import is_run, read_runs
 
-    return None if output is None else prepare(output, request, force)
+    if not all(is_run(Path(folder)) for folder in folders):
+        raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
+    if filters is not None:
+        raise UsageError("run directories are compared as they are: leave --filters out")
+    rows = read_runs([Path(folder) for folder in folders])
+    refuse_unlike(rows)
+    return rows
 
 
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:

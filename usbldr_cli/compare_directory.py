@@ -19,13 +19,13 @@ from usbldr_cli.comparison import Row, described, grouped, overall
 from usbldr_cli.unit_store import write_whole
 
 UNITS, TABLES = "units", "compare.json"
-OWN = re.compile(r"compare\.(json|csv|md)|(track|errors|error_cdf|by_filter)[\w.-]*\.png|\..*\.part")
+OWN = re.compile(r"compare\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter)[\w.-]*\.png|\..*\.part")
 OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
 SCHEMA = 1
 
 
-def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> Path:
-    """Make the folder, or take it up where the same comparison left it; return the folder of finished units.
+def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:
+    """Make the folder, or take it up where the same comparison left it.
 
     Raises UsageError for a folder that is not a comparison's, or, without ``force``, holds another comparison's tables.
     """
@@ -40,10 +40,11 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> Path:
                 f"{folder} holds another comparison: choose another --output, or --force to replace its tables "
                 "(finished runs are kept)"
             )
-        (folder / UNITS).mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        if "runs" not in request:
+            (folder / UNITS).mkdir(exist_ok=True)
     except OSError as err:
         raise UsageError(f"{folder}: cannot be written ({err.strerror or err})") from err
-    return folder / UNITS
 
 
 def _foreign(folder: Path) -> str | None:

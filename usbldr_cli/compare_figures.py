@@ -1,5 +1,6 @@
 """The pictures of a comparison: the error of each method over all runs, and overlays of one run."""
 
+import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -32,13 +33,23 @@ def write_figures(folder: Path, rows: Sequence[Row]) -> list[tuple[str, str]]:
     written: list[tuple[str, str]] = []
     with in_style():
         for log, group in groups.items():
-            end = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.-]+", "_", log)
+            end = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.-]+", "_", log).strip("_")
             for name, caption, draw in PICTURES:
                 figure = draw([row for row in group if row.good])
                 if figure is not None:
-                    save(figure, folder / f"{name}{end}.png")
+                    _save_whole(figure, folder / f"{name}{end}.png")
                     written.append((f"{name}{end}.png", f"{caption} ({log})"))
     return written
+
+
+def _save_whole(figure: Figure, path: Path) -> None:
+    """Write a picture that appears under its name when it is complete."""
+    part = path.with_name(f".{path.name}")
+    try:
+        save(figure, part)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def cdf_figure(rows: Sequence[Row]) -> Figure | None:

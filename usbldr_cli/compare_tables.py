@@ -1,5 +1,6 @@
 """The tables of a comparison: for the terminal within 100 columns, as Markdown, as CSV rows. Metres and seconds."""
 
+import re
 import textwrap
 from collections.abc import Sequence
 
@@ -7,6 +8,7 @@ from usbldr.io.summary import TRUTHS, Table
 from usbldr_cli.comparison import Row, difference, grouped, numbers, overall, trust, verdict
 from usbldr_cli.tables import WIDTH, aligned, pairs
 
+HUGE = 1e5  # a number that only says that something is very wrong
 LEGEND = (
     "± is the standard error of a mean over seeds; a difference is taken over the same seeds, and one marked * is not "
     "significant (Student's t, 95 %); diverged: share of seeds with a mean horizontal error over 5 m."
@@ -31,8 +33,8 @@ def error_table(rows: Sequence[Row]) -> Table:
 
 
 def health_table(rows: Sequence[Row]) -> Table:
-    """Return runs, medians, divergence, consistency and cost of a log's rows."""
-    heads = ("runs", "median", "diverged", "ESS", "NEES", "sigmas", "time")
+    """Return runs, medians, divergence, consistency and cost of a log's rows; what applies to none is left out."""
+    heads = ("runs", "median horiz.", "diverged", "ESS", "NEES", "sigmas", "time")
     body: list[tuple[str, ...]] = []
     for row in rows:
         if not row.good:
@@ -51,7 +53,8 @@ def health_table(rows: Sequence[Row]) -> Table:
                 f"{seconds:.1f} s" if seconds is not None else "",
             )
         )
-    return Table("per run", heads, tuple(body))
+    kept = [k for k in range(len(heads) + 1) if k == 0 or any(line[k] for line in body)]
+    return Table("per run", tuple(heads[k - 1] for k in kept[1:]), tuple(tuple(line[k] for k in kept) for line in body))
 
 
 def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
@@ -104,9 +107,8 @@ def render(rows: Sequence[Row], colour: bool = False) -> str:
             blocks += ["", aligned(error_table(_shown(group))), "", aligned(health_table(group))]
         if told := notes(group):
             blocks += ["", pairs(told)]
-        blocks += ["", *([textwrap.fill(verdict(group), WIDTH), ""] if len(groups) > 1 else [])]
-    last = textwrap.fill(overall(rows), WIDTH, break_long_words=False, break_on_hyphens=False)
-    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", _title(last, colour)])
+        blocks += ["", *([_filled(verdict(group)), ""] if len(groups) > 1 else [])]
+    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", _title(_filled(overall(rows)), colour)])
 
 
 def markdown(rows: Sequence[Row], pictures: Sequence[tuple[str, str]]) -> str:
@@ -148,7 +150,9 @@ def _against(row: Row, first: Row) -> str:
 
 def _number(row: Row, metric: str, digits: int = 3) -> str:
     value = row.mean(metric)
-    return "" if value is None else f"{value:.{digits}f}"
+    if value is None:
+        return ""
+    return f"{value:.{digits}f}" if abs(value) < HUGE else f"{value:.1e}"
 
 
 def _piped(table: Table) -> str:
@@ -163,6 +167,12 @@ def _escaped(cell: str) -> str:
 
 def _bullets(lines: Sequence[tuple[str, str]]) -> str:
     return "\n".join(f"* **{label}**: {text}" for label, text in lines)
+
+
+def _filled(text: str) -> str:
+    """Wrap a sentence; no number is parted from its unit."""
+    tied = re.sub(r"(?<=\d) (?=%|m\b)", "\xa0", text)
+    return textwrap.fill(tied, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
 
 
 def _title(text: str, colour: bool) -> str:

@@ -14,7 +14,7 @@ from usbldr_cli.unit_store import Trace, read_trace
 
 AXES = ("east", "north")
 UNFILTERED = ("dr", "usbl", "nudge")  # what filters are held against: their errors do not set the scale
-CLOSE_ERRORS = 10.0  # times the largest error: how far the close-up reaches along the track, either way
+CLOSE_ERRORS = 8.0  # times the largest error: how far along its way the close-up follows the vehicle, either side
 WIDE, THIN = 2.4, 0.8  # of the first and the last line: tracks that coincide show as edges
 GAP_STEPS = 3.0  # times the usual step: a line is not drawn across more
 
@@ -132,10 +132,18 @@ def colour_of(rows: Sequence[Row], label: str) -> str:
 
 
 def line_style(rows: Sequence[Row], label: str) -> dict[str, Any]:
-    """Return colour, dashes that tell rows of one method apart, and a width by which coinciding lines still show."""
-    same = [row.label for row in rows if row.method == method_of(rows, label)]
-    width = np.linspace(WIDE, THIN, len(rows))[[row.label for row in rows].index(label)] if len(rows) > 1 else 1.4
-    return {"color": colour_of(rows, label), "ls": ("-", "--", ":", "-.")[same.index(label) % 4], "lw": float(width)}
+    """Return colour, dashes that tell rows of one method apart, and a width by which coinciding lines still show.
+
+    What filters are held against is thin and lies behind them.
+    """
+    method = method_of(rows, label)
+    same = [row.label for row in rows if row.method == method]
+    style = {"color": colour(method), "ls": ("-", "--", ":", "-.")[same.index(label) % 4]}
+    if method in UNFILTERED:
+        return {**style, "lw": 1.0, "zorder": 2}
+    filters = [row.label for row in rows if row.method not in UNFILTERED]
+    width = np.linspace(WIDE, THIN, len(filters))[filters.index(label)] if len(filters) > 1 else 1.4
+    return {**style, "lw": float(width), "zorder": 3}
 
 
 def _draw_over_time(axes: Axes, rows: Sequence[Row], label: str, time_s: Vector, values: Array) -> None:
@@ -144,7 +152,7 @@ def _draw_over_time(axes: Axes, rows: Sequence[Row], label: str, time_s: Vector,
         axes.plot(time_s, values[:, 0], color=colour_of(rows, label), label=label, **style)
         return
     t, e = _broken(time_s, values)
-    axes.plot(t, e[:, 0], label=label, zorder=3, **line_style(rows, label))
+    axes.plot(t, e[:, 0], label=label, **line_style(rows, label))
 
 
 def _draw_track(
@@ -156,15 +164,14 @@ def _draw_track(
         axes.plot(*position_m.T, color=colour_of(rows, label), label=label, **style)
         return
     _, line_m = _broken(time_s, position_m)
-    axes.plot(*line_m.T, label=label, zorder=3, marker=marker, ms=8, **line_style(rows, label))
+    axes.plot(*line_m.T, label=label, marker=marker, ms=5, **line_style(rows, label))
 
 
 def _around(trace: Trace, middle: int, reach_m: float) -> tuple[float, float]:
-    """Return the times between which the truth stays, without a break, within reach of where it was at an epoch."""
-    away = np.flatnonzero(np.hypot(*(trace.truth_m - trace.truth_m[middle]).T) > reach_m)
-    before, after = away[away < middle], away[away > middle]
-    first = min(before[-1] + 1, middle - 1) if len(before) else 0  # one epoch either way at the least
-    last = max(after[0] - 1, middle + 1) if len(after) else len(trace.time_s) - 1
+    """Return the times between which the truth is no further from an epoch than ``reach_m`` along its way."""
+    way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(trace.truth_m, axis=0).T))])
+    near = np.flatnonzero(np.abs(way_m - way_m[middle]) <= reach_m)
+    first, last = max(min(near[0], middle - 1), 0), min(max(near[-1], middle + 1), len(way_m) - 1)
     return float(trace.time_s[first]), float(trace.time_s[last])
 
 
