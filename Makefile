@@ -2,8 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+USBLDR ?= $(BIN)/usbldr
+SAMPLES ?= sample_logs
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint check sample_logs clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -14,6 +16,17 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/pytest -q
+
+check: $(VENV)/installed
+	$(USBLDR) check sample_logs/baseline.toml
+
+# the same bytes each time, as long as numpy and zstandard stay the same
+sample_logs: $(VENV)/installed
+	$(USBLDR) simulate paper --seed 0 --force -o $(SAMPLES)/paper.mcap
+	$(USBLDR) simulate lawnmower --seed 0 --force -o $(SAMPLES)/lawnmower.mcap
+	$(USBLDR) simulate lawnmower --seed 0 --force -o $(SAMPLES)/lawnmower.bag
+	$(USBLDR) simulate lawnmower --seed 0 --force -o $(SAMPLES)/lawnmower_csv
+	$(USBLDR) export $(SAMPLES)/lawnmower.mcap --start 60 --end 180 --force -o $(SAMPLES)/lawnmower_turn_db3
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

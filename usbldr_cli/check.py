@@ -67,7 +67,7 @@ def check(
         else:
             _write(json_to, text + "\n")
     if json_to != "-":
-        _tell(checked, quiet)
+        _tell(checked, quiet, update)
     return _update(wanted, checked, told=json_to != "-") if update else code
 
 
@@ -147,7 +147,8 @@ def _judged(file: Path, row: "Row", units: "Sequence[Unit]", outcomes: "Sequence
     return Checked(row, changes, None, LogError.exit_code if lost else 0, lost)
 
 
-def _tell(checked: "Sequence[Checked]", quiet: bool) -> None:
+def _tell(checked: "Sequence[Checked]", quiet: bool, update: bool) -> None:
+    """Print the table and the verdict; no verdict on values that are about to be replaced."""
     from usbldr_cli.check_verdicts import notes, summary, table
     from usbldr_cli.tables import WIDTH, aligned, pairs
 
@@ -155,7 +156,8 @@ def _tell(checked: "Sequence[Checked]", quiet: bool) -> None:
         click.echo(aligned(table(checked)) + "\n")
         if told := notes(checked):
             click.echo(pairs(told) + "\n")
-    click.echo(textwrap.fill(summary(checked), WIDTH, break_on_hyphens=False))
+    if not update:
+        click.echo(textwrap.fill(summary(checked), WIDTH, break_long_words=False, break_on_hyphens=False))
 
 
 def _update(baseline: "Baseline", checked: "Sequence[Checked]", told: bool) -> int:
@@ -168,7 +170,7 @@ def _update(baseline: "Baseline", checked: "Sequence[Checked]", told: bool) -> i
     ]
     if absent:
         codes = [one.exit_code for one in checked]
-        click.echo(f"{baseline.file}: left as it was: {', '.join(absent)} did not give every metric", err=True)
+        click.echo(f"usbldr: {baseline.file}: left as it was: {', '.join(absent)} did not give every metric", err=True)
         return max(*codes, CheckError.exit_code)
     text = rewritten(baseline, [{c.metric: c.new for c in one.changes if c.new is not None} for one in checked])
     if text != baseline.text:

@@ -65,15 +65,18 @@ def table(checked: Sequence[Checked]) -> Table:
 
 def _cells(c: Change) -> tuple[str, ...]:
     digits = _digits(c.limit)
-    old, new = ("none" if value is None else f"{value:.{digits}f}" for value in (c.old, c.new))
-    both = c.old is not None and c.new is not None
-    moved = f"{c.new - c.old:+z.{digits}f}" if both and c.new is not None and c.old is not None else ""
-    return old, new, moved, f"{c.limit:.{digits}f}", c.verdict
+    old, new = ("none" if value is None else _number(value, digits) for value in (c.old, c.new))
+    moved = "" if c.old is None or c.new is None else _number(c.new - c.old, digits, "+z")
+    return old, new, moved, "" if c.old is None else _number(c.limit, digits), c.verdict
 
 
-def _digits(limit: float) -> int:
-    """Return how many decimals show a tenth of the limit, two to six."""
-    return next((digits for digits in range(2, 6) if limit >= 10.0 ** (1 - digits)), 6)
+def _number(value: float, digits: int | None, sign: str = "") -> str:
+    return f"{value:{sign}.6g}" if digits is None else f"{value:{sign}.{digits}f}"
+
+
+def _digits(limit: float) -> int | None:
+    """Return how many decimals show a tenth of the limit; None without a limit."""
+    return next((digits for digits in range(2, 9) if limit >= 10.0 ** (1 - digits)), None)
 
 
 def notes(checked: Sequence[Checked]) -> list[tuple[str, str]]:
