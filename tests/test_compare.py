@@ -137,8 +137,8 @@ def test_a_method_ignores_options_that_it_has_no_use_for() -> None:
 
 
 def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Path) -> None:
-    out, seeds = tmp_path / "out", 8
-    asked = [*("--filters", "cpf", "--seeds", str(seeds), "--jobs", "2", "-N", "300")]
+    out, seeds = tmp_path / "out", 5
+    asked = [*("--filters", "cpf", "--seeds", str(seeds), "--jobs", "2", "-N", "150")]
     command = [sys.executable, "-c", "from usbldr_cli.main import main; main()", "compare", str(dive), *asked]
     with subprocess.Popen([*command, "-o", str(out)], stderr=subprocess.PIPE, text=True) as run:
         while run.poll() is None and not list(out.glob("units/*.json")):
