@@ -9,11 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.noise import NoiseFamily
-from usbldr.filters.scenarios import PAPER, SCENARIOS, Leg, Outliers, Scenario, Silences, Usbl, scenario_named
+from usbldr.filters.scenarios import Leg, Outliers, Scenario, Silences, Usbl
 from usbldr.filters.types import Array, Vector
-
-__all__ = ["PAPER", "SCENARIOS", "Motion", "Records", "Scenario", "Simulated", "draw", "motion", "scenario_named"]
-__all__ += ["rotation", "simulate"]
 
 SENSORS = ("dvl", "compass", "usbl", "gps")
 """Each draws from a generator of its own, spawned in this order: append, and the draws of the others stay."""

@@ -15,7 +15,8 @@ import pymap3d  # pyright: ignore[reportMissingTypeStubs]
 
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
-from usbldr.filters.simulation import Scenario, simulate
+from usbldr.filters.scenarios import Scenario
+from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.log import COLUMNS, Log, Origin, Provenance
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from usbldr.filters.simulation import Scenario
+from usbldr.filters.scenarios import Scenario
 from usbldr.io.log import Log
 from usbldr.io.log_files import conventions_of, form_of, write_records, write_whole
 from usbldr.io.scenario import configuration_text, simulated_log

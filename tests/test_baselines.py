@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from usbldr.filters import baselines
 from usbldr.filters.errors import LogError
-from usbldr.filters.simulation import PAPER, Leg, Scenario, simulate
+from usbldr.filters.scenarios import PAPER, Leg, Scenario
+from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.simulation import PAPER
+from usbldr.filters.scenarios import PAPER
 from usbldr.io.scenario_files import write_scenario
 from usbldr_cli.compare import compare
 from usbldr_cli.replay import replay

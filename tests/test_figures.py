@@ -11,7 +11,7 @@ from usbldr.filters.evaluation import evaluate
 from usbldr.filters.methods import METHODS
 from usbldr.filters.run import Settings
 from usbldr.filters.run import run as run_filter
-from usbldr.filters.simulation import PAPER
+from usbldr.filters.scenarios import PAPER
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reports import Run, Scored
 from usbldr.io.scenario import simulated_log

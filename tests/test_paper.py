@@ -7,7 +7,7 @@ import pytest
 
 from usbldr.filters.evaluation import evaluate
 from usbldr.filters.run import Settings, run
-from usbldr.filters.simulation import PAPER
+from usbldr.filters.scenarios import PAPER
 from usbldr.io.scenario import simulated_log
 from usbldr.io.timeline import timeline
 

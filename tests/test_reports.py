@@ -12,7 +12,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation import Window, evaluate
 from usbldr.filters.metrics import METRICS
 from usbldr.filters.run import run as run_filter
-from usbldr.filters.simulation import PAPER
+from usbldr.filters.scenarios import PAPER
 from usbldr.filters.types import Outage, Trajectory, Update
 from usbldr.io.log import Finding
 from usbldr.io.markdown_report import write_markdown

@@ -6,7 +6,7 @@ import numpy as np
 from usbldr.filters import baselines
 from usbldr.filters.evaluation import Window, evaluate
 from usbldr.filters.run import run as run_filter
-from usbldr.filters.simulation import PAPER
+from usbldr.filters.scenarios import PAPER
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reports import Run, Scored, describe, strict
 from usbldr.io.scenario import simulated_log

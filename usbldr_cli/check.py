@@ -84,7 +84,7 @@ def _checked(baseline: "Baseline", jobs: int) -> "list[Checked]":
 def _units(file: Path, row: "Row") -> "list[Unit]":
     """Return the runs of a row, one a seed; none where its log is not there."""
     from usbldr.filters.methods import METHODS
-    from usbldr.filters.simulation import SCENARIOS
+    from usbldr.filters.scenarios import SCENARIOS
     from usbldr_cli.units import Unit
 
     if row.filter not in METHODS:

@@ -73,7 +73,7 @@ def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str,
 
 
 def _scenario(name: str, seed: int, selected: bool) -> "Log":
-    from usbldr.filters.simulation import SCENARIOS
+    from usbldr.filters.scenarios import SCENARIOS
     from usbldr.io.scenario import simulated_log
 
     if name not in SCENARIOS:

@@ -27,7 +27,7 @@ def simulate(
     \b
     $ usbldr simulate paper -o paper.mcap
     """
-    from usbldr.filters.simulation import SCENARIOS, scenario_named
+    from usbldr.filters.scenarios import SCENARIOS, scenario_named
 
     if list_them:
         width = max(map(len, SCENARIOS))
