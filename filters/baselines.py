@@ -28,8 +28,8 @@ def nudge(timeline: Timeline) -> Trajectory:
         raise LogError("the log has no USBL fix to nudge dead reckoning by")
     reckoned = dr(timeline, np.zeros(2))
     stamps, first = np.unique(timeline.fix_time_s, return_index=True)
-    offset = (timeline.fix_m - _at(timeline, reckoned.position_m, timeline.fix_time_s))[first]
-    shift = np.column_stack([np.interp(timeline.time_s, stamps, axis) for axis in offset.T])
+    offset: Array = (timeline.fix_m - _at(timeline, reckoned.position_m, timeline.fix_time_s))[first]
+    shift = np.column_stack([np.interp(timeline.time_s, stamps, offset[:, axis]) for axis in (0, 1)])
     mean = np.column_stack([reckoned.mean[:, :3], reckoned.position_m + shift])
     return Trajectory("nudge", reckoned.names, timeline.time_s, mean, cov=None)
 

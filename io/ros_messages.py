@@ -17,6 +17,7 @@ from usbldr.io.log import Log
 Row: TypeAlias = Mapping[str, Any]  # one record of a table, by the names of COLUMNS
 Message: TypeAlias = Any  # rosbags makes the classes of messages at run time
 
+
 @dataclass(frozen=True, slots=True)
 class Channel:
     """How a sensor's table becomes messages, and what a configuration has to say of them."""

@@ -1,5 +1,4 @@
-"""The reference track: a topic of the log or a file of its own, with its frame, its columns and its time.
-"""
+"""The reference track: a topic of the log or a file of its own, with its frame, its columns and its time."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

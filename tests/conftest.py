@@ -1,9 +1,16 @@
 """Shared fixtures: where the field logs lie."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _hears_interruptions() -> None:
+    """A shell starts background jobs deaf to SIGINT, and what a test starts would inherit that."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,9 @@ def commands(text: str) -> list[tuple[str, str]]:
     return [found for block in blocks for found in COMMAND.findall(block)]
 
 
-def test_every_command_of_the_readme_prints_what_the_readme_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_command_of_the_readme_prints_what_the_readme_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     runner = CliRunner()
     assert runner.invoke(cli, ["simulate", "paper", "-o", "dive.mcap"]).exit_code == 0  # the reader's own log

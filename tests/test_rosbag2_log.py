@@ -36,9 +36,7 @@ def x_of(path: Path) -> list[float]:
 
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 @pytest.mark.parametrize("metadata", [True, False])
-def test_a_folder_is_read_with_and_without_its_metadata(
-    tmp_path: Path, storage: StoragePlugin, metadata: bool
-) -> None:
+def test_a_folder_is_read_with_and_without_its_metadata(tmp_path: Path, storage: StoragePlugin, metadata: bool) -> None:
     folder = write_rosbag2(tmp_path / "dive", short_dive(), storage)
     if not metadata:
         (folder / "metadata.yaml").unlink()

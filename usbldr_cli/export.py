@@ -18,9 +18,7 @@ from usbldr_cli.run_options import seconds_of_log
 @click.option("--start", metavar="TIME", help="Leave out what was before: seconds of the log, or ISO time.")
 @click.option("--end", metavar="TIME", help="Leave out what came after.")
 @click.option("--force", is_flag=True, help="Overwrite what is there.")
-def export(
-    output: Path | None, form: str | None, start: str | None, end: str | None, force: bool, **where: Any
-) -> int:
+def export(output: Path | None, form: str | None, start: str | None, end: str | None, force: bool, **where: Any) -> int:
     """Write the sensors and the truth of LOG anew, as usbldr understands them, with their configuration.
 
     Replaying the export gives the track that LOG gives. OUTPUT is written in the format that its name means: NAME.mcap
