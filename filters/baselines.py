@@ -45,14 +45,16 @@ def start_from_fixes(timeline: Timeline, count: int = 5, least_sd_m: float = 3.0
     """Return the position at time 0 that the first fixes tell, (2,), and its 1-sigma per axis.
 
     Each fix is carried back by the dead-reckoned displacement since time 0; the median bears two gross errors in five.
-    The sigma is the spread of the fixes (the axis that spreads more), but not below ``least_sd_m``. Raises LogError
-    where there is no fix.
+    The sigma is the fixes' median absolute deviation (of the axis that spreads more), not below ``least_sd_m``: a plain
+    spread would let one gross fix open the start so wide that a filter believes the next one. Raises LogError where
+    there is no fix.
     """
     if not len(timeline.fix_time_s):
         raise LogError("the log has no USBL fix to start from")
     carried = timeline.fix_m[:count] - _at(timeline, displacement_m(timeline), timeline.fix_time_s[:count])
-    spread_m = carried.std(axis=0, ddof=1).max() if len(carried) > 1 else 0.0
-    return np.median(carried, axis=0), float(max(least_sd_m, spread_m))
+    position = np.median(carried, axis=0)
+    spread_m = 1.4826 * np.median(np.abs(carried - position), axis=0).max()
+    return position, float(max(least_sd_m, spread_m))
 
 
 def displacement_m(timeline: Timeline) -> Array:

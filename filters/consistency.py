@@ -96,15 +96,15 @@ def innovations(trajectory: Trajectory) -> dict[str, float]:
 
 def fixes(trajectory: Trajectory) -> dict[str, float]:
     """Return what became of the USBL fixes, each of one update or two, and the longest time without a used one."""
-    fates: dict[int, list[str]] = {}
-    used_s = [float(trajectory.time_s[0]), float(trajectory.time_s[-1])]
+    fates: dict[tuple[int, float], list[str]] = {}
     for update in trajectory.updates:
         if update.sensor == "usbl":
-            fates.setdefault(update.row, []).append(update.fate)
-            if update.fate != "rejected":
-                used_s.append(update.time_s)
+            fates.setdefault((update.row, update.time_s), []).append(update.fate)
     if not fates:
         return {}
+    whole = {time_s: worst_fate(mine) for (_, time_s), mine in fates.items()}
+    used_s = [float(trajectory.time_s[0]), float(trajectory.time_s[-1])]
+    used_s += [time_s for time_s, fate in whole.items() if fate != "rejected"]
     counts = _counts("fixes_{}", [worst_fate(mine) for mine in fates.values()])
     return {**counts, "longest_fix_gap_s": float(np.diff(np.sort(used_s)).max())}
 

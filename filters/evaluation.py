@@ -17,6 +17,7 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.metrics import Surfacing, error_metrics, run_metrics, surfacing_metrics, surfacings, travelled
 from usbldr.filters.types import Array, Trajectory, Truth, Vector
 
+FEW_EPOCHS = 5
 LOW_COVERAGE = 0.8
 LATE_FIRST_S = 5.0  # --align first joins two instants this far apart only with a warning
 
@@ -184,6 +185,8 @@ def _warnings(matching: Matching, truth: Truth) -> tuple[str, ...]:
         gaps = f"{matching.in_gap} in its gaps over {truth.max_gap_s:g} s" if matching.in_gap else ""
         why = ", ".join(filter(None, (outside, gaps)))
         found.append(f"only {matching.matched} of {asked} epochs could be compared with the truth{why and ': '}{why}")
+    if matching.matched < FEW_EPOCHS:
+        found.append(f"these numbers rest on {matching.matched} of the track's epochs alone: they say next to nothing")
     if matching.undefined:
         found.append(f"the track has no position at {matching.undefined} epochs; they are left out of the errors")
     return tuple(found)

@@ -16,7 +16,7 @@ from usbldr.filters.types import Update
 
 
 class KalmanBelief(NamedTuple):
-    """One Gaussian, what the last step did, and how many readings of each sensor were refused in a row."""
+    """One Gaussian, what the last step did, and how many readings of each scalar were refused in a row."""
 
     bank: Gaussians
     updates: tuple[Update, ...]
@@ -43,9 +43,10 @@ class KalmanFilter:
         log_likelihood, rejected = belief.log_likelihood, belief.rejected
         for measurement in step.measurements:
             seen = project(bank, measurement, self.rule)
-            before = rejected.get(measurement.sensor, 0)
+            scalar = f"{measurement.sensor} {measurement.axis}"  # a good north must not excuse a refused east
+            before = rejected.get(scalar, 0)
             bank, log_l, refused = self.policy(bank, seen, measurement.noise, before)
-            rejected = {**rejected, measurement.sensor: before + 1 if refused else 0}
+            rejected = {**rejected, scalar: before + 1 if refused else 0}
             log_likelihood += float(log_l[0])
             updates.append(record(measurement, seen, np.ones(1), refused))
         return KalmanBelief(bank, tuple(updates), log_likelihood, rejected)

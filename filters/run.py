@@ -5,7 +5,7 @@ The driver alone knows grids, fixes and their times of validity; a filter only s
 
 import functools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,6 +69,7 @@ FILTERS: Mapping[str, Build] = {
 GATED = ("ekf", "ckf", "ukf")
 SAMPLED = ("cpf", "upf", "pf")
 FORMED = ("cpf", "upf")
+MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
 TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior
 
 
@@ -117,7 +118,7 @@ def run(
         ess if sampled else None,
         particles,
         acceptance if sampled else None,
-        _warnings(name, settings, ess),
+        _warnings(name, settings, ess, updates),
         time.perf_counter() - began,
     )
 
@@ -213,8 +214,15 @@ def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:
     return modes
 
 
-def _warnings(name: str, settings: Settings, ess: Vector) -> tuple[str, ...]:
+def _warnings(name: str, settings: Settings, ess: Vector, updates: Sequence[Update]) -> tuple[str, ...]:
     said: list[str] = []
+    fixes = {update.row for update in updates if update.sensor == "usbl"}
+    doubted = {update.row for update in updates if update.sensor == "usbl" and update.fate != "used"}
+    if len(doubted) > MOST_DOUBTED * len(fixes):
+        said.append(
+            f"{name}: {len(doubted)} of {len(fixes)} USBL fixes look like outliers, which they hardly all are: check "
+            "frame, map origin, DVL axes and mounting, heading convention and clocks (usbldr info says what was taken)"
+        )
     if settings.form == "literal":
         said.append(f"{name}: its literal form is for study only: it loses its particles in dead reckoning")
     ratio = float(ess.mean()) / settings.particles

@@ -141,6 +141,26 @@ def test_a_gated_filter_drops_one_outlier_and_comes_back_from_a_lockout() -> Non
     assert abs(recovered[-1].mean[0] - jumped[-1]) < 1
 
 
+def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
+    """East is 60 m off and refused, north is right: east's refusals alone must reopen the gate."""
+    noise = Contamination(0.05, 50.0).modes(np.eye(1))
+    motion = VehicleMotion(Layout(), ProcessNoise(1e-3, 1e-4, 1e-3, 1e-5))
+    prior = Prior(np.array([0.0, 0, 0, 0, 60.0, 0.0]), np.diag([0.01, 0.01, 0.01, 0.001, 1, 1]) ** 2)
+    fixes = [
+        [
+            Measurement(np.zeros(1), UsblFix(Layout(), 0.0, axes=(axis,)), noise, "usbl", name, k, float(k))
+            for axis, name in enumerate(("east", "north"))
+        ]
+        for k in range(20)
+    ]
+    steps = [Step(k, float(max(k - 1, 0)), float(k), tuple(both)) for k, both in enumerate(fixes)]
+
+    east = [estimate.mean[4] for estimate in run(OurKalmanFilter(motion, cubature, Gate()), prior, steps)]
+
+    assert east[5] > 50
+    assert abs(east[-1]) < 3
+
+
 def test_every_filter_in_the_table_steps() -> None:
     prior = Prior(np.array([0.1, 0, 1, 0, 0, 0.0]), np.diag([0.1, 0.5, 0.5, 0.05, 3, 3]) ** 2)
     fix = Measurement(np.ones(2), UsblFix(Layout(), -0.1), Contamination().modes(np.eye(2)), "usbl", "position", 0, 0.1)

@@ -140,6 +140,26 @@ def test_an_unknown_filter_or_a_gate_without_use_is_a_sentence() -> None:
         run("cpf", timeline(), Assumptions(), Settings(gate=0.99))
 
 
+def test_a_gross_first_fix_does_not_spoil_the_run() -> None:
+    line = timeline(60.0, tuple(np.arange(0.0, 60.0)))
+    line.fix_m[0] += 100.0
+
+    for name in ("cpf", "adf"):
+        north = run(name, line, Assumptions(), Settings(particles=50)).position_m[:, 1]
+        assert np.abs(north - line.time_s)[100:].max() < 0.5  # 20 s later it has forgotten
+
+
+def test_fixes_that_nearly_all_look_wrong_are_told() -> None:
+    line = timeline(60.0, tuple(np.arange(0.0, 60.0)))
+    line.fix_m[10:] += 300.0  # as a wrong frame or map would have it
+
+    said = run("adf", line, Assumptions(), Settings()).warnings
+    sound = run("adf", timeline(60.0, tuple(np.arange(0.0, 60.0))), Assumptions(), Settings()).warnings
+
+    assert any("USBL fixes look like outliers" in text for text in said)
+    assert not sound
+
+
 def test_more_process_noise_gives_a_wider_band() -> None:
     quiet, loud = (
         run("ckf", timeline(), Assumptions(process=ProcessNoise(position_m=q)), Settings()) for q in (0.01, 0.5)
