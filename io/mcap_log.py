@@ -17,6 +17,7 @@ import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
@@ -46,7 +47,11 @@ class Pass:
     lost_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # log times from, to
 
     def __iter__(self) -> Iterator[Schema | Channel | Message]:
-        """Yield schemas, channels and messages in the order of the file."""
+        """Yield schemas, channels and messages in the order of the file, first those that its summary repeats.
+
+        They stand in the first chunk, too; where that is damaged the later ones can still be read.
+        """
+        yield from _summed_up(self.file)
         reader = StreamReader(self.file, emit_chunks=True, record_size_limit=self.size)
         try:
             for record in reader.records:
@@ -81,6 +86,18 @@ class Pass:
                 self.messages += 1
             if isinstance(record, (Message, Schema, Channel)):
                 yield record
+
+
+def _summed_up(file: IO[bytes]) -> Iterator[Schema | Channel]:
+    """Yield the schemas and channels of the summary, none where the file has lost it; leave the file at its start."""
+    try:
+        summary = make_reader(file).get_summary()
+    except (*DAMAGE, OSError):  # an OSError: the file is shorter than a footer
+        summary = None
+    file.seek(0)
+    if summary is not None:
+        yield from summary.schemas.values()
+        yield from summary.channels.values()
 
 
 def _unpack_lz4(packed: bytes) -> bytes:

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Truth
 from usbldr.io import conventions, positions
 from usbldr.io.configuration import assumptions
@@ -59,6 +59,7 @@ def read(opened: Opened, request: Request) -> Log:
         raise _without_messages(reader)
     source = _truth_source(path, topics, request, configuration)
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
+    _refuse_truth_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
     raws = _raws(reader, choices)
 
     origin = _origin(configuration, raws)
@@ -135,6 +136,18 @@ def _truth_source(
         return TruthSource(topic=named(path, topics, "truth", section.topic, "configuration"))
     own = [topic for topic in topics if topic.type == "usbldr/truth"]
     return TruthSource(topic=named(path, topics, "truth", own[0].name, "type and name") if len(own) == 1 else None)
+
+
+def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, Choice], judge: str | None) -> None:
+    """Raise UsageError where a sensor of the filter reads the topic that the filter is judged by."""
+    if judge is None or judge not in choices:
+        return
+    for role in ("dvl", "compass", "usbl"):
+        if role in choices and choices[role].topic.name == choices[judge].topic.name:
+            raise UsageError(
+                f"{path}: {choices[role].topic.name} cannot be the {role} and the truth at once: "
+                'name another --truth, or "none"'
+            )
 
 
 def _raws(reader: Reader, choices: Mapping[str, Choice]) -> dict[str, Raw]:

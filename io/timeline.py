@@ -19,6 +19,7 @@ LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and h
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
 LEAST_DVL_SD_MPS = 1e-3  # the resolution of a DVL: a quiet, rounded record repeats itself and would claim 0
 COMPASS_SD_DEG = 0.3  # where a log does not say
+MOST_EPOCHS = 20_000_000  # 46 days at 5 Hz
 LONGEST_LOG_S = 30 * 86400.0  # a span beyond is a wrong stamp, and a grid over it would fill the memory
 
 
@@ -41,6 +42,8 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
     ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it
     count = 1 + int(max(ends))
+    if count > MOST_EPOCHS:
+        raise UsageError(f"{fast_hz:g} Hz over {last_s:.0f} s are {count:.2g} epochs; take a lower --fast-hz")
     time_s = np.arange(count) / fast_hz
 
     dvl_count, dvl_mean = _averages(_epoch_of(t_d, fast_hz), np.column_stack([dvl, sd_d**2]), count)

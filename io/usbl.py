@@ -93,13 +93,14 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, depths: Depths |
         if relative == "head" and head:
             drop_m = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
             east, north = head.east_m + east, head.north_m + north
-        elif origin is not None and origin.source != "[map]":
-            text = (
-                f"{raw.topic.name}: positions on a map whose origin nobody states; taken for the {origin.source}'s "
-                "(state origin_lat_deg and origin_lon_deg under [map])"
-            )
-            findings.append(Finding("MAP-UNKNOWN", text))
         causes = place_causes(raw)
+    from_map = section.head is None or section.head.lat_deg is None  # not from a head of known latitude
+    if kind != "latlon" and from_map and origin is not None and origin.source != "[map]":
+        text = (
+            f"{raw.topic.name}: positions on a map whose origin nobody states; taken for the {origin.source}'s "
+            "(state origin_lat_deg and origin_lon_deg under [map])"
+        )
+        findings.append(Finding("MAP-UNKNOWN", text))
     good, invalid = dropped(raw, causes, "usbl", "left out")
     R, sd_said = _covariance(raw, section, frame, east, north, drop_m, head)
     columns = {

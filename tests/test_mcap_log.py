@@ -115,13 +115,14 @@ def test_a_file_without_its_index_has_lost_nothing(tmp_path: Path) -> None:
     assert finding.text == "the file's index is missing; all 2000 messages could be read"
 
 
+@pytest.mark.parametrize("damaged", [0, 3])  # the first chunk holds the definitions
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
-def test_a_flipped_bit_costs_one_chunk(tmp_path: Path, compression: CompressionType) -> None:
+def test_a_flipped_bit_costs_one_chunk(tmp_path: Path, compression: CompressionType, damaged: int) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 8192)
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    chunk = summary.chunk_indexes[3]
+    chunk = summary.chunk_indexes[damaged]
     bent = bytearray(file.read_bytes())
     bent[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x10
     file.write_bytes(bent)

@@ -179,7 +179,9 @@ def particle_figure(run: Run) -> Figure | None:
     top.set_ylim(0, 1.02)
     top.set_ylabel("ESS / N")
     lowest = float(np.nanmin(share))
-    top.set_title(f"effective particles: mean {np.nanmean(share):.2f}, lowest {lowest:.2f} of {trajectory.particles}")
+    top.set_title(
+        f"effective particles: mean {np.nanmean(share):.2f}, lowest {lowest:.2f} of N = {trajectory.particles}"
+    )
     if moved and trajectory.acceptance is not None:
         low: Axes = panels[1, 0]
         shade_outages(low, run)

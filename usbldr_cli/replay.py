@@ -55,10 +55,12 @@ def replay(
 
     if method not in METHODS:
         raise UsageError(f"there is no filter {method!r} (filters: {', '.join(METHODS)})")
-    if json_to not in (None, "-") and Path(str(json_to)).exists() and not force:
-        raise UsageError(f"{json_to} exists already: choose another file for --json, or --force")
+    if json_to not in (None, "-"):
+        _check_file(Path(str(json_to)), Path(str(where["log"])), force)
     log, content = open_log(seed=choices.seed, **where)
     lost = [finding.text for finding in log.findings if finding.lost_data]
+    for finding in log.findings:
+        click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     if strict and lost:
         raise LogError(lost[0])
     require(log, needed(method, log))
@@ -69,6 +71,14 @@ def replay(
         _write(folder, run)
     _tell(run, target, json_to, quiet)
     return LogError.exit_code if lost else 0
+
+
+def _check_file(file: Path, log: Path, force: bool) -> None:
+    """Refuse a file for --json that is the log itself, a folder, or there already."""
+    if file.is_dir() or (file.exists() and log.exists() and file.samefile(log)):
+        raise UsageError(f"{file} is {'a folder' if file.is_dir() else 'the log'}: choose another file for --json")
+    if file.exists() and not force:
+        raise UsageError(f"{file} exists already: choose another file for --json, or --force")
 
 
 def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content: dict[str, object] | None) -> "Run":

@@ -50,7 +50,7 @@ class RunChoices:
 
         start = -math.inf if self.start is None else seconds_of_log("--start", self.start, log.start_ns)
         end = math.inf if self.end is None else seconds_of_log("--end", self.end, log.start_ns)
-        if start >= end:
+        if not start < end:
             raise UsageError(f"--start {self.start} does not lie before --end {self.end}")
         return Window(start, end)
 
@@ -69,6 +69,8 @@ class RunChoices:
             raise UsageError(
                 f"--dr-from {self.dr_from} is neither LAT,LON in degrees nor one of {', '.join(ANCHORS)}"
             ) from err
+        if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 360):
+            raise UsageError(f"--dr-from {self.dr_from} is no place: latitude within 90, longitude within 360 degrees")
         if log.origin is None:
             raise UsageError("--dr-from LAT,LON needs an origin: state [map] origin_lat_deg, origin_lon_deg")
         position_m = np.concatenate(to_plane(log.origin, np.array([lat_deg]), np.array([lon_deg])))
