@@ -30,7 +30,7 @@ def run_directory(target: Path, force: bool = False) -> Generator[Path]:
         new.mkdir(parents=True)
         yield new
         _put_in_place(new, target, old)
-    except BaseException as fault:
+    except BaseException as fault:  # an interruption, too, leaves nothing half-written
         shutil.rmtree(new, ignore_errors=True)
         for folder in made_parents:
             _remove_if_empty(folder)
@@ -46,7 +46,7 @@ def _put_in_place(new: Path, target: Path, old: Path) -> None:
         target.rename(old)
     try:
         new.rename(target)
-    except BaseException:
+    except BaseException:  # an interruption, too
         if old.exists():
             old.rename(target)
         raise

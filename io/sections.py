@@ -43,7 +43,7 @@ class MixtureNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="mi
 class StudentNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="student-t"):
     """Student's t."""
 
-    dof: Positive = 4.0
+    dof: Annotated[float, Meta(ge=2)] = 4.0  # below 2 the tails have no variance to match
     per: Per | None = None
 
 

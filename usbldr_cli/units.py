@@ -113,7 +113,7 @@ def _workers(jobs: int) -> "Generator[Callable[[Unit, Store | None], Future[_Don
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _settle)
     try:
         yield functools.partial(pool.submit, _run)
-    except BaseException:
+    except BaseException:  # an interruption, too
         pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()
