@@ -12,8 +12,9 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Vector
+from usbldr.io.dvl_types import dvl_causes
 from usbldr.io.log import Finding
-from usbldr.io.messages import Mask, Raw, dvl_causes
+from usbldr.io.messages import Mask, Raw
 from usbldr.io.sections import CompassSection, DepthSection, DvlSection, axis_signs
 from usbldr.io.times import Times, times_of
 

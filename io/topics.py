@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr.io.messages import LAYOUTS, Layout, layout_of
+from usbldr.io.messages import Layout
 from usbldr.io.reader import TopicInfo
+from usbldr.io.sensor_types import LAYOUTS, layout_of
 
 ROLES = ("dvl", "compass", "usbl", "gps", "depth")
 

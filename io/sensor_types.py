@@ -1,0 +1,29 @@
+"""Which message types serve which sensor: a type is one line in the file of its sensor."""
+
+from collections.abc import Mapping
+
+from usbldr.io.depth_types import DEPTH
+from usbldr.io.dvl_types import DVL
+from usbldr.io.gps_types import GPS, TRUTH
+from usbldr.io.heading_types import COMPASS
+from usbldr.io.messages import Layout
+from usbldr.io.reader import TopicInfo
+from usbldr.io.usbl_types import USBL
+
+LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
+    "dvl": DVL,
+    "compass": COMPASS,
+    "usbl": USBL,
+    "gps": GPS,
+    "depth": DEPTH,
+    "truth": TRUTH,
+}
+"""The first that fits a topic is taken.
+
+Files of our own columns, and those whose columns the configuration names, have the sensor for their type.
+"""
+
+
+def layout_of(role: str, topic: TopicInfo) -> Layout | None:
+    """Return how the topic serves the role, None if it can't."""
+    return next((layout for layout in LAYOUTS[role] if layout.fits(topic)), None)
