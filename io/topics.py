@@ -61,7 +61,7 @@ def choose_roles(
     for role in ROLES:
         if role not in options and role not in configured:
             taken = {choice.topic.name for choice in chosen.values()}
-            found = [topic for topic in _candidates(role, topics) if topic.name not in taken]
+            found = [topic for topic in candidates(role, topics) if topic.name not in taken]
             if len(found) > 1:
                 unclear[role] = UsageError(_which(log, role, found))
             elif found:
@@ -102,7 +102,7 @@ def find(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
     return found[0] if found else None
 
 
-def _candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
+def candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
     """Return the topics that could be the role: those that a hint in the name speaks for before the others."""
     fitting: list[tuple[bool, TopicInfo]] = []
     for topic in topics:
