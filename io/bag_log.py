@@ -189,7 +189,7 @@ class BagLog:
                 if isinstance(record, Connection):
                     key = (record.topic, record.type)
                     if key not in found:
-                        found[key] = Stream(*key, "ros1", decoder_of(record.type, record.definition, "ros1"))
+                        found[key] = Stream(*key, "ros1", decoder_of(record.type, record.definition, "ros1", "ros1msg"))
                     connections[record.number] = found[key]
                 elif record.connection in connections:
                     connections[record.connection].saw(record.time_ns)

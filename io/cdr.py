@@ -19,7 +19,7 @@ class DefinitionError(ValueError):
     """The text of a message definition makes no sense."""
 
 
-class Decoder:
+class RosDecoder:
     """The messages of one type."""
 
     def __init__(self, name: str, definition: bytes, encoding: str = "cdr") -> None:

@@ -15,11 +15,10 @@ from urllib.parse import quote
 import zstandard
 
 from usbldr.filters.errors import LogError
-from usbldr.io.cdr import Decoder
 from usbldr.io.definitions import definition_of
 from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo
-from usbldr.io.streams import Key, Message, Stream, collect, decoder_of, undecoded_findings
+from usbldr.io.streams import Decoder, Key, Message, Stream, collect, decoder_of, undecoded_findings
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no cdr begins so
 
@@ -124,7 +123,7 @@ def _decoder(type_name: str, encoding: str, definitions: Mapping[str, str]) -> D
     definition = definitions.get(type_name) or definition_of(type_name)
     if definition is None:
         return f"the file carries no definition of its type {type_name}; convert it with ros2 bag convert, to MCAP"
-    return decoder_of(type_name, definition.encode())
+    return decoder_of(type_name, definition.encode(), "cdr", "ros2msg")
 
 
 @cache

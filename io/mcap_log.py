@@ -21,10 +21,9 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from usbldr.io.cdr import Decoder
 from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo, utc
-from usbldr.io.streams import Key, Stream, collect, decoder_of, undecoded_findings
+from usbldr.io.streams import Decoder, Key, Stream, collect, decoder_of, undecoded_findings
 from usbldr.io.streams import Message as Payload
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -209,16 +208,8 @@ class McapLog:
         return (*said, *undecoded_findings(self._undecoded))
 
 
-READABLE = (("cdr", "ros2msg"), ("ros1", "ros1msg"))
-"""Message encodings and schema encodings that go together."""
-
-
 def _decoder(channel: Channel, schema: Schema | None) -> Decoder | str:
     """Return the decoder of a topic, or in a few words why there is none."""
-    encoding = channel.message_encoding
     if schema is None or not schema.data:
-        return f"its messages ({encoding or 'unknown encoding'}) carry no definition"
-    if (encoding, schema.encoding) not in READABLE:
-        can = " and ".join(f"{message} with {definition}" for message, definition in READABLE)
-        return f"encoding {encoding} with {schema.encoding} definitions is not supported, only {can}"
-    return decoder_of(schema.name, schema.data, encoding)
+        return decoder_of(schema.name if schema else "", b"", channel.message_encoding, "")
+    return decoder_of(schema.name, schema.data, channel.message_encoding, schema.encoding)

@@ -1,20 +1,43 @@
 """What the binary formats share: the messages of one topic and type, counted, decoded and laid out in columns."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.cdr import Decoder, DefinitionError
+from usbldr.io.cdr import DefinitionError, Extractor, RosDecoder
 from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo
 
 Key: TypeAlias = tuple[str, str]  # topic and type
 Message: TypeAlias = tuple[Key, int, bytes]  # and log time, nanoseconds since 1970; and payload
+
+
+class Decoder(Protocol):
+    """The messages of one type."""
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Field paths that can be read, an array of numbers by its bare name."""
+        ...
+
+    def extractor(self, paths: Sequence[str]) -> Extractor:
+        """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
+        ...
+
+
+DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
+    ("cdr", "ros2msg"): lambda name, definition: RosDecoder(name, definition),
+    ("ros1", "ros1msg"): lambda name, definition: RosDecoder(name, definition, "ros1"),
+}
+"""By the encodings of messages and of their definitions: from a type's name and definition to its decoder.
+
+An encoding is one line. What it calls raises DefinitionError where the definition makes no sense.
+"""
 
 
 @dataclass(slots=True)
@@ -50,10 +73,16 @@ class Stream:
         )
 
 
-def decoder_of(type_name: str, definition: bytes, encoding: str = "cdr") -> Decoder | str:
-    """Return the decoder of a type, or in a few words why there is none."""
+def decoder_of(type_name: str, definition: bytes, encoding: str, definition_encoding: str) -> Decoder | str:
+    """Return the decoder of a type, or in a few words why there is none; encodings are spelt as MCAP does."""
+    make = DECODERS.get((encoding, definition_encoding))
+    if make is None and not definition:
+        return f"its messages ({encoding or 'unknown encoding'}) carry no definition"
+    if make is None:
+        can = " and ".join(f"{message} with {text}" for message, text in DECODERS)
+        return f"encoding {encoding} with {definition_encoding} definitions is not supported, only {can}"
     try:
-        return Decoder(type_name, definition, encoding)
+        return make(type_name, definition)
     except DefinitionError as err:
         return f"the definition of its type {type_name} is not valid ({err})"
 
