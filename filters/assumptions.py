@@ -19,6 +19,21 @@ class ProcessNoise:
     yaw_rad: float = 0.002
     velocity_mps: float = 0.05
     turn_rate_radps: float = 0.1
+    uncalibrated_m: float = 0.0  # beside position_m where no state explains the DVL's scale: that error drifts, too
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """How large a sensor's constant errors may be before a filter estimates them: 1-sigma, and how they wander."""
+
+    scale: float = 0.01
+    misalignment_rad: float = math.radians(5.0)
+    heading_rad: float = math.radians(5.0)
+    heading_walk_rad: float = math.radians(0.02)  # after one second
+    deviation_rad: float = math.radians(2.0)  # amplitude of the sine, and of the cosine
+    latency_s: float = 0.3
+    usbl_bias_m: float = 0.3  # in the long run, each axis
+    usbl_bias_s: float = 60.0  # time constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,3 +66,5 @@ class Assumptions:
     dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
     usbl_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the transponder on the vehicle
     start: Start | None = None
+    calibrate: tuple[str, ...] = ()  # keys of calibration.STATES
+    errors: SensorErrors = SensorErrors()

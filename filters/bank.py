@@ -3,6 +3,7 @@
 N = 1 is a Kalman filter; covariances of 0 are a plain particle cloud.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -55,22 +56,38 @@ def copies(mean: Vector, cov: Array, count: int) -> Gaussians:
     )
 
 
-def predict(bank: Gaussians, motion: MotionModel, rule: Rule, t0_s: float, t1_s: float) -> Gaussians:
-    """Move the bank from t0 to t1: each part's increment by the rule, then the process noise."""
-    if t1_s == t0_s:
-        return bank
-    m, P = bank.mean.copy(), bank.cov.copy()
+class Part(NamedTuple):
+    """The bank after one part of the motion, before the process noise."""
+
+    bank: Gaussians
+    rows: slice  # which states the part moved
+    cross: Array  # (n, k, N) covariance of all states before with what those rows gained
+
+
+def moves(bank: Gaussians, motion: MotionModel, rule: Rule, t0_s: float, t1_s: float) -> Iterator[Part]:
+    """Move the bank part by part: each part's increment by the rule."""
     for rows, increment in motion.parts(t0_s, t1_s):
-        mean, cov, cross = rule(increment, m, P)
+        mean, cov, cross = rule(increment, bank.mean, bank.cov)
+        m, P = bank.mean.copy(), bank.cov.copy()
         both = cross[rows]
         block = P[rows, rows] + (both + both.swapaxes(0, 1) + cov)
         m[rows] += mean
         P[rows] += cross.swapaxes(0, 1)
         P[:, rows] += cross
         P[rows, rows] = block
-    diagonal = np.arange(len(m))
+        bank = Gaussians(m, P, bank.log_weight)
+        yield Part(bank, rows, cross)
+
+
+def predict(bank: Gaussians, motion: MotionModel, rule: Rule, t0_s: float, t1_s: float) -> Gaussians:
+    """Move the bank from t0 to t1 and add the process noise."""
+    if t1_s == t0_s:
+        return bank
+    *_, last = moves(bank, motion, rule, t0_s, t1_s)
+    P = last.bank.cov.copy()
+    diagonal = np.arange(len(P))
     P[diagonal, diagonal] += motion.noise(t0_s, t1_s)[:, None]
-    return Gaussians(m, P, bank.log_weight)
+    return last.bank._replace(cov=P)
 
 
 def project(bank: Gaussians, measurement: Measurement, rule: Rule) -> Projection:

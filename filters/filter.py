@@ -42,6 +42,7 @@ class Estimate(NamedTuple):
     updates: Sequence[Update]
     ess: float  # least effective number of particles within the step
     acceptance: float  # share of accepted moves; NaN where none was tried
+    inflation: float = 1.0  # of the predicted covariance; infinite where a gate's recovery refuted the past
 
 
 Belief = TypeVar("Belief")

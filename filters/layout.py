@@ -12,7 +12,7 @@ MOTION_STATES = ("psi", "u", "v", "r", "x", "y")
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Names of the n states: psi (rad), u, v (m/s), r (rad/s), x, y (m), then calibration states."""
+    """Names of the n states: psi (rad), u, v (m/s), r (rad/s), x, y (m), then those of calibration.STATES."""
 
     names: tuple[str, ...] = MOTION_STATES
 
@@ -26,6 +26,10 @@ class Layout:
     def rows(self, *names: str) -> tuple[int, ...]:
         """Return the rows of several states."""
         return tuple(self.names.index(name) for name in names)
+
+    def present(self, *names: str) -> tuple[int, ...]:
+        """Return the rows of those states that exist."""
+        return tuple(self.names.index(name) for name in names if name in self.names)
 
     def of(self, x: Array, name: str) -> Array | float:
         """Return one state of x, (n, ...), or 0 where the layout has no such state."""

@@ -1,17 +1,19 @@
 """How the vehicle moves between two epochs: eq. (4) of the paper, put right, in three parts.
 
 psi += r dt/2; x += (u cos psi - v sin psi) dt, y += (u sin psi + v cos psi) dt; psi += r dt/2. The two half turns are
-linear and exact; only the move is non-linear, and only in psi. u, v and r are random walks; calibration states stay.
+linear and exact; only the move is non-linear, and only in psi. u, v and r are random walks. Of the calibration states
+the correlated error of the USBL decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), and the others stay.
 Each part is the *increment* of a few rows, so a rule need not look at the rest of the state.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from usbldr.filters.assumptions import ProcessNoise
+from usbldr.filters.assumptions import ProcessNoise, SensorErrors
 from usbldr.filters.layout import Layout
 from usbldr.filters.rules import Function
 from usbldr.filters.types import Array, Vector
@@ -83,24 +85,53 @@ class Move:
 
 
 @dataclass(frozen=True, slots=True)
+class Decay:
+    """c *= factor, for neighbouring states."""
+
+    affine: tuple[int, ...]
+    factor: float
+    rows: slice | None = None
+    curved: tuple[int, ...] = ()
+
+    def predict(self, x: Array) -> Array:
+        """Return what is lost, (k, N)."""
+        return (self.factor - 1) * x[list(self.affine)]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the loss of each by each, (k, k, 1)."""
+        return (self.factor - 1) * np.eye(len(self.affine))[:, :, None]
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference."""
+        return a - b
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleMotion:
     """The paper's motion for any layout that starts with psi, u, v, r, x, y."""
 
     layout: Layout
     process: ProcessNoise
+    errors: SensorErrors = SensorErrors()
 
     def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, Function]]:
-        """Yield half a turn, the move, half a turn."""
+        """Yield half a turn, the move, half a turn; then what the USBL's correlated error loses."""
         dt_s = t1_s - t0_s
         psi, u, v, r, x, y = self.layout.rows("psi", "u", "v", "r", "x", "y")
         half_turn = (slice(psi, psi + 1), Turn(r, dt_s / 2))
         yield half_turn
         yield slice(x, y + 1), Move((psi,), (u, v), dt_s)
         yield half_turn
+        if bias := self.layout.present("usbl_bias_east", "usbl_bias_north"):
+            yield slice(bias[0], bias[-1] + 1), Decay(bias, math.exp(-dt_s / self.errors.usbl_bias_s))
 
     def noise(self, t0_s: float, t1_s: float) -> Vector:
-        """Return the random walks' variances over the step, (n,)."""
-        q = self.process
+        """Return the variances of the random walks over the step, and of the correlated error, (n,)."""
+        q, errors, dt_s = self.process, self.errors, t1_s - t0_s
+        position_m = q.position_m if self.layout.present("dvl_scale") else math.hypot(q.position_m, q.uncalibrated_m)
         per_second = {"psi": q.yaw_rad, "u": q.velocity_mps, "v": q.velocity_mps, "r": q.turn_rate_radps}
-        per_second |= {"x": q.position_m, "y": q.position_m}
-        return np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names]) * (t1_s - t0_s)
+        per_second |= {"x": position_m, "y": position_m, "heading_bias": errors.heading_walk_rad}
+        variance = np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names]) * dt_s
+        bias = list(self.layout.present("usbl_bias_east", "usbl_bias_north"))
+        variance[bias] = -math.expm1(-2 * dt_s / errors.usbl_bias_s) * errors.usbl_bias_m**2
+        return variance

@@ -2,6 +2,11 @@
 
 N. Gordon, D. Salmond and A. Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", IEE Proc. F
 140(2), 1993, doi:10.1049/ip-f-2.1993.0015. A particle is a Gaussian without spread, so the bank's functions serve.
+
+Constant errors of the sensors are never sampled, for resampling would soon leave one value of them. Beside them only
+the yaw is: given its path the rest is nearly linear, and each particle carries a Gaussian over it, which takes mixture
+noise by the collapse of policies.py (T. Schon, F. Gustafsson and P.-J. Nordlund, "Marginalized particle filters for
+mixed linear/nonlinear state-space models", IEEE Trans. Signal Processing 53(7), 2005, doi:10.1109/TSP.2005.849151).
 """
 
 import math
@@ -9,14 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usbldr.filters.bank import Gaussians, equal_weights, moments, predict, project
+from usbldr.filters.bank import Gaussians, copies, equal_weights, moments, predict, project
 from usbldr.filters.cpf import ParticleBelief
 from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
+from usbldr.filters.layout import MOTION_STATES
 from usbldr.filters.motion import MotionModel
-from usbldr.filters.policies import modes
+from usbldr.filters.policies import collapse, modes
 from usbldr.filters.resampling import effective_size, normalised, systematic
 from usbldr.filters.rules import linearised
-from usbldr.filters.types import Update
+from usbldr.filters.types import Array, Update
+
+SAMPLED = len(MOTION_STATES)  # a state with more is marginalised; psi is its row 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +39,9 @@ class BootstrapParticleFilter:
     def start(self, prior: Prior) -> ParticleBelief:
         """Return N draws from the prior."""
         rng = np.random.default_rng((self.start_seed, 2**32))  # no epoch has this number
+        if len(prior.mean) > SAMPLED:
+            bank = _scattered(copies(prior.mean, prior.cov, self.particles), rng)
+            return ParticleBelief(bank, (), (), float(self.particles), math.nan)
         draws = prior.mean[:, None] + np.linalg.cholesky(prior.cov) @ rng.normal(size=(len(prior.mean), self.particles))
         bank = Gaussians(draws, np.zeros((*prior.cov.shape, self.particles)), equal_weights(self.particles))
         return ParticleBelief(bank, (), (), float(self.particles), math.nan)
@@ -45,7 +56,11 @@ class BootstrapParticleFilter:
         for measurement in step.measurements:
             seen = project(bank, measurement, linearised)
             updates.append(record(measurement, seen, np.exp(bank.log_weight), rejected=False))
-            log_l = modes(seen, measurement.noise).log_likelihood
+            if len(bank.mean) > SAMPLED:
+                taken = collapse(bank, seen, measurement.noise, 0)
+                bank, log_l = taken.bank, taken.log_likelihood
+            else:
+                log_l = modes(seen, measurement.noise).log_likelihood
             bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
             ess = effective_size(bank.log_weight)
             least = min(least, ess)
@@ -60,8 +75,15 @@ class BootstrapParticleFilter:
 
 
 def _scattered(bank: Gaussians, rng: np.random.Generator) -> Gaussians:
-    """Turn the process noise that the prediction left as variance into chance; it has no covariances."""
+    """Turn into chance the variance that the prediction left: of all states, or of the yaw, and the rest given it."""
     variance = np.einsum("iin->in", bank.cov)
+    if len(bank.mean) > SAMPLED:
+        yaw = variance[:1]
+        gain = bank.cov[:, 0] * np.where(yaw > 0, 1 / np.where(yaw > 0, yaw, 1.0), 0.0)
+        mean: Array = bank.mean + gain * np.sqrt(yaw) * rng.standard_normal(yaw.shape)
+        cov = bank.cov - gain[:, None] * gain[None] * yaw
+        cov[0], cov[:, 0] = 0.0, 0.0
+        return bank._replace(mean=mean, cov=cov)
     if not variance.any():
         return bank
     return bank._replace(

@@ -4,6 +4,7 @@ The driver alone knows grids, fixes and their times of validity; a filter only s
 """
 
 import functools
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ import numpy as np
 from usbldr.filters import cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
 from usbldr.filters.baselines import start_from_fixes
+from usbldr.filters.calibration import layout_for, prior_sd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.filter import Filter, Prior, Step
 from usbldr.filters.layout import Layout
@@ -90,8 +92,12 @@ def run(
         raise UsageError(f"{name} weighs outliers and takes no gate (filters with a gate: {', '.join(GATED)})")
     if settings.form not in FORMS or (settings.form != "mixture" and name not in FORMED):
         raise UsageError(f"{name} has no form {settings.form!r} (forms of {', '.join(FORMED)}: {', '.join(FORMS)})")
-    layout = Layout()
-    estimator = FILTERS[name](VehicleMotion(layout, assumptions.process), settings)
+    layout = layout_for(assumptions.calibrate)
+    if settings.form == "literal" and assumptions.calibrate:
+        raise UsageError("the literal form loses every constant state: leave --calibrate at none, or take another form")
+    if name == "pf" and {"heading", "deviation"} & set(assumptions.calibrate):
+        raise UsageError("pf samples the yaw, which fixes every error of the compass: calibrate those with cpf or adf")
+    estimator = FILTERS[name](VehicleMotion(layout, assumptions.process, assumptions.errors), settings)
     began = time.perf_counter()
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
@@ -126,7 +132,8 @@ def run(
 def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior:
     """Return the belief at the first epoch: a stated start, or what the first fixes say (never GPS).
 
-    Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again.
+    Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again. A
+    compass that errs tells only the sum of yaw and its errors, so the prior ties them to each other.
     """
     if assumptions.start is not None:
         position = np.array([assumptions.start.east_m, assumptions.start.north_m])
@@ -136,16 +143,25 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
     else:
         raise LogError("there is no USBL fix to start from: state [start] east_m, north_m, sd_m in the configuration")
     start = assumptions.start or UNKNOWN_START
+    yaw_rad = float(timeline.dr_yaw_rad[0])
     known: dict[str, tuple[float, float]] = {
-        "psi": (float(timeline.dr_yaw_rad[0]), start.sd_yaw_rad),
+        "psi": (yaw_rad, start.sd_yaw_rad),
         "u": (float(timeline.dr_mps[0, 0]), start.sd_mps),
         "v": (float(timeline.dr_mps[0, 1]), start.sd_mps),
         "r": (0.0, start.sd_radps),
         "x": (float(position[0]), position_sd_m),
         "y": (float(position[1]), position_sd_m),
     }
-    mean, sd = np.array([known.get(name, (0.0, 0.0)) for name in layout.names]).T
-    return Prior(mean, np.diag(sd**2))
+    known |= {name: (0.0, sd) for name, sd in prior_sd(assumptions.errors).items()}
+    mean, sd = np.array([known[name] for name in layout.names]).T
+    P = np.diag(sd**2)
+    h = {"heading_bias": 1.0, "deviation_sin": math.sin(yaw_rad), "deviation_cos": math.cos(yaw_rad)}
+    seen = {layout.index(name): share for name, share in h.items() if name in layout.names}
+    if seen:
+        psi, rows, share = layout.index("psi"), list(seen), np.array(list(seen.values()))
+        P[psi, psi] = float(timeline.yaw_sd_rad[0]) ** 2 + share**2 @ sd[rows] ** 2
+        P[psi, rows] = P[rows, psi] = -share * sd[rows] ** 2
+    return Prior(mean, P)
 
 
 def steps(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Iterator[Step]:

@@ -61,38 +61,116 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
-class LeveredVelocity:
-    """u or v of a DVL away from the reference point: the turn rate adds to it, (u, v) + r (-forward, starboard)."""
+class BodyVelocity:
+    """What one axis of a DVL reads: z = (1 + s) (u' cos a + v' sin a), a = d for starboard, d + 90 deg for forward.
 
-    velocity_row: int
+    u' = u - forward r and v' = v + starboard r at a DVL off the reference point; s is its scale error, d the angle of
+    its axes in the body.
+    """
+
+    velocity_rows: tuple[int, int]  # u, v
     rate_row: int
-    arm_m: float  # -forward for u, +starboard for v
+    axis: int  # 0 starboard, 1 forward
+    arm_m: tuple[float, float] = (0.0, 0.0)  # starboard, forward of the reference point
+    scale_row: int | None = None
+    mount_row: int | None = None
     rows: slice | None = None
-    curved: tuple[int, ...] = ()
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Bend with scale and angle, where they are states."""
+        return tuple(row for row in (self.scale_row, self.mount_row) if row is not None)
 
     @property
     def affine(self) -> tuple[int, ...]:
         """Read the velocity and the turn rate."""
-        return (self.velocity_row, self.rate_row)
+        return (*self.velocity_rows, self.rate_row)
 
     def predict(self, x: Array) -> Array:
-        """Return the velocity at the DVL, (1, N)."""
-        return x[self.velocity_row, None] + self.arm_m * x[self.rate_row, None]
+        """Return the reading, (1, N)."""
+        gain, along, across = self._seen(x)
+        u, v = self._velocity(x)
+        return (gain * (along * u + across * v))[None]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives by velocity and turn rate, (1, 2, 1)."""
-        return np.array([[[1.0], [self.arm_m]]])
+        """Return the derivatives by scale and angle where they are states, then by u, v and r, (1, 3 to 5, N)."""
+        gain, along, across = self._seen(x)
+        starboard, forward = self.arm_m
+        by_state: list[Array | float] = [gain * along, gain * across, gain * (starboard * across - forward * along)]
+        if self.curved:
+            u, v = self._velocity(x)
+            by_angle = gain * (along * v - across * u)
+            by_state[:0] = [by_angle] if self.mount_row is not None else []
+            by_state[:0] = [along * u + across * v] if self.scale_row is not None else []
+        return np.stack(np.broadcast_arrays(*by_state))[None]
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference."""
         return a - b
+
+    def _velocity(self, x: Array) -> tuple[Array, Array]:
+        """Return u' and v', (N,) each."""
+        (u, v), r = self.velocity_rows, x[self.rate_row]
+        starboard, forward = self.arm_m
+        return x[u] - forward * r, x[v] + starboard * r
+
+    def _seen(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return 1 + s, cos a and sin a, (N,) or (1,) each."""
+        gain = np.ones(1) if self.scale_row is None else 1 + x[self.scale_row]
+        c, s = np.ones(1), np.zeros(1)
+        if self.mount_row is not None:
+            c, s = np.cos(x[self.mount_row]), np.sin(x[self.mount_row])
+        return (gain, c, s) if self.axis == 0 else (gain, -s, c)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviatingCompass:
+    """z = psi + b0 + b_s sin psi + b_c cos psi: a constant bias, and the deviation by iron aboard."""
+
+    psi_row: int
+    bias_rows: tuple[int, ...] = ()  # b0, or none
+    deviation_rows: tuple[int, ...] = ()  # b_s and b_c, or none
+    rows: slice | None = None
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Bend with psi where the compass deviates."""
+        return (self.psi_row,) if self.deviation_rows else ()
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read the errors, and psi where nothing bends."""
+        psi = () if self.deviation_rows else (self.psi_row,)
+        return psi + self.bias_rows + self.deviation_rows
+
+    def predict(self, x: Array) -> Array:
+        """Return the yaw that the compass shows, (1, N)."""
+        seen = x[self.psi_row] + x[list(self.bias_rows)].sum(axis=0)
+        if self.deviation_rows:
+            b_s, b_c = x[list(self.deviation_rows)]
+            seen = seen + b_s * np.sin(x[self.psi_row]) + b_c * np.cos(x[self.psi_row])
+        return seen[None]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives by psi, b0, b_s and b_c, those that there are, (1, 1 to 4, N)."""
+        by_state: list[Array] = [np.ones_like(x[self.psi_row])] * (1 + len(self.bias_rows))
+        if self.deviation_rows:
+            c, s = np.cos(x[self.psi_row]), np.sin(x[self.psi_row])
+            b_s, b_c = x[list(self.deviation_rows)]
+            by_state = [1 + b_s * c - b_c * s, *by_state[1:], s, c]
+        return np.stack(by_state)[None]
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference, the shorter way round."""
+        return wrapped(a - b)
 
 
 @dataclass(frozen=True, slots=True)
 class UsblFix:
     """East and north (or one of them) of the transponder at ``offset_s`` from the epoch, usually a little before it.
 
-    h = (x, y) + offset (V_E, V_N) + lever arm, with V at the heading psi + r offset/2 and the arm at psi + r offset.
+    h = (x, y) + t (V_E, V_N) + lever arm + c, with V at the heading psi + r t/2 and the arm at psi + r t. Stamps that
+    are late by tau tell of t = offset - tau; c is the correlated error. Both are 0 where they are no states.
     """
 
     layout: Layout
@@ -103,48 +181,55 @@ class UsblFix:
     @property
     def rows(self) -> slice | None:
         """Pick x and y where the fix is of the epoch itself and the transponder at the reference point."""
-        if self.offset_s or any(self.lever_m[:2]):
+        if self.offset_s or any(self.lever_m[:2]) or self.layout.present("usbl_latency", "usbl_bias_east"):
             return None
         first = self.layout.index("x") + self.axes[0]
         return slice(first, first + len(self.axes))
 
     @property
     def curved(self) -> tuple[int, ...]:
-        """Bend with psi and r."""
-        return self.layout.rows("psi", "r")
+        """Bend with psi and r, and with the latency."""
+        return self.layout.rows("psi", "r") + self.layout.present("usbl_latency")
 
     @property
     def affine(self) -> tuple[int, ...]:
-        """Read velocity and position."""
-        return self.layout.rows("u", "v", "x", "y")
+        """Read velocity and position, and the correlated error."""
+        return self.layout.rows("u", "v", "x", "y") + self.layout.present("usbl_bias_east", "usbl_bias_north")
 
     def predict(self, x: Array) -> Array:
         """Return the transponder's east and north, (k, N)."""
-        psi, r, u, v, east, north = (x[i] for i in self.curved + self.affine)
-        t = self.offset_s
+        psi, u, v, r, east, north = x[:6]
+        t = self.offset_s - self.layout.of(x, "usbl_latency")
         c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
         C, S = np.cos(psi + r * t), np.sin(psi + r * t)
         starboard, forward, _ = self.lever_m
         both = (
-            east + (u * c - v * s) * t + starboard * C - forward * S,
-            north + (u * s + v * c) * t + starboard * S + forward * C,
+            east + (u * c - v * s) * t + starboard * C - forward * S + self.layout.of(x, "usbl_bias_east"),
+            north + (u * s + v * c) * t + starboard * S + forward * C + self.layout.of(x, "usbl_bias_north"),
         )
         return np.stack([both[axis] for axis in self.axes])
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives by psi, r, u, v, x, y, (k, 6, N)."""
-        psi, r, u, v, _, _ = (x[i] for i in self.curved + self.affine)
-        t = self.offset_s
+        """Return the derivatives by the states of curved and affine, (k, 6 to 9, N)."""
+        psi, u, v, r, _, _ = x[:6]
+        t = self.offset_s - self.layout.of(x, "usbl_latency")
         c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
         C, S = np.cos(psi + r * t), np.sin(psi + r * t)
         starboard, forward, _ = self.lever_m
-        move_e, move_n = -(u * s + v * c) * t, (u * c - v * s) * t  # by the heading of the move
-        arm_e, arm_n = -starboard * S - forward * C, starboard * C - forward * S  # by the heading of the arm
+        V = (u * c - v * s, u * s + v * c)
+        arm = (starboard * C - forward * S, starboard * S + forward * C)
         one, zero = np.ones_like(psi), np.zeros_like(psi)
-        both = (
-            np.stack([move_e + arm_e, move_e * t / 2 + arm_e * t, c * t, -s * t, one, zero]),
-            np.stack([move_n + arm_n, move_n * t / 2 + arm_n * t, s * t, c * t, zero, one]),
-        )
+        both: list[Array] = []
+        for axis in (0, 1):
+            turned_V = (-V[1], V[0])[axis] * t  # by the heading of the move
+            turned_arm = (-arm[1], arm[0])[axis]  # by the heading of the arm
+            by_state = [turned_V + turned_arm, turned_V * t / 2 + turned_arm * t]
+            if self.layout.present("usbl_latency"):
+                by_state.append(-(V[axis] + turned_V * r / 2 + turned_arm * r))
+            by_state += [(c, s)[axis] * t, (-s, c)[axis] * t, *((one, zero), (zero, one))[axis]]
+            if self.layout.present("usbl_bias_east"):
+                by_state += ((one, zero), (zero, one))[axis]
+            both.append(np.stack(by_state))
         return np.stack([both[axis] for axis in self.axes])
 
     def residual(self, a: Array, b: Array) -> Array:
@@ -153,17 +238,23 @@ class UsblFix:
 
 
 def compass(layout: Layout) -> Function:
-    """Return the model of a compass that reads psi."""
-    return State(layout.index("psi"), angle=True)
+    """Return the model of a compass: it reads psi, and whatever errors are states."""
+    psi, bias = layout.index("psi"), layout.present("heading_bias")
+    deviation = layout.present("deviation_sin", "deviation_cos")
+    if not bias and not deviation:
+        return State(psi, angle=True)
+    return DeviatingCompass(psi, bias, deviation)
 
 
 def dvl(layout: Layout, lever_m: LeverArm) -> tuple[Function, Function]:
     """Return the models of a DVL's starboard and forward velocity."""
     u, v, r = layout.rows("u", "v", "r")
-    starboard_m, forward_m, _ = lever_m
-    if not starboard_m and not forward_m:
+    scale, mount = (next(iter(layout.present(name)), None) for name in ("dvl_scale", "dvl_mount"))
+    arm_m = lever_m[:2]
+    if not any(arm_m) and scale is None and mount is None:
         return State(u), State(v)
-    return LeveredVelocity(u, r, -forward_m), LeveredVelocity(v, r, starboard_m)
+    starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount) for axis in (0, 1))
+    return starboard, forward
 
 
 def wrapped(angle_rad: Array) -> Array:

@@ -4,18 +4,28 @@ import numpy as np
 import pytest
 
 from usbldr.filters import sensors
+from usbldr.filters.calibration import STATES, layout_for
 from usbldr.filters.layout import Layout
-from usbldr.filters.motion import Move, Turn
+from usbldr.filters.motion import Decay, Move, Turn
 from usbldr.filters.rules import Unscented, cubature, linearised
-from usbldr.filters.sensors import LeveredVelocity, State, UsblFix
+from usbldr.filters.sensors import State, UsblFix
 
 LAYOUT = Layout()
+ERRING = layout_for(tuple(STATES))  # with every calibration state
+STARBOARD, FORWARD = sensors.dvl(ERRING, (0.4, -1.1, 0.2))
 FUNCTIONS = {
     "turn": Turn(3, 0.1),
     "move": Move((0,), (1, 2), 0.7),
     "compass": sensors.compass(LAYOUT),
     "dvl at the reference point": State(1),
-    "dvl on a lever": LeveredVelocity(2, 3, 0.8),
+    "dvl on a lever": sensors.dvl(LAYOUT, (0.4, -1.1, 0.2))[0],
+    "erring dvl, starboard": STARBOARD,
+    "erring dvl, forward": FORWARD,
+    "dvl with a scale": sensors.dvl(layout_for(("scale",)), (0.0, 0.0, 0.0))[1],
+    "erring compass": sensors.compass(ERRING),
+    "biased compass": sensors.compass(layout_for(("heading",))),
+    "correlated error": Decay(ERRING.rows("usbl_bias_east", "usbl_bias_north"), 0.8),
+    "late fix with a correlated error": UsblFix(ERRING, -0.3, (0.4, -1.1, 0.2)),
     "fix of the epoch": UsblFix(LAYOUT, 0.0),
     "fix of some time ago": UsblFix(LAYOUT, -1.7),
     "fix on a lever": UsblFix(LAYOUT, -0.3, (0.4, -1.1, 0.2)),
@@ -28,8 +38,8 @@ def function(request):
     return FUNCTIONS[request.param]
 
 
-def random_gaussian(rng: np.random.Generator, n: int = 6) -> tuple[np.ndarray, np.ndarray]:
-    root = rng.normal(size=(n, n)) * 0.4
+def random_gaussian(rng: np.random.Generator, n: int = len(ERRING)) -> tuple[np.ndarray, np.ndarray]:
+    root = rng.normal(size=(n, n)) * 0.05  # angles stay well within half a turn
     return rng.normal(size=n), root @ root.T + 0.01 * np.eye(n)
 
 
@@ -66,7 +76,7 @@ def test_few_points_and_the_affine_rest_equal_all_the_points(function, kappa: fl
 def test_cubature_is_unscented_with_kappa_0_and_julier_takes_n_plus_kappa_3(function) -> None:
     m, P = random_gaussian(np.random.default_rng(1))
 
-    for a, b in ((cubature, Unscented(0.0)), (Unscented(), Unscented(-3.0))):
+    for a, b in ((cubature, Unscented(0.0)), (Unscented(), Unscented(3.0 - len(ERRING)))):
         for left, right in zip(
             a(function, m[:, None], P[:, :, None]), b(function, m[:, None], P[:, :, None]), strict=True
         ):
@@ -75,14 +85,14 @@ def test_cubature_is_unscented_with_kappa_0_and_julier_takes_n_plus_kappa_3(func
 
 def test_each_jacobian_agrees_with_finite_differences(function) -> None:
     rng = np.random.default_rng(2)
-    columns = function.curved + function.affine
+    columns, n = function.curved + function.affine, len(ERRING)
     for _ in range(10):
-        x = rng.normal(size=(6, 1))
+        x = rng.normal(size=(n, 1))
 
         J = np.broadcast_to(function.jacobian(x), (len(function.predict(x)), len(columns), 1))
 
-        for i in range(6):
-            step = np.zeros((6, 1))
+        for i in range(n):
+            step = np.zeros((n, 1))
             step[i] = 1e-6
             slope = (function.predict(x + step) - function.predict(x - step)) / 2e-6
             want = J[:, columns.index(i)] if i in columns else np.zeros_like(slope)
@@ -92,7 +102,7 @@ def test_each_jacobian_agrees_with_finite_differences(function) -> None:
 def test_linearised_moments_are_h_p_h(function) -> None:
     m, P = random_gaussian(np.random.default_rng(3))
     columns = list(function.curved + function.affine)
-    H = np.zeros((len(function.predict(m[:, None])), 6))
+    H = np.zeros((len(function.predict(m[:, None])), len(m)))
     H[:, columns] = np.broadcast_to(function.jacobian(m[:, None]), (len(H), len(columns), 1))[:, :, 0]
 
     mean, cov, cross = linearised(function, m[:, None], P[:, :, None])
