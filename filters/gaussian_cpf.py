@@ -46,7 +46,7 @@ class GaussianParticleFilter:
         for measurement in step.measurements:
             seen = project(proposal, measurement, self.rule)
             updates.append(record(measurement, seen, np.ones(1), rejected=False))
-            proposal, _, _ = collapse(proposal, seen, measurement.noise, 0)
+            proposal, *_ = collapse(proposal, seen, measurement.noise, 0)
         normals = whitened(chance().standard_normal((len(before.mean), self.particles)))
         root = np.linalg.cholesky(proposal.cov[:, :, 0])
         points = proposal.mean + root @ normals

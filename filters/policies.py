@@ -55,6 +55,7 @@ class Verdict(NamedTuple):
     bank: Gaussians
     log_likelihood: Vector  # (N,)
     rejected: bool
+    refuted: bool = False  # the bank was: its covariance was doubled until the measurement fitted
 
 
 class Policy(Protocol):
@@ -107,11 +108,12 @@ class Gate:
         refused = _distance(alone, seen) > limit
         if refused and rejected_before < self.patience:
             return Verdict(bank, np.zeros(1), True)
+        refuted = refused and bool(seen.cov.any())
         while refused and seen.cov.any():
             bank = bank._replace(cov=2 * bank.cov)
             seen = seen._replace(cov=2 * seen.cov, cross=2 * seen.cross)
             refused = _distance(modes(seen, nominal), seen) > limit
-        return Verdict(update(bank, seen, nominal.cov[0, :, :, None]), alone.log_likelihood, False)
+        return Verdict(update(bank, seen, nominal.cov[0, :, :, None]), alone.log_likelihood, False, refuted)
 
 
 def _distance(alone: Modes, seen: Projection) -> float:

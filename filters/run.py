@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters import cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors
+from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
 from usbldr.filters.baselines import start_from_fixes
 from usbldr.filters.calibration import layout_for, prior_sd
@@ -43,6 +43,10 @@ def _kalman(rule: rules.Rule) -> "Build":
     return build
 
 
+def _adaptive(rule: rules.Rule, factor: adaptive.Factor) -> "Build":
+    return lambda motion, settings: kalman.KalmanFilter(motion, rule, policies.matched, factor)
+
+
 def _particles(rule: rules.Rule) -> "Build":
     return lambda motion, settings: FORMS[settings.form](motion, rule, settings.particles)
 
@@ -62,6 +66,8 @@ FILTERS: Mapping[str, Build] = {
     "ckf": _kalman(rules.cubature),
     "ukf": _kalman(rules.unscented),
     "adf": lambda motion, settings: kalman.KalmanFilter(motion, rules.cubature, policies.collapse),
+    "afukf": _adaptive(rules.unscented, adaptive.Fading()),
+    "aekf": _adaptive(rules.linearised, adaptive.Matching()),
     "cpf": _particles(rules.cubature),
     "upf": _particles(rules.unscented),
     "pf": lambda motion, settings: pf.BootstrapParticleFilter(motion, settings.particles, start_seed=settings.seed),

@@ -139,6 +139,8 @@ def test_a_gated_filter_drops_one_outlier_and_comes_back_from_a_lockout() -> Non
     assert recovered[30].updates[0].fate != "rejected"
     assert abs(recovered[30].mean[0] - jumped[30]) < 5  # at once, not by inches
     assert abs(recovered[-1].mean[0] - jumped[-1]) < 1
+    assert [e.inflation for e in recovered[:31]] == [1.0] * 30 + [math.inf]  # no smoother passes back over this one
+    assert {e.inflation for e in dropped} == {1.0}
 
 
 def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:

@@ -35,7 +35,7 @@ def test_collapse_keeps_the_moments_of_the_grid_posterior(family, z: float) -> N
     bank = copies(np.array([0.5]), np.array([[2.0]]), 1)
     seen = project(bank, Measurement(np.array([z]), State(0), noise, "usbl", "east", 0, 0.0), cubature)
 
-    after, log_l, rejected = collapse(bank, seen, noise, 0)
+    after, log_l, rejected, _ = collapse(bank, seen, noise, 0)
 
     mean, variance, evidence = grid_posterior(0.5, 2.0, z, noise)
     assert after.mean[0, 0] == pytest.approx(mean, abs=1e-8)
@@ -52,7 +52,7 @@ def test_collapse_of_a_two_dimensional_fix_keeps_the_moments_of_the_mixture_of_u
     reading = Measurement(np.array([2.0, -3.0]), UsblFix(Layout(), -0.4), noise, "usbl", "position", 0, 0.0)
     seen = project(bank, reading, cubature)
 
-    after, _, _ = collapse(bank, seen, noise, 0)
+    after, *_ = collapse(bank, seen, noise, 0)
 
     branches, weights = [], []
     for share, R in zip(noise.shares, noise.cov, strict=True):
@@ -130,13 +130,14 @@ def test_a_gate_refuses_the_unlikely_and_opens_after_its_patience() -> None:
     near = far._replace(z=np.array([1.0]))
     gate = Gate(0.99, patience=10)
 
-    kept, _, refused = gate(bank, project(bank, far, cubature), noise, 9)
-    opened, _, refused_at_last = gate(bank, project(bank, far, cubature), noise, 10)
-    taken, _, _ = gate(bank, project(bank, near, cubature), noise, 0)
+    kept, _, refused, refuted = gate(bank, project(bank, far, cubature), noise, 9)
+    opened, _, refused_at_last, refuted_at_last = gate(bank, project(bank, far, cubature), noise, 10)
+    taken, *_, refuted_by_near = gate(bank, project(bank, near, cubature), noise, 10)
 
     assert refused
     assert kept is bank
     assert not refused_at_last
+    assert (refuted, refuted_at_last, refuted_by_near) == (False, True, False)
     assert abs(opened.mean[0, 0] - 12.0) < 3.0  # the prior, 3 m off, gave way
     assert opened.cov[0, 0, 0] < 1.0
     np.testing.assert_allclose(taken.mean, update(bank, project(bank, near, cubature), noise.cov[0, :, :, None]).mean)
