@@ -1,29 +1,27 @@
 """Simulated dives: a vehicle whose motion is known exactly, and what its sensors would have said.
 
-Frames, units and signs are the package's. The dives themselves stand in scenarios.py.
+Frames, units and signs are the package's. What a dive is made of stands in scenarios.py, how the vehicle moves in
+dives.py, how sensors err at random in disturbances.py.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.noise import NoiseFamily
-from usbldr.filters.scenarios import Leg, Outliers, Scenario, Silences, Usbl
+from usbldr.filters.disturbances import Flags, correlated_error, draw, false_fixes, gross_errors, within
+from usbldr.filters.dives import Motion, Track, drawn_track, motion, turned
+from usbldr.filters.scenarios import Compass, Dvl, Multipath, Scenario, Sensor, Usbl
 from usbldr.filters.types import Array, Vector
 
-SENSORS = ("dvl", "compass", "usbl", "gps")
+STREAMS = ("dvl", "compass", "usbl", "gps", "dive")
 """Each draws from a generator of its own, spawned in this order: append, and the draws of the others stay."""
 
-
-class Motion(NamedTuple):
-    """The vehicle at n instants."""
-
-    time_s: Vector  # (n,)
-    position_m: Array  # (n, 2) east, north
-    yaw_rad: Vector  # (n,) not wrapped
-    velocity_mps: Array  # (n, 2) starboard, forward
-    turn_rate_radps: Vector  # (n,)
+EFFECTS = ("jitter", "delay", "outliers", "dropouts", "correlated", "multipath")
+"""Likewise what a sensor draws beside its noise."""
 
 
 class Records(NamedTuple):
@@ -32,6 +30,7 @@ class Records(NamedTuple):
     time_s: Vector  # (n,) stamps, ascending
     received_s: Vector  # (n,)
     value: Array  # (n, k): starboard, forward in m/s; yaw in rad, not wrapped; east, north in m
+    valid: Flags  # (n,) False: the sensor itself says that this is not what was asked for
 
 
 class Simulated(NamedTuple):
@@ -42,125 +41,129 @@ class Simulated(NamedTuple):
     compass: Records
     usbl: Records
     gps: Records
+    scenario: Scenario  # with what was drawn of it
 
 
 def simulate(scenario: Scenario, seed: int) -> Simulated:
     """Draw one dive; the same scenario and seed give the same bytes."""
-    chance = dict(zip(SENSORS, np.random.SeedSequence(seed).spawn(len(SENSORS)), strict=True))
+    chance = dict(zip(STREAMS, np.random.SeedSequence(seed).spawn(len(STREAMS)), strict=True))
+    track: Track = partial(motion, scenario)
+    if scenario.drawn is not None:
+        rng = np.random.default_rng(chance["dive"])
+        track, scenario = drawn_track(scenario, scenario.drawn, rng), _with_drawn_errors(scenario, rng)
     dvl, compass, usbl, gps = scenario.dvl, scenario.compass, scenario.usbl, scenario.gps
 
-    t = _stamps(scenario, dvl.rate_hz)
-    truth = motion(scenario, t)
-    seen_mps = (1 + dvl.scale_error) * truth.velocity_mps @ rotation(dvl.misalignment_rad)
-    seen_mps = seen_mps + draw(dvl.noise, dvl.sd_mps**2 * np.eye(2), len(t), np.random.default_rng(chance["dvl"]))
+    def usbl_noise(at_s: Vector) -> tuple[Array, Array]:
+        seen = _line_of_sight(usbl, track(at_s))
+        variances = usbl.accuracy.variances(seen, scenario.depth_m - usbl.head.depth_m)
+        return variances[:, :, None] * np.eye(2), usbl.accuracy.axes(seen)
 
-    t_c = _stamps(scenario, compass.rate_hz)
-    seen_rad = motion(scenario, t_c).yaw_rad[:, None] + compass.bias_rad
-    noise_rad = draw(compass.noise, np.array([[compass.sd_rad**2]]), len(t_c), np.random.default_rng(chance["compass"]))
+    made = {
+        "dvl": _records(scenario, dvl, lambda t: _velocities(dvl, track(t)), dvl.sd_mps**2 * np.eye(2), chance["dvl"]),
+        "compass": _records(
+            scenario, compass, lambda t: _yaws(compass, track(t)), compass.sd_rad**2 * np.eye(1), chance["compass"]
+        ),
+        "usbl": _records(
+            scenario, usbl, lambda t: _fixes(usbl, compass, track(t)), usbl_noise, chance["usbl"], usbl.multipath
+        ),
+        "gps": _records(
+            scenario, gps, lambda t: _at(track(t), gps.lever_m) + gps.bias_m, gps.sd_m**2 * np.eye(2), chance["gps"]
+        ),
+    }
+    return Simulated(track(_stamps(scenario, dvl.rate_hz)), **made, scenario=scenario)
 
-    t_g = _stamps(scenario, gps.rate_hz)
-    gps_m = motion(scenario, t_g).position_m
-    gps_m = gps_m + draw(gps.noise, gps.sd_m**2 * np.eye(2), len(t_g), np.random.default_rng(chance["gps"]))
-    return Simulated(
-        truth,
-        _but(dvl.silences_s, Records(t, t, seen_mps)),
-        _but(compass.silences_s, Records(t_c, t_c, seen_rad + noise_rad)),
-        _but(usbl.silences_s, _fixes(scenario, usbl, chance["usbl"])),
-        Records(t_g, t_g, gps_m),
+
+def _with_drawn_errors(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    assert scenario.drawn is not None
+    scale, angle = rng.standard_normal(2) * [scenario.drawn.dvl_scale_sd, scenario.drawn.dvl_misalignment_sd_rad]
+    dvl = scenario.dvl
+    return replace(
+        scenario,
+        dvl=replace(
+            dvl, scale_error=dvl.scale_error + float(scale), misalignment_rad=dvl.misalignment_rad + float(angle)
+        ),
     )
 
 
-def _fixes(scenario: Scenario, usbl: Usbl, chance: np.random.SeedSequence) -> Records:
-    """Return the USBL's records. Noise, jitter, delay and outliers draw apart, so that each leaves the others alone.
+def _records(
+    scenario: Scenario,
+    sensor: Sensor,
+    see: Callable[[Vector], Array],
+    R: Array | Callable[[Vector], tuple[Array, Array]],
+    chance: np.random.SeedSequence,
+    multipath: Multipath | None = None,
+) -> Records:
+    """Return a sensor's records: what it sees at each time, (n, k), and all that is added to it.
 
+    R is the nominal covariance (k, k), or tells for each time the one along axes of its own, (n, k, k), and those axes.
     What is drawn of time is rounded to milliseconds, as a stamp in integer nanoseconds can say it.
     """
-    of_jitter, of_delay, of_outliers = map(np.random.default_rng, chance.spawn(3))
-    t = _stamps(scenario, usbl.rate_hz)
+    of = dict(zip(EFFECTS, map(np.random.default_rng, chance.spawn(len(EFFECTS))), strict=True))
+    timing = sensor.timing
+    t = _stamps(scenario, sensor.rate_hz)
     n = len(t)
-    noise_m = draw(usbl.noise, usbl.sd_m**2 * np.eye(2), n, np.random.default_rng(chance))
-    t = t + np.round(usbl.jitter_s * of_jitter.random(n), 3)
-    received_s = t + usbl.delay_s + np.round(usbl.delay_spread_s * of_delay.random(n), 3)
-    seen_m = motion(scenario, t - usbl.latency_s).position_m + noise_m
-    if usbl.outliers is not None:
-        seen_m = seen_m + _gross_errors(usbl.outliers, n, of_outliers)
-    inside = t <= scenario.duration_s
-    return Records(t[inside], received_s[inside], seen_m[inside])
+    t = t + np.round(timing.jitter_s * of["jitter"].random(n), 3)
+    received_s = t + timing.delay_s + np.round(timing.delay_spread_s * of["delay"].random(n), 3)
+    at_s = t - timing.latency_s
+    of_noise = np.random.default_rng(chance)
+    if callable(R):
+        cov, axes = R(at_s)
+        value = see(at_s) + np.einsum("nij,nj->ni", axes, draw(sensor.noise, cov, n, of_noise))
+    else:
+        value = see(at_s) + draw(sensor.noise, R, n, of_noise)
+    k = value.shape[1]
+    if sensor.correlated is not None:
+        value = value + correlated_error(sensor.correlated, t, k, of["correlated"])
+    if sensor.outliers is not None:
+        value = value + gross_errors(sensor.outliers, n, k, of["outliers"])
+    if multipath is not None:
+        value = value + false_fixes(multipath, t, scenario.duration_s, of["multipath"])
+    heard = (t <= scenario.duration_s + 1e-9) & ~within(timing.silences_s, t)
+    heard &= of["dropouts"].random(n) >= timing.dropout_share
+    valid = ~within(sensor.water_track_s, at_s) if isinstance(sensor, Dvl) else np.ones(n, dtype=bool)
+    t, received_s = t + timing.clock_offset_s, received_s + timing.clock_offset_s
+    return Records(t[heard], received_s[heard], value[heard], valid[heard])
 
 
-def _gross_errors(outliers: Outliers, count: int, rng: np.random.Generator) -> Array:
-    """Return what outliers add to the positions, (count, 2): nothing to most."""
-    struck = rng.random(count) < outliers.share
-    far_m = np.where(struck, rng.uniform(outliers.least_m, outliers.most_m, count), 0.0)
-    direction = rng.uniform(0, 2 * np.pi, count)
-    return far_m[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+def _velocities(dvl: Dvl, truth: Motion) -> Array:
+    starboard_m, forward_m, _ = dvl.lever_m
+    bottom = ~within(dvl.water_track_s, truth.time_s)[:, None]
+    over = np.where(bottom, truth.velocity_mps, truth.water_mps)
+    at_dvl = over + truth.turn_rate_radps[:, None] * np.array([-forward_m, starboard_m])
+    return (1 + dvl.scale_error) * at_dvl @ rotation(dvl.misalignment_rad) + dvl.bias_mps
 
 
-def _but(silences_s: Silences, records: Records) -> Records:
-    """Leave out the records stamped in a silence."""
-    t = records.time_s
-    heard = np.ones(len(t), dtype=bool)
-    for start_s, end_s in silences_s:
-        heard &= (t < start_s) | (t >= end_s)
-    return Records(*(column[heard] for column in records))
+def _yaws(compass: Compass, truth: Motion) -> Array:
+    return (truth.yaw_rad + compass.bias_rad + _deviation(compass, truth.yaw_rad))[:, None]
 
 
-def motion(scenario: Scenario, time_s: Vector) -> Motion:
-    """Return the truth at any instants, (n,), from the closed form of each leg, not by summing steps.
+def _deviation(compass: Compass, yaw_rad: Vector) -> Vector:
+    b_s, b_c = compass.deviation_rad
+    return b_s * np.sin(yaw_rad) + b_c * np.cos(yaw_rad)
 
-    Over t seconds at a constant turn rate r the chord is R(psi + r t/2) (u, v) t sinc(r t/2), with sinc(a) = sin a / a.
-    """
-    begins_s, yaw_rad, corner_m = [0.0], [scenario.yaw_rad], [np.array([scenario.east_m, scenario.north_m])]
-    for leg in scenario.legs[:-1]:
-        corner_m.append(corner_m[-1] + _chord(leg, yaw_rad[-1], np.array([leg.duration_s]))[0])
-        yaw_rad.append(yaw_rad[-1] + leg.turn_rate_radps * leg.duration_s)
-        begins_s.append(begins_s[-1] + leg.duration_s)
 
-    n = len(time_s)
-    found = Motion(np.array(time_s, dtype=float), np.empty((n, 2)), np.empty(n), np.empty((n, 2)), np.empty(n))
-    of_leg = np.clip(np.searchsorted(begins_s, found.time_s, side="right") - 1, 0, None)
-    for i, leg in enumerate(scenario.legs):
-        here = of_leg == i
-        t = found.time_s[here] - begins_s[i]
-        found.position_m[here] = corner_m[i] + _chord(leg, yaw_rad[i], t)
-        found.yaw_rad[here] = yaw_rad[i] + leg.turn_rate_radps * t
-        found.velocity_mps[here] = (leg.starboard_mps, leg.forward_mps)
-        found.turn_rate_radps[here] = leg.turn_rate_radps
-    return found
+def _fixes(usbl: Usbl, compass: Compass, truth: Motion) -> Array:
+    astray_rad = np.full(len(truth.time_s), usbl.misalignment_rad)
+    if usbl.inverted:
+        astray_rad += compass.bias_rad + _deviation(compass, truth.yaw_rad)
+    head = np.array([usbl.head.east_m, usbl.head.north_m])
+    return head + (1 + usbl.scale_error) * turned(astray_rad, _line_of_sight(usbl, truth)) + usbl.bias_m
+
+
+def _line_of_sight(usbl: Usbl, truth: Motion) -> Array:
+    """Return where the vehicle's end of the line of sight lies from the fixed one, east and north, (n, 2)."""
+    return _at(truth, usbl.lever_m) - [usbl.head.east_m, usbl.head.north_m]
+
+
+def _at(truth: Motion, lever_m: tuple[float, float, float]) -> Array:
+    """Return the position of a point of the vehicle, (n, 2)."""
+    return truth.position_m + turned(truth.yaw_rad, np.array(lever_m[:2]))
 
 
 def rotation(angle_rad: float) -> Array:
     """Return the (2, 2) matrix that turns a vector counter-clockwise: R(psi) (u, v) = (V_E, V_N)."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([[c, -s], [s, c]])
-
-
-def draw(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
-    """Return noise of ``count`` records, (count, k), for the nominal covariance R (k, k).
-
-    Each scalar draws its own mode, from the diagonal of R, where the family says so; else a record draws one for all.
-    """
-    k = len(R)
-    if family.per_scalar:
-        return np.column_stack([_draw_records(family, R[i : i + 1, i : i + 1], count, rng) for i in range(k)])
-    return _draw_records(family, R, count, rng)
-
-
-def _draw_records(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
-    noise = family.modes(R)
-    mode = rng.choice(len(noise.shares), size=count, p=noise.shares)
-    # a symmetric root by eigenvalues, because a sensor without noise has no Cholesky root
-    value, vector = np.linalg.eigh(noise.cov)
-    root = vector * np.sqrt(np.clip(value, 0, None))[:, None, :]
-    return np.einsum("nij,nj->ni", root[mode], rng.standard_normal((count, len(R))))
-
-
-def _chord(leg: Leg, yaw_rad: float, t: Vector) -> Array:
-    half_turn = leg.turn_rate_radps * t / 2
-    length = t * np.sinc(half_turn / np.pi)
-    c, s = np.cos(yaw_rad + half_turn), np.sin(yaw_rad + half_turn)
-    u, v = leg.starboard_mps, leg.forward_mps
-    return length[:, None] * np.column_stack([u * c - v * s, u * s + v * c])
 
 
 def _stamps(scenario: Scenario, rate_hz: float) -> Vector:

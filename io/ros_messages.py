@@ -195,9 +195,14 @@ LOCAL_GPS = Channel("/gps/fix", POSE, _fix, {"topic": "/gps/fix", "frame": "ENU"
 
 
 def channels_of(log: Log, exported: bool) -> Mapping[str, Channel]:
-    """Return how each sensor becomes messages; ``exported``: such that carry every canonical value."""
+    """Return how each sensor becomes messages; ``exported``: such that carry every canonical value.
+
+    Fixes that have each its own covariance always carry it.
+    """
     if not exported:
-        return CHANNELS
+        fixes = log.tables.get("usbl")
+        alike = fixes is None or all(fixes[name].nunique() <= 1 for name in ("cov_ee_m2", "cov_en_m2", "cov_nn_m2"))
+        return CHANNELS if alike else {**CHANNELS, "usbl": EXPORTED["usbl"]}
     placed = "gps" not in log.tables or bool(log.tables["gps"]["lat_deg"].notna().all())
     return EXPORTED if placed else {**EXPORTED, "gps": LOCAL_GPS}
 

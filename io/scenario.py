@@ -8,31 +8,44 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 import pymap3d  # pyright: ignore[reportMissingTypeStubs]
 
-from usbldr.filters.assumptions import Assumptions
+from usbldr.filters.assumptions import Assumptions, LeverArm
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.filters.scenarios import Scenario
 from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.log import COLUMNS, Log, Origin, Provenance
+from usbldr.io.reader import Column
+from usbldr.io.usbl import floored
 
+Told = TypeVar("Told")
 START_NS = 1_767_225_600_000_000_000  # 2026-01-01T00:00:00Z: a fixed date, so that the same seed gives the same bytes
 ORIGIN = Origin(45.0, -30.0, "[map]")  # invented: the open Atlantic
 
 
 def simulated_log(scenario: Scenario, seed: int) -> Log:
     """Return the log that writing the scenario and reading it back would give, without a file."""
-    tables = _tables(scenario, seed)
-    gps = tables["gps"]
+    start_ns, tables = _tables(scenario, seed)
+    gps = tables.get("gps")
+    truth = None
+    if gps is not None:
+        truth = Truth(
+            time_s=gps["time_s"].to_numpy(),
+            position_m=gps[["east_m", "north_m"]].to_numpy(),
+            sd_m=gps["sd_m"].to_numpy(),
+            kind="simulated",
+            source=f"{scenario.name}/gps",
+        )
     return Log(
         path=Path(scenario.name),
         sha256=_digest(tables),
         format="simulated",
-        start_ns=START_NS,
+        start_ns=start_ns,
         tables=tables,
         provenance={
             sensor: Provenance(f"{scenario.name}/{sensor}", "simulated", "scenario", (f"seed {seed}",), len(t), len(t))
@@ -40,30 +53,43 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
         },
         assumptions=Assumptions(
             process=scenario.process,
-            dvl=scenario.dvl.noise,
-            compass=scenario.compass.noise,
-            usbl=scenario.usbl.assumed_noise,
+            dvl=_told(scenario.dvl.told_noise, scenario.dvl.noise),
+            compass=_told(scenario.compass.told_noise, scenario.compass.noise),
+            usbl=_told(scenario.usbl.told_noise, scenario.usbl.noise),
+            dvl_lever_m=scenario.dvl.lever_m,
+            usbl_lever_m=scenario.usbl.lever_m,
             start=scenario.start,
         ),
         origin=ORIGIN,
-        truth=Truth(
-            time_s=gps["time_s"].to_numpy(),
-            position_m=gps[["east_m", "north_m"]].to_numpy(),
-            sd_m=gps["sd_m"].to_numpy(),
-            kind="simulated",
-            source=f"{scenario.name}/gps",
-        ),
+        truth=truth,
     )
+
+
+def _told(stated: Told | None, true: Told) -> Told:
+    """Return what a filter is told of a quantity: what the scenario states, else the truth."""
+    return true if stated is None else stated
 
 
 def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, Mapping[str, str]]) -> str:
     """Return the usbldr.toml of a simulated log; ``conventions`` are the keys of each section that the file needs."""
     dvl, compass, usbl, process = scenario.dvl, scenario.compass, scenario.usbl, scenario.process
+    accuracy = _told(usbl.told_accuracy, usbl.accuracy)
     sections: dict[str, dict[str, str]] = {
         "map": {"origin_lat_deg": f"{ORIGIN.lat_deg!r}", "origin_lon_deg": f"{ORIGIN.lon_deg!r}"},
-        "dvl": {"sd_mps": f"{dvl.sd_mps!r}", "noise": noise_text(dvl.noise, "mps")},
-        "compass": {"sd_deg": f"{degrees(compass.sd_rad)!r}", "noise": noise_text(compass.noise, "deg")},
-        "usbl": {"sd_m": f"{usbl.sd_m!r}", "noise": noise_text(usbl.assumed_noise, "m")},
+        "dvl": {
+            "sd_mps": repr(_told(dvl.told_sd_mps, dvl.sd_mps)),
+            "noise": noise_text(_told(dvl.told_noise, dvl.noise), "mps"),
+            **_lever(dvl.lever_m),
+        },
+        "compass": {
+            "sd_deg": repr(degrees(_told(compass.told_sd_rad, compass.sd_rad))),
+            "noise": noise_text(_told(compass.told_noise, compass.noise), "deg"),
+        },
+        "usbl": {
+            "sd_m": repr(accuracy.sd_m) if accuracy.constant else '"message"',
+            "noise": noise_text(_told(usbl.told_noise, usbl.noise), "m"),
+            **_lever(usbl.lever_m),
+        },
         "gps": {},
         "truth": {"kind": '"simulated"'},
         "process": {
@@ -102,18 +128,36 @@ def toml_text(
     return "\n".join(lines) + "\n"
 
 
-def _tables(scenario: Scenario, seed: int) -> dict[str, pd.DataFrame]:
+def _lever(arm_m: LeverArm) -> dict[str, str]:
+    return {"lever_arm_m": str(list(arm_m))} if any(arm_m) else {}
+
+
+def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]]:
+    """Return the absolute time of time_s = 0, and each sensor's table; one without records has none."""
     dive = simulate(scenario, seed)
-    variance_m2 = scenario.usbl.sd_m**2
-    gps_sd_m = scenario.gps.sd_m or math.nan  # no format can say "exact": 0 is how many say "unknown"
+    dvl, compass, usbl, gps = scenario.dvl, scenario.compass, scenario.usbl, scenario.gps
+    accuracy = _told(usbl.told_accuracy, usbl.accuracy)
+    head = np.array([usbl.head.east_m, usbl.head.north_m])
+    cov_m2 = floored(accuracy.covariance(dive.usbl.value - head, scenario.depth_m - usbl.head.depth_m))
+    gps_sd_m = _told(gps.told_sd_m, gps.sd_m) or math.nan  # no format can say "exact": 0 is how many say "unknown"
     lat_deg, lon_deg = _at_sea_level(dive.gps.value)
-    columns: dict[str, tuple[Vector | float | bool, ...]] = {
-        "dvl": (*dive.dvl[:2], *dive.dvl.value.T, 0.0, scenario.dvl.sd_mps, True),
-        "compass": (*dive.compass[:2], _heading_deg(dive.compass.value[:, 0]), degrees(scenario.compass.sd_rad)),
-        "usbl": (*dive.usbl[:2], *dive.usbl.value.T, variance_m2, 0.0, variance_m2),
-        "gps": (*dive.gps[:2], *dive.gps.value.T, gps_sd_m, lat_deg, lon_deg),
+    columns: dict[str, tuple[Column | float, ...]] = {
+        "dvl": (*dive.dvl.value.T, 0.0, _told(dvl.told_sd_mps, dvl.sd_mps), dive.dvl.valid),
+        "compass": (_heading_deg(dive.compass.value[:, 0]), degrees(_told(compass.told_sd_rad, compass.sd_rad))),
+        "usbl": (*dive.usbl.value.T, cov_m2[:, 0, 0], cov_m2[:, 0, 1], cov_m2[:, 1, 1]),
+        "gps": (*dive.gps.value.T, gps_sd_m, lat_deg, lon_deg),
     }
-    return {s: pd.DataFrame(dict(zip(COLUMNS[s], values, strict=True))) for s, values in columns.items()}
+    records = {"dvl": dive.dvl, "compass": dive.compass, "usbl": dive.usbl, "gps": dive.gps}
+    times = [found.time_s[0] for sensor, found in records.items() if sensor != "gps" and len(found.time_s)]
+    first_s = min(times, default=0.0)
+    made = {
+        s: pd.DataFrame(
+            dict(zip(COLUMNS[s], (found.time_s - first_s, found.received_s - first_s, *columns[s]), strict=True))
+        )
+        for s, found in records.items()
+        if len(found.time_s)
+    }
+    return START_NS + round(first_s * 1e9), made
 
 
 def _at_sea_level(position_m: Array) -> tuple[Vector, Vector]:

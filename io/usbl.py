@@ -169,9 +169,9 @@ def _covariance(
         range_m, rel = section.range_sd_m or 0.0, section.range_sd_rel or 0.0
         along, across = range_m**2 + (rel * slant) ** 2, (np.radians(section.bearing_sd_deg) * slant) ** 2
         said = f"range sd {range_m:g} m and {100 * rel:g} %, bearing sd {section.bearing_sd_deg:g} deg (configuration)"
-        return _floored(_along_and_across(offset, along, across)), said
+        return floored(_along_and_across(offset, along, across)), said
     if isinstance(section.sd_m, float):
-        return _floored(np.tile(np.eye(2) * section.sd_m**2, (count, 1, 1))), f"sd {section.sd_m:g} m (configuration)"
+        return floored(np.tile(np.eye(2) * section.sd_m**2, (count, 1, 1))), f"sd {section.sd_m:g} m (configuration)"
     R = message_covariance(raw, frame)
     known = np.isfinite(R[:, 0, 0])
     default = np.fmax(DEFAULT_SD_M, DEFAULT_SD_REL * slant)  # fmax: 1 m where there is no head
@@ -181,10 +181,10 @@ def _covariance(
     )
     who = "configuration" if section.sd_m == "message" else "default"
     if known.all():
-        return _floored(cov), f"covariance of the messages ({who})"
+        return floored(cov), f"covariance of the messages ({who})"
     if known.any():
-        return _floored(cov), f"covariance of {np.sum(known)} of {count} messages ({who}), else sd {guess} (default)"
-    return _floored(cov), f"sd {guess} (default)" + (": the messages state none" if section.sd_m == "message" else "")
+        return floored(cov), f"covariance of {np.sum(known)} of {count} messages ({who}), else sd {guess} (default)"
+    return floored(cov), f"sd {guess} (default)" + (": the messages state none" if section.sd_m == "message" else "")
 
 
 def _along_and_across(offset: Array, along: Vector, across: Vector) -> Array:
@@ -196,7 +196,7 @@ def _along_and_across(offset: Array, along: Vector, across: Vector) -> Array:
     return np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
 
 
-def _floored(R: Array) -> Array:
+def floored(R: Array) -> Array:
     """Raise the eigenvalues to LEAST_SD_M squared."""
     safe = np.where(np.isfinite(R), R, np.eye(2))  # of fixes that are left out
     values, U = np.linalg.eigh(safe)

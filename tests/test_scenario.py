@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, StudentT
-from usbldr.filters.scenarios import LAWNMOWER, PAPER
+from usbldr.filters.scenarios import LAWNMOWER, PAPER, Timing
 from usbldr.filters.simulation import simulate
 from usbldr.io.log import COLUMNS
 from usbldr.io.read import read_log
@@ -33,7 +33,7 @@ SHORT = dataclasses.replace(
     duration_s=20.0,
     dvl=dataclasses.replace(PAPER.dvl, misalignment_rad=0.0123),
     compass=dataclasses.replace(PAPER.compass, bias_rad=0.0234),
-    usbl=dataclasses.replace(PAPER.usbl, latency_s=0.345, delay_s=1.25),
+    usbl=dataclasses.replace(PAPER.usbl, timing=Timing(latency_s=0.345, delay_s=1.25)),
 )
 
 
@@ -210,16 +210,16 @@ def test_the_lawnmower_states_a_contamination_and_none_of_its_true_errors() -> N
     assert simulated_log(LAWNMOWER, 0).assumptions.usbl == Contamination(share=0.05, sd=10.0)
     exact = dataclasses.replace(
         LAWNMOWER,
-        dvl=dataclasses.replace(LAWNMOWER.dvl, scale_error=0.0, silences_s=()),
+        dvl=dataclasses.replace(LAWNMOWER.dvl, scale_error=0.0, timing=Timing()),
         compass=dataclasses.replace(LAWNMOWER.compass, bias_rad=0.0),
-        usbl=dataclasses.replace(LAWNMOWER.usbl, outliers=None, silences_s=(), delay_s=0.0, delay_spread_s=0.0),
+        usbl=dataclasses.replace(LAWNMOWER.usbl, outliers=None, timing=Timing()),
     )
     assert configuration_text(exact, 0, {}) == text
 
 
 @pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
 def test_what_is_written_reads_back_as_the_log_in_memory(tmp_path: Path, name: str) -> None:
-    delayed = dataclasses.replace(PAPER, usbl=dataclasses.replace(PAPER.usbl, delay_s=1.25))
+    delayed = dataclasses.replace(PAPER, usbl=dataclasses.replace(PAPER.usbl, timing=Timing(delay_s=1.25)))
     written, configuration = write_scenario(delayed, 5, tmp_path / name)
 
     read = read_log(tmp_path / name)

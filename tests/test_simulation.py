@@ -6,10 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from usbldr.filters.disturbances import draw
+from usbldr.filters.dives import motion
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Gaussian, Mixture
-from usbldr.filters.scenarios import LAWNMOWER, PAPER, Leg, Outliers, Scenario, scenario_named
-from usbldr.filters.simulation import draw, motion, simulate
+from usbldr.filters.scenarios import LAWNMOWER, PAPER, Accuracy, Leg, Outliers, Scenario, Timing, scenario_named
+from usbldr.filters.simulation import simulate
 
 TURNING = dataclasses.replace(
     PAPER,
@@ -25,7 +27,7 @@ def _without_noise(scenario: Scenario) -> Scenario:
         scenario,
         dvl=dataclasses.replace(scenario.dvl, sd_mps=0.0, scale_error=0.0),
         compass=dataclasses.replace(scenario.compass, sd_rad=0.0),
-        usbl=dataclasses.replace(scenario.usbl, sd_m=0.0),
+        usbl=dataclasses.replace(scenario.usbl, accuracy=Accuracy(0.0)),
     )
 
 
@@ -117,7 +119,7 @@ def test_a_compass_bias_adds_to_the_yaw() -> None:
 
 def test_a_late_stamp_shows_where_the_vehicle_was_earlier_and_a_delay_only_moves_the_arrival() -> None:
     exact = _without_noise(TURNING)
-    late = dataclasses.replace(exact, usbl=dataclasses.replace(exact.usbl, latency_s=1.0, delay_s=2.5))
+    late = dataclasses.replace(exact, usbl=dataclasses.replace(exact.usbl, timing=Timing(latency_s=1.0, delay_s=2.5)))
 
     fixes = simulate(late, 0).usbl
 
@@ -174,8 +176,8 @@ def test_an_unknown_scenario_is_answered_with_the_names() -> None:
 def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
     silent = dataclasses.replace(
         PAPER,
-        dvl=dataclasses.replace(PAPER.dvl, silences_s=((10.0, 20.0), (990.0, 2000.0))),
-        usbl=dataclasses.replace(PAPER.usbl, silences_s=((0.0, 5.0),)),
+        dvl=dataclasses.replace(PAPER.dvl, timing=Timing(silences_s=((10.0, 20.0), (990.0, 2000.0)))),
+        usbl=dataclasses.replace(PAPER.usbl, timing=Timing(silences_s=((0.0, 5.0),))),
     )
 
     dive, whole = simulate(silent, 0), simulate(PAPER, 0)
@@ -205,7 +207,7 @@ def test_outliers_strike_their_share_of_the_fixes_at_their_distances_in_all_dire
 def test_jitter_delays_the_stamp_with_the_vehicle_and_spread_delays_the_arrival_alone() -> None:
     exact = _without_noise(TURNING)
     late = dataclasses.replace(
-        exact, usbl=dataclasses.replace(exact.usbl, jitter_s=0.4, delay_s=0.5, delay_spread_s=1.5)
+        exact, usbl=dataclasses.replace(exact.usbl, timing=Timing(jitter_s=0.4, delay_s=0.5, delay_spread_s=1.5))
     )
 
     fixes = simulate(late, 0).usbl
@@ -223,7 +225,9 @@ def test_noise_outliers_jitter_and_delay_leave_each_other_alone() -> None:
     all_at_once = dataclasses.replace(
         still,
         usbl=dataclasses.replace(
-            PAPER.usbl, jitter_s=0.3, delay_s=0.5, delay_spread_s=1.0, outliers=Outliers(0.1, 500.0, 600.0)
+            PAPER.usbl,
+            timing=Timing(jitter_s=0.3, delay_s=0.5, delay_spread_s=1.0),
+            outliers=Outliers(0.1, 500.0, 600.0),
         ),
     )
 
