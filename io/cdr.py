@@ -1,29 +1,26 @@
-"""ROS messages (cdr of ROS 2, or ROS 1's own bytes) to values by field path, by the definition that a log carries.
+"""ROS messages (cdr of ROS 2, or ROS 1's own bytes) to columns by field path, by the definition that a log carries.
 
-rosbags' type system reads the definition and decodes; no ROS distribution is assumed.
+rosbags' type system reads the definition; no ROS distribution is assumed. Messages of the usual shape are read all at
+once (ros_layout); rosbags decodes the others one by one, and says which do not fit.
 """
 
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-Extractor = Callable[[bytes], tuple[Any, ...] | None]
-TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-
-
-class DefinitionError(ValueError):
-    """The text of a message definition makes no sense."""
+from usbldr.io.decoding import DefinitionError, Extractor, Piece, one_by_one
+from usbldr.io.ros_layout import TIMES, by_layout
 
 
 class RosDecoder:
     """The messages of one type."""
 
-    def __init__(self, name: str, definition: bytes, encoding: str = "cdr") -> None:
-        """Read the definition; raise DefinitionError where that fails. ``encoding`` is "cdr" or "ros1"."""
+    def __init__(self, name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr") -> None:
+        """Read the definition; raise DefinitionError where that fails."""
         self._encoding = encoding
         self._name = name if name.count("/") > 1 else name.replace("/", "/msg/")  # ROS 1 spells pkg/Type
         self._store = get_typestore(Stores.EMPTY)  # one for each type: two logs' definitions cannot disagree
@@ -44,6 +41,11 @@ class RosDecoder:
             elif kind in (Nodetype.BASE, Nodetype.NAME) or (isinstance(what[0], tuple) and what[0][0] is Nodetype.BASE):
                 found.append(path)
         return found
+
+    def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[Piece]:
+        """Read all messages; those that do not fit the definition are in no piece."""
+        pieces, left = by_layout(self._store.fielddefs, self._name, payloads, paths, self._encoding == "cdr")
+        return [*pieces, one_by_one(self.extractor(paths), payloads, paths, left.tolist())]
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""

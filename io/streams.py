@@ -4,14 +4,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.cdr import DefinitionError, Extractor, RosDecoder
+from usbldr.io.cdr import RosDecoder
+from usbldr.io.decoding import DefinitionError, Extractor, Piece, in_one, one_by_one
 from usbldr.io.log import Finding
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
 Key: TypeAlias = tuple[str, str]  # topic and type
 Message: TypeAlias = tuple[Key, int, bytes]  # and log time, nanoseconds since 1970; and payload
@@ -87,25 +88,42 @@ def decoder_of(type_name: str, definition: bytes, encoding: str, definition_enco
         return f"the definition of its type {type_name} is not valid ({err})"
 
 
+def chosen_streams(streams: Mapping[Key, Stream], wanted: Iterable[str]) -> set[Key]:
+    """Return which streams are meant: where one topic has several types, the one with most messages."""
+    topics = set(wanted)
+    return set(
+        {key[0]: key for key in sorted(streams, key=lambda key: streams[key].count) if key[0] in topics}.values()
+    )
+
+
 def collect(
     log: Path, streams: Mapping[Key, Stream], wanted: Mapping[str, Sequence[str]], messages: Iterable[Message]
 ) -> tuple[dict[str, Records], Counter[str]]:
     """Decode the wanted fields; return the columns and, by topic, how many messages did not fit their definition.
 
-    ``messages`` may hold more than is wanted. Where one topic has several types, the one with most messages is taken.
+    ``messages`` may hold more than is wanted; what is kept of them is the payloads of the wanted topics.
     """
-    chosen = {key[0]: key for key in sorted(streams, key=lambda key: streams[key].count) if key[0] in wanted}
-    extractors = {key: _decoder(log, streams[key]).extractor(wanted[topic]) for topic, key in chosen.items()}
-    rows: dict[str, list[tuple[Any, ...]]] = {topic: [] for topic in wanted}
-    undecoded: Counter[str] = Counter()
+    chosen = {key: _decoder(log, streams[key]) for key in chosen_streams(streams, wanted)}
+    times: dict[Key, list[int]] = {key: [] for key in chosen}
+    payloads: dict[Key, list[bytes]] = {key: [] for key in chosen}
     for key, time_ns, data in messages:
-        if key in extractors:
-            values = extractors[key](data)
-            if values is None:
-                undecoded[key[0]] += 1
-            else:
-                rows[key[0]].append((time_ns, *values))
-    return {topic: _columns(rows[topic], list(paths)) for topic, paths in wanted.items()}, undecoded
+        if key in chosen:
+            times[key].append(time_ns)
+            payloads[key].append(data)
+    records: dict[str, Records] = {}
+    undecoded: Counter[str] = Counter()
+    for key, decoder in chosen.items():
+        paths = wanted[key[0]]
+        read = in_one(_pieces(decoder, payloads.pop(key), paths), paths)
+        undecoded[key[0]] = len(times[key]) - len(read.rows)
+        records[key[0]] = _in_order(np.array(times[key], dtype=np.int64), read)
+    return records, +undecoded
+
+
+def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -> Sequence[Piece]:
+    if isinstance(decoder, RosDecoder):
+        return decoder.pieces(payloads, paths)
+    return [one_by_one(decoder.extractor(paths), payloads, paths)]
 
 
 def undecoded_findings(undecoded: Mapping[str, int]) -> list[Finding]:
@@ -120,9 +138,8 @@ def _decoder(log: Path, stream: Stream) -> Decoder:
     return stream.decoder
 
 
-def _columns(rows: list[tuple[Any, ...]], paths: list[str]) -> Records:
-    """Return rows of (log time, values) as columns in the order of log time."""
-    received = np.array([row[0] for row in rows], dtype=np.int64)
-    order = np.argsort(received, kind="stable")
-    columns = {path: np.array([row[i + 1] for row in rows])[order] for i, path in enumerate(paths)}
-    return Records(received[order], columns)
+def _in_order(received_ns: Nanoseconds, read: Piece) -> Records:
+    """Return what was read in the order of log time, and messages of one time in that of the file."""
+    order = np.lexsort((read.rows, received_ns[read.rows]))
+    columns = {path: column[order] for path, column in read.columns.items()}
+    return Records(received_ns[read.rows[order]], columns)

@@ -1,0 +1,50 @@
+"""From the bytes of messages to columns: what the decoders of all encodings share."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.io.reader import Column
+
+Extractor: TypeAlias = Callable[[bytes], tuple[Any, ...] | None]
+"""From a message's bytes to the values at some field paths; to None where the bytes do not fit the definition."""
+
+
+class DefinitionError(ValueError):
+    """The text of a message definition makes no sense."""
+
+
+class Piece(NamedTuple):
+    """Some of the messages of a topic, read."""
+
+    rows: NDArray[np.intp]  # which ones
+    columns: Mapping[str, Column]  # field path -> (len(rows),)
+
+
+def one_by_one(
+    extract: Extractor, payloads: Sequence[bytes], paths: Sequence[str], rows: Sequence[int] | None = None
+) -> Piece:
+    """Read messages, all or those of ``rows``, each for itself; leave out those that do not fit."""
+    read = [(row, extract(payloads[row])) for row in (range(len(payloads)) if rows is None else rows)]
+    fitting = [(row, values) for row, values in read if values is not None]
+    columns = {path: np.array([values[i] for _, values in fitting]) for i, path in enumerate(paths)}
+    return Piece(np.array([row for row, _ in fitting], dtype=np.intp), columns)
+
+
+def in_one(pieces: Sequence[Piece], paths: Sequence[str]) -> Piece:
+    """Return all pieces as one, numbers as int64 and float64."""
+    some = [piece for piece in pieces if len(piece.rows)]
+    rows = np.concatenate([np.empty(0, dtype=np.intp), *(piece.rows for piece in some)])
+    columns = {path: [_wide(piece.columns[path]) for piece in some] or [np.empty(0)] for path in paths}
+    return Piece(rows, {path: np.concatenate(parts) for path, parts in columns.items()})
+
+
+def _wide(column: Column) -> Column:
+    """Return numbers in the widest type of their kind; unsigned ones of 64 bits stay so."""
+    if column.dtype.kind == "f":
+        return column.astype(np.float64, copy=False)
+    if column.dtype.kind in "iu" and column.dtype != np.uint64:
+        return column.astype(np.int64, copy=False)
+    return column
