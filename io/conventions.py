@@ -1,7 +1,6 @@
-"""DVL, compass and depth in the axes, units and signs of usbldr, and a sentence for every convention chosen.
+"""DVL and depth in the axes, units and signs of usbldr, and a sentence for every convention chosen.
 
-An error of a sensor that the configuration states is subtracted here; declination, no error of the sensor, is added.
-Angles are degrees clockwise.
+An error of a sensor that the configuration states is subtracted here. Angles are degrees clockwise.
 """
 
 from collections.abc import Mapping
@@ -12,13 +11,12 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Vector
-from usbldr.io.dvl_types import dvl_causes
+from usbldr.io.dvl_types import dvl_advice, dvl_causes
 from usbldr.io.log import Finding
 from usbldr.io.messages import Mask, Raw
-from usbldr.io.sections import CompassSection, DepthSection, DvlSection, axis_signs
+from usbldr.io.sections import DepthSection, DvlSection, axis_signs
 from usbldr.io.times import Times, times_of
 
-COMPASS_SD_DEG = 0.3  # where nobody says
 WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
 SURFACE_PA = 101325.0
 PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
@@ -103,9 +101,7 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
     if section.min_good_beams is not None and "good_beams" not in raw.values:
         raise UsageError(f"{raw.log}: [dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
-    fast = np.mean(causes["faster than 20 m/s"]) > 0.5 and section.unit is None
-    advice = '; if they are mm/s, state unit = "mm/s" under [dvl]' if fast else ""
-    valid, invalid = dropped(raw, causes, "dvl", "not used", advice)
+    valid, invalid = dropped(raw, causes, "dvl", "not used", dvl_advice(causes, section.unit is not None))
     sd, sd_said = _dvl_sd(raw, section, to_mps)
     columns: dict[str, Vector | Mask] = {
         "starboard_mps": starboard,
@@ -132,61 +128,6 @@ def _dvl_sd(raw: Raw, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
     if not np.isfinite(sd).any():
         return sd, f"sd of the messages ({who}), which is unknown: to be estimated from the records"
     return sd, f"sd of the messages, median {np.nanmedian(sd):.3g} m/s ({who})"
-
-
-def compass(raw: Raw, section: CompassSection) -> Converted:
-    """Turn headings to degrees clockwise from true north, 0 to 360; invalid records are left out.
-
-    Raises LogError where all are invalid.
-    """
-    by_frame = "NED" if "ned" in raw.frame_id.lower() else None
-    convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
-    who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
-    said = [f"convention {convention} ({who})"]
-    if "angle" in raw.values:
-        unit, unit_who, more = stated(raw, "unit", section.unit, "deg")
-        angle = raw.number("angle") * {"deg": 1.0, "rad": 180.0 / np.pi}[unit]
-        said.append(f"unit {unit} ({unit_who})")
-        if unit_who == "default" and len(angle) and np.nanmax(np.abs(raw.number("angle"))) < 6.3:
-            text = f'{raw.topic.name}: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
-            more = [*more, Finding("HEADING-UNIT", text)]
-        causes = {"not a number": ~np.isfinite(angle)}
-    else:
-        angle, causes, more = *_yaw_deg(raw), list[Finding]()
-    good, invalid = dropped(raw, causes, "compass", "left out")
-    heading = (90.0 - angle if convention == "ENU" else angle) - section.bias_deg + section.declination_deg
-    said += [f"bias {section.bias_deg:g} deg subtracted (configuration)"] if section.bias_deg else []
-    said += [f"declination {section.declination_deg:g} deg added (configuration)"] if section.declination_deg else []
-
-    sd = raw.number("sd_deg")
-    if section.sd_deg == "message":
-        variance = raw.number("yaw_variance")  # rad^2
-        sd = np.where(np.isfinite(sd), sd, np.degrees(np.sqrt(np.where(variance > 0, variance, np.nan))))
-    if isinstance(section.sd_deg, float):
-        sd = np.full(len(sd), section.sd_deg)
-        said.append(f"sd {section.sd_deg:g} deg (configuration)")
-    elif np.isfinite(sd).any():
-        who = "configuration" if section.sd_deg else "by column names"
-        said.append(f"sd of the records, median {np.nanmedian(sd):.3g} deg ({who})")
-    else:
-        said.append(f"sd {COMPASS_SD_DEG:g} deg (default)")
-    sd = np.where(np.isfinite(sd), sd, COMPASS_SD_DEG)
-    times = times_of(raw, section.time, section.latency_s)
-    columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
-    return _kept(converted(raw, times, columns, said, [*findings, *more, *invalid]), good)
-
-
-def _yaw_deg(raw: Raw) -> tuple[Vector, dict[str, Mask]]:
-    """Return the yaw of the quaternions about their frame's z axis, degrees (n,), and by cause which are invalid."""
-    x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
-    yaw = np.degrees(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
-    length = np.sqrt(x * x + y * y + z * z + w * w)
-    causes = {
-        "not a number": ~np.isfinite(length),
-        "without orientation (covariance -1)": raw.number("own_covariance") == -1,
-        "zero quaternion": length < 0.5,
-    }
-    return yaw, causes
 
 
 def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
@@ -218,7 +159,7 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
         findings = [*findings, *more]
     good, invalid = dropped(raw, {"not a number": ~np.isfinite(value)}, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
-    return _kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
+    return kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
 
 
 def _refuse(value: str | None, key: str, what: str, raw: Raw) -> None:
@@ -226,5 +167,6 @@ def _refuse(value: str | None, key: str, what: str, raw: Raw) -> None:
         raise UsageError(f"{raw.log}: [depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")
 
 
-def _kept(made: Converted, good: Mask) -> Converted:
+def kept(made: Converted, good: Mask) -> Converted:
+    """Leave out the records that are not good."""
     return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)

@@ -32,6 +32,9 @@ class Layout:
     packages: tuple[str, ...] = ()  # beginnings of the packages whose drivers the defaults are true of; (): any
     stamp: str = "header.stamp"  # where the time of validity stands
     frame: str = "header.frame_id"  # where the frame of the values is named
+    scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, where not 1
+    missing: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])  # mean: no data
+    refused: str = ""  # why this type, though known, cannot serve: the end of "it ..."
 
     def fits(self, topic: TopicInfo) -> bool:
         """Tell whether a topic has this type and these fields."""
@@ -53,11 +56,21 @@ class Raw:
     frame_id: str
 
     def number(self, quantity: str) -> Vector:
-        """Return a quantity as floats, (n,); NaN where it is no finite number or the messages have no such field."""
+        """Return a quantity as floats in its own unit, (n,).
+
+        NaN where it is no finite number or one that means no data, and where the messages have no such field.
+        """
         if quantity not in self.values:
             return np.full(len(self.received_ns), np.nan)
         values = np.asarray(self.values[quantity], dtype=np.float64)
-        return np.where(np.isfinite(values), values, np.nan)
+        known = np.isfinite(values) & ~np.isin(values, self.layout.missing.get(quantity, ()))
+        return np.where(known, values * self.layout.scale.get(quantity, 1.0), np.nan)
+
+    def text(self, quantity: str) -> NDArray[np.str_]:
+        """Return a quantity as texts, (n,); empty where the messages have no such field."""
+        if quantity not in self.values:
+            return np.full(len(self.received_ns), "")
+        return np.asarray(self.values[quantity], dtype=np.str_)
 
 
 def xyz(prefix: str) -> dict[str, str]:
@@ -75,12 +88,9 @@ def own(*names: str) -> dict[str, str]:
     return {name: name for name in names}
 
 
-ORIENTATION = {f"q{axis}": f"orientation.{axis}" for axis in "xyzw"}
-
-
-def orientation(prefix: str) -> dict[str, str]:
-    """Return the fields of the quaternion of a pose."""
-    return {name: f"{prefix}.{path}" for name, path in ORIENTATION.items()}
+def quaternion(prefix: str) -> dict[str, str]:
+    """Return the fields of a quaternion."""
+    return {f"q{axis}": f"{prefix}.{axis}" for axis in "xyzw"}
 
 
 def only_when_named(layouts: tuple[Layout, ...]) -> tuple[Layout, ...]:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Truth
-from usbldr.io import conventions, positions
+from usbldr.io import conventions, headings, positions
 from usbldr.io.configuration import assumptions
 from usbldr.io.conventions import Converted
 from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance
@@ -188,7 +188,7 @@ def _converted(
     if "dvl" in raws:
         made["dvl"] = conventions.dvl(raws["dvl"], configuration.dvl)
     if "compass" in raws:
-        made["compass"] = conventions.compass(raws["compass"], configuration.compass)
+        made["compass"] = headings.compass(raws["compass"], configuration.compass, origin)
     if "depth" in raws:
         try:
             depth = conventions.depth(raws["depth"], configuration.depth)

@@ -113,7 +113,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
     bias_deg: float = 0.0
-    declination_deg: float = 0.0
+    declination_deg: float | Literal["auto"] | None = None
     sd_deg: Positive | Literal["message"] | None = None
     time: Clock | None = None
     latency_s: float = 0.0
@@ -225,6 +225,21 @@ class ProcessSection(Section, frozen=True, kw_only=True):
     heading_deg: NotNegative | None = None
     velocity_mps: NotNegative | None = None
     turn_rate_dps: NotNegative | None = None
+    uncalibrated_m: NotNegative | None = None
+
+
+class CalibrateSection(Section, frozen=True, kw_only=True):
+    """Which errors of sensors are estimated, and their 1-sigma before anything is measured."""
+
+    states: tuple[Literal["scale", "misalignment", "heading", "deviation", "latency", "usbl-bias"], ...] = ()
+    scale_sd: Positive | None = None
+    mount_sd_deg: Positive | None = None
+    heading_sd_deg: Positive | None = None
+    heading_walk_deg: NotNegative | None = None  # after one second
+    deviation_sd_deg: Positive | None = None
+    latency_sd_s: Positive | None = None
+    usbl_bias_sd_m: Positive | None = None
+    usbl_bias_time_s: Positive | None = None
 
 
 class StartSection(Section, frozen=True, kw_only=True):
@@ -257,6 +272,7 @@ class Configuration(Section, frozen=True, kw_only=True):
     depth: DepthSection = DepthSection()
     truth: TruthSection = TruthSection()
     process: ProcessSection = ProcessSection()
+    calibrate: CalibrateSection = CalibrateSection()
     start: StartSection | None = None
     file: tuple[FileSection, ...] = ()
 

@@ -42,22 +42,31 @@ def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
         own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
         unset = (raw.stamp_ns == 0) & (not own)
         stamp = np.where(unset, raw.received_ns, raw.stamp_ns)
-        stamps = "time_ns" if own else "header stamp"
+        stamps = "time_ns" if own else "header stamp" if raw.layout.stamp == "header.stamp" else raw.layout.stamp
         said.append(f"timed by {stamps}" + (" (configuration)" if clock else ""))
         if unset.any():
             text = f"{name}: {unset.sum()} of {len(unset)} header stamps are zero; those records are timed by log time"
             findings.append(Finding("ZERO-STAMP", text))
-        if clock is None and "transmission_us" in raw.values and "validity_us" in raw.values:
-            age_us = raw.values["transmission_us"].astype(np.int64) - raw.values["validity_us"].astype(np.int64)
-            known = (raw.values["validity_us"] > 0) & (age_us >= 0) & (age_us < 5_000_000) & ~unset
+        age_ns = _age_ns(raw) if clock is None else None
+        if age_ns is not None:
+            known = (age_ns >= 0) & (age_ns < 5_000_000_000) & ~unset
             if known.any():
-                stamp = stamp - np.where(known, age_us * 1000, 0)
-                median_s = float(np.median(age_us[known])) / 1e6
+                stamp = stamp - np.where(known, age_ns, 0)
+                median_s = float(np.median(age_ns[known])) / 1e9
                 said.append(f"stamps moved back by transmission minus validity, median {median_s:.3f} s (by type)")
     time = stamp - round(latency_s * 1e9)
     if latency_s:
         said.append(f"latency {latency_s:g} s subtracted (configuration)")
     return Times(time, np.maximum(time, raw.received_ns), stamp, tuple(said), tuple(findings))
+
+
+def _age_ns(raw: Raw) -> Nanoseconds | None:
+    """Return how old each record was when its instrument sent it, (n,), -1 where unset; None: they do not tell."""
+    for unit, to_ns in (("us", 1000), ("ns", 1)):
+        if f"transmission_{unit}" in raw.values and f"validity_{unit}" in raw.values:
+            sent, valid = (raw.values[f"{what}_{unit}"].astype(np.int64) for what in ("transmission", "validity"))
+            return np.where(valid > 0, (sent - valid) * to_ns, -1)
+    return None
 
 
 def in_order(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.DataFrame, list[Finding]]:

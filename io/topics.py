@@ -70,6 +70,8 @@ def choose_roles(
                 chosen[role] = Choice(found[0], layout, "type and name")
             elif broken := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
                 unclear[role] = _unreadable(log, role, broken[0])
+            elif useless := [topic for topic in topics if topic.count and _refusal(role, topic)]:
+                unclear[role] = _refused(log, role, useless[0])
     return Roles({role: chosen[role] for role in ROLES if role in chosen}, unclear)
 
 
@@ -86,8 +88,10 @@ def named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_b
         raise LogError(f"{log}: {topic.name}, named for the {role}, has no messages")
     layout = layout_of(role, topic)
     if layout is None:
-        known = ", ".join(sorted({layout.type for layout in LAYOUTS[role]}))
+        known = ", ".join(sorted({layout.type for layout in LAYOUTS[role] if not layout.refused}))
         raise UsageError(f"{log}: {topic.name} is of type {topic.type}, which cannot serve as {role} (only {known})")
+    if layout.refused:
+        raise _refused(log, role, topic)
     return Choice(topic, layout, chosen_by)
 
 
@@ -107,7 +111,13 @@ def candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
     fitting: list[tuple[bool, TopicInfo]] = []
     for topic in topics:
         layout = layout_of(role, topic)
-        if layout is None or topic.count == 0 or topic.problem or NO_SENSOR.search(topic.name.lower()):
+        if (
+            layout is None
+            or layout.refused
+            or topic.count == 0
+            or topic.problem
+            or NO_SENSOR.search(topic.name.lower())
+        ):
             continue
         hints = {r for r, words in HINTS.items() if re.search(words, topic.name.lower())}
         own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
@@ -121,6 +131,18 @@ def candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
     return LogError(f"{log}: {topic.name} cannot be read as the {role}: {topic.problem}")
+
+
+def _refusal(role: str, topic: TopicInfo) -> str:
+    layout = layout_of(role, topic)
+    return layout.refused if layout else ""
+
+
+def _refused(log: Path, role: str, topic: TopicInfo) -> UsageError:
+    why = _refusal(role, topic)
+    return UsageError(
+        f"{log}: {topic.name} ({topic.type}) cannot serve as {role}: it {why} (--{role} none: do without)"
+    )
 
 
 def _which(log: Path, role: str, found: Sequence[TopicInfo]) -> str:

@@ -48,8 +48,15 @@ EXTRA = {
 }
 
 _store = get_typestore(Stores.ROS2_HUMBLE)
-for _name, _text in EXTRA.items():
-    _store.register(get_types_from_msg(_text, _name))
+
+
+def define(definitions: Mapping[str, str]) -> None:
+    """Make further types known: name -> definition."""
+    for name, text in definitions.items():
+        _store.register(get_types_from_msg(text, name))
+
+
+define(EXTRA)
 
 Row = tuple[int, str, str, Mapping[str, Any]]  # log time, topic, type, values by field path
 
@@ -79,6 +86,8 @@ def _zeros(type_name: str, store: Typestore) -> Any:
             fields.append(_zeros(str(what), store))
         elif kind is Nodetype.BASE:
             fields.append({"string": "", "bool": False, "float64": 0.0, "float32": 0.0}.get(str(what[0]), 0))
+        elif what[0][0] is Nodetype.NAME:
+            fields.append([_zeros(str(what[0][1]), store) for _ in range(what[1])])
         else:
             (_, (base, _)), count = what  # an array of numbers
             fields.append(np.zeros(count if kind is Nodetype.ARRAY else 0, dtype=str(base)))

@@ -121,7 +121,8 @@ def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
     assert isinstance(fault, UsageError)
     assert str(fault) == (
         "dive.mcap: /gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot serve as dvl "
-        "(only dvl, odometry, twiststamped, twistwithcovariancestamped)"
+        "(only dvl, linkquestdvl, odometry, teledyneexplorerdvl, transducerreportstamped, twiststamped, "
+        "twistwithcovariancestamped)"
     )
 
 

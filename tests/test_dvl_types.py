@@ -1,0 +1,197 @@
+"""Every family of DVL messages, by a record that its own driver could have written."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dives import ODOMETRY, SECOND, T0, Row, define, stamp, write_mcap
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+HEADER, VELOCITY = "std_msgs/Header header\n", "geometry_msgs/Vector3 velocity\n"
+SIMULATED = HEADER + VELOCITY + "float64[9] velocity_covariance\nfloat64 altitude\n"
+WHOI = (
+    HEADER + VELOCITY + "float64[9] velocity_covar\nuint8 num_good_beams\nuint8 velocity_mode\nuint8 coordinate_mode\n"
+)
+REPORT = """\
+float64 vx
+float64 vy
+float64 vz
+float64 fom
+bool velocity_valid
+float64[9] covariance
+builtin_interfaces/Time time_of_validity
+builtin_interfaces/Time time_of_transmission
+"""
+TYPES = {
+    "uuv_sensor_ros_plugins_msgs/msg/DVL": SIMULATED,
+    "smarc_msgs/msg/DVL": SIMULATED,
+    "cola2_msgs/msg/DVL": SIMULATED,
+    "stonefish_ros2/msg/DVL": SIMULATED,
+    "uuv_sensor_msgs/msg/DVL": SIMULATED + "uint8 velocity_reference\n",
+    "ds_sensor_msgs/msg/Dvl": WHOI,
+    "waterlinked_a50_ros_driver/msg/DVL": HEADER + VELOCITY + "float64 fom\nfloat64 altitude\nbool velocity_valid\n",
+    "waterlinked_dvl/msg/TransducerReport": REPORT,
+    "waterlinked_dvl/msg/TransducerReportStamped": HEADER + "waterlinked_dvl/TransducerReport report\n",
+    "nortek_dvl/msg/Dvl": HEADER + "float64 time\n" + VELOCITY + "float64 figureOfMerit\nfloat64[4] beamDistance\n",
+    "nortek_dvl333_msgs/msg/BottomTrack": "float64 vel_beam0\nfloat64 vel_beam1\nfloat64 vel_beam2\n",
+    "holoocean_interfaces/msg/DVLSensorRange": "int64 timestamp\nfloat64[4] range\n",
+    "cola2_msgs/msg/LinkquestDvl": HEADER + "float64[3] velocityInst\nint32 velocityInstFlag\n",
+    "cola2_msgs/msg/TeledyneExplorerDvl": HEADER
+    + "float64 bi_x_axis\nfloat64 bi_y_axis\nfloat64 bi_z_axis\nstring bi_status\n",
+}
+define(TYPES)
+
+
+def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
+    write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
+
+
+def row(kind: str, values: Mapping[str, Any], after_s: int = 0, topic: str = "/sensor") -> Row:
+    time_ns = T0 + after_s * SECOND
+    header = {"header.stamp": time_ns} if TYPES.get(kind, HEADER).startswith(HEADER) else {}
+    return time_ns, topic, kind, {**header, **values}
+
+
+FORWARD_2_STARBOARD_1 = {
+    "uuv_sensor_ros_plugins_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": -1.0},  # forward, left, up
+    "uuv_sensor_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": -1.0, "velocity_reference": 3},
+    "ds_sensor_msgs/msg/Dvl": {"velocity.x": 2.0, "velocity.y": -1.0, "coordinate_mode": 2, "num_good_beams": 4},
+    "nortek_dvl/msg/Dvl": {"velocity.x": 2.0, "velocity.y": -1.0},
+    "smarc_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0},  # forward, starboard, down
+    "cola2_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0},
+    "stonefish_ros2/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0},
+    "waterlinked_a50_ros_driver/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0, "velocity_valid": True},
+    "waterlinked_dvl/msg/TransducerReportStamped": {"report.vx": 2.0, "report.vy": 1.0, "report.velocity_valid": True},
+    "cola2_msgs/msg/TeledyneExplorerDvl": {"bi_x_axis": 2.0, "bi_y_axis": 1.0, "bi_status": "A"},
+    "cola2_msgs/msg/LinkquestDvl": {
+        "velocityInst": np.array([-2.0, -1.0, 0.0]),
+        "velocityInstFlag": 1,
+    },  # of the bottom
+}
+
+
+@pytest.mark.parametrize("kind", FORWARD_2_STARBOARD_1)
+def test_each_family_is_found_by_its_fields_and_read_in_its_own_axes(tmp_path: Path, kind: str) -> None:
+    log = logged(tmp_path, [row(kind, FORWARD_2_STARBOARD_1[kind])])
+
+    table = log.tables["dvl"]
+    assert (table["starboard_mps"].iloc[0], table["forward_mps"].iloc[0]) == (1.0, 2.0)
+    assert table["valid"].all()
+    assert log.provenance["dvl"].type == kind
+
+
+UNKNOWN, INVALID = np.zeros(9), np.full(9, -1.0)
+NOT_USED: dict[str, tuple[str, Mapping[str, Any]]] = {
+    "negative covariance": ("cola2_msgs/msg/DVL", {"velocity_covariance": INVALID}),
+    "water track": ("uuv_sensor_msgs/msg/DVL", {"velocity_reference": 2}),
+    "not a number": ("uuv_sensor_msgs/msg/DVL", {"velocity.x": np.nan, "velocity.y": np.nan}),
+    "in earth coordinates": ("ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 3}),
+    "in beam coordinates": ("ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 0}),
+    "fewer than 3 good beams": ("ds_sensor_msgs/msg/Dvl", {"num_good_beams": 2}),
+    "flagged invalid": ("waterlinked_a50_ros_driver/msg/DVL", {"velocity_valid": False, "velocity.x": 0.0}),
+    "without status A": ("cola2_msgs/msg/TeledyneExplorerDvl", {"bi_status": "V"}),
+    "exactly zero": ("smarc_msgs/msg/DVL", {"velocity.x": 0.0, "velocity.y": 0.0}),
+    "faster than 20 m/s": ("smarc_msgs/msg/DVL", {"velocity.x": 327.67}),
+}
+
+
+@pytest.mark.parametrize("cause", NOT_USED)
+def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(tmp_path: Path, cause: str) -> None:
+    kind, change = NOT_USED[cause]
+    good = FORWARD_2_STARBOARD_1[kind]
+
+    log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, after_s=1)])
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False]
+    (said,) = (finding.text for finding in log.findings if finding.code == "DVL-INVALID")
+    assert said == f"/sensor: 1 of 2 records are invalid and not used (1 {cause})"
+
+
+def test_a_covariance_of_zeros_is_unknown_and_no_fault(tmp_path: Path) -> None:
+    kind = "cola2_msgs/msg/DVL"
+    known = np.diag([0.0004, 0.0004, 0.0004]).ravel()
+    records = [
+        row(kind, {**FORWARD_2_STARBOARD_1[kind], "velocity_covariance": c}, k) for k, c in enumerate([UNKNOWN, known])
+    ]
+
+    log = logged(tmp_path, records, '[dvl]\nsd_mps = "message"')
+
+    assert log.tables["dvl"]["valid"].all()
+    np.testing.assert_allclose(log.tables["dvl"]["sd_mps"], [np.nan, 0.02])
+
+
+@pytest.mark.parametrize(("mode", "where"), [(0, "beam"), (3, "earth")])
+def test_beam_and_earth_coordinates_are_refused_in_a_sentence(tmp_path: Path, mode: int, where: str) -> None:
+    with pytest.raises(LogError) as fault:
+        logged(tmp_path, [row("ds_sensor_msgs/msg/Dvl", {"velocity.x": 1.0, "coordinate_mode": mode})])
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'dive.mcap'}: all 1 records of /sensor (dvl) are invalid: 1 in {where} coordinates; "
+        "velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
+    )
+
+
+USELESS = {
+    "nortek_dvl333_msgs/msg/BottomTrack": "holds velocities along the beams alone; record XYZ velocities",
+    "holoocean_interfaces/msg/DVLSensorRange": "holds ranges and no velocities",
+}
+
+
+@pytest.mark.parametrize("kind", USELESS)
+@pytest.mark.parametrize("named", [True, False])
+def test_a_dvl_that_tells_no_velocity_is_refused_with_the_reason(tmp_path: Path, kind: str, named: bool) -> None:
+    with pytest.raises(UsageError) as fault:
+        logged(tmp_path, [row(kind, {})], topics={"dvl": "/sensor"} if named else {})
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'dive.mcap'}: /sensor ({kind}) cannot serve as dvl: it {USELESS[kind]} (--dvl none: do without)"
+    )
+
+
+def test_a_useless_topic_does_no_harm_beside_a_dvl(tmp_path: Path) -> None:
+    kind = "smarc_msgs/msg/DVL"
+    beams = row("nortek_dvl333_msgs/msg/BottomTrack", {}, topic="/beams")
+
+    log = logged(tmp_path, [beams, row(kind, FORWARD_2_STARBOARD_1[kind])])
+
+    assert log.provenance["dvl"].topic == "/sensor"
+
+
+def test_a_simulator_that_names_a_ned_frame_means_it(tmp_path: Path) -> None:
+    kind = "uuv_sensor_ros_plugins_msgs/msg/DVL"
+
+    log = logged(
+        tmp_path, [row(kind, {"velocity.x": 2.0, "velocity.y": 1.0, "header.frame_id": "rexrov/dvl_link_ned"})]
+    )
+
+    assert log.tables["dvl"]["starboard_mps"].iloc[0] == 1.0
+    assert log.provenance["dvl"].conventions[0] == 'axes FRD (by frame_id "rexrov/dvl_link_ned")'
+
+
+def test_the_velocity_of_an_odometry_is_in_its_child_frame(tmp_path: Path) -> None:
+    values = {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": 1.0}
+    frames = {"header.frame_id": "odom", "child_frame_id": "base_link_frd"}
+
+    log = logged(tmp_path, [row(ODOMETRY, {**values, **frames}, topic="/dvl/velocity")])
+
+    assert log.provenance["dvl"].conventions[0] == 'axes FRD (by frame_id "base_link_frd")'
+
+
+def test_a_report_that_knows_both_its_times_is_moved_back_by_their_difference(tmp_path: Path) -> None:
+    """The DVL's own clock may be anywhere: only the difference of its two times counts."""
+    kind = "waterlinked_dvl/msg/TransducerReportStamped"
+    values = FORWARD_2_STARBOARD_1[kind]
+
+    uptime = 77 * SECOND
+
+    ages = {"report.time_of_validity": stamp(uptime), "report.time_of_transmission": stamp(uptime + 150_000_000)}
+    log = logged(tmp_path, [row(kind, {**values, **ages})])
+
+    assert log.start_ns == T0 - 150_000_000
