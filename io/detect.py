@@ -30,6 +30,12 @@ def _is_rosbag2(path: Path, head: bytes) -> bool:
     return holds_recording(path) if path.is_dir() else head.startswith(b"SQLite format 3\x00")
 
 
+def _is_nmea(path: Path, head: bytes) -> bool:
+    from usbldr.io.nmea_log import looks_like_nmea
+
+    return looks_like_nmea(head)
+
+
 def _is_csv(path: Path, head: bytes) -> bool:
     from usbldr.io.csv_text import looks_like_csv, text_files
 
@@ -54,6 +60,12 @@ def _rosbag2(path: Path) -> Reader:
     return open_rosbag2(path)
 
 
+def _nmea(path: Path) -> Reader:
+    from usbldr.io.nmea_log import NmeaFile
+
+    return NmeaFile(path)
+
+
 def _csv(path: Path) -> Reader:
     from usbldr.io.csv_log import CsvLog
 
@@ -71,6 +83,7 @@ FORMATS: Mapping[str, Format] = {
     "MCAP files": Format(_is_mcap, _mcap),
     "ROS 1 bags": Format(_is_bag, _bag),
     "rosbag2 (folders and .db3 files)": Format(_is_rosbag2, _rosbag2),
+    "text files of NMEA sentences": Format(_is_nmea, _nmea),
     "CSV folders": Format(_is_csv, _csv),
 }
 """One line per format; importing its reader waits until it is opened."""

@@ -10,6 +10,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.configuration import find_configuration, read_configuration
 from usbldr.io.detect import open_log
 from usbldr.io.joined import JoinedLog, Part
+from usbldr.io.nmea_log import with_sentences
 from usbldr.io.reader import Reader
 from usbldr.io.sections import Configuration
 from usbldr.io.topics import ROLES
@@ -62,11 +63,11 @@ def open_configured(path: Path, request: Request) -> Opened:
 
 
 def _opened(path: Path, configuration: Configuration, topics: Mapping[str, str]) -> Reader:
-    """Open one file, and name the columns of a CSV file as the configuration does."""
+    """Open one file; name the columns of a CSV file as the configuration does, find the sentences in topics of text."""
     reader = open_log(path)
     sections = {role: configuration.columns(role) for role in ROLES}
     if not reader.format.startswith("CSV") or not any(sections.values()):
-        return reader
+        return with_sentences(reader)
     from usbldr.io.csv_log import Columns, CsvLog
 
     stated = [

@@ -17,9 +17,11 @@ def place_causes(raw: Raw) -> dict[str, Mask]:
     lat, lon = ("lat_deg", "lon_deg") if "lat_deg" in raw.layout.required else ("x", "y")
     lat, lon = ("east_m", "north_m") if "east_m" in raw.layout.required else (lat, lon)
     a, b = raw.number(lat), raw.number(lon)
-    causes = {"not a number": ~(np.isfinite(a) & np.isfinite(b))}
+    causes = {
+        "not a number": ~(np.isfinite(a) & np.isfinite(b)),
+        "without fix (status below 0)": raw.number("status") < 0,
+    }
     if lat == "lat_deg":
-        causes["without fix (status below 0)"] = raw.number("status") < 0
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
     return causes

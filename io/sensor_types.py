@@ -6,17 +6,18 @@ from usbldr.io.depth_types import DEPTH
 from usbldr.io.dvl_types import DVL
 from usbldr.io.gps_types import GPS, TRUTH
 from usbldr.io.heading_types import COMPASS
-from usbldr.io.messages import Layout
+from usbldr.io.messages import Layout, only_when_named
+from usbldr.io.nmea_types import NMEA_HEADINGS, NMEA_PLACES, NMEA_SHIPS
 from usbldr.io.reader import TopicInfo
 from usbldr.io.usbl_types import USBL
 
 LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
     "dvl": DVL,
-    "compass": COMPASS,
+    "compass": (*COMPASS, *NMEA_HEADINGS),
     "usbl": USBL,
-    "gps": GPS,
+    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS),
     "depth": DEPTH,
-    "truth": TRUTH,
+    "truth": (*TRUTH, *only_when_named(NMEA_PLACES)),
 }
 """The first that fits a topic is taken.
 

@@ -20,6 +20,7 @@ from usbldr.io.times import times_of
 
 LEAST_SD_M = 0.15  # no fix is trusted more: floor of the eigenvalues of a covariance
 DEFAULT_SD_M, DEFAULT_SD_REL = 1.0, 0.02  # 2 % of the slant range, at least 1 m
+STATE_HEAD = "state head = {...} under [usbl]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,7 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, depths: Depths |
 
     if kind == "range_bearing":
         if head is None:
-            raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; state head = {{...}} under [usbl]")
+            raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
         offset_east, offset_north, how, more = _from_range_and_bearing(raw, drop_m, head)
         east, north = head.east_m + offset_east, head.north_m + offset_north
         said.append(how)
@@ -84,12 +85,14 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, depths: Depths |
     else:
         frame, who, more = stated(raw, "frame", section.frame, by_frame)
         east, north = on_plane(raw, frame, origin)
-        relative = section.relative_to or ("head" if head else "map")
+        relative, relative_who, more_still = stated(raw, "relative_to", section.relative_to, "head" if head else "map")
         said += [
             f"frame {frame} ({'by frame_id' if who == 'default' and by_frame == 'NED' else who})",
-            f"relative to the {relative} ({'configuration' if section.relative_to else 'default'})",
+            f"relative to the {relative} ({relative_who})",
         ]
-        findings += more
+        findings += [*more, *more_still]
+        if relative == "head" and head is None:
+            raise LogError(f"{raw.log}: {raw.topic.name} tells positions relative to the head; {STATE_HEAD}")
         if relative == "head" and head:
             drop_m = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
             east, north = head.east_m + east, head.north_m + north

@@ -8,7 +8,7 @@ from dives import short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError
 from usbldr.io.detect import open_log
 
-FORMATS = "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files) and CSV folders"
+FORMATS = "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), text files of NMEA sentences and CSV folders"
 
 
 def test_an_mcap_file_is_one_whatever_its_name(tmp_path: Path) -> None:

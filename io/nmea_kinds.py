@@ -1,0 +1,246 @@
+"""Which NMEA 0183 sentences are understood, and which quantities each tells: degrees and metres.
+
+pynmeagps parses them all; the fields of vendors' own sentences are listed here after their manuals: Kongsberg's HiPAP
+and APOS (PSIMSSB, PSIMSNS), iXblue's GAPS (PTSAG, PTSAX, PTSAH), Sonardyne's Ranger 2 (PSONLLD), EvoLogics (PEVOSSB). A
+sentence that tells different things by one of its fields is of several kinds, named with that field: PSIMSSB_C_H is
+Cartesian and head up, PTSAG_ship tells the place of the ship itself.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias, cast
+
+Told: TypeAlias = tuple[float | str, ...]
+
+
+class Kind(NamedTuple):
+    """What one kind of sentence tells."""
+
+    columns: tuple[str, ...] = ()
+    tell: Callable[[Any], Told] | None = None  # of a sentence parsed by pynmeagps, in the order of the columns
+    time: int | None = None  # which field is the time of day, hhmmss.ss
+    date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is ddmmyy
+    fields: str = ""  # name:type of pynmeagps, a name alone is text; for sentences that it does not know
+
+
+PLACE = ("lat_deg", "lon_deg", "fix_status")  # status -1: no fix
+OFFSET = ("x", "y", "z")
+ELLIPSE = ("cov_xx", "cov_xy", "cov_yy")  # east, north, m^2
+
+
+def _number(message: Any, name: str) -> float:
+    """Return a field, NaN where it is empty or missing."""
+    value = getattr(message, name, "")
+    return math.nan if value == "" else float(value)
+
+
+def _status(good: bool) -> float:
+    return 0.0 if good else -1.0
+
+
+def _place(message: Any, good: bool) -> tuple[float, float, float]:
+    return _number(message, "lat"), _number(message, "lon"), _status(good)
+
+
+def _magnetic(message: Any) -> Told:
+    """Return the heading with deviation and variation (positive to the east), and 1 where the variation was told."""
+    heading = _number(message, "headingM")
+    for name in ("deviation", "variation"):
+        angle = _number(message, name)
+        if not math.isnan(angle):
+            heading += -angle if getattr(message, f"{name}EW") == "W" else angle
+    return heading, 0.0 if math.isnan(_number(message, "variation")) else 1.0
+
+
+def _gga(m: Any) -> Told:
+    return _place(m, _number(m, "quality") > 0)
+
+
+def _gns(m: Any) -> Told:
+    return _place(m, m.posMode.strip("N") != "")
+
+
+def _rmc(m: Any) -> Told:
+    return _place(m, getattr(m, "status", "A") == "A")
+
+
+def _hdt(m: Any) -> Told:
+    return (_number(m, "headingT"),)
+
+
+def _ths(m: Any) -> Told:
+    return (math.nan if getattr(m, "mi", "A") == "V" else _number(m, "headt"),)
+
+
+def _heading(m: Any) -> Told:
+    return (_number(m, "heading"),)
+
+
+HIPAP = "time target status error system orientation filter x:DE y:DE z:DE accuracy:DE"
+HIPAP_DEGREES = "time target status error system orientation filter lat:LA NS:LAD lon:LN EW:LND z:DE accuracy:DE"
+
+
+def _measured(message: Any) -> bool:
+    """Accept status A; not with an error code (NRy: no reply), and not what was predicted."""
+    return message.status == "A" and not message.error and message.filter != "P"
+
+
+def _hipap(m: Any) -> Told:
+    return m.target, *(_number(m, axis) for axis in OFFSET), _status(_measured(m)), _number(m, "accuracy")
+
+
+def _hipap_radians(m: Any) -> Told:
+    place = (math.degrees(_number(m, axis)) for axis in "xy")
+    return m.target, *place, _status(_measured(m)), _number(m, "accuracy")
+
+
+def _hipap_degrees(m: Any) -> Told:
+    return m.target, *_place(m, _measured(m)), _number(m, "accuracy")
+
+
+EVOLOGICS = "time target head frame origin transformation x:DE y:DE z:DE accuracy:DE rssi:DE integrity:DE"
+
+
+def _evologics(m: Any) -> Told:
+    accuracy = _number(m, "accuracy")
+    return m.target, *(_number(m, axis) for axis in OFFSET), _status(not accuracy < 0), accuracy
+
+
+def _evologics_place(m: Any) -> Told:
+    accuracy = _number(m, "accuracy")
+    return m.target, _number(m, "x"), _number(m, "y"), _status(not accuracy < 0), accuracy
+
+
+GAPS = "frame time day month year target"
+
+
+def _received(message: Any) -> bool:
+    """Accept any of the four hydrophones: the code is 0 where none received."""
+    return message.validity.strip("0") != ""
+
+
+def _gaps(m: Any) -> Told:
+    return m.target, *_place(m, _received(m))
+
+
+def _gaps_offset(m: Any) -> Told:
+    return m.target, *(_number(m, axis) for axis in OFFSET), _status(_received(m))
+
+
+def _ellipse(major_m: float, minor_m: float, direction_deg: float) -> Told:
+    """Return the covariance of east and north, the major axis being clockwise from north."""
+    s, c = math.sin(math.radians(direction_deg)), math.cos(math.radians(direction_deg))
+    a, b = major_m**2, minor_m**2
+    return a * s * s + b * c * c, (a - b) * s * c, a * c * c + b * s * s
+
+
+def _ranger(m: Any) -> Told:
+    ellipse = _ellipse(*(_number(m, name) for name in ("major", "minor", "direction")))
+    return m.target, *_place(m, m.status == "A"), *ellipse
+
+
+_hipap_offset = Kind(("target", *OFFSET, "fix_status", "sd_m"), _hipap, time=0, fields=HIPAP)
+_evologics_offset = Kind(("target", *OFFSET, "fix_status", "sd_m"), _evologics, time=0, fields=EVOLOGICS)
+_gaps_place = Kind(
+    ("target", *PLACE),
+    _gaps,
+    time=1,
+    date=(2, 3, 4),
+    fields=f"{GAPS} lat:LA NS:LAD lon:LN EW:LND validity z:DE",
+)
+_ranger_place = Kind(
+    ("target", *PLACE, *ELLIPSE),
+    _ranger,
+    time=0,
+    fields="time target status lat:DE lon:DE z:DE major:DE minor:DE direction:DE",
+)
+_timed = Kind(time=0)  # known, but nothing that could be used: usbl_types says why
+
+KINDS: Mapping[str, Kind] = {
+    "GGA": Kind(PLACE, _gga, time=0),
+    "GNS": Kind(PLACE, _gns, time=0),
+    "RMC": Kind(PLACE, _rmc, time=0, date=(8,)),
+    "GLL": Kind(PLACE, _rmc, time=4),
+    "ZDA": Kind(time=0, date=(1, 2, 3)),
+    "HDT": Kind(("heading_deg",), _hdt),
+    "THS": Kind(("heading_deg",), _ths),
+    "HDG": Kind(("magnetic_deg", "corrected"), _magnetic),
+    "HDM": Kind(("magnetic_deg", "corrected"), _magnetic),
+    "PSIMSSB_C_H": _hipap_offset,
+    "PSIMSSB_C_N": _hipap_offset,
+    "PSIMSSB_C_E": _hipap_offset,
+    "PSIMSSB_R": Kind(("target", *PLACE, "sd_m"), _hipap_radians, time=0, fields=HIPAP),
+    "PSIMSSB_D": Kind(
+        ("target", *PLACE, "sd_m"),
+        _hipap_degrees,
+        time=0,
+        fields=HIPAP_DEGREES,
+    ),
+    "PSIMSSB_U": _timed,
+    "PSIMSSB_P": _timed,
+    "PSIMSNS": Kind(
+        ("heading_deg",),
+        _heading,
+        time=0,
+        fields="time target transceiver transducer roll:DE pitch:DE heave:DE heading:DE",
+    ),
+    "PTSAG": _gaps_place,
+    "PTSAG_ship": _gaps_place,
+    "PTSAX": Kind(
+        ("target", *OFFSET, "fix_status"),
+        _gaps_offset,
+        time=1,
+        date=(2, 3, 4),
+        fields=f"{GAPS} x:DE y:DE validity z:DE",
+    ),
+    "PTSAH": Kind(("heading_deg",), _heading, fields="id heading:DE speed:DE"),
+    "PSONLLD": _ranger_place,
+    "PSONLLD_ship": _ranger_place,
+    "PEVOSSB_H": _evologics_offset,
+    "PEVOSSB_N": _evologics_offset,
+    "PEVOSSB_E": _evologics_offset,
+    "PEVOSSB_G": Kind(("target", *PLACE, "sd_m"), _evologics_place, time=0, fields=EVOLOGICS),
+    "PEVOSSB_T": _timed,
+    "PEVOSSB_B": _timed,
+}
+"""One line per kind."""
+
+
+def _hipap_variant(fields: Sequence[str]) -> str:
+    return f"_{fields[4]}_{fields[5]}" if fields[4] == "C" else f"_{fields[4]}"
+
+
+VARIANTS: Mapping[str, Callable[[Sequence[str]], str]] = {
+    "PSIMSSB": _hipap_variant,
+    "PEVOSSB": lambda fields: f"_{fields[3]}",
+    "PTSAG": lambda fields: "" if fields[5].strip("0") else "_ship",
+    "PSONLLD": lambda fields: "_ship" if fields[1].lower().startswith("ship") else "",
+}
+"""What is added to a sentence's name by its fields; IndexError where it is too short."""
+
+
+def kind_of(address: str) -> str:
+    """Return the name of a sentence without its talker: GGA of GPGGA; a vendor's own name is all of it."""
+    return address if address.startswith("P") else address[2:]
+
+
+def columns_of(kind: str, contents: Sequence[str]) -> list[Told | None]:
+    """Return what sentences (from their name to the checksum, without it) of one kind tell, None where they do not fit.
+
+    A row has the kind's columns.
+    """
+    from pynmeagps import NMEAMessageError, NMEAParseError, NMEAReader, NMEATypeError  # pyright: ignore
+
+    parse = cast("Callable[..., Any]", NMEAReader.parse)  # pyright: ignore[reportUnknownMemberType]
+
+    known = KINDS[kind]
+    pairs = (field.partition(":") for field in known.fields.split())
+    own = {kind.partition("_")[0][1:]: {name: code or "ST" for name, _, code in pairs}} if known.fields else {}
+    rows: list[Told | None] = []
+    for content in contents:
+        try:
+            message = parse(f"${content}*00\r\n".encode(), validate=0, userdefined=own)
+            rows.append(known.tell(message) if known.tell else None)
+        except (NMEAMessageError, NMEAParseError, NMEATypeError, AttributeError, ValueError):
+            rows.append(None)
+    return rows
