@@ -8,7 +8,7 @@ from scipy.linalg import solve_discrete_are
 
 from models import PRIOR, Drift, position_steps
 from usbldr.filters.assumptions import ProcessNoise
-from usbldr.filters.bound import Bounds, bounds, mean_absolute_error, parallel
+from usbldr.filters.bound import AT_ONCE, Bounds, bounds, local_bounds, mean_absolute_error, parallel
 from usbldr.filters.errors import UsageError
 from usbldr.filters.filter import Step
 from usbldr.filters.layout import Layout
@@ -200,6 +200,22 @@ def test_truths_that_differ_have_no_bound_where_the_motion_bends_without_noise()
     bounds(steps, motion, truth[:, :, 0], prior_cov)  # one truth has one
     with pytest.raises(UsageError, match="no bound over several truths"):
         bounds(steps, motion, truth, prior_cov)
+
+
+def test_local_bounds_are_the_mean_of_each_truths_own_and_lie_above_the_bound_of_all() -> None:
+    """(E J)^-1 is at most E (J^-1), in the sense of matrices, for the joint information of the whole dive."""
+    process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
+    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
+    steps, truth = wriggling_dives(AT_ONCE + 3, process, prior_cov)
+    motion = VehicleMotion(Layout(), process)
+    each = [bounds(steps, motion, truth[:, :, i], prior_cov) for i in range(AT_ONCE + 3)]
+
+    local, joint = (function(steps, motion, truth, prior_cov) for function in (local_bounds, bounds))
+
+    for i in (0, 1):  # filter, smoother
+        np.testing.assert_allclose(local[i], np.mean([one[i] for one in each], axis=0), rtol=1e-9, atol=1e-13)
+        assert np.linalg.eigvalsh(local[i] - joint[i]).min() > -1e-10
+    assert joint.filtered[-1, 0, 0] < 0.99 * local.filtered[-1, 0, 0]
 
 
 def test_parallel_is_the_inverse_of_the_sum_of_inverses() -> None:
