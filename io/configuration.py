@@ -10,12 +10,12 @@ import tomllib
 import typing
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 from msgspec import Struct
 
-from usbldr.filters.assumptions import Assumptions, Start
+from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.io.sections import (
@@ -26,11 +26,14 @@ from usbldr.io.sections import (
     DvlNoise,
     GaussianNoise,
     MixtureNoise,
+    ProcessSection,
     StartSection,
     StudentNoise,
     UsblContamination,
     UsblNoise,
 )
+
+Form = TypeVar("Form", bound=Struct)
 
 
 def find_configuration(log: Path, asked: str | None) -> Path | None:
@@ -66,11 +69,16 @@ def read_document(file: Path) -> dict[str, object]:
 
 def check(document: dict[str, object], file: Path) -> Configuration:
     """Turn a parsed TOML document into a Configuration."""
-    _refuse_unknown_keys(document, Configuration, "", file)
+    return checked(document, Configuration, file)
+
+
+def checked(document: dict[str, object], form: type[Form], file: Path) -> Form:
+    """Turn a parsed TOML document into a typed one; raise UsageError with file, key, nearest match, allowed values."""
+    _refuse_unknown_keys(document, form, "", file)
     try:
-        return msgspec.convert(document, Configuration)
+        return msgspec.convert(document, form)
     except msgspec.ValidationError as err:
-        raise UsageError(f"{file}: {_sentence(str(err))}") from err
+        raise UsageError(f"{file}: {_sentence(str(err), form)}") from err
 
 
 def _structs(annotation: object) -> list[type[Struct]]:
@@ -92,6 +100,11 @@ def _refuse_unknown_keys(table: dict[str, object], section: type[Struct], path: 
             raise UsageError(f"{file}: {where} {key}{hint} (allowed: {', '.join(allowed)})")
         if isinstance(value, float) and not math.isfinite(value):
             raise UsageError(f"{file}: [{path}] {key} = {value} is no finite number")
+        if isinstance(value, list) and key in hints and _structs(hints[key]):
+            for row, inner in enumerate(typing.cast("list[object]", value)):
+                if isinstance(inner, dict):
+                    table_of_row = typing.cast("dict[str, object]", inner)
+                    _refuse_unknown_keys(table_of_row, _structs(hints[key])[0], f"{key}[{row}]", file)
         if isinstance(value, dict) and key in hints:
             inner = typing.cast("dict[str, object]", value)
             sections = _structs(hints[key])
@@ -104,13 +117,13 @@ def _refuse_unknown_keys(table: dict[str, object], section: type[Struct], path: 
                 _refuse_unknown_keys(inner, chosen[0], f"{path}.{key}" if path else key, file)
 
 
-def _sentence(message: str) -> str:
+def _sentence(message: str, form: type[Struct]) -> str:
     """Turn msgspec's "Expected `float`, got `str` - at `$.dvl.mount_deg`" into "[dvl] mount_deg: expected ..."."""
     what, _, place = message.partition(" - at ")
     path = re.sub(r"^.*\$\.?|`$", "", place)
     invalid = re.fullmatch(r"Invalid enum value '?(.*?)'?", what)
     if invalid:
-        what = f"{invalid[1]} is not allowed (allowed: {', '.join(_allowed(path))})"
+        what = f"{invalid[1]} is not allowed (allowed: {', '.join(_allowed(path, form))})"
     elif what.startswith("Object missing required field"):
         what = f"lacks the key {what.split('`')[1]}"
     elif what.startswith("Expected"):
@@ -121,9 +134,9 @@ def _sentence(message: str) -> str:
     return f"{where}: {what}"
 
 
-def _allowed(path: str) -> list[str]:
+def _allowed(path: str, form: type[Struct]) -> list[str]:
     """Return the words that the key at a dotted path takes."""
-    annotation: object = Configuration
+    annotation: object = form
     for name in path.removesuffix("[...]").split("."):
         hints = [typing.get_type_hints(s, include_extras=True) for s in _structs(annotation)]
         annotation = next((h[name] for h in hints if name in h), None)
@@ -140,26 +153,33 @@ def _words(annotation: object) -> list[str]:
 
 def assumptions(configuration: Configuration) -> Assumptions:
     """Return the model side of a run: what the file states, usbldr's defaults for the rest. Angles become radians."""
-    process, start, default = configuration.process, configuration.start, Assumptions()
-    walks = {
-        "position_m": process.position_m,
-        "yaw_rad": _radians(process.heading_deg),
-        "velocity_mps": process.velocity_mps,
-        "turn_rate_radps": _radians(process.turn_rate_dps),
-    }
+    start, default = configuration.start, Assumptions()
     return replace(
         default,
-        process=replace(default.process, **{name: walk for name, walk in walks.items() if walk is not None}),
-        dvl=_family(configuration.dvl.noise, default.dvl),
-        compass=_family(configuration.compass.noise, default.compass),
-        usbl=_family(configuration.usbl.noise, default.usbl),
+        process=process_noise(configuration.process),
+        dvl=family(configuration.dvl.noise, default.dvl),
+        compass=family(configuration.compass.noise, default.compass),
+        usbl=family(configuration.usbl.noise, default.usbl),
         dvl_lever_m=configuration.dvl.lever_arm_m,
         usbl_lever_m=configuration.usbl.lever_arm_m,
-        start=_start(start) if start else None,
+        start=known_start(start) if start else None,
     )
 
 
-def _start(stated: StartSection) -> Start:
+def process_noise(stated: ProcessSection) -> ProcessNoise:
+    """Return the random walks that a section states, usbldr's defaults for the rest."""
+    walks = {
+        "position_m": stated.position_m,
+        "yaw_rad": _radians(stated.heading_deg),
+        "velocity_mps": stated.velocity_mps,
+        "turn_rate_radps": _radians(stated.turn_rate_dps),
+        "uncalibrated_m": stated.uncalibrated_m,
+    }
+    return replace(ProcessNoise(), **{name: walk for name, walk in walks.items() if walk is not None})
+
+
+def known_start(stated: StartSection) -> Start:
+    """Return the start that a section states."""
     return Start(
         stated.east_m,
         stated.north_m,
@@ -174,22 +194,22 @@ def _radians(angle_deg: float | None) -> float | None:
     return None if angle_deg is None else math.radians(angle_deg)
 
 
-def _family(noise: DvlNoise | CompassNoise | UsblNoise | None, default: NoiseFamily) -> NoiseFamily:
+def family(noise: DvlNoise | CompassNoise | UsblNoise | None, default: NoiseFamily) -> NoiseFamily:
     """Return the noise family that a section states; ``per`` is the family's own unless stated."""
-    family: Gaussian | Mixture | StudentT | Contamination
+    chosen: Gaussian | Mixture | StudentT | Contamination
     match noise:
         case None:
             return default
         case GaussianNoise():
-            family = Gaussian()
+            chosen = Gaussian()
         case MixtureNoise():
-            family = Mixture(noise.share, noise.variance_ratio)
+            chosen = Mixture(noise.share, noise.variance_ratio)
         case StudentNoise():
-            family = StudentT(noise.dof)
+            chosen = StudentT(noise.dof)
         case DvlContamination():
-            family = Contamination(noise.share, noise.sd_mps)
+            chosen = Contamination(noise.share, noise.sd_mps)
         case CompassContamination():
-            family = Contamination(noise.share, math.radians(noise.sd_deg))
+            chosen = Contamination(noise.share, math.radians(noise.sd_deg))
         case UsblContamination():
-            family = Contamination(noise.share, noise.sd_m)
-    return family if noise.per is None else replace(family, per_scalar=noise.per == "scalar")
+            chosen = Contamination(noise.share, noise.sd_m)
+    return chosen if noise.per is None else replace(chosen, per_scalar=noise.per == "scalar")

@@ -121,6 +121,7 @@ def _configuration(
         "heading_deg": (process.yaw_rad, default.yaw_rad, degrees(process.yaw_rad)),
         "velocity_mps": (process.velocity_mps, default.velocity_mps, process.velocity_mps),
         "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, degrees(process.turn_rate_radps)),
+        "uncalibrated_m": (process.uncalibrated_m, default.uncalibrated_m, process.uncalibrated_m),
     }
     sections["process"] = {key: repr(value) for key, (own, usual, value) in walks.items() if own != usual}
     start = known.start

@@ -97,6 +97,7 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
             "heading_deg": f"{degrees(process.yaw_rad)!r}",
             "velocity_mps": f"{process.velocity_mps!r}",
             "turn_rate_dps": f"{degrees(process.turn_rate_radps)!r}",
+            **({"uncalibrated_m": f"{process.uncalibrated_m!r}"} if process.uncalibrated_m else {}),
         },
     }
     if scenario.start is not None:

@@ -8,10 +8,12 @@ import pytest
 
 from usbldr.filters.disturbances import draw
 from usbldr.filters.dives import motion
-from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Gaussian, Mixture
-from usbldr.filters.scenarios import LAWNMOWER, PAPER, Accuracy, Leg, Outliers, Scenario, Timing, scenario_named
+from usbldr.filters.scenarios import Accuracy, Leg, Outliers, Scenario, Timing
 from usbldr.filters.simulation import simulate
+from usbldr.io.scenario_library import find_scenario
+
+PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
 
 TURNING = dataclasses.replace(
     PAPER,
@@ -166,11 +168,6 @@ def test_noise_of_a_record_keeps_its_covariance_between_axes() -> None:
     e = draw(Gaussian(per_scalar=False), R, 200_000, np.random.default_rng(2))
 
     np.testing.assert_allclose(np.cov(e.T), R, atol=0.05)
-
-
-def test_an_unknown_scenario_is_answered_with_the_names() -> None:
-    with pytest.raises(UsageError, match=r"no scenario 'lake' \(scenarios: paper, lawnmower\)"):
-        scenario_named("lake")
 
 
 def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:

@@ -84,14 +84,14 @@ def _checked(baseline: "Baseline", jobs: int) -> "list[Checked]":
 def _units(file: Path, row: "Row") -> "list[Unit]":
     """Return the runs of a row, one a seed; none where its log is not there."""
     from usbldr.filters.methods import METHODS
-    from usbldr.filters.scenarios import SCENARIOS
+    from usbldr.io.scenario_library import scenario_names
     from usbldr_cli.units import Unit
 
     if row.filter not in METHODS:
         raise UsageError(f"{file}: row {row.name!r}: there is no filter {row.filter!r} (filters: {', '.join(METHODS)})")
     choices, selection = _choices(file, row)
     beside = file.parent / row.log
-    if not beside.exists() and row.log not in SCENARIOS:
+    if not beside.exists() and row.log not in scenario_names():
         return []
     log = str(beside) if beside.exists() else row.log
     seeds = range(choices.seed, choices.seed + row.seeds)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr_cli.options import open_log, selection_options
+from usbldr_cli.options import is_simulated, open_log, selection_options
 from usbldr_cli.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def compare(
         methods = _methods(filters, choices)
         request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": where}
         for log in logs:
-            if not Path(log).exists():
+            if is_simulated(log):
                 open_log(log, **where)  # a misspelt name is told before hours of work
         if output is not None:
             prepare(output, request, force)
@@ -157,7 +157,7 @@ def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[st
     from usbldr.filters.run import SAMPLED
     from usbldr_cli.units import Unit
 
-    once = Path(log).exists() and method not in SAMPLED
+    once = not is_simulated(log) and method not in SAMPLED
     wanted = range(choices.seed, choices.seed + (1 if once else seeds))
     return {seed: Unit(log, method, replace(choices, seed=seed), where) for seed in wanted}
 

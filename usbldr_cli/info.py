@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError
-from usbldr_cli.options import open_log, request, selection_options
+from usbldr_cli.options import is_simulated, open_log, request, selection_options
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
@@ -42,7 +42,7 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: An
 def _survey(log: str, selection: dict[str, Any]) -> "Survey":
     from usbldr.io.survey import survey, survey_of
 
-    if not Path(log).exists():
+    if is_simulated(log):
         return survey_of(open_log(log, seed=0, **selection)[0])
     return survey(Path(log), request(**selection))
 

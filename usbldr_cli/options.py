@@ -55,14 +55,14 @@ def request(
 
 
 def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str, object] | None]":
-    """Read LOG, a file or folder or else the name of a scenario; return it and what its configuration says.
+    """Read LOG, a file or folder or else a scenario; return it and what its configuration says.
 
     ``selection`` are the values of selection_options; raises LogError and UsageError.
     """
     from usbldr.io.read import read_log
 
     asked = request(**selection)
-    if not Path(log).exists():
+    if is_simulated(log):
         return _scenario(log, seed, any(selection.values())), None
     found = read_log(Path(log), asked)
     if found.configuration is None:
@@ -72,12 +72,17 @@ def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str,
     return found, read_document(found.configuration)
 
 
-def _scenario(name: str, seed: int, selected: bool) -> "Log":
-    from usbldr.filters.scenarios import SCENARIOS
-    from usbldr.io.scenario import simulated_log
+def is_simulated(log: str) -> bool:
+    """Tell whether LOG is no log but a scenario: a file NAME.toml, or what is no file or folder at all."""
+    return not Path(log).exists() or (Path(log).suffix == ".toml" and Path(log).is_file())
 
-    if name not in SCENARIOS:
-        raise LogError(f"{name}: no such file or folder, nor a scenario (scenarios: {', '.join(SCENARIOS)})")
+
+def _scenario(name: str, seed: int, selected: bool) -> "Log":
+    from usbldr.io.scenario import simulated_log
+    from usbldr.io.scenario_library import find_scenario, scenario_names
+
+    if not Path(name).exists() and name not in scenario_names():
+        raise LogError(f"{name}: no such file or folder, nor a scenario (scenarios: {', '.join(scenario_names())})")
     if selected:
         raise UsageError(f"{name}: a scenario takes no --config, no topics, no --truth and no --with")
-    return simulated_log(SCENARIOS[name], seed)
+    return simulated_log(find_scenario(name), seed)

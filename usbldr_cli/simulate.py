@@ -20,6 +20,8 @@ def simulate(
 ) -> None:
     """Write SCENARIO as a log with its truth, and its configuration beside it.
 
+    SCENARIO is a name of --list, or a file NAME.toml of your own (docs/scenarios.md).
+
     OUTPUT is written in the format that its name means: NAME.mcap (ROS 2), NAME.bag (ROS 1), NAME_db3 (rosbag2 folder)
     or NAME.db3 (its file alone), else a folder of CSV files. Its configuration (NAME.usbldr.toml, or usbldr.toml in
     the folder) states noise, start and conventions, never a sensor's true error.
@@ -27,16 +29,16 @@ def simulate(
     \b
     $ usbldr simulate paper -o paper.mcap
     """
-    from usbldr.filters.scenarios import SCENARIOS, scenario_named
+    from usbldr.io.scenario_library import find_scenario, scenario_names
 
+    names = scenario_names()
     if list_them:
-        width = max(map(len, SCENARIOS))
-        for known in SCENARIOS.values():
-            click.echo(f"{known.name:<{width}}  {known.about}")
+        for name in names:
+            click.echo(f"{name:<{max(map(len, names))}}  {find_scenario(name).about}")
         return
     if scenario is None:
-        raise UsageError(f"name a scenario (scenarios: {', '.join(SCENARIOS)})")
-    chosen = scenario_named(scenario)
+        raise UsageError(f"name a scenario (scenarios: {', '.join(names)}), or a file NAME.toml")
+    chosen = find_scenario(scenario)
     if output is None:
         raise UsageError("say where to write with -o NAME.mcap, or -o FOLDER for CSV files")
 

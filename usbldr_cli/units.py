@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from usbldr.filters.errors import LogError, UsbldrError
+from usbldr_cli.options import is_simulated
 from usbldr_cli.run_options import RunChoices
 from usbldr_cli.unit_store import Judged, Outcome, Store, Trace
 
@@ -47,7 +48,7 @@ class Unit:
     @property
     def simulated(self) -> bool:
         """Whether each seed is a dive of its own."""
-        return not Path(self.log).exists()
+        return is_simulated(self.log)
 
 
 class _Done(NamedTuple):
