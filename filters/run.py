@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors
+from usbldr.filters.aiding import Positions, gps_fixes, usbl_fixes
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
 from usbldr.filters.baselines import start_from_fixes
 from usbldr.filters.calibration import layout_for, prior_sd
@@ -22,6 +23,7 @@ from usbldr.filters.layout import Layout
 from usbldr.filters.motion import MotionModel, VehicleMotion
 from usbldr.filters.noise import Noise, NoiseFamily
 from usbldr.filters.sensors import Measurement, UsblFix
+from usbldr.filters.smoothing import smooth
 from usbldr.filters.types import Timeline, Trajectory, Update, Vector
 
 
@@ -33,6 +35,7 @@ class Settings:
     gate: float | None = None  # probability that a good reading passes; None: no gate
     seed: int = 0
     form: str = "mixture"  # of cpf and upf, see FORMS
+    smooth: bool = False  # estimate each epoch from the whole dive, not from what came before it
 
 
 def _kalman(rule: rules.Rule) -> "Build":
@@ -67,12 +70,24 @@ FILTERS: Mapping[str, Build] = {
     "ukf": _kalman(rules.unscented),
     "adf": lambda motion, settings: kalman.KalmanFilter(motion, rules.cubature, policies.collapse),
     "afukf": _adaptive(rules.unscented, adaptive.Fading()),
-    "aekf": _adaptive(rules.linearised, adaptive.Matching()),
+    "aekf": _adaptive(rules.linearised, adaptive.CovarianceMatching()),
     "cpf": _particles(rules.cubature),
     "upf": _particles(rules.unscented),
     "pf": lambda motion, settings: pf.BootstrapParticleFilter(motion, settings.particles, start_seed=settings.seed),
 }
 """A new filter is one line here."""
+
+SMOOTHED_BY: Mapping[str, rules.Rule] = {
+    "ekf": rules.linearised,
+    "ckf": rules.cubature,
+    "ukf": rules.unscented,
+    "adf": rules.cubature,
+    "cpf": rules.cubature,
+    "upf": rules.unscented,
+    "afukf": rules.unscented,
+    "aekf": rules.linearised,
+}
+"""The filters whose belief is near a Gaussian, and the rule that passes it on."""
 
 GATED = ("ekf", "ckf", "ukf")
 SAMPLED = ("cpf", "upf", "pf")
@@ -98,30 +113,36 @@ def run(
         raise UsageError(f"{name} weighs outliers and takes no gate (filters with a gate: {', '.join(GATED)})")
     if settings.form not in FORMS or (settings.form != "mixture" and name not in FORMED):
         raise UsageError(f"{name} has no form {settings.form!r} (forms of {', '.join(FORMED)}: {', '.join(FORMS)})")
+    if settings.smooth and (name not in SMOOTHED_BY or settings.form == "literal"):
+        raise UsageError(f"{name} is too far from a Gaussian to be smoothed (smoothed: {', '.join(SMOOTHED_BY)})")
     layout = layout_for(assumptions.calibrate)
     if settings.form == "literal" and assumptions.calibrate:
         raise UsageError("the literal form loses every constant state: leave --calibrate at none, or take another form")
     if name == "pf" and {"heading", "deviation"} & set(assumptions.calibrate):
         raise UsageError("pf samples the yaw, which fixes every error of the compass: calibrate those with cpf or adf")
-    estimator = FILTERS[name](VehicleMotion(layout, assumptions.process, assumptions.errors), settings)
+    motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
+    estimator = FILTERS[name](motion, settings)
     began = time.perf_counter()
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
-    ess, acceptance = np.empty(count), np.empty(count)
+    ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     updates: list[Update] = []
     belief = estimator.start(prior(timeline, assumptions, layout))
     for k, step in enumerate(steps(timeline, assumptions, layout)):
         belief = estimator.step(belief, step, functools.partial(np.random.default_rng, (settings.seed, k)))
         estimate = estimator.estimate(belief)
         mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
+        inflation[k] = estimate.inflation
         updates += estimate.updates
         if k % 100 == 0:
             progress(k, count)
     progress(count, count)
+    if settings.smooth:
+        mean, cov = smooth(mean, cov, inflation, timeline.time_s, motion, SMOOTHED_BY[name])
     sampled = name in SAMPLED
     particles = settings.particles if sampled else 1
     return Trajectory(
-        name,
+        called(name, settings),
         layout.names,
         timeline.time_s,
         mean,
@@ -133,6 +154,11 @@ def run(
         _warnings(name, settings, ess, updates),
         time.perf_counter() - began,
     )
+
+
+def called(name: str, settings: Settings) -> str:
+    """Return what to call a filter's track."""
+    return f"{name} smoothed" if settings.smooth and name in SMOOTHED_BY else name
 
 
 def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior:
@@ -173,12 +199,11 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
 def steps(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Iterator[Step]:
     """Yield a step per epoch; a fix is used at the first epoch at or after its time of validity."""
     t = timeline.time_s
-    first_epoch = np.searchsorted(t, timeline.fix_time_s, side="left")
     vehicle = _VehicleReadings(timeline, assumptions, layout)
-    fixes = _UsblReadings(timeline, assumptions, layout)
+    fixes = _FixReadings(t, usbl_fixes(timeline, assumptions, layout))
+    surfaced = _FixReadings(t, gps_fixes(timeline, assumptions))
     for k in range(len(t)):
-        rows = range(*np.searchsorted(first_epoch, (k, k + 1)).tolist())
-        readings = [*vehicle.at(k), *(reading for row in rows for reading in fixes.at(row, float(t[k])))]
+        readings = [*vehicle.at(k), *fixes.at(k), *surfaced.at(k)]
         readings.sort(key=lambda reading: (reading.time_s, reading.sensor))  # stable: order in the log
         yield Step(k, float(t[max(k - 1, 0)]), float(t[k]), tuple(readings))
 
@@ -207,23 +232,25 @@ class _VehicleReadings:
                 yield Measurement(z, self.dvl[axis], noise, "dvl", name, k, time_s)
 
 
-class _UsblReadings:
-    """The measurements of a fix: two scalars where they err apart, else one of both axes."""
+class _FixReadings:
+    """The measurements of fixes: two scalars where they err apart, else one of both axes."""
 
-    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
-        self.timeline, self.assumptions, self.layout = timeline, assumptions, layout
+    def __init__(self, epochs_s: Vector, fixes: Positions) -> None:
+        self.epochs_s, self.fixes = epochs_s, fixes
+        self.first_epoch = np.searchsorted(epochs_s, fixes.time_s, side="left")
 
-    def at(self, row: int, epoch_s: float) -> Iterator[Measurement]:
-        """Yield the fix as seen from the epoch that uses it."""
-        line, family = self.timeline, self.assumptions.usbl
-        time_s, z, R = float(line.fix_time_s[row]), line.fix_m[row], line.fix_cov_m2[row]
-        model = functools.partial(UsblFix, self.layout, time_s - epoch_s, self.assumptions.usbl_lever_m)
-        if family.per_scalar and not R[0, 1]:
-            for axis, name in enumerate(("east", "north")):
-                noise = family.modes(R[axis : axis + 1, axis : axis + 1])
-                yield Measurement(z[axis : axis + 1], model(axes=(axis,)), noise, "usbl", name, row, time_s)
-        else:
-            yield Measurement(z, model(), family.modes(R), "usbl", "position", row, time_s)
+    def at(self, k: int) -> Iterator[Measurement]:
+        """Yield the fixes that epoch k uses, as seen from it."""
+        sensor, rows, times_s, positions_m, covs_m2, family, lever_m, layout = self.fixes
+        for f in range(*np.searchsorted(self.first_epoch, (k, k + 1)).tolist()):
+            row, time_s, z, R = int(rows[f]), float(times_s[f]), positions_m[f], covs_m2[f]
+            model = functools.partial(UsblFix, layout, time_s - float(self.epochs_s[k]), lever_m)
+            if family.per_scalar and not R[0, 1]:
+                for axis, name in enumerate(("east", "north")):
+                    noise = family.modes(R[axis : axis + 1, axis : axis + 1])
+                    yield Measurement(z[axis : axis + 1], model(axes=(axis,)), noise, sensor, name, row, time_s)
+            else:
+                yield Measurement(z, model(), family.modes(R), sensor, "position", row, time_s)
 
 
 def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.assumptions import Assumptions
+from usbldr.filters.calibration import found
 from usbldr.filters.consistency import consistency_verdict, worst_fate
 from usbldr.filters.evaluation import ErrorReport
 from usbldr.filters.metrics import METRICS
@@ -178,6 +179,7 @@ def describe(run: Run) -> dict[str, Any]:
         "options": run.options,
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
         "assumptions": _assumptions(log.assumptions),
+        "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in found(trajectory)},
         "sensors": log.provenance,
         "findings": log.findings,
         "outages": run.timeline.outages,

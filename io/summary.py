@@ -6,6 +6,7 @@ Every number stands in report.json under its own name; "" where it does not appl
 import math
 from typing import NamedTuple
 
+from usbldr.filters.calibration import Found, found
 from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
 from usbldr.filters.evaluation import ErrorReport, Window
 from usbldr.filters.metrics import SURFACING_GAP_S
@@ -118,6 +119,8 @@ def health(run: Run) -> list[tuple[str, str]]:
             ess = f"{100 * m['ess_mean_ratio']:.0f} % of {run.scored.trajectory.particles} particles"
             moved = f", {100 * m['acceptance_mean']:.0f} % of the moves accepted" if "acceptance_mean" in m else ""
             lines.append(("ESS", ess + moved))
+        if calibrated := found(run.scored.trajectory):
+            lines.append(("calibrated", ", ".join(_error_found(error) for error in calibrated)))
         if "surfacing_error_m" in m:
             way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
             many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
@@ -146,6 +149,13 @@ def _sensor(report: ErrorReport, sensor: str) -> str:
         nis = f"NIS {m[f'nis_mean_{sensor}']:.2f} ({m[f'nis_expected_{sensor}']:.0f} is right); "
     gap = f"; at most {m['longest_fix_gap_s']:.1f} s without one" if sensor == "usbl" else ""
     return f"{nis}{what}: {told}{gap}"
+
+
+def _error_found(error: Found) -> str:
+    """Tell a sensor's error as it stood at the end."""
+    unit = f" {error.unit}" if error.unit else ""
+    name = error.name.removesuffix(f"_{error.unit}").replace("_", " ")
+    return f"{name} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
 
 
 def _outages(run: Run) -> str:

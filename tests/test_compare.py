@@ -229,7 +229,11 @@ def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: 
         (("paper", "paper"), "LOG names paper twice"),
         (("paper", "--filters", "cpf,dr", "--gate", "0.99"), "--gate is for ekf, ckf, ukf"),
         (("paper", "--filters", "ekf", "--form", "gaussian"), "--form is for cpf, upf"),
-        (("paper", "--calibrate", "scale"), "--calibrate scale: this version estimates no errors of sensors yet"),
+        (
+            ("paper", "--calibrate", "speed"),
+            "no error of a sensor is called 'speed' (to calibrate: scale,",
+        ),
+        (("paper", "--noise", "usbl=cauchy"), "--noise usbl=cauchy: write SENSOR=KIND"),
         (("paper", "--truth", "x.csv"), "paper: a scenario takes no --config"),
     ],
 )

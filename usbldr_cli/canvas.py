@@ -71,8 +71,8 @@ def in_style() -> AbstractContextManager[None]:
 
 
 def colour(method: str) -> str:
-    """Return the colour of a method in every picture."""
-    return FILTER_COLOURS.get(method, OTHER_COLOUR)
+    """Return the colour of a method in every picture; a smoothed track has its filter's."""
+    return FILTER_COLOURS.get(method.removesuffix(" smoothed"), OTHER_COLOUR)
 
 
 def canvas(run: Run, what: str, width_in: float, height_in: float) -> Figure:

@@ -97,6 +97,7 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     from usbldr.filters.methods import METHODS
     from usbldr.filters.run import FORMED, GATED
 
+    choices.overrides()  # refuses what no run could take
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
     unknown = [name for name in names if name not in METHODS]
     if unknown or not names:
@@ -125,7 +126,7 @@ def _run(
     store: Path | None,
 ) -> "list[Row]":
     """Run everything; a method without chance runs once on a file, and on each dive of a scenario."""
-    from usbldr.filters.run import SAMPLED
+    from usbldr.filters.run import SAMPLED, called
     from usbldr_cli.comparison import Row
     from usbldr_cli.units import run_units
 
@@ -148,7 +149,8 @@ def _run(
         name = Path(log).name if names.count(Path(log).name) == 1 else log
         found = tuple(by_place[log, seed, method] for seed in units)
         dives = next(iter(units.values())).simulated
-        rows.append(Row(name, method, method, tuple(units), found, method in SAMPLED, dives))
+        label = called(method, choices.settings)
+        rows.append(Row(name, label, method, tuple(units), found, method in SAMPLED, dives))
     return rows
 
 

@@ -63,14 +63,24 @@ def replay(
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     if strict and lost:
         raise LogError(lost[0])
+    log = choices.applied(log)
     require(log, needed(method, log))
     line = timeline(log, choices.fast_hz, choices.slow_hz)
-    target = output or Path(f"{log.path.stem}-{method}")
+    _refuse_smoothing(method, choices)
+    target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
     with run_directory(target, force) as folder:
         run = _run(method, log, line, choices, content)
         _write(folder, run)
     _tell(run, target, json_to, quiet)
     return LogError.exit_code if lost else 0
+
+
+def _refuse_smoothing(method: str, choices: RunChoices) -> None:
+    """Refuse --smooth for a track that knows no uncertainty; run() refuses the filters that it does not suit."""
+    from usbldr.filters.run import FILTERS, SMOOTHED_BY
+
+    if choices.smooth and method not in FILTERS:
+        raise UsageError(f"{method} is no filter, so there is nothing to smooth (smoothed: {', '.join(SMOOTHED_BY)})")
 
 
 def _check_file(file: Path, log: Path, force: bool) -> None:

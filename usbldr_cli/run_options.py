@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -35,14 +35,27 @@ class RunChoices:
     dr_from: str
     fast_hz: float
     slow_hz: float
-    calibrate: str = "none"
+    calibrate: str | None = None
+    noise: tuple[str, ...] = ()
+    smooth: bool = False
 
     @property
     def settings(self) -> "Settings":
         """The filter's share."""
         from usbldr.filters.run import Settings
 
-        return Settings(self.particles, self.gate, self.seed, self.form)
+        return Settings(self.particles, self.gate, self.seed, self.form, self.smooth)
+
+    def overrides(self) -> dict[str, object]:
+        """Return the fields of Assumptions that the options state."""
+        from usbldr_cli.noise_option import noise_family
+
+        stated: dict[str, object] = dict(noise_family(text) for text in self.noise)
+        return stated if self.calibrate is None else stated | {"calibrate": _keys(self.calibrate)}
+
+    def applied(self, log: "Log") -> "Log":
+        """Return the log with the assumptions that the user states instead of those beside it."""
+        return replace(log, assumptions=replace(log.assumptions, **self.overrides()))
 
     def window(self, log: "Log") -> "Window":
         """Return the truth rows to score against, in seconds of the log."""
@@ -119,11 +132,15 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--calibrate",
             metavar="LIST",
-            default="none",
-            show_default=True,
-            callback=_no_calibration,
-            help="Sensor errors to estimate beside the track; none so far.",
+            help="Errors of sensors to estimate, as in scale,misalignment; none.  [default: as configured, else none]",
         ),
+        click.option(
+            "--noise",
+            multiple=True,
+            metavar="SENSOR=KIND",
+            help="As in usbl=student-t:4, dvl=mixture:0.3:10, compass=gaussian, usbl=contamination:0.05:10:record.",
+        ),
+        click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
         click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Grid of DVL and compass."),
         click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Grid of the errors."),
     )
@@ -132,10 +149,15 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return packed
 
 
-def _no_calibration(ctx: click.Context, param: click.Parameter, value: str) -> str:
-    if value != "none":
-        raise UsageError(f"--calibrate {value}: this version estimates no errors of sensors yet; leave it at none")
-    return value
+def _keys(text: str) -> tuple[str, ...]:
+    """Return the keys of --calibrate in their own order."""
+    from usbldr.filters.calibration import STATES, layout_for
+
+    keys = [key.strip() for key in text.split(",") if key.strip()]
+    if keys == ["none"]:
+        return ()
+    layout_for(keys)
+    return tuple(key for key in STATES if key in keys)
 
 
 def seconds_of_log(option: str, text: str, start_ns: int) -> float:

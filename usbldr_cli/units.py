@@ -61,13 +61,14 @@ class _Done(NamedTuple):
 
 def fitted(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
-    from usbldr.filters.run import FORMED, GATED, SAMPLED
+    from usbldr.filters.run import FORMED, GATED, SAMPLED, SMOOTHED_BY
 
     return replace(
         choices,
         particles=choices.particles if method in SAMPLED else 2,
         gate=choices.gate if method in GATED else None,
         form=choices.form if method in FORMED else "mixture",
+        smooth=choices.smooth and method in SMOOTHED_BY,
         dr_from=choices.dr_from if method == "dr" else "start",
     )
 
@@ -181,7 +182,7 @@ def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, 
     from usbldr.io.read import require
     from usbldr_cli.scoring import needed, score
 
-    log, line, _ = source
+    log, line = choices.applied(source.log), source.line
     require(log, needed(method, log))
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
