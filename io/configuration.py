@@ -15,10 +15,12 @@ from typing import Literal, TypeVar
 import msgspec
 from msgspec import Struct
 
-from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
+from usbldr.filters.assumptions import Assumptions, ProcessNoise, SensorErrors, Start
+from usbldr.filters.calibration import STATES
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.io.sections import (
+    CalibrateSection,
     CompassContamination,
     CompassNoise,
     Configuration,
@@ -163,6 +165,8 @@ def assumptions(configuration: Configuration) -> Assumptions:
         dvl_lever_m=configuration.dvl.lever_arm_m,
         usbl_lever_m=configuration.usbl.lever_arm_m,
         start=known_start(start) if start else None,
+        calibrate=tuple(key for key in STATES if key in configuration.calibrate.states),
+        errors=sensor_errors(configuration.calibrate),
     )
 
 
@@ -176,6 +180,21 @@ def process_noise(stated: ProcessSection) -> ProcessNoise:
         "uncalibrated_m": stated.uncalibrated_m,
     }
     return replace(ProcessNoise(), **{name: walk for name, walk in walks.items() if walk is not None})
+
+
+def sensor_errors(stated: CalibrateSection) -> SensorErrors:
+    """Return how large the sensors' errors may be: what a section states, usbldr's defaults for the rest."""
+    sizes = {
+        "scale": stated.scale_sd,
+        "misalignment_rad": _radians(stated.mount_sd_deg),
+        "heading_rad": _radians(stated.heading_sd_deg),
+        "heading_walk_rad": _radians(stated.heading_walk_deg),
+        "deviation_rad": _radians(stated.deviation_sd_deg),
+        "latency_s": stated.latency_sd_s,
+        "usbl_bias_m": stated.usbl_bias_sd_m,
+        "usbl_bias_s": stated.usbl_bias_time_s,
+    }
+    return replace(SensorErrors(), **{name: size for name, size in sizes.items() if size is not None})
 
 
 def known_start(stated: StartSection) -> Start:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
+from usbldr.filters.assumptions import Assumptions, ProcessNoise, SensorErrors, Start
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.io.configuration import assumptions, check, find_configuration, read_configuration
@@ -28,7 +28,7 @@ def written(tmp_path: Path, text: str) -> Path:
     ("text", "sentence"),
     [
         ("[dvll]", "there is no section dvll; did you mean dvl? (allowed: schema, map, dvl, compass, usbl, gps, depth, "
-         "truth, process, start, file)"),
+         "truth, process, calibrate, start, file)"),
         ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, columns, axes, "
          "mount_deg, unit, scale_error, sd_mps, min_good_beams, lever_arm_m, time, latency_s, noise)"),
         ("[dvl]\nmount_deg = 'x'", "[dvl] mount_deg: expected number, got text"),
@@ -147,6 +147,17 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
         heading_deg = 1.8
         velocity_mps = 0.2
         turn_rate_dps = 3.6
+        uncalibrated_m = 0.4
+        [calibrate]
+        states = ["latency", "scale"]
+        scale_sd = 0.02
+        mount_sd_deg = 1.8
+        heading_sd_deg = 18.0
+        heading_walk_deg = 3.6
+        deviation_sd_deg = 9.0
+        latency_sd_s = 0.7
+        usbl_bias_sd_m = 0.6
+        usbl_bias_time_s = 90.0
         [start]
         east_m = 1.0
         north_m = 2.0
@@ -156,7 +167,11 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
 
     assert assumptions(read_configuration(file)) == replace(
         Assumptions(),
-        process=ProcessNoise(0.1, math.pi / 100, 0.2, math.pi / 50),
+        process=ProcessNoise(0.1, math.pi / 100, 0.2, math.pi / 50, 0.4),
+        calibrate=("scale", "latency"),
+        errors=SensorErrors(
+            0.02, math.pi / 100, math.pi / 10, math.pi / 50, math.pi / 20, 0.7, usbl_bias_m=0.6, usbl_bias_s=90.0
+        ),
         dvl=Mixture(0.2, 25.0, per_scalar=False),
         compass=Contamination(0.1, math.pi / 10, per_scalar=False),
         usbl=StudentT(3.0, per_scalar=True),
@@ -190,7 +205,7 @@ def sections() -> list[tuple[str, str]]:
 def test_every_key_is_explained_in_its_section_of_the_document(section: str, key: str) -> None:
     general, _, rest = DOCUMENT.replace("[[file]]", "[file]").partition("## Sections")
     own = rest.partition(f"### `[{section}]`")[2].partition("\n### ")[0]
-    of_sensor = section not in ("map", "truth", "process", "start", "file")
+    of_sensor = section not in ("map", "truth", "process", "calibrate", "start", "file")
     common = general.partition("Keys of every sensor")[2] if of_sensor else ""
 
     assert f"`{key}`" in own + common
