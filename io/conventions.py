@@ -3,6 +3,7 @@
 An error of a sensor that the configuration states is subtracted here. Angles are degrees clockwise.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from usbldr.io.times import Times, times_of
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
 SURFACE_PA = 101325.0
+IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
 PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
 
 
@@ -151,12 +153,22 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
         _refuse(section.positive, "positive", "pressures", raw)
     else:
         _refuse(None if section.surface_pa is None else "", "surface_pa", "depths", raw)
+        height = "height" in raw.values
+        usual = "up" if height and not re.search("ned|frd", raw.frame_id.lower()) else "down"
         if unit != "m":
             raise UsageError(f'{raw.log}: [depth] unit = "{unit}": {raw.topic.name} holds depths in m')
-        sign, sign_who, more = stated(raw, "positive", section.positive, "down")
-        value = raw.number("depth") * (1.0 if sign == "down" else -1.0)
+        sign, sign_who, more = stated(raw, "positive", section.positive, usual)
+        sign_who = f'by frame_id "{raw.frame_id}"' if height and sign_who == "default" else sign_who
+        value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
         said.append(f"positive {sign} ({sign_who})")
         findings = [*findings, *more]
+        middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
+        if middle < -IN_THE_AIR_M:
+            text = (
+                f"{raw.topic.name}: a median depth of {middle:.1f} m, above the water; "
+                f'if it counts the other way, state positive = "{"up" if sign == "down" else "down"}" under [depth]'
+            )
+            findings.append(Finding("DEPTH-SIGN", text))
     good, invalid = dropped(raw, {"not a number": ~np.isfinite(value)}, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
     return kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)

@@ -4,6 +4,7 @@ A type is known by the last part of its name and by its fields, not by its packa
 packages. The types themselves stand in dvl_types, heading_types, usbl_types, gps_types and depth_types.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,6 +30,7 @@ class Layout:
     recognised: Recognised = "by type and name"
     defaults: Mapping[str, str] = field(default_factory=dict[str, str])  # configuration keys, unless the user says
     fixed: Mapping[str, str] = field(default_factory=dict[str, str])  # keys that the fields' own names settle
+    topic: str = ""  # a pattern that the topic's name has to have
     packages: tuple[str, ...] = ()  # beginnings of the packages whose drivers the defaults are true of; (): any
     stamp: str = "header.stamp"  # where the time of validity stands
     frame: str = "header.frame_id"  # where the frame of the values is named
@@ -40,6 +42,7 @@ class Layout:
         """Tell whether a topic has this type and these fields."""
         package, _, name = topic.type.replace("/msg/", "/").replace(".", "/").rpartition("/")
         known = name.lower() == self.type and (not self.packages or package.startswith(self.packages))
+        known = known and re.search(self.topic, topic.name) is not None
         return known and all(topic.has(path) for path in self.required.values())
 
 
@@ -108,11 +111,12 @@ def raw(log: Path, topic: TopicInfo, layout: Layout, records: Records) -> Raw:
     """Name the columns of a topic by quantity."""
     paths = wanted_paths(topic, layout)
     frames = records.columns.get(layout.frame, np.array([""]))
+    stamps = records.columns.get(layout.stamp)
     return Raw(
         log=log,
         topic=topic,
         layout=layout,
-        stamp_ns=records.columns.get(layout.stamp),
+        stamp_ns=stamps if stamps is not None and stamps.dtype.kind in "iu" else None,
         received_ns=records.received_ns,
         values={quantity: records.columns[path] for quantity, path in paths.items()},
         frame_id=str(frames[0]) if len(frames) else "",

@@ -4,10 +4,9 @@ from usbldr.io.messages import Layout, own, plane_covariance, xyz
 
 POSE_COVARIANCE = plane_covariance("pose.covariance", 0, 1, 7)
 NAVSAT = {"lat_deg": "latitude", "lon_deg": "longitude"}
-NAVSAT_MORE = plane_covariance("position_covariance", 0, 1, 4) | {
-    "status": "status.status",
-    "covariance_type": "position_covariance_type",
-}
+COVARIANCE = plane_covariance("position_covariance", 0, 1, 4) | {"covariance_type": "position_covariance_type"}
+NAVSAT_MORE = COVARIANCE | {"status": "status.status"}
+LATLON = {"frame": "latlon"}
 
 PLACES = (
     Layout("pointstamped", xyz("point")),

@@ -11,17 +11,34 @@ from usbldr.io.messages import Mask, Raw
 from usbldr.io.sections import GpsSection
 from usbldr.io.times import times_of
 
+SD_OF_95_PERCENT = 1 / 2.4477  # a circle of 2.4477 sigma holds 95 % of a round normal distribution
+
+
+def geodetic(raw: Raw) -> tuple[Vector, Vector]:
+    """Return latitude and longitude in degrees, (n,) each; GGA's may be ddmm.mmmm, with N, S, E or W beside it."""
+    lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
+    if "lat_side" not in raw.values:
+        return lat, lon
+    if np.any(np.abs(lat) > 90) or np.any(np.abs(lon) > 180):
+        lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
+    south, west = (np.char.upper(raw.text(f"{which}_side")) == side for which, side in (("lat", "S"), ("lon", "W")))
+    return np.where(south, -np.abs(lat), lat), np.where(west, -np.abs(lon), lon)
+
 
 def place_causes(raw: Raw) -> dict[str, Mask]:
     """Return by cause which positions (n,) are invalid by themselves."""
-    lat, lon = ("lat_deg", "lon_deg") if "lat_deg" in raw.layout.required else ("x", "y")
-    lat, lon = ("east_m", "north_m") if "east_m" in raw.layout.required else (lat, lon)
-    a, b = raw.number(lat), raw.number(lon)
+    if latlon := "lat_deg" in raw.layout.required:
+        a, b = geodetic(raw)
+    else:
+        names = ("east_m", "north_m") if "east_m" in raw.layout.required else ("x", "y")
+        a, b = (raw.number(name) for name in names)
     causes = {
         "not a number": ~(np.isfinite(a) & np.isfinite(b)),
         "without fix (status below 0)": raw.number("status") < 0,
     }
-    if lat == "lat_deg":
+    if latlon:
+        by_name = np.char.startswith(np.char.lower(raw.text("fix_name")), "no")
+        causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (raw.number("fix_type") < 2) | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
     return causes
@@ -34,8 +51,7 @@ def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vecto
     """
     if "east_m" in raw.layout.required:
         return raw.number("east_m"), raw.number("north_m")
-    geodetic = "lat_deg" in raw.layout.required
-    x, y = (raw.number("lat_deg"), raw.number("lon_deg")) if geodetic else (raw.number("x"), raw.number("y"))
+    x, y = geodetic(raw) if "lat_deg" in raw.layout.required else (raw.number("x"), raw.number("y"))
     if frame != "latlon":
         return (y, x) if frame == "NED" else (x, y)
     if origin is None:
@@ -49,7 +65,9 @@ def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vecto
 def message_covariance(raw: Raw, frame: str) -> Array:
     """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none."""
     if "sd_m" in raw.values:
-        ee = nn = raw.number("sd_m") ** 2
+        return _round(raw.number("sd_m"))
+    if "sd_east_m" in raw.values:
+        ee, nn = raw.number("sd_east_m") ** 2, raw.number("sd_north_m") ** 2
         en = np.zeros(len(ee))
     elif "cov_ee_m2" in raw.values:
         ee, en, nn = (raw.number(f"cov_{axes}_m2") for axes in ("ee", "en", "nn"))
@@ -59,7 +77,12 @@ def message_covariance(raw: Raw, frame: str) -> Array:
             ee, nn = nn, ee
     R = np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
     unknown = ~((ee > 0) & (nn > 0) & np.isfinite(en)) | (raw.number("covariance_type") == 0)
-    return np.where(unknown[:, None, None], np.nan, R)
+    return np.where(unknown[:, None, None], _round(raw.number("error_95_m") * SD_OF_95_PERCENT), R)
+
+
+def _round(sd_m: Vector) -> Array:
+    """Return covariances without a direction, (n, 2, 2); NaN where the sd is no positive number."""
+    return np.eye(2) * np.where(sd_m > 0, sd_m, np.nan)[:, None, None] ** 2
 
 
 def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
@@ -75,7 +98,7 @@ def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
     sd_said = "sd of the messages" if np.isfinite(sd).any() else "sd unknown"
     if isinstance(section.sd_m, float):
         sd, sd_said = np.full(len(sd), section.sd_m), f"sd {section.sd_m:g} m (configuration)"
-    lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
+    lat, lon = geodetic(raw)
     if origin is not None and not np.isfinite(lat).any():
         lat, lon = to_geodetic(origin, east, north)
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}

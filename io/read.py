@@ -173,7 +173,7 @@ def _origin(configuration: Configuration, raws: Mapping[str, Raw]) -> Origin | N
     for role in ("gps", "truth"):
         if role in raws and "lat_deg" in raws[role].values:
             bad = np.any(list(positions.place_causes(raws[role]).values()), axis=0)
-            lat, lon = raws[role].number("lat_deg")[~bad], raws[role].number("lon_deg")[~bad]
+            lat, lon = (degrees[~bad] for degrees in positions.geodetic(raws[role]))
             if len(lat):
                 return Origin(float(lat[0]), float(lon[0]), "first gps fix")
     return None
@@ -260,7 +260,7 @@ def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_
 
 def _kind(source: TruthSource) -> str:
     """Return the kind of truth that a source is unless the configuration says it."""
-    if source.file is not None or (source.topic is not None and source.topic.layout.type != "navsatfix"):
+    if source.file is not None or (source.topic is not None and source.topic.layout.defaults.get("frame") != "latlon"):
         return "other"
     return "gps"
 

@@ -27,6 +27,9 @@ NO_SENSOR = re.compile(
 )
 """Words of topic names that speak of something computed."""
 
+SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
+"""Ends of topic names that come after all others: an Imu without orientation; what mavros made of GPS and the rest."""
+
 
 @dataclass(frozen=True, slots=True)
 class Choice:
@@ -125,8 +128,7 @@ def candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
         if by_type or (layout.recognised == "by type and name" and role in hints):
             fitting.append((role in hints, topic))
     best = [topic for hinted, topic in fitting if hinted] or [topic for _, topic in fitting]
-    plain = [topic for topic in best if not topic.name.endswith("data_raw")]  # imu/data_raw has no orientation
-    return plain or best
+    return [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
 
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:

@@ -28,9 +28,9 @@ TYPES = {
     "cola2_msgs/msg/RPY": "float32 roll\nfloat32 pitch\nfloat32 yaw\n",
     "cola2_msgs/msg/NavSts": HEADER + "cola2_msgs/RPY orientation\n",
     "auv_msgs/msg/NavigationStatus": HEADER + "geometry_msgs/Vector3 orientation\n",
-    "cola2_msgs/msg/GPSData": HEADER + "float64 latitude\nfloat64 longitude\nint32 fix_quality\nfloat32 heading\n",
-    "mavros_msgs/msg/GPSRAW": HEADER + "uint8 fix_type\nint32 lat\nint32 lon\nuint16 yaw\n",
-    "foxglove_msgs/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "beside_position/msg/GPSData": HEADER + "float64 latitude\nfloat64 longitude\nint32 fix_quality\nfloat32 heading\n",
+    "beside_position/msg/GPSRAW": HEADER + "uint8 fix_type\nint32 lat\nint32 lon\nuint16 yaw\n",
+    "beside_position/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n"
     "float64 latitude\nfloat64 longitude\nfloat64 heading\nfloat64 heading_variance\n",
 }
 define(TYPES)
@@ -79,9 +79,9 @@ def test_a_heading_sensor_is_found_and_read_by_its_own_convention(tmp_path: Path
 SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
     "cola2_msgs/msg/NavSts": {"orientation.yaw": math.radians(135.0)},
     "auv_msgs/msg/NavigationStatus": {"orientation.z": math.radians(135.0)},
-    "cola2_msgs/msg/GPSData": {"heading": 135.0},
-    "mavros_msgs/msg/GPSRAW": {"yaw": 13500},
-    "foxglove_msgs/msg/LocationFix": {"heading": math.radians(135.0)},
+    "beside_position/msg/GPSData": {"heading": 135.0},
+    "beside_position/msg/GPSRAW": {"yaw": 13500},
+    "beside_position/msg/LocationFix": {"heading": math.radians(135.0)},
     ODOMETRY: turned("pose.pose.orientation", -45.0),
     VECTOR: {"vector.z": math.radians(-45.0)},
     FIELD: {"magnetic_field.x": -3e-5, "magnetic_field.y": 3e-5},  # north lies behind, to port
@@ -108,9 +108,9 @@ def test_angles_beyond_a_turn_in_radians_are_degrees(tmp_path: Path, z: float, d
 
 NO_HEADING: dict[str, tuple[str, Mapping[str, Any]]] = {
     "whoi": (WHOI, {"heading": -9999.0, "is_true_heading": True}),
-    "no yaw": ("mavros_msgs/msg/GPSRAW", {"yaw": 65535}),
-    "no HDT": ("cola2_msgs/msg/GPSData", {"heading": 0.0}),
-    "unset": ("foxglove_msgs/msg/LocationFix", {"heading": math.nan}),
+    "no yaw": ("beside_position/msg/GPSRAW", {"yaw": 65535}),
+    "no HDT": ("beside_position/msg/GPSData", {"heading": 0.0}),
+    "unset": ("beside_position/msg/LocationFix", {"heading": math.nan}),
 }
 
 

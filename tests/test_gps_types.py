@@ -1,0 +1,183 @@
+"""Every kind of GPS message and of depth message, by a record that its own driver could have written."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dives import HEADING, ODOMETRY, POSE_COVARIANCE, T0, Row, define, fix, stamp, write_mcap
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+HEADER = "std_msgs/Header header\n"
+PLACE = "float64 latitude\nfloat64 longitude\n"
+COVARIANCE = "float64[9] position_covariance\nuint8 position_covariance_type\n"
+TYPES = {
+    "gps_msgs/msg/GPSStatus": "int16 status\n",
+    "gps_msgs/msg/GPSFix": HEADER + "gps_msgs/GPSStatus status\n" + PLACE + "float64 err_horz\n" + COVARIANCE,
+    "mavros_msgs/msg/GPSRAW": HEADER + "uint8 fix_type\nint32 lat\nint32 lon\nuint32 h_acc\n",
+    "nmea_msgs/msg/Gpgga": HEADER + "float64 lat\nfloat64 lon\nstring lat_dir\nstring lon_dir\nuint32 gps_qual\n",
+    "cola2_msgs/msg/GPSData": HEADER
+    + PLACE
+    + "int32 fix_quality\nfloat32 latitude_stdev\nfloat32 longitude_stdev\nfloat32 heading\n",
+    "ds_sensor_msgs/msg/UbloxNav": HEADER + PLACE + "float32 accuracy_horz\nstring fixtype\n",
+    "foxglove_msgs/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n" + PLACE + COVARIANCE,
+    "smarc_msgs/msg/LatLonStamped": HEADER + PLACE,
+    "geographic_msgs/msg/GeoPoint": PLACE + "float64 altitude\n",
+    "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
+    "riptide_msgs/msg/Depth": HEADER + "float32 depth\nfloat32 variance\n",
+    "uuv_sensor_msgs/msg/Depth": HEADER + "float64 depth\nfloat64 depth_variance\n",
+    "ds_sensor_msgs/msg/DepthPressure": HEADER + "float64 pressure\nfloat64 depth\n",
+    "holoocean_interfaces/msg/DepthSensor": HEADER + "float32 depth\n",
+}
+define(TYPES)
+
+
+def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
+    write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
+
+
+def row(kind: str, values: Mapping[str, Any], topic: str = "/gps") -> Row:
+    header = {} if kind.endswith("LocationFix") else {"header.stamp": T0}
+    return T0, topic, kind, header | dict(values)
+
+
+BERMUDA = {"latitude": 32.25, "longitude": -64.75}
+IN_BERMUDA: dict[str, Mapping[str, Any]] = {
+    "gps_msgs/msg/GPSFix": {**BERMUDA, "status.status": 18},
+    "mavros_msgs/msg/GPSRAW": {"lat": 322500000, "lon": -647500000, "fix_type": 3},
+    "nmea_msgs/msg/Gpgga": {"lat": 3215.0, "lon": 6445.0, "lat_dir": "N", "lon_dir": "W", "gps_qual": 1},
+    "cola2_msgs/msg/GPSData": {**BERMUDA, "fix_quality": 1},
+    "ds_sensor_msgs/msg/UbloxNav": {**BERMUDA, "fixtype": "3D"},
+    "foxglove_msgs/msg/LocationFix": BERMUDA,
+    "smarc_msgs/msg/LatLonStamped": BERMUDA,
+    "geographic_msgs/msg/GeoPointStamped": {"position.latitude": 32.25, "position.longitude": -64.75},
+}
+
+
+@pytest.mark.parametrize("kind", IN_BERMUDA)
+def test_each_kind_of_fix_is_a_latitude_and_a_longitude(tmp_path: Path, kind: str) -> None:
+    topics = {"gps": "/gps"} if kind == "mavros_msgs/msg/GPSRAW" else {}
+
+    log = logged(tmp_path, [row(kind, IN_BERMUDA[kind])], topics=topics)
+
+    table = log.tables["gps"]
+    assert (table["lat_deg"].iloc[0], table["lon_deg"].iloc[0]) == pytest.approx((32.25, -64.75), abs=1e-9)
+    assert log.truth is not None
+    assert log.truth.kind == "gps"
+
+
+def test_decimal_degrees_of_a_gga_message_are_taken_as_such(tmp_path: Path) -> None:
+    values = {"lat": 32.25, "lon": 64.75, "lat_dir": "S", "lon_dir": "W", "gps_qual": 1}
+
+    table = logged(tmp_path, [row("nmea_msgs/msg/Gpgga", values)]).tables["gps"]
+
+    assert (table["lat_deg"].iloc[0], table["lon_deg"].iloc[0]) == (-32.25, -64.75)
+
+
+WITHOUT_FIX: dict[str, tuple[Mapping[str, Any], str]] = {
+    "gps_msgs/msg/GPSFix": ({"status.status": -1}, "without fix (status below 0)"),
+    "nmea_msgs/msg/Gpgga": ({"gps_qual": 0}, "without fix (by its quality)"),
+    "cola2_msgs/msg/GPSData": ({"fix_quality": 0}, "without fix (by its quality)"),
+    "ds_sensor_msgs/msg/UbloxNav": ({"fixtype": "NO_FIX"}, "without fix (by its quality)"),
+    "foxglove_msgs/msg/LocationFix": ({"latitude": 0.0, "longitude": 0.0}, "at latitude and longitude 0"),
+}
+
+
+@pytest.mark.parametrize("kind", WITHOUT_FIX)
+def test_a_message_without_fix_is_counted_and_left_out(tmp_path: Path, kind: str) -> None:
+    change, cause = WITHOUT_FIX[kind]
+
+    log = logged(tmp_path, [row(kind, IN_BERMUDA[kind]), row(kind, {**IN_BERMUDA[kind], **change})])
+
+    assert len(log.tables["gps"]) == 1
+    (said,) = [finding.text for finding in log.findings if finding.code == "GPS-INVALID"]
+    assert said == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
+
+
+SIGMA: dict[str, Mapping[str, Any]] = {  # 0.5 m for each axis
+    "gps_msgs/msg/GPSFix": {"err_horz": 0.5 * math.sqrt(-2 * math.log(0.05))},  # Rayleigh's 95 %
+    "mavros_msgs/msg/GPSRAW": {"h_acc": 500},
+    "cola2_msgs/msg/GPSData": {"latitude_stdev": 0.5, "longitude_stdev": 0.5},
+    "ds_sensor_msgs/msg/UbloxNav": {"accuracy_horz": 0.5},
+    "foxglove_msgs/msg/LocationFix": {
+        "position_covariance": np.diag([0.25, 0.25, 9.0]).ravel(),
+        "position_covariance_type": 2,
+    },
+}
+
+
+@pytest.mark.parametrize("kind", SIGMA)
+def test_each_kind_states_its_accuracy_in_its_own_way(tmp_path: Path, kind: str) -> None:
+    log = logged(tmp_path, [row(kind, {**IN_BERMUDA[kind], **SIGMA[kind]})], topics={"gps": "/gps"})
+
+    assert log.tables["gps"]["sd_m"].iloc[0] == pytest.approx(0.5, rel=1e-4)
+
+
+def test_a_known_covariance_beats_an_error_estimate(tmp_path: Path) -> None:
+    known = {"position_covariance": np.diag([4.0, 4.0, 9.0]).ravel(), "position_covariance_type": 3, "err_horz": 50.0}
+    kind = "gps_msgs/msg/GPSFix"
+
+    assert logged(tmp_path, [row(kind, {**IN_BERMUDA[kind], **known})]).tables["gps"]["sd_m"].iloc[0] == 2.0
+
+
+def test_a_location_fix_is_timed_by_its_own_timestamp(tmp_path: Path) -> None:
+    kind = "foxglove_msgs/msg/LocationFix"
+
+    log = logged(tmp_path, [row(kind, {"timestamp": stamp(T0 - 250_000_000), **BERMUDA})])
+
+    assert log.start_ns == T0 - 250_000_000
+    assert "timed by timestamp" in log.provenance["gps"].conventions
+
+
+def test_the_raw_fix_of_mavros_comes_before_its_estimate(tmp_path: Path) -> None:
+    names = ("/mavros/global_position/global", "/mavros/global_position/raw/fix")
+
+    log = logged(tmp_path, [fix(T0, 32.25, -64.75, topic=name) for name in names])
+
+    assert log.provenance["gps"].topic == "/mavros/global_position/raw/fix"
+
+
+FOUR_METRES_DOWN: dict[str, tuple[Mapping[str, Any], bool]] = {  # and whether it is found without being named
+    "riptide_msgs/msg/Depth": ({"depth": 4.0}, True),
+    "uuv_sensor_msgs/msg/Depth": ({"depth": 4.0}, True),
+    "ds_sensor_msgs/msg/DepthPressure": ({"depth": 4.0, "pressure": 4.03}, True),
+    "holoocean_interfaces/msg/DepthSensor": ({"depth": 4.0}, True),
+    POSE_COVARIANCE: ({"pose.pose.position.z": -4.0, "header.frame_id": "map"}, False),
+    ODOMETRY: ({"pose.pose.position.z": 4.0, "header.frame_id": "world_ned"}, False),
+}
+
+
+@pytest.mark.parametrize("kind", FOUR_METRES_DOWN)
+def test_each_kind_of_depth_grows_downwards(tmp_path: Path, kind: str) -> None:
+    values, found = FOUR_METRES_DOWN[kind]
+    rows = [row(kind, values, "/sensor")]
+
+    named = logged(tmp_path, rows, topics={"depth": "/sensor"})
+
+    assert named.tables["depth"]["depth_m"].iloc[0] == 4.0
+    assert ("depth" in logged(tmp_path, rows).tables) == found
+
+
+def test_the_relative_altitude_of_mavros_is_a_height(tmp_path: Path) -> None:
+    rows = [(T0, "/mavros/global_position/rel_alt", HEADING, {"data": -4.0})]
+
+    log = logged(tmp_path, rows, topics={"depth": "/mavros/global_position/rel_alt"})
+
+    assert log.tables["depth"]["depth_m"].iloc[0] == 4.0
+    assert "positive up (by type)" in log.provenance["depth"].conventions
+
+
+def test_depths_above_the_water_are_pointed_out(tmp_path: Path) -> None:
+    log = logged(tmp_path, [row("holoocean_interfaces/msg/DepthSensor", {"depth": -4.0}, "/sensor")])
+
+    (said,) = [finding.text for finding in log.findings if finding.code == "DEPTH-SIGN"]
+    assert said == (
+        "/sensor: a median depth of -4.0 m, above the water; "
+        'if it counts the other way, state positive = "up" under [depth]'
+    )
