@@ -192,7 +192,7 @@ class BagLog:
                         found[key] = Stream(*key, "ros1", decoder_of(record.type, record.definition, "ros1", "ros1msg"))
                     connections[record.number] = found[key]
                 elif record.connection in connections:
-                    connections[record.connection].saw(record.time_ns)
+                    connections[record.connection].saw(1, record.time_ns, record.time_ns)
         return found, walk
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:

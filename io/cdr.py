@@ -6,11 +6,13 @@ once (ros_layout); rosbags decodes the others one by one, and says which do not 
 
 import struct
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, Literal
 
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from usbldr.io.decoding import DefinitionError, Extractor, Piece, one_by_one
 from usbldr.io.ros_layout import TIMES, by_layout
@@ -23,28 +25,35 @@ class RosDecoder:
         """Read the definition; raise DefinitionError where that fails."""
         self._encoding = encoding
         self._name = name if name.count("/") > 1 else name.replace("/", "/msg/")  # ROS 1 spells pkg/Type
-        self._store = get_typestore(Stores.EMPTY)  # one for each type: two logs' definitions cannot disagree
         try:
-            self._store.register(get_types_from_msg(definition.decode(), self._name))
+            self._definitions = get_types_from_msg(definition.decode(), self._name)
             self.fields = tuple(self._paths(self._name))
-            self._store.get_msgdef(self._name)
-        except (TypesysError, UnicodeDecodeError, KeyError) as err:
+        except (TypesysError, UnicodeDecodeError, KeyError, RecursionError) as err:
             raise DefinitionError(" ".join(str(err).split())[:80]) from err
+
+    @cached_property
+    def _store(self) -> Typestore:
+        """Return rosbags' decoder; it is made of each type's own definitions, so two logs' cannot disagree."""
+        store = get_typestore(Stores.EMPTY)
+        store.register(self._definitions)
+        return store
 
     def _paths(self, name: str, prefix: str = "") -> list[str]:
         """List the fields below a type: scalars and times by their path, arrays of scalars by their name."""
         found: list[str] = []
-        for field, (kind, what) in self._store.fielddefs[name][1]:
+        for field, (kind, what) in self._definitions[name][1]:
             path = prefix + field
             if kind is Nodetype.NAME and what not in TIMES:
                 found += self._paths(str(what), path + ".")
             elif kind in (Nodetype.BASE, Nodetype.NAME) or (isinstance(what[0], tuple) and what[0][0] is Nodetype.BASE):
                 found.append(path)
+            else:
+                self._paths(str(what[0][1]))  # raises KeyError where there is no such type
         return found
 
     def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[Piece]:
         """Read all messages; those that do not fit the definition are in no piece."""
-        pieces, left = by_layout(self._store.fielddefs, self._name, payloads, paths, self._encoding == "cdr")
+        pieces, left = by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
         return [*pieces, one_by_one(self.extractor(paths), payloads, paths, left.tolist())]
 
     def extractor(self, paths: Sequence[str]) -> Extractor:

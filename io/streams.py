@@ -11,12 +11,11 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.io.cdr import RosDecoder
 from usbldr.io.decoding import DefinitionError, Extractor, Piece, in_one, one_by_one
-from usbldr.io.json_messages import JsonDecoder
 from usbldr.io.log import Finding
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
 Key: TypeAlias = tuple[str, str]  # topic and type
-Message: TypeAlias = tuple[Key, int, bytes]  # and log time, nanoseconds since 1970; and payload
+Message: TypeAlias = tuple[Key, int, bytes | memoryview]  # and log time, ns since 1970; payload, good until the next
 
 
 class Decoder(Protocol):
@@ -35,19 +34,11 @@ class Decoder(Protocol):
 DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
     ("cdr", "ros2msg"): lambda name, definition: RosDecoder(name, definition),
     ("ros1", "ros1msg"): lambda name, definition: RosDecoder(name, definition, "ros1"),
-    ("protobuf", "protobuf"): lambda name, definition: _protobuf(name, definition),
-    ("json", "jsonschema"): JsonDecoder,
 }
 """By the encodings of messages and of their definitions: from a type's name and definition to its decoder.
 
 An encoding is one line. What it calls raises DefinitionError where the definition makes no sense.
 """
-
-
-def _protobuf(name: str, definition: bytes) -> Decoder:
-    from usbldr.io.protobuf import ProtobufDecoder  # the library takes a while to load
-
-    return ProtobufDecoder(name, definition)
 
 
 @dataclass(slots=True)
@@ -62,11 +53,11 @@ class Stream:
     first_ns: int | None = None
     last_ns: int | None = None
 
-    def saw(self, time_ns: int) -> None:
-        """Count one message."""
-        self.count += 1
-        self.first_ns = time_ns if self.first_ns is None else min(self.first_ns, time_ns)
-        self.last_ns = time_ns if self.last_ns is None else max(self.last_ns, time_ns)
+    def saw(self, count: int, first_ns: int, last_ns: int) -> None:
+        """Count messages."""
+        self.count += count
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
+        self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
 
     def info(self) -> TopicInfo:
         """Return what a user is told of it."""
@@ -113,19 +104,20 @@ def collect(
     ``messages`` may hold more than is wanted; what is kept of them is the payloads of the wanted topics.
     """
     chosen = {key: _decoder(log, streams[key]) for key in chosen_streams(streams, wanted)}
-    times: dict[Key, list[int]] = {key: [] for key in chosen}
-    payloads: dict[Key, list[bytes]] = {key: [] for key in chosen}
+    kept = {key: (list[int](), list[bytes]()) for key in chosen}  # log times, payloads
     for key, time_ns, data in messages:
-        if key in chosen:
-            times[key].append(time_ns)
-            payloads[key].append(data)
+        rows = kept.get(key)
+        if rows is not None:
+            rows[0].append(time_ns)
+            rows[1].append(bytes(data))
     records: dict[str, Records] = {}
     undecoded: Counter[str] = Counter()
     for key, decoder in chosen.items():
         paths = wanted[key[0]]
-        read = in_one(_pieces(decoder, payloads.pop(key), paths), paths)
-        undecoded[key[0]] = len(times[key]) - len(read.rows)
-        records[key[0]] = _in_order(np.array(times[key], dtype=np.int64), read)
+        times, payloads = kept.pop(key)
+        read = in_one(_pieces(decoder, payloads, paths), paths)
+        undecoded[key[0]] = len(times) - len(read.rows)
+        records[key[0]] = _in_order(np.array(times, dtype=np.int64), read)
     return records, +undecoded
 
 
