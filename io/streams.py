@@ -11,6 +11,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.io.cdr import RosDecoder
 from usbldr.io.decoding import DefinitionError, Extractor, Piece, in_one, one_by_one
+from usbldr.io.json_messages import JsonDecoder
 from usbldr.io.log import Finding
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
@@ -34,11 +35,19 @@ class Decoder(Protocol):
 DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
     ("cdr", "ros2msg"): lambda name, definition: RosDecoder(name, definition),
     ("ros1", "ros1msg"): lambda name, definition: RosDecoder(name, definition, "ros1"),
+    ("protobuf", "protobuf"): lambda name, definition: _protobuf(name, definition),
+    ("json", "jsonschema"): JsonDecoder,
 }
 """By the encodings of messages and of their definitions: from a type's name and definition to its decoder.
 
 An encoding is one line. What it calls raises DefinitionError where the definition makes no sense.
 """
+
+
+def _protobuf(name: str, definition: bytes) -> Decoder:
+    from usbldr.io.protobuf import ProtobufDecoder  # the library takes a while to load
+
+    return ProtobufDecoder(name, definition)
 
 
 @dataclass(slots=True)
