@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.io.log import Finding
 from usbldr.io.reader import Column, Reader, Records, TopicInfo
+from usbldr.io.sensor_types import STAMPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +83,9 @@ def _moved(records: Records, offset_ns: int) -> Records:
     if not offset_ns:
         return records
     columns = dict(records.columns)
-    if "header.stamp" in columns:
-        stamp = columns["header.stamp"]
-        columns["header.stamp"] = np.where(stamp == 0, 0, stamp - offset_ns)
+    for path in STAMPS & columns.keys():
+        if columns[path].dtype.kind in "iu":
+            columns[path] = np.where(columns[path] == 0, 0, columns[path] - offset_ns)
     return Records(records.received_ns - offset_ns, columns)
 
 

@@ -24,6 +24,9 @@ LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
 Files of our own columns, and those whose columns the configuration names, have the sensor for their type.
 """
 
+STAMPS = frozenset(layout.stamp for layouts in LAYOUTS.values() for layout in layouts)
+"""All fields in which some type tells its time."""
+
 
 def layout_of(role: str, topic: TopicInfo) -> Layout | None:
     """Return how the topic serves the role, None if it can't."""

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from dives import T0, Row, short_dive, write_csv, write_mcap
+from dives import T0, Row, define, short_dive, stamp, write_csv, write_mcap
 from recordings import write_bag
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.opening import Request
@@ -52,6 +52,19 @@ def test_a_clock_offset_is_taken_off_stamps_and_log_times(tmp_path: Path) -> Non
     for log in (stated, with_option):
         assert list(log.tables) == ["dvl", "compass", "usbl"]
         pd.testing.assert_frame_equal(log.tables["usbl"], whole.tables["usbl"])
+
+
+def test_a_clock_offset_is_taken_off_whatever_field_tells_the_time(tmp_path: Path) -> None:
+    kind = "clocks_msgs/msg/LocationFix"
+    define({kind: "builtin_interfaces/Time timestamp\nstring frame_id\nfloat64 latitude\nfloat64 longitude\n"})
+    late = T0 + 2_500_000_000
+    vehicle = write_mcap(tmp_path / "vehicle.mcap", short_dive())
+    values = {"timestamp": stamp(late), "latitude": 32.0, "longitude": -64.0}
+    write_mcap(tmp_path / "ship.mcap", [(late, "/gps", kind, values)])
+    configuration = '[[file]]\npath = "ship.mcap"\nclock_offset_s = 2.5\n'
+    (tmp_path / "vehicle.usbldr.toml").write_text(configuration, encoding="utf-8")
+
+    assert read_log(vehicle).tables["gps"]["time_s"].tolist() == [0.0]
 
 
 def test_the_log_itself_may_have_the_wrong_clock(tmp_path: Path) -> None:

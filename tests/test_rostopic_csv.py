@@ -62,6 +62,23 @@ def test_the_type_of_a_message_is_known_by_its_columns(tmp_path: Path) -> None:
     assert not any(topic.problem for topic in CsvLog(folder).topics())
 
 
+@pytest.mark.parametrize(
+    ("columns", "kind"),
+    [
+        ("field.velocity.x,field.velocity_covariance0", "DVL"),
+        ("field.velocity.x,field.velocity_covar0,field.num_good_beams,field.coordinate_mode", "Dvl"),
+        ("field.report.vx,field.report.velocity_valid", "TransducerReportStamped"),
+        ("field.latitude,field.longitude,field.err_horz", "GPSFix"),
+    ],
+)
+def test_further_types_are_known_by_their_columns(tmp_path: Path, columns: str, kind: str) -> None:
+    row = ",".join(["0"] * len(columns.split(",")))
+
+    (topic,) = CsvLog(write_csv(tmp_path / "dive", a=f"{HEADER},{columns}\n{T0},1,{T0},f,{row}")).topics()
+
+    assert topic.type.rpartition("/")[2] == kind
+
+
 def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:
     text = f"{HEADER},field.time,field.velocity.x,field.velocity_valid\n{T0 + 5},1,{T0},f,123.5,1,True"
 
