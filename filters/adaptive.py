@@ -8,8 +8,8 @@ neither formulas nor a list of references, so the factors are those of the metho
 - ``Fading`` (afukf): the distance M^2 = e' S^-1 e is tested against its chi-square quantile, and the factor solves
   e' (f H P H' + R)^-1 e = quantile. B. Gao, G. Hu, S. Gao, Y. Zhong and C. Gu, "Multi-sensor optimal data fusion based
   on the adaptive fading unscented Kalman filter", Sensors 18(2), 2018, doi:10.3390/s18020488.
-- ``Matching`` (aekf): with C the mean of e e' over a window, f = tr(C - R) / tr(H P H'). Y. Yang and W. Gao, "An
-  optimal adaptive Kalman filter", J. Geodesy 80(4), 2006, doi:10.1007/s00190-006-0041-0 (their factor is 1/f).
+- ``CovarianceMatching`` (aekf): with C the mean of e e' over a window, f = tr(C - R) / tr(H P H'). Y. Yang and W. Gao,
+  "An optimal adaptive Kalman filter", J. Geodesy 80(4), 2006, doi:10.1007/s00190-006-0041-0 (their factor is 1/f).
 
 Ours is what keeps them from following every gross error, because P is far below R here and a factor of hundreds hangs
 on a single e: only position fixes are listened to; medians of a window stand for the last distance and for the mean
@@ -86,7 +86,7 @@ class Fading:
 
 
 @dataclass(frozen=True, slots=True)
-class Matching:
+class CovarianceMatching:
     """Let the predicted covariance explain what the noise leaves of the innovations' square."""
 
     window: int = 10

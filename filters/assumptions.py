@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from usbldr.filters.noise import Contamination, Gaussian, NoiseFamily
 
+Span = tuple[float, float]  # from, to: seconds of the log, both ends included
 LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's reference point, metres
 
 
@@ -68,3 +69,6 @@ class Assumptions:
     start: Start | None = None
     calibrate: tuple[str, ...] = ()  # keys of calibration.STATES
     errors: SensorErrors = SensorErrors()
+    gps: NoiseFamily = Contamination()  # where it aids
+    gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
+    aid: tuple[Span, ...] = ()  # windows in which GPS fixes are measurements and no truth

@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from usbldr.filters.aiding import inside, windows_text
 from usbldr.filters.alignment import Alignment, fit_alignment
+from usbldr.filters.assumptions import Span
 from usbldr.filters.consistency import consistency, fixes, innovations, shares_inside, sigmas
 from usbldr.filters.errors import LogError
 from usbldr.filters.metrics import Surfacing, error_metrics, run_metrics, surfacing_metrics, surfacings, travelled
@@ -42,6 +44,7 @@ class Matching(NamedTuple):
     outside_window: int  # before --start or after --end
     outside_truth: int  # in the window, but before its first or after its last truth row
     in_gap: int  # of the truth
+    aided: int  # in a window in which GPS aided the filter
     undefined: int  # the track itself has no finite position there
     truth_rows: int  # distinct truth samples that the matched times rest on
 
@@ -62,6 +65,7 @@ class ErrorReport:
     truth_sd_m: Vector  # (M,) 1-sigma per axis; 0 where unknown
     cov_m2: Array | None  # (M, 2, 2) of the track alone, after the alignment
     surfacings: tuple[Surfacing, ...]
+    aid: tuple[Span, ...]  # windows in which GPS aided the filter, so that nothing is scored there
     metrics: Mapping[str, float]  # a metric that does not apply is absent
     warnings: tuple[str, ...] = ()
 
@@ -87,12 +91,13 @@ def evaluate(
     window: Window = WHOLE,
     align: str = "none",
     times_s: Vector | None = None,
+    aid: tuple[Span, ...] = (),
 ) -> ErrorReport:
     """Score a track at those of its epochs that ``times_s`` names (None: all of them).
 
     A filter or dr is scored on the slow grid, ``timeline.time_s[timeline.slow]``; raw fixes each at its own stamp. The
-    window chooses truth rows; what is scored lies between the first and the last row left. Raise LogError where nothing
-    is left to score.
+    window chooses truth rows; what is scored lies between the first and the last row left, and outside the windows
+    ``aid`` in which GPS aided the filter. Raise LogError where nothing is left to score.
     """
     rows = (truth.time_s >= window.start_s) & (truth.time_s <= window.end_s)
     if not np.any(rows):
@@ -107,7 +112,13 @@ def evaluate(
     wanted = np.ones(len(t), np.bool_) if times_s is None else _same_times(t, times_s)
     within = (t >= row_s[0]) & (t <= row_s[-1])
     gap = _inside_gap(t, row_s, truth.max_gap_s)
-    scored = wanted & within & ~gap & defined
+    aided = inside(t, aid)
+    scored = wanted & within & ~gap & defined & ~aided
+    if np.any(aided) and not np.any(scored):
+        raise LogError(
+            f"{trajectory.filter}: all of its epochs that the truth {truth.source} could judge lie in the windows that "
+            f"GPS aids ({windows_text(aid)}): leave some of the log out of them"
+        )
     if not np.any(scored):
         raise LogError(
             f"{trajectory.filter}: none of its epochs ({_span(t[wanted & defined])}) can be compared with the truth "
@@ -122,15 +133,17 @@ def evaluate(
         matched=_count(scored),
         outside_window=_count(wanted & beyond),
         outside_truth=_count(wanted & ~beyond & ~within),
-        in_gap=_count(wanted & within & gap),
-        undefined=_count(wanted & within & ~gap & ~defined) + offered - _count(wanted),
+        in_gap=_count(wanted & within & gap & ~aided),
+        aided=_count(wanted & within & aided),
+        undefined=_count(wanted & within & ~gap & ~defined & ~aided) + offered - _count(wanted),
         truth_rows=_rows_used(t[scored], row_s),
     )
 
     time_s = t[scored]
     truth_m = np.column_stack([np.interp(time_s, row_s, row_m[:, 0]), np.interp(time_s, row_s, row_m[:, 1])])
-    first = int(np.flatnonzero(within & defined)[0])
-    alignment = fit_alignment(align, track_m[first], row_m[0], track_m[scored], truth_m)
+    first = int(np.flatnonzero(within & defined & ~aided)[0])
+    first_row = int(np.argmin(inside(row_s, aid)))
+    alignment = fit_alignment(align, track_m[first], row_m[first_row], track_m[scored], truth_m)
     estimate_m = alignment.points(track_m[scored])
     error_m = estimate_m - truth_m
     truth_sd_m = np.nan_to_num(np.interp(time_s, row_s, truth.sd_m[rows]))
@@ -139,6 +152,7 @@ def evaluate(
 
     travelled_m = travelled(trajectory)
     found = surfacings(t, alignment.points(track_m), travelled_m, truth, *window)
+    found = tuple(one for one in found if not inside(np.array([one.time_s]), aid)[0])
     metrics = {**error_metrics(error_m), **surfacing_metrics(found)}
     if travelled_m is not None:
         # unaligned, the error has grown since the track's start; aligned, since the alignment
@@ -153,9 +167,10 @@ def evaluate(
     metrics |= {"matched": float(matching.matched), "coverage": matching.matched / matching.offered}
 
     warnings = _warnings(matching, truth)
-    if align == "first" and t[first] - row_s[0] > LATE_FIRST_S:
+    if align == "first" and t[first] - row_s[first_row] > LATE_FIRST_S:
+        late_s = t[first] - row_s[first_row]
         warnings += (
-            f"--align first put the track's first epoch, {t[first]:.1f} s, on a truth row {t[first] - row_s[0]:.1f} s "
+            f"--align first put the track's first epoch, {t[first]:.1f} s, on a truth row {late_s:.1f} s "
             "earlier: choose a --start at which both exist",
         )
     return ErrorReport(
@@ -171,6 +186,7 @@ def evaluate(
         truth_sd_m=truth_sd_m,
         cov_m2=cov_m2,
         surfacings=found,
+        aid=aid,
         metrics=metrics,
         warnings=warnings,
     )
@@ -179,7 +195,7 @@ def evaluate(
 def _warnings(matching: Matching, truth: Truth) -> tuple[str, ...]:
     """Say a low coverage, unless the user chose it by the window, and a track that broke off."""
     found: list[str] = []
-    asked = matching.offered - matching.outside_window
+    asked = matching.offered - matching.outside_window - matching.aided
     if matching.matched < LOW_COVERAGE * asked:
         outside = f"{matching.outside_truth} lie before or after it" if matching.outside_truth else ""
         gaps = f"{matching.in_gap} in its gaps over {truth.max_gap_s:g} s" if matching.in_gap else ""

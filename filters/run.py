@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors
+from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors, weighted_ekf
 from usbldr.filters.aiding import Positions, gps_fixes, usbl_fixes
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
 from usbldr.filters.baselines import start_from_fixes
@@ -74,6 +74,7 @@ FILTERS: Mapping[str, Build] = {
     "cpf": _particles(rules.cubature),
     "upf": _particles(rules.unscented),
     "pf": lambda motion, settings: pf.BootstrapParticleFilter(motion, settings.particles, start_seed=settings.seed),
+    "pf-wekf": lambda motion, settings: weighted_ekf.TwoStageFilter(motion, settings.particles),
 }
 """A new filter is one line here."""
 
@@ -90,7 +91,7 @@ SMOOTHED_BY: Mapping[str, rules.Rule] = {
 """The filters whose belief is near a Gaussian, and the rule that passes it on."""
 
 GATED = ("ekf", "ckf", "ukf")
-SAMPLED = ("cpf", "upf", "pf")
+SAMPLED = ("cpf", "upf", "pf", "pf-wekf")
 FORMED = ("cpf", "upf")
 MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
 TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior

@@ -47,9 +47,10 @@ class Timeline:
     fix_received_s: Vector  # (F,) when the vehicle knew of it
     fix_m: Array  # (F, 2) east, north
     fix_cov_m2: Array  # (F, 2, 2)
-    gps_time_s: Vector  # (G,) surface or truth GPS, for starting dead reckoning and for nothing else
+    gps_time_s: Vector  # (G,) surface or truth GPS, for starting dead reckoning, and in stated windows for a filter
     gps_m: Array  # (G, 2) east, north
     outages: tuple[Outage, ...] = ()
+    gps_sd_m: Vector | None = None  # (G,) 1-sigma per axis; NaN, or None at all, where unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +68,9 @@ class Truth:
 class Update(NamedTuple):
     """What became of one measurement."""
 
-    sensor: str  # "dvl", "compass", "usbl"
+    sensor: str  # "dvl", "compass", "usbl", "gps"
     axis: str  # "starboard", "forward", "yaw", "east", "north", or "position" where both axes went in together
-    row: int  # which fix of the Timeline for USBL, which epoch otherwise
+    row: int  # which fix of the Timeline for USBL and GPS, which epoch otherwise
     time_s: float  # when it was used
     innovation: tuple[float, ...]  # measured minus predicted: m, m/s or rad
     innovation_sd: tuple[float, ...]  # 1-sigma of the innovation by the filter's own account

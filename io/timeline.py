@@ -66,12 +66,13 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         fix_m=fixes[["east_m", "north_m"]].to_numpy(dtype=float),
         fix_cov_m2=fixes[["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy(dtype=float).reshape(-1, 2, 2),
         gps_time_s=gps[:, 0],
-        gps_m=gps[:, 1:],
+        gps_m=gps[:, 1:3],
         outages=(
             *_outages("dvl", t_d, time_s[-1], LONGEST_GAP_S),
             *_outages("compass", t_c, time_s[-1], LONGEST_GAP_S),
             *_outages("usbl", t_f, time_s[-1], _usbl_gap_s(t_f)),
         ),
+        gps_sd_m=gps[:, 3],
     )
 
 
@@ -129,10 +130,11 @@ def _fixes(log: Log) -> pd.DataFrame:
 
 
 def _gps(log: Log) -> Array:
+    """Time, east, north and 1-sigma (NaN: unknown), (n, 4), of the usable GPS fixes."""
     if "gps" not in log.tables:
-        return np.empty((0, 3))
-    values = log.tables["gps"][["time_s", "east_m", "north_m"]].to_numpy(dtype=float)
-    values = values[np.isfinite(values).all(axis=1)]
+        return np.empty((0, 4))
+    values = log.tables["gps"][["time_s", "east_m", "north_m", "sd_m"]].to_numpy(dtype=float)
+    values = values[np.isfinite(values[:, :3]).all(axis=1)]
     return values[np.argsort(values[:, 0], kind="stable")]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models import PRIOR, Drift, position_steps
-from usbldr.filters.adaptive import MOST, Factor, Fading, Innovation, Matching
+from usbldr.filters.adaptive import MOST, Factor, Fading, Innovation, CovarianceMatching
 from usbldr.filters.assumptions import ProcessNoise
 from usbldr.filters.filter import Estimate, Step
 from usbldr.filters.kalman import KalmanFilter
@@ -20,7 +20,7 @@ from usbldr.filters.sensors import Measurement, State
 
 QUIET = (1e-4, 1e-6)
 ONE = Gaussian().modes(np.eye(1))
-FACTORS = pytest.mark.parametrize("factor", [Fading(), Matching()], ids=["afukf", "aekf"])
+FACTORS = pytest.mark.parametrize("factor", [Fading(), CovarianceMatching()], ids=["afukf", "aekf"])
 
 
 def no_chance() -> np.random.Generator:
@@ -111,7 +111,9 @@ def test_the_matching_factor_explains_the_mean_square_of_a_normal_sample() -> No
     """Innovations of variance 50 at R = 2 and H P H' = 0.5 ask for the factor (50 - 2) / 0.5 = 96."""
     e = np.random.default_rng(0).normal(scale=math.sqrt(50.0), size=(20_001, 1))
 
-    factor = Matching(window=20_001)([Innovation(row, 0.5 * np.eye(1), Gaussian().modes(2.0 * np.eye(1))) for row in e])
+    factor = CovarianceMatching(window=20_001)(
+        [Innovation(row, 0.5 * np.eye(1), Gaussian().modes(2.0 * np.eye(1))) for row in e]
+    )
 
     assert factor == pytest.approx(96.0, rel=0.08)
 
@@ -134,7 +136,9 @@ def test_speed_and_heading_are_not_listened_to(factor: Factor) -> None:
     assert {e.inflation for e in run(factor, steps)} == {1.0}
 
 
-@pytest.mark.parametrize(("name", "rule", "factor"), [("afukf", unscented, Fading()), ("aekf", linearised, Matching())])
+@pytest.mark.parametrize(
+    ("name", "rule", "factor"), [("afukf", unscented, Fading()), ("aekf", linearised, CovarianceMatching())]
+)
 def test_the_table_pairs_ukf_and_ekf_with_their_factors(name: str, rule: Rule, factor: Factor) -> None:
     motion = VehicleMotion(Layout(), ProcessNoise())
 

@@ -249,11 +249,14 @@ def test_a_sigma_is_never_zero_nor_unknown() -> None:
 
 def test_gps_keeps_its_native_times_and_loses_records_without_a_position() -> None:
     gps = pd.DataFrame({"time_s": [2.5, 1.5, -0.5], "east_m": [3.0, NAN, 1.0], "north_m": [4.0, 2.0, 2.0]})
+    gps["sd_m"] = [0.7, 0.7, NAN]
 
     line = timeline(log(dvl=dvl_table([0.0]), compass=compass_table([0.0]), gps=gps))
 
     assert line.gps_time_s.tolist() == [-0.5, 2.5]
     assert line.gps_m.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    assert line.gps_sd_m is not None
+    np.testing.assert_array_equal(line.gps_sd_m, [NAN, 0.7])
     assert line.time_s.tolist() == [0.0]
 
 
