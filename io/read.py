@@ -11,6 +11,7 @@ import pandas as pd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Truth
 from usbldr.io import conventions, headings, positions
+from usbldr.io.clocks import on_one_clock
 from usbldr.io.configuration import assumptions
 from usbldr.io.conventions import Converted
 from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance
@@ -60,7 +61,7 @@ def read(opened: Opened, request: Request) -> Log:
     source = _truth_source(path, topics, request, configuration)
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
     _refuse_truth_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
-    raws = _raws(reader, choices)
+    raws, moved = on_one_clock(_raws(reader, choices), _timed_by_log(configuration))
 
     origin = _origin(configuration, raws)
     made, findings = _converted(configuration, raws, origin, source.chosen_by)
@@ -95,7 +96,7 @@ def read(opened: Opened, request: Request) -> Log:
         origin=origin,
         truth=truth,
         configuration=opened.file,
-        findings=(*reader.findings(), *findings),
+        findings=(*reader.findings(), *moved, *findings),
     )
 
 
@@ -161,6 +162,11 @@ def _raws(reader: Reader, choices: Mapping[str, Choice]) -> dict[str, Raw]:
         if not len(records[choice.topic.name].received_ns):
             raise LogError(f"{reader.path}: no message of {choice.topic.name} ({role}) fits its definition")
     return {role: raw(reader.path, c.topic, c.layout, records[c.topic.name]) for role, c in choices.items()}
+
+
+def _timed_by_log(configuration: Configuration) -> frozenset[str]:
+    sections = {role: configuration.section(role) for role in ROLES}
+    return frozenset(role for role, section in sections.items() if section.time == "log")
 
 
 def _origin(configuration: Configuration, raws: Mapping[str, Raw]) -> Origin | None:

@@ -278,13 +278,14 @@ class Configuration(Section, frozen=True, kw_only=True):
 
     def topic(self, role: str) -> str | None:
         """Return the topic that the file names for a role; "none" switches the role off."""
-        return self._section(role).topic
+        return self.section(role).topic
 
     def columns(self, role: str) -> dict[str, str]:
         """Return quantity -> column of a CSV file, empty where the file does not say."""
-        return {str(key): name for key, name in (self._section(role).columns or {}).items()}
+        return {str(key): name for key, name in (self.section(role).columns or {}).items()}
 
-    def _section(self, role: str) -> DvlSection | CompassSection | UsblSection | GpsSection | DepthSection:
+    def section(self, role: str) -> DvlSection | CompassSection | UsblSection | GpsSection | DepthSection:
+        """Return the section of a role."""
         return getattr(self, role)
 
 
