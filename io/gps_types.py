@@ -66,10 +66,13 @@ GEODETIC = (
         frame="fixes.0.frame_id",
     ),
     Layout("latlonstamped", NAVSAT, {}, "by type", LATLON),  # smarc_msgs
-    Layout(
-        "geopointstamped",  # geographic_msgs
-        {"lat_deg": "position.latitude", "lon_deg": "position.longitude"},
-        defaults=LATLON,
+    *(
+        Layout(kind, {"lat_deg": f"{place}.latitude", "lon_deg": f"{place}.longitude"}, defaults=LATLON)
+        for kind, place in (
+            ("geopointstamped", "position"),  # geographic_msgs
+            ("geopointstamped", "geo_point"),
+            ("geoposestamped", "pose.position"),
+        )
     ),
 )
 """Latitudes and longitudes."""

@@ -13,6 +13,10 @@ PLACES = (
     Layout("posestamped", xyz("pose.position")),
     Layout("posewithcovariancestamped", xyz("pose.pose.position"), POSE_COVARIANCE),
     Layout("odometry", xyz("pose.pose.position"), POSE_COVARIANCE),
+    *(
+        Layout(kind, xyz(place), stamp="timestamp", frame="frame_id")
+        for kind, place in (("poseinframe", "pose.position"), ("point3inframe", "point"))  # foxglove
+    ),
 )
 """Local positions."""
 

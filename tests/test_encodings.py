@@ -145,6 +145,18 @@ def test_a_foxglove_fix_is_a_gps_fix_at_its_own_time(tmp_path: Path, channel: Ch
     assert log.provenance["gps"].type == "foxglove.LocationFix"
 
 
+def test_a_pose_in_json_may_be_a_usbl_fix(tmp_path: Path) -> None:
+    xyz = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
+    pose = {"type": "object", "properties": {"position": xyz}}
+    schema = {"properties": {"timestamp": TIME, "frame_id": {"type": "string"}, "pose": pose}}
+    channel = ("foxglove.PoseInFrame", "json", "jsonschema", json.dumps(schema).encode())
+    payload = in_json(T0, {"frame_id": "map_ned", "pose": {"position": {"x": 3.0, "y": 4.0, "z": 5.0}}})
+
+    table = read_log(write(tmp_path / "dive.mcap", channel, [payload], "/usbl/fix")).tables["usbl"]
+
+    assert (table["east_m"].iloc[0], table["north_m"].iloc[0]) == (4.0, 3.0)
+
+
 @BOTH
 def test_a_heading_may_be_absent(tmp_path: Path, channel: Channel, encode: Any) -> None:
     payloads = [encode(T0, BERMUDA), encode(T0 + SECOND, BERMUDA | {"heading": math.pi / 2})]

@@ -28,6 +28,7 @@ TYPES = {
     "smarc_msgs/msg/LatLonStamped": HEADER + PLACE,
     "geographic_msgs/msg/GeoPoint": PLACE + "float64 altitude\n",
     "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
+    "old_geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint geo_point\n",
     "riptide_msgs/msg/Depth": HEADER + "float32 depth\nfloat32 variance\n",
     "uuv_sensor_msgs/msg/Depth": HEADER + "float64 depth\nfloat64 depth_variance\n",
     "ds_sensor_msgs/msg/DepthPressure": HEADER + "float64 pressure\nfloat64 depth\n",
@@ -57,6 +58,7 @@ IN_BERMUDA: dict[str, Mapping[str, Any]] = {
     "foxglove_msgs/msg/LocationFix": BERMUDA,
     "smarc_msgs/msg/LatLonStamped": BERMUDA,
     "geographic_msgs/msg/GeoPointStamped": {"position.latitude": 32.25, "position.longitude": -64.75},
+    "old_geographic_msgs/msg/GeoPointStamped": {"geo_point.latitude": 32.25, "geo_point.longitude": -64.75},
 }
 
 
