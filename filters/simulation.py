@@ -41,6 +41,7 @@ class Simulated(NamedTuple):
     compass: Records
     usbl: Records
     gps: Records
+    fix_cov_m2: Array  # (F, 2, 2) what the USBL states of each fix, at the slant range and bearing that it had
     scenario: Scenario  # with what was drawn of it
 
 
@@ -70,7 +71,10 @@ def simulate(scenario: Scenario, seed: int) -> Simulated:
             scenario, gps, lambda t: _at(track(t), gps.lever_m) + gps.bias_m, gps.sd_m**2 * np.eye(2), chance["gps"]
         ),
     }
-    return Simulated(track(_stamps(scenario, dvl.rate_hz)), **made, scenario=scenario)
+    heard_s = made["usbl"].time_s - usbl.timing.clock_offset_s - usbl.timing.latency_s
+    told = usbl.accuracy if usbl.told_accuracy is None else usbl.told_accuracy
+    stated_m2 = told.covariance(_line_of_sight(usbl, track(heard_s)), scenario.depth_m - usbl.head.depth_m)
+    return Simulated(track(_stamps(scenario, dvl.rate_hz)), **made, fix_cov_m2=stated_m2, scenario=scenario)
 
 
 def _with_drawn_errors(scenario: Scenario, rng: np.random.Generator) -> Scenario:

@@ -136,10 +136,8 @@ def _lever(arm_m: LeverArm) -> dict[str, str]:
 def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]]:
     """Return the absolute time of time_s = 0, and each sensor's table; one without records has none."""
     dive = simulate(scenario, seed)
-    dvl, compass, usbl, gps = scenario.dvl, scenario.compass, scenario.usbl, scenario.gps
-    accuracy = _told(usbl.told_accuracy, usbl.accuracy)
-    head = np.array([usbl.head.east_m, usbl.head.north_m])
-    cov_m2 = floored(accuracy.covariance(dive.usbl.value - head, scenario.depth_m - usbl.head.depth_m))
+    dvl, compass, gps = scenario.dvl, scenario.compass, scenario.gps
+    cov_m2 = floored(dive.fix_cov_m2)
     gps_sd_m = _told(gps.told_sd_m, gps.sd_m) or math.nan  # no format can say "exact": 0 is how many say "unknown"
     lat_deg, lon_deg = _at_sea_level(dive.gps.value)
     columns: dict[str, tuple[Column | float, ...]] = {
