@@ -194,7 +194,7 @@ def describe(run: Run) -> dict[str, Any]:
 def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
     """Return the model side of the run; a noise family, which is known by its class alone, is named."""
     told: dict[str, Any] = strict(assumptions)
-    for sensor in ("dvl", "compass", "usbl"):
+    for sensor in ("dvl", "compass", "usbl", "gps"):
         told[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **told[sensor]}
     return told
 
@@ -218,6 +218,7 @@ def _judged(report: ErrorReport | None) -> dict[str, Any]:
         return {"metrics": None}
     return {
         "window": report.window._asdict(),
+        "aid": report.aid,
         "alignment": {
             "name": report.alignment.name,
             "rotation_clockwise_deg": math.degrees(0.0 - report.alignment.rotation_rad),

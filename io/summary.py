@@ -4,8 +4,11 @@ Every number stands in report.json under its own name; "" where it does not appl
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from usbldr.filters.aiding import windows_text
+from usbldr.filters.assumptions import Span
 from usbldr.filters.calibration import Found, found
 from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
 from usbldr.filters.evaluation import ErrorReport, Window
@@ -36,15 +39,18 @@ def context(run: Run) -> list[tuple[str, str]]:
     lines = [("log", f"{run.log.path.name} ({run.log.format}), {length_s:.0f} s")]
     if run.configuration is not None and run.log.configuration is not None:
         lines.append(("settings", run.log.configuration.name))
+    windows = run.log.assumptions.aid
+    aid = [("aid", aid_text(windows))] if windows else []
     report = run.scored.report
     if report is None:
-        return [*lines, ("truth", "none"), ("fixes", ORDERS[run.order])]
+        return [*lines, ("truth", "none"), *aid, ("fixes", ORDERS[run.order])]
     m = report.matching
     share = f"{m.matched} of {m.offered} epochs ({100 * m.matched / m.offered:.0f} % of the run)"
     lines.append(("truth", f"{TRUTHS.get(report.truth_kind, report.truth_kind)}: {report.truth_source}"))
     lines.append(("compared", f"{share}, resting on {m.truth_rows} truth samples{_left_out(report)}"))
     if report.window != Window():
         lines.append(("window", window_text(report.window)))
+    lines += aid
     lines.append(("fixes", ORDERS[run.order]))
     lines.append(("alignment", report.alignment.sentence))
     return lines
@@ -56,6 +62,7 @@ def _left_out(report: ErrorReport) -> str:
         "before or after the truth": m.outside_truth,
         "outside the window": m.outside_window,
         "in gaps of the truth": m.in_gap,
+        "where GPS aids": m.aided,
         "without a position": m.undefined,
     }
     said = ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
@@ -67,6 +74,11 @@ def window_text(window: Window) -> str:
     start = "the start" if math.isinf(window.start_s) else f"{window.start_s:g} s"
     end = "the end" if math.isinf(window.end_s) else f"{window.end_s:g} s"
     return f"truth rows from {start} to {end} of the log"
+
+
+def aid_text(windows: Sequence[Span]) -> str:
+    """Say where GPS aided the filters."""
+    return f"GPS fixes used as measurements from {windows_text(windows)} of the log, where nothing is scored"
 
 
 def error_table(report: ErrorReport) -> Table:

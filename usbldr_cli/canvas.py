@@ -17,7 +17,7 @@ from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
 from usbldr.filters.alignment import ALIGNMENTS
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports import Run, Scored
-from usbldr.io.summary import ORDERS, TRUTHS, window_text
+from usbldr.io.summary import ORDERS, TRUTHS, aid_text, window_text
 
 Axes: TypeAlias = Any  # matplotlib's own types leave every keyword unknown, which strict checking refuses
 Figure: TypeAlias = Any
@@ -104,6 +104,8 @@ def subtitle(run: Run) -> str:
         f"fixes {ORDERS[run.order]}",
         ALIGNMENTS[report.alignment.name],
     ]
+    if report.aid:
+        parts.append(aid_text(report.aid))
     if report.window != (-np.inf, np.inf):
         parts.append(window_text(report.window))
     return "; ".join(parts)

@@ -95,7 +95,7 @@ def _finished(folders: Sequence[str], filters: str | None) -> "list[Row]":
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     """Return the names in a list of filters; refuse what none of them takes."""
     from usbldr.filters.methods import METHODS
-    from usbldr.filters.run import FORMED, GATED
+    from usbldr.filters.run import FILTERS, FORMED, GATED
 
     choices.overrides()  # refuses what no run could take
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
@@ -105,6 +105,8 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     _refuse_repeats("--filters", names)
     if choices.gate is not None and not set(names) & set(GATED):
         raise UsageError(f"--gate is for {', '.join(GATED)}, and none of them is compared")
+    if choices.aid is not None and not set(names) & set(FILTERS):
+        raise UsageError("--aid is for filters, and none of them is compared")
     if choices.form != "mixture" and not set(names) & set(FORMED):
         raise UsageError(f"--form is for {', '.join(FORMED)}, and none of them is compared")
     return names

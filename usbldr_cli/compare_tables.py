@@ -4,7 +4,7 @@ import re
 import textwrap
 from collections.abc import Sequence
 
-from usbldr.io.summary import TRUTHS, Table
+from usbldr.io.summary import TRUTHS, Table, aid_text
 from usbldr_cli.comparison import Row, difference, grouped, numbers, overall, trust, verdict
 from usbldr_cli.tables import WIDTH, aligned, pairs
 
@@ -70,6 +70,8 @@ def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
         start = "the start" if judged.window_start_s is None else f"{judged.window_start_s:g} s"
         end = "the end" if judged.window_end_s is None else f"{judged.window_end_s:g} s"
         lines.append(("window", f"truth rows from {start} to {end} of the log"))
+    if judged.aid:
+        lines.append(("aid", aid_text(judged.aid)))
     lines.append(("alignment", judged.align))
     if any(row.dives for row in rows):
         lines.append(("seeds", "each seed is a dive of its own, and the filter's chance"))

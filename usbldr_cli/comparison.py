@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from usbldr.filters.aiding import windows_text
 from usbldr.filters.consistency import consistency_verdict
 from usbldr.filters.ensemble import Difference, average, diverged_share, paired_difference, pooled_nees
 from usbldr.filters.errors import UsageError
@@ -130,18 +131,23 @@ def refuse_unlike(rows: Sequence[Row]) -> None:
     for log, group in grouped(rows).items():
         told = [(row.label, *_measure(row.judged)) for row in group if row.judged is not None]
         for label, *measure in told[1:]:
-            for what, one, other in zip(("truth", "window", "alignment"), told[0][1:], measure, strict=True):
+            for what, one, other in zip(("truth", "window", "alignment", "aid"), told[0][1:], measure, strict=True):
                 if one != other:
                     raise UsageError(
                         f"{log}: the runs cannot be compared: {told[0][0]} has {what} {one}, {label} has {other}; "
-                        "run them with the same --truth, --start, --end and --align"
+                        "run them with the same --truth, --start, --end, --align and --aid"
                     )
 
 
-def _measure(judged: Judged) -> tuple[str, str, str]:
+def _measure(judged: Judged) -> tuple[str, str, str, str]:
     start = "start" if judged.window_start_s is None else f"{judged.window_start_s:g} s"
     end = "end" if judged.window_end_s is None else f"{judged.window_end_s:g} s"
-    return f"{judged.truth_kind} {judged.truth_source}", f"{start} to {end}", judged.align
+    return (
+        f"{judged.truth_kind} {judged.truth_source}",
+        f"{start} to {end}",
+        judged.align,
+        windows_text(judged.aid) if judged.aid else "none",
+    )
 
 
 def verdict(rows: Sequence[Row]) -> str:

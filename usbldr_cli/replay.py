@@ -23,7 +23,12 @@ if TYPE_CHECKING:
 @click.command()
 @log_options
 @click.option(
-    "--filter", "-f", "method", default="cpf", show_default=True, help="cpf upf pf adf ekf ckf ukf; nudge dr usbl"
+    "--filter",
+    "-f",
+    "method",
+    default="cpf",
+    show_default=True,
+    help="cpf upf pf adf ekf ckf ukf afukf aekf pf-wekf; nudge dr usbl",
 )
 @run_options
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
@@ -66,7 +71,7 @@ def replay(
     log = choices.applied(log)
     require(log, needed(method, log))
     line = timeline(log, choices.fast_hz, choices.slow_hz)
-    _refuse_smoothing(method, choices)
+    _refuse_for_tracks(method, choices)
     target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
     with run_directory(target, force) as folder:
         run = _run(method, log, line, choices, content)
@@ -75,10 +80,12 @@ def replay(
     return LogError.exit_code if lost else 0
 
 
-def _refuse_smoothing(method: str, choices: RunChoices) -> None:
-    """Refuse --smooth for a track that knows no uncertainty; run() refuses the filters that it does not suit."""
+def _refuse_for_tracks(method: str, choices: RunChoices) -> None:
+    """Refuse --smooth and --aid for a track without a filter; run() refuses the filters that --smooth does not suit."""
     from usbldr.filters.run import FILTERS, SMOOTHED_BY
 
+    if choices.aid is not None and method not in FILTERS:
+        raise UsageError(f"{method} is no filter, so there is nothing to aid (filters: {', '.join(FILTERS)})")
     if choices.smooth and method not in FILTERS:
         raise UsageError(f"{method} is no filter, so there is nothing to smooth (smoothed: {', '.join(SMOOTHED_BY)})")
 

@@ -38,6 +38,7 @@ class RunChoices:
     calibrate: str | None = None
     noise: tuple[str, ...] = ()
     smooth: bool = False
+    aid: str | None = None
 
     @property
     def settings(self) -> "Settings":
@@ -48,9 +49,12 @@ class RunChoices:
 
     def overrides(self) -> dict[str, object]:
         """Return the fields of Assumptions that the options state."""
+        from usbldr_cli.aid_option import windows
         from usbldr_cli.noise_option import noise_family
 
         stated: dict[str, object] = dict(noise_family(text) for text in self.noise)
+        if self.aid is not None:
+            stated["aid"] = windows(self.aid)
         return stated if self.calibrate is None else stated | {"calibrate": _keys(self.calibrate)}
 
     def applied(self, log: "Log") -> "Log":
@@ -141,6 +145,11 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="As in usbl=student-t:4, dvl=mixture:0.3:10, compass=gaussian, usbl=contamination:0.05:10:record.",
         ),
         click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
+        click.option(
+            "--aid",
+            metavar="gps@FROM:TO,...",
+            help="Use GPS there, in seconds of the log, as a vehicle at the surface does; nothing is scored there.",
+        ),
         click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Grid of DVL and compass."),
         click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Grid of the errors."),
     )

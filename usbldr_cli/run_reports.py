@@ -54,6 +54,7 @@ def _row(folder: Path) -> Row:
             window_start_s=window["start_s"],
             window_end_s=window["end_s"],
             align=report["alignment"]["name"],
+            aid=tuple((start_s, end_s) for start_s, end_s in report.get("aid", ())),
             lost=tuple(finding["text"] for finding in report["findings"] if finding["lost_data"]),
         )
         numbers = {str(name): float(value) for name, value in metrics.items() if value is not None}

@@ -28,16 +28,19 @@ def score(
 
     ``shown``: with a progress bar while stderr is a terminal.
     """
+    from usbldr.filters.aiding import require_gps
     from usbldr.filters.evaluation import evaluate
     from usbldr.filters.methods import track
     from usbldr.io.reports import Scored
 
+    aid = log.assumptions.aid
+    require_gps(line, aid, str(log.path))
     with _bar(method, len(line.time_s), shown) as progress:
         trajectory = track(method, line, log.assumptions, choices.settings, anchor, progress)
     if log.truth is None:
         return Scored(trajectory, None)
     at = None if method == "usbl" else line.time_s[line.slow]
-    return Scored(trajectory, evaluate(trajectory, log.truth, choices.window(log), choices.align, at))
+    return Scored(trajectory, evaluate(trajectory, log.truth, choices.window(log), choices.align, at, aid))
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from usbldr.filters.types import Array, Vector
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,7 @@ class Judged:
     window_start_s: float | None  # None: from the start
     window_end_s: float | None
     align: str
+    aid: tuple[tuple[float, float], ...] = ()  # windows in which GPS aided the filters and nothing is scored
     lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
 
 
@@ -52,6 +53,7 @@ class Trace(NamedTuple):
     time_s: "Vector"  # (M,)
     estimate_m: "Array"  # (M, 2) east, north
     truth_m: "Array"  # (M, 2)
+    cov_m2: "Array | None" = None  # (M, 2, 2) of the estimate; None where it claims none, or a run directory is read
 
     @property
     def error_m(self) -> "Array":
@@ -73,6 +75,7 @@ class Store:
                 return None
             beside: dict[str, Any] = told["judged"]
             beside["lost"] = tuple(beside["lost"])
+            beside["aid"] = tuple((start_s, end_s) for start_s, end_s in beside["aid"])
             judged = Judged(**beside)
             return Outcome(told["metrics"], tuple(told["warnings"]), judged=judged, trace=self._trace(key), reused=True)
         except (OSError, ValueError, KeyError, TypeError):
@@ -84,7 +87,7 @@ class Store:
 
         if trace is not None:
             packed = io.BytesIO()
-            np.savez_compressed(packed, **trace._asdict())
+            np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
             write_whole(self._trace(key), packed.getvalue())
         kept = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
         judged = asdict(outcome.judged) if outcome.judged is not None else None
@@ -109,7 +112,7 @@ def read_trace(path: Path) -> Trace:
         return Trace(truth[:, 0] - start_s, estimate[:, 1:3], truth[:, 1:3])
 
     with np.load(path) as packed:
-        return Trace(*(packed[name] for name in Trace._fields))
+        return Trace(**{name: packed[name] for name in packed.files})
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -199,10 +199,11 @@ def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, 
         window_start_s=report.window.start_s if math.isfinite(report.window.start_s) else None,
         window_end_s=report.window.end_s if math.isfinite(report.window.end_s) else None,
         align=report.alignment.name,
+        aid=report.aid,
         lost=tuple(finding.text for finding in log.findings if finding.lost_data),
     )
     metrics = {name: value for name, value in report.metrics.items() if math.isfinite(value)}
-    trace = Trace(report.time_s, report.estimate_m, report.truth_m)
+    trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
     return Outcome(metrics, (*trajectory.warnings, *report.warnings), judged=judged), trace
 
 
