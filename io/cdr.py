@@ -54,7 +54,9 @@ class RosDecoder:
     def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[Piece]:
         """Read all messages; those that do not fit the definition are in no piece."""
         pieces, left = by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
-        return [*pieces, one_by_one(self.extractor(paths), payloads, paths, left.tolist())]
+        if len(left):
+            pieces.append(one_by_one(self.extractor(paths), payloads, paths, left.tolist()))
+        return pieces
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""

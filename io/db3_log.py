@@ -94,10 +94,10 @@ class Db3Log:
         """Yield the messages of the wanted topics; the payloads of others are never touched."""
         numbers = [number for number, key in self._keys.items() if key[0] in wanted]
         marks = ", ".join("?" * len(numbers))
-        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # in any order
         with self._open() as database:
             for number, time_ns, data in database.execute(query, numbers):
-                yield self._keys[number], int(time_ns), _unpacked(bytes(data))
+                yield self._keys[number], int(time_ns), _unpacked(data)
 
     def findings(self) -> tuple[Finding, ...]:
         """Say what is missing of the file."""
@@ -131,10 +131,13 @@ def _zstd() -> zstandard.ZstdDecompressor:
     return zstandard.ZstdDecompressor()
 
 
-def _unpacked(data: bytes) -> bytes:
+def _unpacked(data: object) -> bytes:
+    """Return a payload; what is none, or does not unpack, fits no definition and is counted so."""
+    if not isinstance(data, bytes):
+        return b""
     if not data.startswith(ZSTD):
         return data
     try:
         return _zstd().decompressobj().decompress(data)
     except zstandard.ZstdError:
-        return b""  # fits no definition, and is counted so
+        return b""

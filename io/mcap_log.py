@@ -1,7 +1,7 @@
 """MCAP files (https://mcap.dev): chunked or not, indexed or not, zstd or lz4, also cut short or damaged.
 
-The topics are listed by the file's own index, if it tells of every message. Messages are read front to back, so that a
-file without its end still gives what it holds; chunks in which the index knows no wanted message are passed over.
+A file that is as its own index says is read by it. Any other is walked through front to back, so that it still gives
+what it holds, and what it has lost is said.
 """
 
 from collections import Counter
@@ -13,7 +13,7 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 
 from usbldr.io.log import Finding
-from usbldr.io.mcap_index import Index, read_index
+from usbldr.io.mcap_index import DisagreementError, Index, indexed_messages, read_index
 from usbldr.io.mcap_records import Message, Walk
 from usbldr.io.reader import Records, TopicInfo, utc
 from usbldr.io.streams import Decoder, Key, Stream, chosen_streams, collect, decoder_of, undecoded_findings
@@ -29,7 +29,7 @@ class McapLog:
         """Open nothing yet; ``path`` has been found to be MCAP by its first bytes."""
         self.path = path
         self._undecoded: Counter[str] = Counter()
-        self._walk: Walk | None = None  # the last one through the file
+        self._walk: Walk | None = None  # the last one through the file; None: it was read by its index
         self._schemas: dict[int, Schema] = {}
         self._known: dict[Key, Stream] = {}
         self._keys: dict[int, Key] = {}  # by the file's numbers of its channels
@@ -47,7 +47,7 @@ class McapLog:
     def _streams(self) -> dict[Key, Stream]:
         """Return what the index knows of each (topic, type), else what one walk through the file sees."""
         if self._index.seen is None:
-            for key, time_ns, _ in self._messages({}):
+            for key, time_ns, _ in self._by_walk():
                 self._known[key].saw(1, time_ns, time_ns)
             return self._known
         for record in (*self._index.schemas.values(), *self._index.channels.values()):
@@ -58,26 +58,33 @@ class McapLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; where one topic has several types, the one with most messages."""
-        messages = self._messages(self._without(chosen_streams(self._streams, wanted)))
-        records, self._undecoded = collect(self.path, self._streams, wanted, messages)
+        streams = self._streams
+        if self._index.seen is not None:
+            try:
+                messages = self._by_index(chosen_streams(streams, wanted))
+                records, self._undecoded = collect(self.path, streams, wanted, messages)
+            except DisagreementError:
+                pass
+            else:
+                return records
+        records, self._undecoded = collect(self.path, streams, wanted, self._by_walk())
         return records
 
-    def _without(self, wanted: set[Key]) -> dict[int, int]:
-        """Return the chunks that hold no wanted message, and how many they hold, as far as the index can be trusted."""
-        if self._index.seen is None:
-            return {}
-        channels = {number for number, key in self._keys.items() if key in wanted}
-        inside = self._index.inside.items()
-        return {place: sum(counts.values()) for place, counts in inside if not channels & counts.keys()}
+    def _by_index(self, wanted: set[Key]) -> Iterator[Payload]:
+        """Yield the wanted messages of a file that is as its index says."""
+        keys = {number: key for number, key in self._keys.items() if key in wanted}
+        with self.path.open("rb") as file:
+            for channel, time_ns, data in indexed_messages(file, self._index, keys.keys()):
+                yield keys[channel], time_ns, data
 
-    def _messages(self, passed: Mapping[int, int]) -> Iterator[Payload]:
-        """Walk through the file.
+    def _by_walk(self) -> Iterator[Payload]:
+        """Yield all messages of any file, front to back.
 
         What the index repeats of schemas and channels comes first: where the first chunk is damaged the others can
         still be read.
         """
         with self.path.open("rb") as file:
-            self._walk = Walk(file, self.path.stat().st_size, self._index.chunks, passed)
+            self._walk = Walk(file, self.path.stat().st_size, self._index.chunks)
             for record in chain(self._index.schemas.values(), self._index.channels.values(), self._walk):
                 if not isinstance(record, Message):
                     self._register(record)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
 from dives import SECOND, T0, TWIST, Row, point, short_dive, twist, write_mcap, yaw
@@ -26,6 +27,23 @@ def many() -> list[Row]:
     return [row for k in range(1000) for row in (twist(T0 + k * SECOND // 10, float(k), 0.0), yaw(T0 + k, 3.0))]
 
 
+def chunks_of(file: Path) -> list[ChunkIndex]:
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    return summary.chunk_indexes
+
+
+def bent_in(file: Path, number: int) -> int:
+    """Flip one bit in the middle of a chunk; return where."""
+    chunk = chunks_of(file)[number]
+    at = chunk.chunk_start_offset + chunk.chunk_length // 2
+    bent = bytearray(file.read_bytes())
+    bent[at] ^= 0x10
+    file.write_bytes(bent)
+    return at
+
+
 @pytest.mark.parametrize("summary", [True, False])
 @pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
 def test_every_kind_of_container_gives_the_same_columns(
@@ -44,6 +62,69 @@ def test_every_kind_of_container_gives_the_same_columns(
     np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
     assert dvl.columns["header.stamp"].dtype == np.int64
     assert log.findings() == ()
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_file_as_its_index_says_is_not_walked_through(
+    tmp_path: Path, compression: CompressionType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 4096)
+    monkeypatch.setattr("usbldr.io.mcap_log.Walk", None)
+    log = McapLog(file)
+
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 1000, "/imu": 1000}
+
+
+def test_chunks_without_a_wanted_message_are_not_looked_at(tmp_path: Path) -> None:
+    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in range(500)]
+    rows += [yaw(T0 + k * SECOND, 3.0) for k in range(500)]
+    file = write_mcap(tmp_path / "a.mcap", rows, CompressionType.NONE, True, 4096)
+    at = bent_in(file, -1)
+    log = McapLog(file)
+
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    assert at > file.stat().st_size / 2
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(500.0))
+    assert log.findings() == ()
+    assert len(log.read({"/imu": ["header.stamp"]})["/imu"].received_ns) < 500
+    assert [finding.code for finding in log.findings()] == ["DAMAGED"]
+
+
+@pytest.mark.parametrize("what", ["place", "time"])
+def test_an_index_that_lies_is_not_believed(tmp_path: Path, what: str) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
+    chunk = chunks_of(file)[3]
+    offset = min(chunk.message_index_offsets.values()) + 9 + 2 + 4 + (8 if what == "place" else 0)
+    bent = bytearray(file.read_bytes())
+    bent[offset] ^= 1
+    file.write_bytes(bent)
+
+    dvl = McapLog(file).read(TWIST_X)["/dvl"]
+
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(1000) * (SECOND // 10))
+
+
+def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
+    broken = chunks_of(file)[3]
+    bent = bytearray(file.read_bytes())
+    bent[broken.chunk_start_offset : broken.chunk_start_offset + 30] = bytes(30)
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    (finding,) = log.findings()
+
+    lost = sorted(set(range(1000)) - set(x.astype(int)))
+    assert 5 < len(lost) < 100
+    assert lost == list(range(lost[0], lost[-1] + 1))
+    assert (finding.code, finding.lost_data) == ("DAMAGED", True)
+    assert finding.text.startswith("1 chunks are damaged (logged between 2020-09-13T12:2")
 
 
 def test_records_come_in_the_order_of_their_log_times(tmp_path: Path) -> None:
@@ -119,13 +200,7 @@ def test_a_file_without_its_index_has_lost_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
 def test_a_flipped_bit_costs_one_chunk(tmp_path: Path, compression: CompressionType, damaged: int) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 8192)
-    with file.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    chunk = summary.chunk_indexes[damaged]
-    bent = bytearray(file.read_bytes())
-    bent[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x10
-    file.write_bytes(bent)
+    bent_in(file, damaged)
     log = McapLog(file)
 
     x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
