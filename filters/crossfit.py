@@ -69,14 +69,19 @@ class Calibration:
         return np.flatnonzero(self.residual_m > GROSS_SIGMAS * self.sd_m)
 
 
+def as_points(position_m: Array) -> Points:
+    """Return east and north, (n, 2), as complex numbers."""
+    return position_m[:, 0] + 1j * position_m[:, 1]
+
+
 def fix_points(timeline: Timeline) -> Points:
     """Return the fixes, (F,)."""
-    return cast(Points, timeline.fix_m @ np.array([1, 1j]))
+    return as_points(timeline.fix_m)
 
 
 def reckoned(timeline: Timeline, time_s: Vector) -> Points:
     """Return dead reckoning from the origin, (n,) at any times."""
-    return cast(Points, np.interp(time_s, timeline.time_s, displacement_m(timeline) @ np.array([1, 1j])))
+    return np.interp(time_s, timeline.time_s, as_points(displacement_m(timeline)))
 
 
 def groups(timeline: Timeline, time_s: Vector, longest_s: float = np.inf) -> Indices:
@@ -221,7 +226,7 @@ def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector
     error = b - A @ step
     scores = np.column_stack([np.bincount(group, weights * np.real(np.conj(column) * error)) for column in A.T])
     covariance = inverse @ (scores.T @ scores) @ inverse * len(scores) / max(len(scores) - 1, 1)
-    size = np.sqrt(np.diag(information))
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     if np.linalg.eigvalsh(information / np.outer(size, size))[0] < LEAST_APART:
         covariance = np.full_like(covariance, np.nan)
     distance = np.abs(error)

@@ -1,0 +1,60 @@
+"""What a doctor says of a log: a stable code, how bad it is, a sentence, and where and how much.
+
+docs/findings.md explains each code.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from usbldr.io.log import Finding
+
+Level: TypeAlias = Literal["error", "warning", "info"]
+
+LEVELS: Mapping[str, Level] = {
+    "ROLE-UNDECIDED": "error",
+    "UNUSABLE": "error",
+    "SENSOR-MISSING": "error",
+    "HEADING-CONVENTION": "error",
+    "MAP-FRAME": "error",
+    "DVL-AXES": "error",
+    "HEADING-RADIANS": "error",
+    "CONVENTION-CHECKED": "info",
+    "CONVENTION-UNOBSERVABLE": "info",
+    "HEADING-CHECKED": "info",
+    "USBL-DELAYED": "info",
+    "USBL-NOISE": "info",
+    "REPEATED": "info",
+    "USBL-REPEATED": "info",
+    "OUT-OF-ORDER": "info",
+    "NO-HEADER": "info",
+    "SAME-STAMP": "info",
+}
+"""Codes that are more or less than a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """One finding, with its place and its size."""
+
+    code: str
+    level: Level
+    text: str  # one sentence
+    topic: str = ""
+    time_s: float | None = None  # since the log's start: where it is worst
+    worst: float | None = None
+    unit: str = ""
+
+
+def diagnosis(
+    code: str, text: str, topic: str = "", time_s: float | None = None, worst: float | None = None, unit: str = ""
+) -> Diagnosis:
+    """Return a diagnosis at the level of its code."""
+    return Diagnosis(code, LEVELS.get(code, "warning"), text, topic, time_s, worst, unit)
+
+
+def of_finding(finding: Finding) -> Diagnosis:
+    """Return what reading noticed as a diagnosis; its topic stands before the colon."""
+    head, colon, _ = finding.text.partition(": ")
+    level: Level = "error" if finding.lost_data else LEVELS.get(finding.code, "warning")
+    return Diagnosis(finding.code, level, finding.text, head if colon and head.startswith("/") else "")

@@ -1,0 +1,268 @@
+"""Everything that is wrong with a log for navigation, found without being told and without truth.
+
+Works where a log cannot be replayed as it stands, too: what keeps it from that is a finding like the others.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from usbldr.filters.errors import UsageError, UsbldrError
+from usbldr.filters.types import Timeline, Vector
+from usbldr.io.crosscheck import cross_check
+from usbldr.io.diagnosis import Diagnosis, diagnosis, of_finding
+from usbldr.io.log import Log
+from usbldr.io.messages import Raw, raw, wanted_paths
+from usbldr.io.opening import Opened, Request, open_configured
+from usbldr.io.read import configured_topics, read
+from usbldr.io.readings import Source, configuration_of, convention
+from usbldr.io.timeline import timeline
+from usbldr.io.topics import Choice, candidates, choose_roles
+
+SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)  # 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
+GRAVITY = "linear_acceleration.z"
+NEEDED = ("dvl", "compass", "usbl")
+UNDERWATER_M = 1.0
+SAME_CLOCK_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
+SAME_EPOCH_S = 3600.0
+LATE_S = 0.2  # a fix that arrives later is worth a word
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """What a doctor found, errors first."""
+
+    path: Path
+    format: str
+    configuration: Path | None
+    diagnoses: tuple[Diagnosis, ...]
+    log: Log | None  # None: it cannot be read with any choice
+    timeline: Timeline | None
+    topics: Mapping[str, str]  # role -> topic where several could be the sensor: the one that was examined
+
+    @property
+    def healthy(self) -> bool:
+        """Tell whether there is no error."""
+        return not any(d.level == "error" for d in self.diagnoses)
+
+
+def examine(path: Path, request: Request) -> Examination:
+    """Examine a log; raise LogError if it is none, UsageError if its configuration makes no sense."""
+    opened = open_configured(path, request)
+    undecided, chosen = _decide(opened, request)
+    asked = replace(request, topics=dict(request.topics) | chosen)
+    try:
+        log = read(opened, asked)
+    except UsbldrError as err:
+        found = [*undecided, *(of_finding(f) for f in opened.reader.findings()), diagnosis("UNUSABLE", str(err))]
+        return _examination(path, opened.reader.format, opened.file, found, None, None, chosen)
+    raws = _raws(opened, asked)
+    found = [*undecided, *_clocks(log, raws), *_invalid(log, raws)]
+    return _of_log(log, found, tuple(_sources(log, raws)), chosen)
+
+
+def examine_log(log: Log) -> Examination:
+    """Examine a log that has no file, such as a simulated one."""
+    return _of_log(log, [], (), {})
+
+
+def _of_log(log: Log, found: list[Diagnosis], sources: tuple[Source, ...], chosen: Mapping[str, str]) -> Examination:
+    told = {d.code for d in found}
+    found = found + [of_finding(f) for f in log.findings if f.code not in told]
+    for role in NEEDED:
+        if role not in log.tables:
+            have = ", ".join(log.tables) or "none"
+            found.append(diagnosis("SENSOR-MISSING", f"no {role} data (sensors in this log: {have})"))
+    line = None
+    try:
+        line = timeline(log)
+    except UsbldrError as err:
+        if not any(d.code in ("SENSOR-MISSING", "ROLE-UNDECIDED") for d in found):
+            found.append(diagnosis("UNUSABLE", str(err)))
+    found += [*_delays(log), *_under_water(log)]
+    if line is not None:
+        found += [*_outages(log, line)]
+        found += cross_check(log, line, sources) if "usbl" in log.tables else []
+    return _examination(log.path, log.format, log.configuration, found, log, line, chosen)
+
+
+def _examination(
+    path: Path,
+    form: str,
+    configuration: Path | None,
+    found: list[Diagnosis],
+    log: Log | None,
+    line: Timeline | None,
+    chosen: Mapping[str, str],
+) -> Examination:
+    order = {"error": 0, "warning": 1, "info": 2}
+    ordered = tuple(sorted(found, key=lambda d: order[d.level]))
+    return Examination(path, form, configuration, ordered, log, line, chosen)
+
+
+def _decide(opened: Opened, request: Request) -> tuple[list[Diagnosis], dict[str, str]]:
+    """Say which roles no topic or several could fill; of several, the one with the most messages is examined."""
+    path, topics = opened.reader.path, opened.reader.topics()
+    roles = choose_roles(path, topics, request.topics, configured_topics(opened.configuration))
+    found: list[Diagnosis] = []
+    chosen: dict[str, str] = {}
+    for role, fault in roles.unclear.items():
+        text = str(fault).removeprefix(f"{path}: ")
+        taken = {choice.topic.name for choice in roles.chosen.values()}
+        tied = [topic for topic in candidates(role, topics) if topic.name not in taken]
+        if isinstance(fault, UsageError) and len(tied) > 1:
+            best = max(tied, key=lambda topic: topic.count)
+            chosen[role] = best.name
+            found.append(diagnosis("ROLE-UNDECIDED", f"{text}; {best.name} is examined here", best.name))
+        else:
+            chosen[role] = "none"
+            found.append(diagnosis("UNUSABLE", text))
+    return found, chosen
+
+
+def _raws(opened: Opened, request: Request) -> dict[str, Raw]:
+    """Read the chosen topics as their messages have them, with gravity where an Imu tells it."""
+    reader = opened.reader
+    topics = reader.topics()
+    choices = choose_roles(reader.path, topics, request.topics, configured_topics(opened.configuration)).chosen
+    wanted: dict[str, list[str]] = {}
+    for choice in choices.values():
+        paths = wanted.setdefault(choice.topic.name, [])
+        paths += [path for path in wanted_paths(choice.topic, choice.layout).values() if path not in paths]
+    gravity = _with_gravity(choices)
+    for name in gravity:
+        wanted[name].append(GRAVITY)
+    records = reader.read(wanted)
+    made: dict[str, Raw] = {}
+    for role, choice in choices.items():
+        rows = records[choice.topic.name]
+        one = raw(reader.path, choice.topic, choice.layout, rows)
+        extra = {GRAVITY: rows.columns[GRAVITY]} if role == "compass" and choice.topic.name in gravity else {}
+        made[role] = replace(one, values=dict(one.values) | extra)
+    return made
+
+
+def _with_gravity(choices: Mapping[str, Choice]) -> list[str]:
+    topics = [choice.topic for role, choice in choices.items() if role == "compass"]
+    return [topic.name for topic in topics if topic.has(GRAVITY) or "linear_acceleration" in topic.fields]
+
+
+def _sources(log: Log, raws: Mapping[str, Raw]) -> list[Source]:
+    """Return what only the messages tell of the mirror image: gravity, the fixes' depth, names of frames."""
+    found: list[Source] = []
+    if "compass" in raws and GRAVITY in raws["compass"].values:
+        z = float(np.nanmedian(raws["compass"].number(GRAVITY)))
+        if abs(z) > 5.0:
+            says, which = ("NED", "down") if z < 0 else ("ENU", "up")
+            name = f"gravity: {raws['compass'].topic.name} has z {which} ({z:+.1f} m/s^2 at rest)"
+            found.append(Source(name, 1, convention(log, "compass", "convention")[0] != says))
+    frame = convention(log, "usbl", "frame")[0]
+    if "usbl" in raws and frame in ("ENU", "NED"):
+        z = float(np.nanmedian(raws["usbl"].number("z"))) if "z" in raws["usbl"].values else 0.0
+        depth_m = float(np.median(log.tables["depth"]["depth_m"])) if "depth" in log.tables else 0.0
+        if depth_m > UNDERWATER_M and abs(abs(z) - depth_m) < 0.5 * depth_m:
+            says, which = ("NED", "down") if z > 0 else ("ENU", "up")
+            found.append(Source(f"depth: the fixes have z {which}", 2, frame != says))
+        named = [says for says in ("ENU", "NED") if says.lower() in raws["usbl"].frame_id.lower()]
+        found += [Source(f'frame_id "{raws["usbl"].frame_id}"', 2, frame != says) for says in named]
+    return found
+
+
+def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
+    """Compare the delay from stamp to log of DVL and heading: both usually pass through the same computer."""
+    found: list[Diagnosis] = []
+    settings = configuration_of(log)
+    by_log = {"dvl": settings.dvl.time == "log", "compass": settings.compass.time == "log"}
+    lag_s: dict[str, float] = {}
+    for role in ("dvl", "compass"):
+        if role not in raws:
+            continue
+        stamp = None if by_log[role] else raws[role].stamp_ns
+        lags: Vector = np.zeros(1) if stamp is None else (raws[role].received_ns - stamp)[stamp > 0] / 1e9
+        if not len(lags):
+            continue
+        lag_s[role] = float(np.median(lags))
+    if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < SAME_EPOCH_S:
+        stated_s = settings.compass.latency_s
+        apart_s = lag_s["compass"] + stated_s - lag_s["dvl"] - settings.dvl.latency_s
+        if abs(apart_s) > SAME_CLOCK_S:
+            dvl, compass = raws["dvl"].topic.name, raws["compass"].topic.name
+            headless = " (it has no stamps)" if raws["compass"].stamp_ns is None else ""
+            text = (
+                f"{compass}: logged {lag_s['compass'] + stated_s:.2f} s after the time it is used for{headless}, {dvl} "
+                f"{lag_s['dvl'] + settings.dvl.latency_s:.2f} s after its own; if both are logged at once, state "
+                f"latency_s = {stated_s - apart_s:.2f} under [compass]"
+            )
+            found.append(diagnosis("CLOCK-OFFSET", text, compass, None, apart_s, "s"))
+    return found
+
+
+def _invalid(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
+    """Say of the DVL's invalid records what they hold and when they are worst."""
+    told = [finding for finding in log.findings if finding.code == "DVL-INVALID"]
+    if not told or "dvl" not in log.tables:
+        return []
+    table = log.tables["dvl"]
+    bad = table[~table["valid"]]
+    largest = np.nanmax(np.abs(np.column_stack([np.nan_to_num(raws["dvl"].number(axis)) for axis in "xyz"])), axis=1)
+    sentinels = [s for s in SENTINELS_MPS if np.any(np.abs(largest - s) < 5e-4)]
+    worst = float(largest.max())
+    counts = ", ".join(f"{np.sum(np.abs(largest - s) < 5e-4)} say {s:g} m/s" for s in sentinels)
+    text = told[0].text + (f"; {counts}, a DVL's way to write that it has no bottom lock" if counts else "")
+    time_s = float(bad["time_s"].iloc[0]) if len(bad) else None
+    return [diagnosis("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
+
+
+def _delays(log: Log) -> list[Diagnosis]:
+    """Say how late fixes arrive."""
+    if "usbl" not in log.tables:
+        return []
+    table = log.tables["usbl"]
+    late = (table["received_s"] - table["time_s"]).to_numpy(dtype=float)
+    median, worst = float(np.nanmedian(late)), int(np.nanargmax(late))
+    if not median > LATE_S:
+        return []
+    topic = log.provenance["usbl"].topic
+    text = f"{topic}: fixes arrive {median:.2f} s (median) to {late[worst]:.2f} s after their time of validity"
+    return [diagnosis("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
+
+
+def _under_water(log: Log) -> list[Diagnosis]:
+    """A satellite fix under water is something else: an acoustic position, or an old fix repeated."""
+    if "gps" not in log.tables or "depth" not in log.tables:
+        return []
+    gps, depth = log.tables["gps"], log.tables["depth"]
+    at = cast(Vector, np.interp(gps["time_s"], depth["time_s"], depth["depth_m"], left=np.nan, right=np.nan))
+    wet = np.flatnonzero(at > UNDERWATER_M)
+    if not len(wet):
+        return []
+    worst = int(wet[np.argmax(at[wet])])
+    topic = log.provenance["gps"].topic
+    text = (
+        f"{topic}: {len(wet)} of {len(gps)} fixes were made under water, the deepest at {at[worst]:.1f} m: they may be "
+        "acoustic positions or repeats; do not take them for truth"
+    )
+    return [diagnosis("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(at[worst]), "m")]
+
+
+def _outages(log: Log, line: Timeline) -> list[Diagnosis]:
+    found: list[Diagnosis] = []
+    for role in NEEDED:
+        mine = [outage for outage in line.outages if outage.sensor == role]
+        if not mine or role not in log.provenance:
+            continue
+        longest = max(mine, key=lambda outage: outage.end_s - outage.start_s)
+        length_s = longest.end_s - longest.start_s
+        total_s = sum(outage.end_s - outage.start_s for outage in mine)
+        lost = role == "dvl" and not log.tables["dvl"]["valid"].all()
+        code, what = ("LOST-LOCK", "no bottom lock") if lost else ("OUTAGE", "no records")
+        topic = log.provenance[role].topic
+        text = (
+            f"{topic}: {what} in {len(mine)} stretches of {total_s:.0f} s together, the longest {length_s:.1f} s from "
+            f"{longest.start_s:.1f} s on"
+        )
+        found.append(diagnosis(code, text, topic, longest.start_s, length_s, "s"))
+    return found

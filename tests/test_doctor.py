@@ -1,0 +1,265 @@
+"""The doctor on dives whose faults are known, because the test put them there."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from dives import SECOND, T0, Row, fix, point, twist, write_csv, write_mcap, yaw
+from usbldr.filters.errors import LogError, UsbldrError
+from usbldr_cli.main import cli
+
+LAT, LON = 45.0, 7.0
+M_PER_DEG = 111_132.0  # of latitude at 45 degrees, WGS84, to 0.1 %
+
+
+def dive(
+    *,
+    dvl: str = "FLU",
+    imu: str = "ENU",
+    usbl: str = "ENU",
+    mount_deg: float = 0.0,
+    gravity: float = 0.0,
+    gps: bool = False,
+    late_s: float = 0.0,
+    straight: bool = False,
+    gross: tuple[int, ...] = (),
+) -> list[Row]:
+    """Ten minutes of surge and sway around curves, told in the conventions that are asked for.
+
+    ``mount_deg``: heading of the DVL's x axis minus heading of the bow; ``late_s``: stamps of fixes minus true time.
+    """
+    rng = np.random.default_rng(1)
+    t = np.arange(0, 600, 0.02)
+    heading = np.radians(np.full(len(t), 40.0)) if straight else 0.02 * t + 0.9 * np.sin(t / 31)
+    forward, starboard = 1 + 0.3 * np.sin(t / 17), 0.4 * np.sin(t / 41) + 0.2
+    east = np.cumsum(forward * np.sin(heading) + starboard * np.cos(heading)) * 0.02
+    north = np.cumsum(forward * np.cos(heading) - starboard * np.sin(heading)) * 0.02
+    rows: list[Row] = []
+    mount = np.radians(mount_deg)
+    for k in range(0, len(t), 25):
+        ns = T0 + round(t[k] * SECOND)
+        x = forward[k] * np.cos(mount) + starboard[k] * np.sin(mount)
+        to_starboard = -forward[k] * np.sin(mount) + starboard[k] * np.cos(mount)
+        rows.append(twist(ns, x, to_starboard if dvl == "FRD" else -to_starboard))
+        degrees = float(np.degrees(heading[k]))
+        row = yaw(ns, degrees if imu == "NED" else 90.0 - degrees)
+        rows.append((*row[:3], dict(row[3]) | {"linear_acceleration.z": gravity}))
+    for k in range(500, len(t) - 500, 50):
+        e, n = np.array([east[k], north[k]]) + rng.normal(0, 0.3, 2)
+        e += 12.0 if (k - 500) // 50 in gross else 0.0
+        ns = T0 + round((t[k] + late_s) * SECOND)
+        rows.append(point(ns, n, e, delay_s=0.8) if usbl == "NED" else point(ns, e, n, delay_s=0.8))
+        if gps:
+            lon = LON + e / (M_PER_DEG * np.cos(np.radians(LAT)))
+            rows.append(fix(T0 + round(t[k] * SECOND), LAT + n / M_PER_DEG, lon))
+    return sorted(rows, key=lambda row: row[0])
+
+
+def doctor(log: Path | str, *options: str) -> Result:
+    done = CliRunner().invoke(cli, ["doctor", str(log), *options], standalone_mode=False)
+    assert done.exception is None or isinstance(done.exception, UsbldrError), done.output
+    return done
+
+
+def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:
+    """Return code -> finding."""
+    found = json.loads(doctor(log, "--json", *options).output)["findings"]
+    return {one["code"]: one for one in found}
+
+
+def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(gps=True))
+
+    done = doctor(log)
+
+    assert done.return_value == 0, done.output
+    assert "CONVENTION-CHECKED: axes FLU, convention ENU, frame ENU fits" in done.output
+    assert "HEADING-CHECKED" in done.output
+    assert "0 errors" in done.output
+
+
+@pytest.mark.parametrize("gravity", [-9.8, 0.0])
+def test_a_yaw_that_counts_the_other_way_is_found_with_its_option(tmp_path: Path, gravity: float) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(imu="NED", usbl="ENU", gps=True, gravity=gravity))
+
+    found = findings(log)
+
+    assert found["HEADING-CONVENTION"]["level"] == "error"
+    assert 'state convention = "NED" under [compass]' in found["HEADING-CONVENTION"]["text"]
+    assert {"MAP-FRAME", "DVL-AXES", "CONVENTION-UNDECIDED"}.isdisjoint(found)
+    assert doctor(log).return_value == 1
+
+
+def test_a_mirrored_dvl_is_found(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(dvl="FRD", gps=True))
+
+    found = findings(log)
+
+    assert 'state axes = "FRD" under [dvl]' in found["DVL-AXES"]["text"]
+    assert {"MAP-FRAME", "HEADING-CONVENTION"}.isdisjoint(found)
+
+
+def test_a_mirror_image_of_the_whole_log_is_undecided_until_something_tells(tmp_path: Path) -> None:
+    mirrored: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED"}
+    bare = write_mcap(tmp_path / "bare.mcap", dive(**mirrored))
+    told_by_gps = write_mcap(tmp_path / "gps.mcap", dive(**mirrored, gps=True))
+    told_by_gravity = write_mcap(tmp_path / "gravity.mcap", dive(**mirrored, gravity=-9.8))
+
+    assert "CONVENTION-UNDECIDED" in findings(bare)
+    for log, source in ((told_by_gps, "GPS"), (told_by_gravity, "gravity")):
+        found = findings(log)
+        assert "CONVENTION-UNDECIDED" not in found
+        assert f"ruled out by this: {source}" in found["MAP-FRAME"]["text"]
+        assert {"DVL-AXES", "HEADING-CONVENTION"} <= set(found)
+
+
+def test_gravity_that_contradicts_gps_is_told(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(gps=True, gravity=-9.8))
+
+    found = findings(log)
+
+    assert "gravity" in found["CONVENTION-CONTRADICTED"]["text"]
+    assert "HEADING-CONVENTION" not in found
+
+
+@pytest.mark.parametrize("conventions", [{}, {"imu": "NED", "usbl": "NED"}, {"imu": "NED"}, {"dvl": "FRD"}])
+def test_the_mount_is_found_whatever_else_is_wrong(tmp_path: Path, conventions: dict[str, Any]) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(mount_deg=-50.0, gps=True, **conventions))
+
+    found = findings(log)
+
+    assert found["DVL-MOUNT"]["worst"] == pytest.approx(-50.0, abs=1.0)
+    assert "mount_deg = -" in found["DVL-MOUNT"]["text"]
+
+
+def test_what_the_doctor_names_cures_the_log(tmp_path: Path) -> None:
+    log = write_mcap(
+        tmp_path / "dive.mcap", dive(mount_deg=30.0, dvl="FRD", imu="NED", usbl="NED", gps=True, late_s=1.5)
+    )
+    (tmp_path / "usbldr.toml").write_text(
+        '[dvl]\naxes = "FRD"\nmount_deg = 30.0\n[compass]\nconvention = "NED"\n[usbl]\nframe = "NED"\nlatency_s = 1.5\n'
+    )
+
+    ill, cured = findings(log, "--config", "none"), findings(log)
+
+    assert {"DVL-AXES", "HEADING-CONVENTION", "MAP-FRAME", "DVL-MOUNT", "USBL-LATENCY"} <= set(ill)
+    assert ill["USBL-LATENCY"]["worst"] == pytest.approx(1.5, abs=0.1)
+    assert all(one["level"] != "error" for one in cured.values())
+    assert {"DVL-MOUNT", "HEADING-BIAS", "USBL-LATENCY"}.isdisjoint(cured)
+
+
+def test_a_straight_line_is_no_evidence(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(straight=True, gps=True))
+
+    found = findings(log)
+
+    assert "CONVENTION-UNOBSERVABLE" in found
+    assert {"DVL-AXES", "HEADING-CONVENTION", "MAP-FRAME"}.isdisjoint(found)
+
+
+def test_gross_fixes_are_counted_and_the_worst_is_placed(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(gross=(100, 101, 300), gps=False))
+
+    found = findings(log)["USBL-OUTLIERS"]
+
+    assert "3 of 580 fixes" in found["text"]
+    assert found["worst"] == pytest.approx(12.0, abs=1.5)
+    assert found["time_s"] in (110.0, 111.0, 310.0)
+
+
+def test_late_fixes_doubled_records_and_lost_lock_are_found(tmp_path: Path) -> None:
+    rows = [row for row in dive() for _ in range(2 if row[1] == "/dvl" else 1)]
+    blind = [(*r[:3], dict(r[3]) | {f"twist.linear.{axis}": 327.67 for axis in "xyz"}) for r in rows[800:900]]
+    log = write_mcap(tmp_path / "dive.mcap", [*rows[:800], *(b if b[1] == "/dvl" else r for r, b in zip(rows[800:900], blind, strict=True)), *rows[900:]])  # fmt: skip  # noqa: E501
+
+    found = findings(log)
+
+    assert found["USBL-DELAYED"]["worst"] == pytest.approx(0.8, abs=0.01)
+    assert "records repeat another's stamp and values" in found["REPEATED"]["text"]
+    assert "say 327.67 m/s" in found["DVL-INVALID"]["text"]
+    assert found["DVL-INVALID"]["worst"] == pytest.approx(327.67)
+    blind_s = [(row[0] - T0) / SECOND for row in blind if row[1] == "/dvl"]
+    assert found["LOST-LOCK"]["time_s"] == pytest.approx(blind_s[0] - 0.5)
+    assert found["LOST-LOCK"]["worst"] == pytest.approx(blind_s[-1] - blind_s[0] + 1.0)
+
+
+def test_two_topics_for_a_role_are_an_error_and_the_fuller_one_is_examined(tmp_path: Path) -> None:
+    rows = dive()
+    others = [(*point(T0 + k * SECOND, 0, 0, topic="/usbl/raw"),) for k in range(5)]
+    log = write_mcap(tmp_path / "dive.mcap", sorted([*rows, *others], key=lambda row: row[0]))
+
+    done = doctor(log)
+
+    assert done.return_value == 1
+    assert "ROLE-UNDECIDED: 2 topics could be the usbl" in done.output
+    assert "/usbl is examined here" in done.output
+    assert "HEADING-CHECKED" in done.output
+
+
+def test_a_log_without_a_sensor_is_ill_and_one_that_is_none_is_unreadable(tmp_path: Path) -> None:
+    no_dvl = write_mcap(tmp_path / "no_dvl.mcap", [row for row in dive() if row[1] != "/dvl"])
+    none = tmp_path / "none.mcap"
+    none.write_bytes(b"no log at all")
+
+    missing, unreadable = doctor(no_dvl), doctor(none)
+
+    assert missing.return_value == 1
+    assert "SENSOR-MISSING: no dvl data (sensors in this log: compass, usbl)" in missing.output
+    assert isinstance(unreadable.exception, LogError)
+
+
+def test_gps_under_water_is_found(tmp_path: Path) -> None:
+    seconds = range(60)
+    stamps = [T0 + k * SECOND for k in seconds]
+    folder = write_csv(
+        tmp_path / "dive",
+        dvl="\n".join(["time_ns,starboard_mps,forward_mps", *(f"{ns},0,1" for ns in stamps)]),
+        compass="\n".join(["time_ns,heading_deg", *(f"{ns},0" for ns in stamps)]),
+        usbl="\n".join(["time_ns,east_m,north_m", *(f"{ns},0,{k}" for k, ns in enumerate(stamps))]),
+        gps="\n".join(["time_ns,lat_deg,lon_deg", *(f"{ns},45,7" for ns in stamps)]),
+        depth="\n".join(["time_ns,depth_m", *(f"{ns},{0.1 if k < 20 else k / 10}" for k, ns in enumerate(stamps))]),
+    )
+
+    found = findings(folder)["GPS-UNDERWATER"]
+
+    assert "40 of 60 fixes were made under water" in found["text"]
+    assert (found["worst"], found["time_s"]) == (pytest.approx(5.9), 59.0)
+
+
+def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
+    rows = [(row[0] + (SECOND // 2 if row[1] == "/imu" else 0), *row[1:]) for row in dive()]
+    log = write_mcap(tmp_path / "dive.mcap", sorted(rows, key=lambda row: row[0]))
+
+    found = findings(log)["CLOCK-OFFSET"]
+
+    assert found["topic"] == "/imu"
+    assert found["worst"] == pytest.approx(0.5)
+
+
+def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) -> None:
+    rows = []
+    for ns, topic, kind, values in dive():
+        if topic == "/imu":
+            angle = 2 * np.arctan2(values["orientation.z"], values["orientation.w"])
+            rows.append((ns, "/heading", "std_msgs/msg/Float64", {"data": float(np.mod(np.pi / 2 - angle, 2 * np.pi))}))
+        else:
+            rows.append((ns, topic, kind, values))
+    log = write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text('[compass]\nunit = "deg"\n')
+
+    found = findings(log)
+
+    assert 'state unit = "rad" under [compass]' in found["HEADING-RADIANS"]["text"]
+    (tmp_path / "usbldr.toml").write_text('[compass]\nunit = "rad"\n')
+    assert "HEADING-RADIANS" not in findings(log)
+
+
+def test_a_scenario_is_examined_without_a_file() -> None:
+    done = doctor("paper")
+    assert done.return_value == 0, done.output
+    assert "0 errors" in done.output

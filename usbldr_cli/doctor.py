@@ -1,0 +1,62 @@
+"""``usbldr doctor``: what is wrong with a log for navigation, found from the log alone."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import CheckError
+from usbldr_cli.options import log_options, open_log, request
+
+if TYPE_CHECKING:
+    from usbldr.io.doctor import Examination
+
+
+@click.command()
+@log_options
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def doctor(log: str, as_json: bool, **selection: Any) -> int:
+    """Say what is wrong with LOG for navigation, and what to do about it.
+
+    Checks sensors, clocks, gaps and gross errors, and holds the conventions of axes, heading and map against the data.
+    Each finding has a stable code, which docs/findings.md explains. Exit code 1 if there is an error among them.
+
+    \b
+    $ usbldr doctor dive.mcap
+    """
+    from usbldr.io.doctor import examine, examine_log
+
+    if Path(log).exists():
+        found = examine(Path(log), request(**selection))
+    else:
+        found = examine_log(open_log(log, seed=0, **selection)[0])
+    click.echo(json.dumps(_described(found), indent=1, allow_nan=False) if as_json else _text(found))
+    return 0 if found.healthy else CheckError.exit_code
+
+
+def _text(found: "Examination") -> str:
+    """Return the page for a terminal: one finding a line, errors first."""
+    lines = [f"{found.path}: {found.format}", f"configuration: {found.configuration or 'none'}", ""]
+    lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.diagnoses]
+    counts = {level: sum(d.level == level for d in found.diagnoses) for level in ("error", "warning", "info")}
+    total = ", ".join(
+        f"{n} {name if n == 1 else names}" for n, name, names in zip(counts.values(), *NAMES, strict=True)
+    )
+    return "\n".join([*lines, *([""] if found.diagnoses else []), total])
+
+
+NAMES = (("error", "warning", "remark"), ("errors", "warnings", "remarks"))
+
+
+def _described(found: "Examination") -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "path": str(found.path),
+        "format": found.format,
+        "configuration": str(found.configuration) if found.configuration else None,
+        "start_ns": found.log.start_ns if found.log else None,
+        "healthy": found.healthy,
+        "findings": [asdict(d) for d in found.diagnoses],
+    }
