@@ -14,15 +14,16 @@ from usbldr.io import conventions, headings, positions
 from usbldr.io.clocks import on_one_clock
 from usbldr.io.configuration import assumptions
 from usbldr.io.conventions import Converted
+from usbldr.io.heads import SHIP, samples, ship_choices
 from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance
 from usbldr.io.messages import Raw, raw, wanted_paths
 from usbldr.io.opening import AS_IT_LIES, Opened, Request, digest_paths, open_configured
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.sections import Configuration, GpsSection
 from usbldr.io.times import in_order
-from usbldr.io.topics import ROLES, Choice, choose_roles, find, named
+from usbldr.io.topics import ROLES, Choice, Roles, choose_roles, find, named
 from usbldr.io.truth import find_file, read_truth_file, truth_from_table
-from usbldr.io.usbl import Depths, usbl
+from usbldr.io.usbl import Beside, usbl
 
 
 def read_log(path: Path, request: Request = AS_IT_LIES) -> Log:
@@ -47,19 +48,29 @@ def configured_topics(configuration: Configuration) -> dict[str, str]:
     return {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
 
 
+def roles_of(path: Path, topics: Sequence[TopicInfo], request: Request, configuration: Configuration) -> Roles:
+    """Fill the roles; a ship's receiver or gyro that the configuration names for the head is none of the vehicle's."""
+    head, stated = configuration.usbl.head, configured_topics(configuration)
+    ships = [find(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
+    wished = [find(topics, name) for name in (*request.topics.values(), *stated.values())]
+    others = [topic for topic in topics if topic not in ships or topic in wished]
+    return choose_roles(path, others, request.topics, stated)
+
+
 def read(opened: Opened, request: Request) -> Log:
     """Read an opened log (see `read_log`)."""
     reader, configuration = opened.reader, opened.configuration
     path, topics = reader.path, reader.topics()
     if not any(topic.count or topic.problem for topic in topics):
         raise _without_messages(reader)
-    roles = choose_roles(path, topics, request.topics, configured_topics(configuration))
+    roles = roles_of(path, topics, request, configuration)
     for fault in roles.unclear.values():
         raise fault
     if not any(topic.count for topic in topics):
         raise _without_messages(reader)
     source = _truth_source(path, topics, request, configuration)
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
+    choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
     _refuse_truth_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
     raws, moved = on_one_clock(_raws(reader, choices), _timed_by_log(configuration))
 
@@ -170,13 +181,13 @@ def _timed_by_log(configuration: Configuration) -> frozenset[str]:
 
 
 def _origin(configuration: Configuration, raws: Mapping[str, Raw]) -> Origin | None:
-    """Return the plane's origin: [map], else a fixed USBL head, else the first valid GPS fix, else unknown."""
+    """Return the plane's origin: [map], else the fixed USBL head or beacon, else the first valid GPS fix, else none."""
     if configuration.map is not None:
         return Origin(configuration.map.origin_lat_deg, configuration.map.origin_lon_deg, "[map]")
-    head = configuration.usbl.head
-    if head is not None and head.lat_deg is not None and head.lon_deg is not None:
-        return Origin(head.lat_deg, head.lon_deg, "usbl head")
-    for role in ("gps", "truth"):
+    for end, what in ((configuration.usbl.head, "usbl head"), (configuration.usbl.beacon, "usbl beacon")):
+        if end is not None and end.lat_deg is not None and end.lon_deg is not None:
+            return Origin(end.lat_deg, end.lon_deg, what)
+    for role in ("gps", "truth", SHIP):
         if role in raws and "lat_deg" in raws[role].values:
             bad = np.any(list(positions.place_causes(raws[role]).values()), axis=0)
             lat, lon = (degrees[~bad] for degrees in positions.geodetic(raws[role]))
@@ -205,11 +216,8 @@ def _converted(
         else:
             made["depth"] = depth
     if "usbl" in raws:
-        depths = None
-        if "depth" in made:
-            ordered, _ = in_order(made["depth"].table, "", "depth")
-            depths = Depths(ordered["time_ns"].to_numpy(dtype=float), ordered["depth_m"].to_numpy(dtype=float))
-        made["usbl"] = usbl(raws["usbl"], configuration.usbl, origin, depths)
+        depths = samples(made["depth"], "depth", ["depth_m"]) if "depth" in made else None
+        made["usbl"] = usbl(raws["usbl"], configuration.usbl, origin, Beside(raws, made.get("compass"), depths))
     if "gps" in raws:
         try:
             made["gps"] = positions.gps(raws["gps"], configuration.gps, origin)

@@ -21,7 +21,7 @@ from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.log import COLUMNS, Log, Origin, Provenance
 from usbldr.io.reader import Column
-from usbldr.io.usbl import floored
+from usbldr.io.usbl_noise import floored
 
 Told = TypeVar("Told")
 START_NS = 1_767_225_600_000_000_000  # 2026-01-01T00:00:00Z: a fixed date, so that the same seed gives the same bytes

@@ -121,7 +121,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
 
 
 class Head(Section, frozen=True, kw_only=True):
-    """A fixed USBL head, by latitude and longitude or on the map."""
+    """The USBL head: fixed, or on a ship whose place and heading are topics of the log."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -129,17 +129,51 @@ class Head(Section, frozen=True, kw_only=True):
     north_m: float | None = None
     depth_m: float = 0.0
     topic: str | None = None
+    sd_m: NotNegative | None = None
+    heading_deg: float | None = None
     heading_topic: str | None = None
+    heading_convention: Literal["ENU", "NED", "compass"] | None = None
+    heading_bias_deg: float = 0.0
+    heading_declination_deg: float | Literal["auto"] | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    max_gap_s: Positive = 3.0
 
     def __post_init__(self) -> None:
-        """Refuse a head that moves, and one that is nowhere or in two places."""
-        if self.topic is not None or self.heading_topic is not None:
-            raise ValueError("a moving head cannot be used yet; state lat_deg and lon_deg of a fixed one")
-        geodetic = self.lat_deg is not None and self.lon_deg is not None
-        local = self.east_m is not None and self.north_m is not None
-        given = [v for v in (self.lat_deg, self.lon_deg, self.east_m, self.north_m) if v is not None]
-        if geodetic == local or len(given) != 2:
-            raise ValueError("state either lat_deg and lon_deg or east_m and north_m")
+        """Refuse a head that is nowhere or in two places, and one that cannot know its heading."""
+        place = (self.lat_deg, self.lon_deg, self.east_m, self.north_m)
+        if self.topic is not None and any(v is not None for v in place):
+            raise ValueError("state either where the head is or the topic that tells it")
+        if self.topic is None:
+            refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
+        if self.heading_deg is not None and self.heading_topic is not None:
+            raise ValueError("state either heading_deg or heading_topic")
+        if any(self.lever_arm_m) and self.heading_deg is None and self.heading_topic is None:
+            raise ValueError("a lever_arm_m is turned by the ship's heading; state heading_topic or heading_deg")
+
+
+class Beacon(Section, frozen=True, kw_only=True):
+    """A fixed beacon, where the vehicle carries the USBL head."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    east_m: float | None = None
+    north_m: float | None = None
+    depth_m: float = 0.0
+    sd_m: NotNegative = 0.0
+    max_gap_s: Positive = 3.0
+
+    def __post_init__(self) -> None:
+        """Refuse a beacon that is nowhere or in two places."""
+        refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
+
+
+def refuse_nowhere(lat_deg: float | None, lon_deg: float | None, east_m: float | None, north_m: float | None) -> None:
+    """Raise ValueError unless a place is stated, and in one way."""
+    geodetic = lat_deg is not None and lon_deg is not None
+    local = east_m is not None and north_m is not None
+    given = [v for v in (lat_deg, lon_deg, east_m, north_m) if v is not None]
+    if geodetic == local or len(given) != 2:
+        raise ValueError("state either lat_deg and lon_deg or east_m and north_m")
 
 
 class UsblSection(Section, frozen=True, kw_only=True):
@@ -151,10 +185,16 @@ class UsblSection(Section, frozen=True, kw_only=True):
     frame: Literal["ENU", "NED", "body"] | None = None
     relative_to: Literal["map", "head"] | None = None
     head: Head | None = None
+    beacon: Beacon | None = None
+    target: str | int | None = None
+    axes: str | None = None
+    mount_deg: float = 0.0
+    sound_speed_scale: Positive = 1.0
     sd_m: Positive | Literal["message"] | None = None
     range_sd_m: NotNegative | None = None
     range_sd_rel: NotNegative | None = None
     bearing_sd_deg: Positive | None = None
+    heading_sd_deg: NotNegative | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
     latency_s: float = 0.0
@@ -162,17 +202,24 @@ class UsblSection(Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Refuse keys that contradict each other."""
-        if self.frame == "body":
-            raise ValueError('frame = "body" cannot be used yet; give ENU or NED positions')
+        if self.axes is not None:
+            axis_signs(self.axes)
+        if self.head is not None and self.beacon is not None:
+            raise ValueError("the head is either at a known place (head) or on the vehicle (beacon)")
+        if self.beacon is not None and self.relative_to == "map":
+            raise ValueError('a beacon is measured from the vehicle: relative_to cannot be "map"')
+        if self.frame == "body" and self.relative_to == "map":
+            raise ValueError('frame = "body" counts from the head: relative_to cannot be "map"')
         polar = [self.range_sd_m, self.range_sd_rel, self.bearing_sd_deg]
         if self.sd_m is not None and any(v is not None for v in polar):
             raise ValueError("sd_m excludes range_sd_m, range_sd_rel and bearing_sd_deg")
+        known_end = self.head is not None or self.beacon is not None
         if any(v is not None for v in polar):
             if self.bearing_sd_deg is None or not (self.range_sd_m or self.range_sd_rel):
                 raise ValueError("range_sd_m or range_sd_rel and bearing_sd_deg belong together")
-            if self.head is None:
+            if not known_end:
                 raise ValueError("range_sd_m, range_sd_rel and bearing_sd_deg need the head's position (head = {...})")
-        if self.head is None and (self.relative_to == "head" or self.kind == "range_bearing"):
+        if not known_end and (self.relative_to == "head" or self.kind == "range_bearing" or self.frame == "body"):
             raise ValueError("the head's position is missing (head = { lat_deg = ..., lon_deg = ..., depth_m = ... })")
 
 

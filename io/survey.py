@@ -7,9 +7,8 @@ from pathlib import Path
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.log import Finding, Log
 from usbldr.io.opening import Request, open_configured
-from usbldr.io.read import configured_topics, read
+from usbldr.io.read import read, roles_of
 from usbldr.io.reader import TopicInfo
-from usbldr.io.topics import choose_roles
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ def survey(path: Path, request: Request) -> Survey:
     opened = open_configured(path, request)
     reader, configuration = opened.reader, opened.configuration
     topics = reader.topics()
-    roles = choose_roles(path, topics, request.topics, configured_topics(configuration)).chosen
+    roles = roles_of(path, topics, request, configuration).chosen
     log, fault = None, ""
     try:
         log = read(opened, request)

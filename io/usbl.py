@@ -1,150 +1,176 @@
 """USBL fixes as east and north on the local plane, with their covariance.
 
-A fix may come as latitude and longitude, as a position on the map, as an offset from a fixed head, or as slant range
-and bearing (degrees clockwise from true north) from that head.
+A fix may come as latitude and longitude, as a position on the map, as an offset from the head, or as slant range and
+bearing from the head. Offsets and bearings count from true north, or from the bow of whoever carries the head: a ship,
+or the vehicle itself, which then measures a fixed beacon. A heading of the vehicle that turns a fix ties the fix to the
+compass; the filter takes both as independent, and `of_known_end` adds what the heading's own noise does to the fix.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError
 from usbldr.filters.types import Array, Vector
-from usbldr.io.conventions import Converted, converted, dropped, stated
-from usbldr.io.geodesy import to_plane
+from usbldr.io.conventions import Converted, converted, dropped, kept, stated
+from usbldr.io.heads import KnownEnd, Samples, known_end
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages import Raw
-from usbldr.io.positions import message_covariance, on_plane, place_causes
-from usbldr.io.sections import Head, UsblSection
+from usbldr.io.messages import Mask, Raw
+from usbldr.io.positions import on_plane, place_causes
+from usbldr.io.sections import UsblSection, axis_signs
 from usbldr.io.times import times_of
+from usbldr.io.usbl_noise import floored, of_known_end, sensor_covariance, stated_covariance
+from usbldr.io.usbl_records import kind_of_fixes, of_target, told_once
 
-LEAST_SD_M = 0.15  # no fix is trusted more: floor of the eigenvalues of a covariance
-DEFAULT_SD_M, DEFAULT_SD_REL = 1.0, 0.02  # 2 % of the slant range, at least 1 m
-STATE_HEAD = "state head = {...} under [usbl]"
-
-
-@dataclass(frozen=True, slots=True)
-class HeadPlace:
-    """A fixed USBL head on the local plane."""
-
-    east_m: float
-    north_m: float
-    depth_m: float
+STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} where the vehicle carries the head"
 
 
 @dataclass(frozen=True, slots=True)
-class Depths:
-    """The vehicle's depth over time, for turning slant ranges into horizontal ones."""
+class Beside:
+    """What else the log holds that a fix may need."""
 
-    time_ns: Vector  # (n,) as float64: to the microsecond is enough here
-    depth_m: Vector
-
-    def at(self, time_ns: Vector) -> Vector:
-        """Return the depth at the times, NaN outside the log of depths."""
-        return np.interp(time_ns, self.time_ns, self.depth_m, left=np.nan, right=np.nan)
+    raws: Mapping[str, Raw]  # the ship's topics, by the roles of heads
+    compass: Converted | None  # the vehicle's
+    depths: Samples | None  # the vehicle's, metres below the surface
 
 
-def place_head(head: Head, origin: Origin | None) -> HeadPlace:
-    """Return where the head is on the plane."""
-    if head.east_m is not None and head.north_m is not None:
-        return HeadPlace(head.east_m, head.north_m, head.depth_m)
-    assert origin is not None, "a head with latitude and longitude gives the plane its origin"
-    east, north = to_plane(origin, np.array([head.lat_deg], dtype=float), np.array([head.lon_deg], dtype=float))
-    return HeadPlace(float(east[0]), float(north[0]), head.depth_m)
+class Sight(NamedTuple):
+    """Where n fixes are, before they are looked at for validity."""
+
+    position_m: Array  # (n, 2) east, north
+    turned_m: Array  # (n, 2) how much of it a heading turned
+    drop_m: Vector  # (n,) the vertical part of the line of sight, NaN unknown
+    stated_m2: Array  # (n, 2, 2) covariance by the messages, NaN unknown
+    causes: Mapping[str, Mask]
+    said: list[str]
+    findings: list[Finding]
+    from_end: bool = False  # counted from the head or beacon, not from the map
 
 
-def usbl(raw: Raw, section: UsblSection, origin: Origin | None, depths: Depths | None) -> Converted:
+def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) -> Converted:
     """Turn fixes to east and north with their covariance; those that are no numbers are left out.
 
     Raises LogError where none is left or where latitudes have no plane, UsageError where the section does not fit.
     """
-    kind, kind_who, findings = stated(raw, "kind", section.kind, "position")
-    by_frame = "NED" if "ned" in raw.frame_id.lower() else "ENU"
+    raw, target_said, findings = of_target(raw, section.target)
+    raw, more = told_once(raw)
+    kind, kind_who, unused = kind_of_fixes(raw, section, origin)
     times = times_of(raw, section.time, section.latency_s)
-    head = place_head(section.head, origin) if section.head else None
-    head_depth_m = head.depth_m if head else 0.0
-    drop_m = (depths.at(times.time_ns.astype(float)) if depths else np.full(len(times.time_ns), np.nan)) - head_depth_m
-    _check_kind(raw, kind)
-    if kind != "position" and (section.frame or section.relative_to):
-        text = f"{raw.topic.name}: frame and relative_to of the configuration are not used; its kind is {kind}"
-        findings.append(Finding("KEY-UNUSED", text))
-    said = [f"kind {kind} ({kind_who})"]
-    frame = "ENU"
-
-    if kind == "range_bearing":
-        if head is None:
-            raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
-        offset_east, offset_north, how, more = _from_range_and_bearing(raw, drop_m, head)
-        east, north = head.east_m + offset_east, head.north_m + offset_north
-        said.append(how)
-        findings += more
-        causes = {"not a number": ~(np.isfinite(east) & np.isfinite(north))}
-    elif kind == "latlon":
-        east, north = on_plane(raw, "latlon", origin)
-        causes = place_causes(raw)
+    end = known_end(section, beside.raws, beside.compass, origin, times.time_ns)
+    depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]
+    drop = depth - (end.depth_m if end else 0.0)
+    if kind == "latlon":
+        sight = _by_latitude(raw, origin, drop)
+    elif kind == "range_bearing":
+        sight = _by_range(raw, section, end, drop)
     else:
-        frame, who, more = stated(raw, "frame", section.frame, by_frame)
-        east, north = on_plane(raw, frame, origin)
-        relative, relative_who, more_still = stated(raw, "relative_to", section.relative_to, "head" if head else "map")
-        said += [
-            f"frame {frame} ({'by frame_id' if who == 'default' and by_frame == 'NED' else who})",
-            f"relative to the {relative} ({relative_who})",
-        ]
-        findings += [*more, *more_still]
-        if relative == "head" and head is None:
-            raise LogError(f"{raw.log}: {raw.topic.name} tells positions relative to the head; {STATE_HEAD}")
-        if relative == "head" and head:
-            drop_m = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
-            east, north = head.east_m + east, head.north_m + north
-        causes = place_causes(raw)
-    from_map = section.head is None or section.head.lat_deg is None  # not from a head of known latitude
-    if kind != "latlon" and from_map and origin is not None and origin.source != "[map]":
+        sight = _by_position(raw, section, origin, end, drop)
+    findings += [*more, *unused, *sight.findings, *_unused(raw, section, kind, sight), *(end.findings if end else ())]
+    if kind != "latlon" and not (end and end.geodetic) and origin is not None and origin.source != "[map]":
         text = (
             f"{raw.topic.name}: positions on a map whose origin nobody states; taken for the {origin.source}'s "
             "(state origin_lat_deg and origin_lon_deg under [map])"
         )
         findings.append(Finding("MAP-UNKNOWN", text))
-    good, invalid = dropped(raw, causes, "usbl", "left out")
-    R, sd_said = _covariance(raw, section, frame, east, north, drop_m, head)
+
+    good, invalid = dropped(raw, sight.causes, "usbl", "left out")
+    line = sight.position_m - (end.place_m if end else np.nan)
+    own, sd_said = sensor_covariance(section, sight.stated_m2, line, sight.drop_m)
+    R = floored(own + of_known_end(end, sight.turned_m) if end is not None and sight.from_end else own)
     columns = {
-        "east_m": east,
-        "north_m": north,
+        "east_m": sight.position_m[:, 0],
+        "north_m": sight.position_m[:, 1],
         "cov_ee_m2": R[:, 0, 0],
         "cov_en_m2": R[:, 0, 1],
         "cov_nn_m2": R[:, 1, 1],
     }
-    said += [f"head at {head.east_m:.2f} m east, {head.north_m:.2f} m north (configuration)"] if head else []
-    made = converted(raw, times, columns, [*said, sd_said], [*findings, *invalid])
-    return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)
+    said = [*target_said, f"kind {kind} ({kind_who})", *sight.said, *(end.said if end else ()), sd_said]
+    return kept(converted(raw, times, columns, said, [*findings, *invalid]), good)
 
 
-def _check_kind(raw: Raw, kind: str) -> None:
-    """Refuse a kind that the records cannot have."""
-    have = {"latlon"} if "lat_deg" in raw.layout.required else {"position", "latlon"}
-    have = {"range_bearing"} if "slant_range_m" in raw.layout.required else have
-    if kind not in have:
-        could = " or ".join(sorted(have))
-        raise UsageError(f'{raw.log}: [usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
+def _by_latitude(raw: Raw, origin: Origin | None, drop_m: Vector) -> Sight:
+    position = np.column_stack(on_plane(raw, "latlon", origin))
+    R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(position)))
+    return Sight(position, np.zeros_like(position), drop_m, R, place_causes(raw), [], [])
 
 
-def _from_range_and_bearing(raw: Raw, drop_m: Vector, head: HeadPlace) -> tuple[Vector, Vector, str, list[Finding]]:
-    """Return east and north from the head, (n,) each, and how the slant range became a horizontal one.
+def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: KnownEnd | None, drop_m: Vector) -> Sight:
+    """Place offsets from the head or beacon, and positions on the map."""
+    by_frame = "NED" if "ned" in raw.frame_id.lower() else "ENU"
+    frame, who, findings = stated(raw, "frame", section.frame, by_frame)
+    relative, relative_who, more = stated(raw, "relative_to", section.relative_to, "head" if end else "map")
+    relative = "head" if frame == "body" else relative
+    said = [
+        f"frame {frame} ({'by frame_id' if who == 'default' and by_frame == 'NED' else who})",
+        f"relative to the {relative} ({relative_who})",
+    ]
+    findings = [*findings, *more]
+    if relative == "head" and end is None:
+        raise LogError(f"{raw.log}: {raw.topic.name} tells positions relative to the head; {STATE_HEAD}")
+    axes, turn = np.eye(2), np.zeros(len(drop_m))
+    if frame == "body" and end is not None:
+        offset, axes, more_said, more = _from_bow(raw, section, end)
+        turn = end.turning.heading_deg + section.mount_deg
+        said, findings = [*said, *more_said], [*findings, *more]
+    else:
+        offset = np.column_stack(on_plane(raw, frame, origin))
+    R = stated_covariance(raw, frame, axes, turn)
+    if relative == "map" or end is None:
+        return Sight(offset, np.zeros_like(offset), drop_m, R, place_causes(raw), said, findings)
+    drop = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
+    said += [_scaled(section)] if section.sound_speed_scale != 1 else []
+    offset = offset * section.sound_speed_scale
+    return _from_end(end, offset, frame == "body", Sight(offset, offset, drop, R, place_causes(raw), said, findings))
+
+
+def _from_bow(raw: Raw, section: UsblSection, end: KnownEnd) -> tuple[Array, Array, list[str], list[Finding]]:
+    """Turn offsets along the instrument's axes onto the plane, (n, 2).
+
+    Returns beside them the axes, (2, 2): starboard and forward of x and y.
+    """
+    by_frame = "FRD" if "ned" in raw.frame_id.lower() or "frd" in raw.frame_id.lower() else "FLU"
+    names, who, findings = stated(raw, "axes", section.axes, by_frame)
+    instrument, axes = np.zeros((3, len(raw.received_ns))), np.zeros((3, 2))
+    for column, (name, (axis, sign)) in enumerate(zip("xyz", axis_signs(names), strict=True)):
+        instrument[axis] = sign * raw.number(name)
+        if name != "z":
+            axes[axis, column] = sign
+    _need_heading(raw, section, end)
+    offset = end.turning.east_north(instrument[0], instrument[1], section.mount_deg)
+    mount = f"mount {section.mount_deg:g} deg ({'configuration' if section.mount_deg else 'default'})"
+    return offset, axes[:2], [f"axes {names} ({who})", mount], findings
+
+
+def _need_heading(raw: Raw, section: UsblSection, end: KnownEnd) -> None:
+    if np.isfinite(end.turning.heading_deg).any():
+        return
+    whom = "the vehicle has no compass" if section.beacon else "state its heading_topic or heading_deg in head = {...}"
+    raise LogError(f"{raw.log}: {raw.topic.name} counts from the bow of whoever carries the head: {whom}")
+
+
+def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vector) -> Sight:
+    """Place slant ranges and bearings (clockwise from true north, in a body frame from the bow).
 
     The vehicle's depth comes first, then the fix's own, then its elevation; without any the range is taken as it is.
     """
-    slant, bearing = raw.number("slant_range_m"), np.radians(raw.number("bearing_deg"))
-    elevation, own_drop = np.radians(raw.number("elevation_deg")), raw.number("depth_m") - head.depth_m
+    if end is None:
+        raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
+    frame, who, findings = stated(raw, "frame", section.frame, "ENU")
+    slant = raw.number("slant_range_m") * section.sound_speed_scale
+    bearing, elevation = raw.number("bearing_deg"), np.radians(raw.number("elevation_deg"))
+    own_drop = raw.number("depth_m") - end.depth_m
     drop = np.where(np.isfinite(drop_m), drop_m, own_drop)
     by_depth = np.sqrt(np.maximum(slant**2 - drop**2, 0.0))
     by_elevation = np.where(np.isfinite(elevation), slant * np.cos(elevation), slant)
     horizontal = np.where(np.isfinite(drop), by_depth, by_elevation)
-    findings: list[Finding] = []
     short = int(np.sum(slant < np.abs(drop)))
     if short:
         text = (
             f"{raw.topic.name}: {short} slant ranges are shorter than the depth below the head; taken as straight below"
         )
-        findings.append(Finding("USBL-SHORT", text))
+        findings = [*findings, Finding("USBL-SHORT", text)]
     counts = {
         "the vehicle's depth": np.isfinite(drop_m),
         "the fix's depth": ~np.isfinite(drop_m) & np.isfinite(own_drop),
@@ -152,57 +178,42 @@ def _from_range_and_bearing(raw: Raw, drop_m: Vector, head: HeadPlace) -> tuple[
         "nothing (taken as horizontal)": ~np.isfinite(drop) & ~np.isfinite(elevation),
     }
     parts = ", ".join(f"{np.sum(mask)} by {what}" for what, mask in counts.items() if np.any(mask))
-    return horizontal * np.sin(bearing), horizontal * np.cos(bearing), f"slant to horizontal range: {parts}", findings
+    said = [f"slant to horizontal range: {parts}"]
+    said += [_scaled(section)] if section.sound_speed_scale != 1 else []
+    causes = {"not a number": ~(np.isfinite(slant) & np.isfinite(bearing))}
+    offset = np.column_stack([horizontal * np.sin(np.radians(bearing)), horizontal * np.cos(np.radians(bearing))])
+    if frame == "body":
+        _need_heading(raw, section, end)
+        offset = end.turning.east_north(offset[:, 0], offset[:, 1], section.mount_deg)
+        said.append(f"bearings from the bow ({who}), mount {section.mount_deg:g} deg")
+    R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
+    return _from_end(end, offset, frame == "body", Sight(offset, offset, drop, R, causes, said, findings))
 
 
-def _covariance(
-    raw: Raw,
-    section: UsblSection,
-    frame: str,
-    east: Vector,
-    north: Vector,
-    drop_m: Vector,
-    head: HeadPlace | None,
-) -> tuple[Array, str]:
-    """Return the covariance of each fix, (n, 2, 2), and where it comes from."""
-    count = len(east)
-    offset = np.stack([east - head.east_m, north - head.north_m], axis=-1) if head else np.full((count, 2), np.nan)
-    slant = np.sqrt(np.sum(offset**2, axis=-1) + np.nan_to_num(drop_m) ** 2)
-    if section.bearing_sd_deg is not None:
-        range_m, rel = section.range_sd_m or 0.0, section.range_sd_rel or 0.0
-        along, across = range_m**2 + (rel * slant) ** 2, (np.radians(section.bearing_sd_deg) * slant) ** 2
-        said = f"range sd {range_m:g} m and {100 * rel:g} %, bearing sd {section.bearing_sd_deg:g} deg (configuration)"
-        return floored(_along_and_across(offset, along, across)), said
-    if isinstance(section.sd_m, float):
-        return floored(np.tile(np.eye(2) * section.sd_m**2, (count, 1, 1))), f"sd {section.sd_m:g} m (configuration)"
-    R = message_covariance(raw, frame)
-    known = np.isfinite(R[:, 0, 0])
-    default = np.fmax(DEFAULT_SD_M, DEFAULT_SD_REL * slant)  # fmax: 1 m where there is no head
-    cov = np.where(known[:, None, None], R, np.eye(2) * (default**2)[:, None, None])
-    guess = (
-        f"{100 * DEFAULT_SD_REL:g} % of the slant range, at least {DEFAULT_SD_M:g} m" if head else f"{DEFAULT_SD_M:g} m"
-    )
-    who = "configuration" if section.sd_m == "message" else "default"
-    if known.all():
-        return floored(cov), f"covariance of the messages ({who})"
-    if known.any():
-        return floored(cov), f"covariance of {np.sum(known)} of {count} messages ({who}), else sd {guess} (default)"
-    return floored(cov), f"sd {guess} (default)" + (": the messages state none" if section.sd_m == "message" else "")
+def _scaled(section: UsblSection) -> str:
+    return f"ranges times {section.sound_speed_scale:g} for the speed of sound (configuration)"
 
 
-def _along_and_across(offset: Array, along: Vector, across: Vector) -> Array:
-    """Return U diag(along, across) U', U turning the first axis to the direction of the offset, (n, 2, 2)."""
-    bearing = np.arctan2(offset[:, 0], offset[:, 1])
-    c, s = np.cos(bearing), np.sin(bearing)
-    ee, nn = along * s * s + across * c * c, along * c * c + across * s * s
-    en = (along - across) * s * c
-    return np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
+def _from_end(end: KnownEnd, offset_m: Array, turned: bool, sight: Sight) -> Sight:
+    """Put an offset, (n, 2), onto the known end; the vehicle's own head measures where the beacon is from it."""
+    away = end.sign * offset_m
+    causes = {**sight.causes, **end.causes}
+    if turned:
+        causes["without a heading at their time"] = ~np.isfinite(end.turning.heading_deg)
+    turned_m = end.arm_m + (away if turned else 0.0)
+    return sight._replace(position_m=end.place_m + away, turned_m=turned_m, causes=causes, from_end=True)
 
 
-def floored(R: Array) -> Array:
-    """Raise the eigenvalues to LEAST_SD_M squared."""
-    safe = np.where(np.isfinite(R), R, np.eye(2))  # of fixes that are left out
-    values, U = np.linalg.eigh(safe)
-    raised = np.einsum("nij,nj,nkj->nik", U, np.maximum(values, LEAST_SD_M**2), U)
-    low = values[:, 0] < LEAST_SD_M**2
-    return np.where(low[:, None, None], raised, safe)
+def _unused(raw: Raw, section: UsblSection, kind: str, sight: Sight) -> list[Finding]:
+    """Say which keys of the configuration could not act."""
+    turned = any("from the bow" in said or said.startswith("axes") for said in sight.said)
+    unused = {
+        "frame": kind != "position" and section.frame is not None and not turned,
+        "relative_to": kind != "position" and section.relative_to is not None,
+        "axes": section.axes is not None and not any(said.startswith("axes") for said in sight.said),
+        "mount_deg": section.mount_deg != 0 and not turned,
+        "sound_speed_scale": section.sound_speed_scale != 1 and _scaled(section) not in sight.said,
+    }
+    keys = [key for key, idle in unused.items() if idle]
+    text = f"{raw.topic.name}: {' and '.join(keys)} of the configuration are not used; its kind is {kind}"
+    return [Finding("KEY-UNUSED", text)] if keys else []

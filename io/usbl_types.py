@@ -13,7 +13,11 @@ TARGET = {"target": "target", "status": "fix_status", "sd_m": "sd_m"}
 SURER = "log Cartesian coordinates (C) or latitudes and longitudes (R)"
 TILTED = "has a frame that is tilted with the instrument; log its head-up, north-up or east-up frame"
 
+BODY_SFD, BODY_FRD = ({"frame": "body", "relative_to": "head", "axes": axes} for axes in ("SFD", "FRD"))
+
 SENTENCES = (
+    Layout("psimssb_c_h", own("x", "y"), own("z") | TARGET, "by type", BODY_SFD),
+    *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", BODY_FRD) for kind in ("ptsax", "pevossb_h")),
     *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", NED_OF_HEAD) for kind in ("psimssb_c_n", "pevossb_n")),
     *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", ENU_OF_HEAD) for kind in ("psimssb_c_e", "pevossb_e")),
     *(

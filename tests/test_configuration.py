@@ -43,9 +43,10 @@ def written(tmp_path: Path, text: str) -> Path:
          "(allowed: kind, share, variance_ratio, per)"),
         ("[compass]\nconvention = 'NWU'", "[compass] convention: NWU is not allowed (allowed: ENU, NED, compass)"),
         ("[usbl]\nsd_m = 'messages'", "[usbl] sd_m: messages is not allowed (allowed: a number, message)"),
-        ("[usbl]\nframe = 'body'", '[usbl]: frame = "body" cannot be used yet; give ENU or NED positions'),
-        ("[usbl]\nhead = { topic = '/ship' }", "[usbl] head: a moving head cannot be used yet; state lat_deg and "
-         "lon_deg of a fixed one"),
+        ("[usbl]\nframe = 'body'", "[usbl]: the head's position is missing (head = { lat_deg = ..., lon_deg = ..., "
+         "depth_m = ... })"),
+        ("[usbl]\nhead = { topic = '/ship', east_m = 1.0 }", "[usbl] head: state either where the head is "
+         "or the topic that tells it"),
         ("[usbl]\nhead = { lat_deg = 1.0 }", "[usbl] head: state either lat_deg and lon_deg or east_m and north_m"),
         ("[usbl]\nrelative_to = 'head'", "[usbl]: the head's position is missing (head = { lat_deg = ..., lon_deg = "
          "..., depth_m = ... })"),

@@ -181,7 +181,8 @@ def test_ranges_without_a_head_are_an_error(tmp_path: Path) -> None:
         sheet(tmp_path, "time_ns,slant_range_m,bearing_deg\n0,10,90", "")
 
     assert str(fault.value) == (
-        f"{tmp_path / 'dive'}: /usbl holds ranges and bearings; state head = {{...}} under [usbl]"
+        f"{tmp_path / 'dive'}: /usbl holds ranges and bearings; state head = {{...}} under [usbl], "
+        "or beacon = {...} where the vehicle carries the head"
     )
 
 

@@ -1,0 +1,84 @@
+"""Which of a USBL's records are fixes of the vehicle, and of which kind they are."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.conventions import stated
+from usbldr.io.log import Finding, Origin
+from usbldr.io.messages import Mask, Raw
+from usbldr.io.sections import UsblSection
+
+SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
+
+
+def of_target(raw: Raw, target: str | int | None) -> tuple[Raw, list[str], list[Finding]]:
+    """Return the fixes of one target; raise UsageError where there are several and none or another is named."""
+    if "target" not in raw.values:
+        if target is None:
+            return raw, [], []
+        text = f"{raw.topic.name}: target of the configuration is not used; its records name none"
+        return raw, [], [Finding("KEY-UNUSED", text)]
+    names, counts = np.unique(raw.text("target"), return_counts=True)
+    listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
+    wanted = str(target) if target is not None else str(names[0]) if len(names) == 1 else None
+    if wanted is None:
+        say = "choose one with target under [usbl]"
+        raise UsageError(f"{raw.log}: {raw.topic.name} holds fixes of {len(names)} targets: {listed}; {say}")
+    if wanted not in names:
+        raise UsageError(f"{raw.log}: [usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
+    who = "configuration" if target is not None else "the only one"
+    return _rows(raw, raw.text("target") == wanted), [f"target {wanted} ({who})"], []
+
+
+def told_once(raw: Raw) -> tuple[Raw, list[Finding]]:
+    """Leave out latitudes and longitudes that repeat the fix before: its source is asked more often than it pings."""
+    again = np.zeros(len(raw.received_ns), dtype=np.bool_)
+    if "lat_deg" in raw.layout.required and not raw.topic.type.startswith("usbldr/"):
+        columns = [column for path, column in raw.values.items() if not path.startswith("header.")]
+        again[1:] = np.all([column[1:] == column[:-1] for column in columns], axis=0)
+    if not again.any():
+        return raw, []
+    text = f"{raw.topic.name}: {again.sum()} of {len(again)} fixes repeat the one before to the last digit; left out"
+    return _rows(raw, ~again), [Finding("USBL-REPEATED", text)]
+
+
+def _rows(raw: Raw, mask: Mask) -> Raw:
+    stamp = None if raw.stamp_ns is None else raw.stamp_ns[mask]
+    values = {quantity: column[mask] for quantity, column in raw.values.items()}
+    return replace(raw, stamp_ns=stamp, received_ns=raw.received_ns[mask], values=values)
+
+
+def kind_of_fixes(raw: Raw, section: UsblSection, origin: Origin | None) -> tuple[str, str, list[Finding]]:
+    """Return the kind of the fixes and who chose it; refuse one that the records cannot have."""
+    kind, who, findings = stated(raw, "kind", section.kind, "position")
+    have = {"latlon"} if "lat_deg" in raw.layout.required else {"position", "latlon"}
+    have = {"range_bearing"} if "slant_range_m" in raw.layout.required else have
+    if kind not in have:
+        could = " or ".join(sorted(have))
+        raise UsageError(f'{raw.log}: [usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
+    free = (who, section.frame, section.relative_to, section.head, section.beacon) == (
+        "default",
+        None,
+        None,
+        None,
+        None,
+    )
+    if free and raw.layout.type.startswith("pose") and _like_latitudes(raw, origin):
+        text = (
+            f"{raw.topic.name}: x and y are taken for latitude and longitude, for such they may be; "
+            'if they are metres, state kind = "position" under [usbl]'
+        )
+        return "latlon", "by its values", [Finding("USBL-LATLON", text)]
+    return kind, who, findings
+
+
+def _like_latitudes(raw: Raw, origin: Origin | None) -> bool:
+    """Tell whether a pose's x and y are degrees, as COLA2 fills them: near the origin, or hardly changing at all."""
+    x, y = (v[np.isfinite(v)] for v in (raw.number("x"), raw.number("y")))
+    if len(x) < 3 or not len(y) or max(np.abs(x).max(), np.abs(y).max() / 2) > 90:
+        return False
+    if origin is not None:
+        return bool(np.abs(x - origin.lat_deg).max() < SPREAD_DEG and np.abs(y - origin.lon_deg).max() < SPREAD_DEG)
+    return bool(0 < np.ptp(x) < SPREAD_DEG and np.ptp(y) < SPREAD_DEG and np.hypot(x, y).min() > 1)
