@@ -6,9 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from usbldr.filters.disturbances import draw
 from usbldr.filters.dives import motion
-from usbldr.filters.noise import Gaussian, Mixture
+from usbldr.filters.noise import Gaussian
 from usbldr.filters.scenarios import Accuracy, Leg, Outliers, Scenario, Timing
 from usbldr.filters.simulation import simulate
 from usbldr.io.scenario_library import find_scenario
@@ -144,32 +143,6 @@ def test_what_one_sensor_draws_does_not_hang_on_the_others() -> None:
     np.testing.assert_array_equal(simulate(slow, 0).compass.value, simulate(PAPER, 0).compass.value)
 
 
-def test_the_noise_of_equation_23_has_its_variance_and_its_tails() -> None:
-    R = np.diag([4.0, 0.25])
-
-    e = draw(Mixture(), R, 200_000, np.random.default_rng(0)) / np.sqrt(np.diag(R))
-
-    # 0.7 * 1 + 0.3 * 10; beyond 3 sigma: 0.7 * 0.0027 + 0.3 * P(|N| > 3 / sqrt 10); standard errors .017 and .0007
-    np.testing.assert_allclose((e**2).mean(axis=0), 3.7, atol=0.08)
-    np.testing.assert_allclose((np.abs(e) > 3).mean(axis=0), 0.7 * 0.0027 + 0.3 * 0.34278, atol=0.003)
-
-
-@pytest.mark.parametrize(("per_scalar", "expected"), [(True, 0.0), (False, 0.21 * 81)])
-def test_scalars_share_their_mode_only_where_the_record_draws_it(per_scalar: bool, expected: float) -> None:
-    e = draw(Mixture(per_scalar=per_scalar), np.eye(2), 200_000, np.random.default_rng(1))
-
-    # two scalars of one mode: cov(e1^2, e2^2) = variance of the mode's own variance = 0.7 * 0.3 * (10 - 1)^2
-    assert np.cov((e**2).T)[0, 1] == pytest.approx(expected, abs=1.0)
-
-
-def test_noise_of_a_record_keeps_its_covariance_between_axes() -> None:
-    R = np.array([[4.0, 1.5], [1.5, 1.0]])
-
-    e = draw(Gaussian(per_scalar=False), R, 200_000, np.random.default_rng(2))
-
-    np.testing.assert_allclose(np.cov(e.T), R, atol=0.05)
-
-
 def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
     silent = dataclasses.replace(
         PAPER,
@@ -184,21 +157,6 @@ def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
     np.testing.assert_array_equal(dive.dvl.value, whole.dvl.value[kept])
     np.testing.assert_array_equal(dive.usbl.value, whole.usbl.value[5:])
     assert len(dive.truth.time_s) == 5001
-
-
-def test_outliers_strike_their_share_of_the_fixes_at_their_distances_in_all_directions() -> None:
-    exact = _without_noise(dataclasses.replace(PAPER, duration_s=20_000.0))
-    struck = dataclasses.replace(exact, usbl=dataclasses.replace(exact.usbl, outliers=Outliers(0.05, 5.0, 40.0)))
-
-    error_m = simulate(struck, 0).usbl.value - simulate(exact, 0).usbl.value
-    far_m = np.hypot(*error_m.T)
-
-    hit = far_m > 0
-    assert hit.mean() == pytest.approx(0.05, abs=0.006)  # four standard errors
-    assert 5 <= far_m[hit].min() <= far_m[hit].max() <= 40
-    assert far_m[hit].mean() == pytest.approx(22.5, abs=4 * 35 / math.sqrt(12 * hit.sum()))
-    quarters = np.bincount((np.arctan2(*error_m[hit].T) // (np.pi / 2)).astype(int) + 2, minlength=4)
-    np.testing.assert_allclose(quarters / hit.sum(), 0.25, atol=4 * math.sqrt(0.25 * 0.75 / hit.sum()))
 
 
 def test_jitter_delays_the_stamp_with_the_vehicle_and_spread_delays_the_arrival_alone() -> None:
