@@ -2,15 +2,16 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from usbldr.filters.dives import motion
 from usbldr.filters.noise import Gaussian
-from usbldr.filters.scenarios import Accuracy, Leg, Outliers, Scenario, Timing
-from usbldr.filters.simulation import simulate
-from usbldr.io.scenario_library import find_scenario
+from usbldr.filters.scenarios import Accuracy, Head, Leg, Outliers, Scenario, Timing
+from usbldr.filters.simulation import rotation, simulate
+from usbldr.io.scenario_library import find_scenario, scenario_names
 
 PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
 
@@ -53,40 +54,6 @@ def test_gps_is_the_truth() -> None:
     dive = simulate(PAPER, 0)
 
     np.testing.assert_array_equal(dive.gps.value, dive.truth.position_m[::5])
-
-
-def test_the_closed_form_of_turns_equals_a_fine_integration() -> None:
-    t = np.linspace(0, 350, 350_001)
-    track = motion(TURNING, t)
-    u, v = track.velocity_mps.T
-    V = np.column_stack(
-        [u * np.cos(track.yaw_rad) - v * np.sin(track.yaw_rad), u * np.sin(track.yaw_rad) + v * np.cos(track.yaw_rad)]
-    )
-
-    steps = (V[1:] + V[:-1]) / 2 * 1e-3
-    jumps = np.isin(np.arange(1, len(t)), [100_000, 150_000])  # the step into a new leg still belongs to the old one
-    steps[jumps] = V[:-1][jumps] * 1e-3
-    summed = np.array([12.0, -7.0]) + np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-
-    np.testing.assert_allclose(track.position_m, summed, atol=3e-4)
-    turned = np.cumsum(track.turn_rate_radps[:-1] * 1e-3)
-    np.testing.assert_allclose(track.yaw_rad[1:], math.radians(5) + turned, atol=1e-9)
-
-
-def test_a_full_circle_comes_back_and_its_width_is_twice_speed_over_turn_rate() -> None:
-    circle = dataclasses.replace(PAPER, legs=(Leg(100.0, 0.0, 2.0, 2 * math.pi / 100),), yaw_rad=0.0)
-
-    start, halfway, end = motion(circle, np.array([0.0, 50.0, 100.0])).position_m
-
-    np.testing.assert_allclose(end, start, atol=1e-12)
-    # counter-clockwise from north: the circle lies to the west
-    np.testing.assert_allclose(halfway - start, [-2 * 2.0 / (2 * math.pi / 100), 0], atol=1e-12)
-
-
-def test_the_motion_reaches_back_before_the_start() -> None:
-    c, s = math.cos(math.radians(5)), math.sin(math.radians(5))
-
-    np.testing.assert_allclose(motion(PAPER, np.array([-2.0])).position_m, [[-2 * (c - s), -2 * (s + c)]])
 
 
 def test_sensors_without_noise_tell_the_truth() -> None:
@@ -193,23 +160,6 @@ def test_noise_outliers_jitter_and_delay_leave_each_other_alone() -> None:
     np.testing.assert_array_equal(rich[spared], plain[: len(rich)][spared])
 
 
-def test_the_lawnmower_turns_at_the_lane_ends_and_goes_up_the_field() -> None:
-    t = np.arange(0.0, 900.5, 0.5)
-    track = motion(LAWNMOWER, t)
-
-    heading = np.degrees(-track.yaw_rad) % 360
-    for lane in range(6):
-        on_it = (t >= 155 * lane) & (t < 155 * lane + 125)
-        np.testing.assert_allclose(heading[on_it], 280 if lane % 2 == 0 else 100)
-    turning = track.turn_rate_radps != 0
-    assert turning.sum() == 5 * 60
-    np.testing.assert_allclose(np.abs(np.degrees(track.turn_rate_radps[turning])), 6)
-    # lanes lie one turning circle apart: speed over turn rate is the radius
-    across = np.array([math.sin(math.radians(10)), math.cos(math.radians(10))])  # to the right of heading 280
-    steps = np.diff([(track.position_m[np.searchsorted(t, 155 * lane + 60)] @ across) for lane in range(6)])
-    np.testing.assert_allclose(steps, 2 * 0.9 / math.radians(6), atol=1.5)
-
-
 def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
     dive = simulate(LAWNMOWER, 0)
 
@@ -221,3 +171,147 @@ def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
     assert 0.5 <= delay_s.min() < delay_s.max() <= 2.0
     error_m = np.hypot(*(dive.usbl.value - motion(LAWNMOWER, dive.usbl.time_s).position_m).T)
     assert 0.02 < (error_m > 5).mean() < 0.1
+
+
+def _with(scenario: Scenario, sensor: str, **errors) -> Scenario:
+    """Return the scenario with errors of one sensor."""
+    return dataclasses.replace(scenario, **{sensor: dataclasses.replace(getattr(scenario, sensor), **errors)})
+
+
+@pytest.mark.parametrize(
+    ("sensor", "bias", "added"),
+    [
+        ("dvl", {"bias_mps": (0.03, -0.04)}, [0.03, -0.04]),
+        ("compass", {"bias_rad": 0.02}, [0.02]),
+        ("usbl", {"bias_m": (0.5, -0.25)}, [0.5, -0.25]),
+        ("gps", {"bias_m": (0.5, -0.25)}, [0.5, -0.25]),
+    ],
+)
+def test_a_positive_bias_is_in_every_record_of_its_sensor_and_in_no_other(
+    sensor: str, bias: dict[str, Any], added: list[float]
+) -> None:
+    plain, biased = simulate(TURNING, 2), simulate(_with(TURNING, sensor, **bias), 2)
+
+    for name in ("dvl", "compass", "usbl", "gps"):
+        difference = getattr(biased, name).value - getattr(plain, name).value
+        np.testing.assert_allclose(difference, np.broadcast_to(added if name == sensor else 0.0, difference.shape))
+
+
+def test_a_dvl_ahead_of_the_reference_point_sweeps_to_port_in_a_left_turn_and_one_to_starboard_runs_ahead() -> None:
+    exact = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0, 0.1),))
+
+    ahead = simulate(_with(exact, "dvl", lever_m=(0.0, 2.0, -1.0)), 0).dvl.value
+    aside = simulate(_with(exact, "dvl", lever_m=(2.0, 0.0, 0.0)), 0).dvl.value
+
+    np.testing.assert_allclose(ahead, np.tile([-0.2, 1.0], (5001, 1)), atol=1e-12)
+    np.testing.assert_allclose(aside, np.tile([0.0, 1.2], (5001, 1)), atol=1e-12)
+
+
+def test_a_levered_dvl_sees_the_derivative_of_its_own_track() -> None:
+    lever = (0.7, -2.0, 0.0)
+    exact = _without_noise(TURNING)
+    as_antenna = simulate(_with(_with(exact, "gps", rate_hz=1000.0), "gps", lever_m=lever), 0).gps
+    dive = simulate(_with(exact, "dvl", lever_m=lever), 0)
+
+    k = np.array([50, 200, 600, 1000])  # seconds times 5, none at a corner
+    slope = (as_antenna.value[200 * k + 1] - as_antenna.value[200 * k - 1]) / 0.002
+    yaw = dive.truth.yaw_rad[k]
+    u, v = dive.dvl.value[k].T
+    np.testing.assert_allclose(
+        np.column_stack([u * np.cos(yaw) - v * np.sin(yaw), u * np.sin(yaw) + v * np.cos(yaw)]), slope, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("sensor", ["usbl", "gps"])
+def test_a_lever_arm_to_starboard_shows_south_of_a_vehicle_that_heads_east(sensor: str) -> None:
+    east = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0),), yaw_rad=-math.pi / 2)
+
+    seen = getattr(simulate(_with(east, sensor, lever_m=(0.5, 2.0, 3.0)), 0), sensor).value
+
+    np.testing.assert_allclose(seen - simulate(east, 0).gps.value, np.tile([2.0, -0.5], (1001, 1)), atol=1e-9)
+
+
+def test_deviation_is_a_sine_and_a_cosine_of_the_heading() -> None:
+    round_about = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0, 2 * math.pi / 1000),))
+    A, B = math.radians(2.0), math.radians(1.0)  # heading h reads h + A sin h + B cos h
+
+    iron = _with(round_about, "compass", deviation_rad=(A, -B))
+    seen, true = -simulate(iron, 0).compass.value[:, 0], -simulate(round_about, 0).compass.value[:, 0]
+
+    np.testing.assert_allclose(seen - true, A * np.sin(true) + B * np.cos(true), atol=1e-12)
+    assert (seen - true).max() == pytest.approx(math.hypot(A, B), rel=1e-4)
+
+
+def test_a_usbl_that_reads_ranges_too_long_shows_the_vehicle_further_from_its_head() -> None:
+    exact = _with(_without_noise(TURNING), "usbl", head=Head(40.0, 30.0, 0.0))
+
+    long = simulate(_with(exact, "usbl", scale_error=0.01), 0).usbl.value - [40.0, 30.0]
+
+    np.testing.assert_allclose(long, 1.01 * (simulate(exact, 0).gps.value - [40.0, 30.0]))
+
+
+def test_a_usbl_that_is_misaligned_turns_its_fixes_counter_clockwise_about_its_head() -> None:
+    east = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 0.0),), east_m=100.0)
+
+    turned = simulate(_with(east, "usbl", misalignment_rad=0.1), 0).usbl.value
+
+    np.testing.assert_allclose(turned, np.tile([100 * math.cos(0.1), 100 * math.sin(0.1)], (1001, 1)))
+
+
+def test_the_compass_error_of_the_boat_turns_the_fixes_of_an_inverted_usbl_about_the_beacon() -> None:
+    """Boat = beacon - R(seen yaw) what was heard in the boat's frame, worked out here by hand."""
+    exact = _with(_without_noise(TURNING), "usbl", head=Head(40.0, 30.0, 1.0), lever_m=(0.2, -2.5, 0.0))
+    boat = _with(_with(exact, "usbl", inverted=True), "compass", bias_rad=0.05, deviation_rad=(0.02, 0.01))
+
+    dive = simulate(boat, 0)
+
+    true, seen = dive.truth.yaw_rad[::5], dive.compass.value[::5, 0]
+    for k in range(0, 351, 25):
+        at_head = dive.truth.position_m[5 * k] + rotation(true[k]) @ [0.2, -2.5]
+        heard = rotation(true[k]).T @ (np.array([40.0, 30.0]) - at_head)
+        np.testing.assert_allclose(dive.usbl.value[k], [40.0, 30.0] - rotation(seen[k]) @ heard, atol=1e-9)
+    upright = simulate(_with(exact, "compass", bias_rad=0.05), 0)
+    np.testing.assert_allclose(upright.usbl.value, simulate(exact, 0).usbl.value)
+
+
+@pytest.mark.parametrize("sensor", ["dvl", "compass", "usbl", "gps"])
+def test_a_clock_that_is_ahead_stamps_and_delivers_later_what_it_saw_in_time(sensor: str) -> None:
+    plain = getattr(simulate(TURNING, 1), sensor)
+
+    ahead = getattr(simulate(_with(TURNING, sensor, timing=Timing(clock_offset_s=0.35)), 1), sensor)
+
+    np.testing.assert_allclose(ahead.time_s - plain.time_s, 0.35)
+    np.testing.assert_allclose(ahead.received_s - plain.received_s, 0.35)
+    np.testing.assert_array_equal(ahead.value, plain.value)
+
+
+@pytest.mark.parametrize("sensor", ["dvl", "compass"])
+def test_a_latency_shows_what_the_vehicle_did_earlier(sensor: str) -> None:
+    exact = _without_noise(TURNING)
+    late = getattr(simulate(_with(exact, sensor, timing=Timing(latency_s=0.4)), 0), sensor)
+
+    np.testing.assert_allclose(late.value[2:], getattr(simulate(exact, 0), sensor).value[:-2], atol=1e-12)
+
+
+def test_without_bottom_lock_the_dvl_sees_the_water_and_says_so() -> None:
+    carried = dataclasses.replace(
+        _without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.2),), yaw_rad=0.0, current_mps=(0.3, -0.2)
+    )
+
+    dvl = simulate(_with(carried, "dvl", water_track_s=((100.0, 130.0),)), 0).dvl
+
+    lost = (dvl.time_s >= 100) & (dvl.time_s < 130)
+    np.testing.assert_array_equal(dvl.valid, ~lost)
+    np.testing.assert_allclose(dvl.value[lost], np.tile([0.0, 1.2], (150, 1)))
+    np.testing.assert_allclose(dvl.value[~lost], np.tile([0.3, 1.0], (4851, 1)))
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_repeats_itself_by_its_seed(name: str) -> None:
+    first, again, other = (simulate(find_scenario(name), seed) for seed in (1, 1, 2))
+
+    for sensor in ("dvl", "compass", "usbl", "gps"):
+        for a, b in zip(getattr(first, sensor), getattr(again, sensor), strict=True):
+            assert a.tobytes() == b.tobytes()
+    for sensor in ("dvl", "compass", "usbl"):
+        assert getattr(first, sensor).value.tobytes() != getattr(other, sensor).value.tobytes()
