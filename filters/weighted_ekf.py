@@ -51,7 +51,7 @@ class TwoStageBelief(NamedTuple):
     reckoned_m: Vector  # (2,) east and north of the motion alone, since the start
     past: tuple[PastFix, ...]
     updates: tuple[Update, ...]
-    ess: float
+    ess: float  # of the candidates that were drawn last
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,14 +78,14 @@ class TwoStageFilter:
         predicted = bank.mean[:, 0]
         past = tuple(fix for fix in belief.past if fix.readings[0].time_s > step.t1_s - self.local_s)
         updates: list[Update] = []
-        least = float(self.particles)
+        ess = belief.ess
         rng: np.random.Generator | None = None
         rows = dict.fromkeys(m.row for m in step.measurements if m.sensor == "usbl")
         local: dict[int, Gaussians] = {}
         if len(past) >= self.fewest_fixes and rows:
             rng = chance()
             candidates = self._candidates(past, step.t1_s, reckoned_m, rng)
-            least = effective_size(candidates.log_weight)
+            ess = effective_size(candidates.log_weight)
             where_m, where_m2 = moments(candidates)
             local = dict.fromkeys(rows, _placed(predicted, where_m, where_m2))
         for measurement in step.measurements:
@@ -102,7 +102,7 @@ class TwoStageFilter:
         for row in rows:
             readings = tuple(m for m in step.measurements if m.sensor == "usbl" and m.row == row)
             past = (*past, _past_fix(readings, predicted, reckoned_m))[-self.most_fixes :]
-        return TwoStageBelief(bank, reckoned_m, past, tuple(updates), least)
+        return TwoStageBelief(bank, reckoned_m, past, tuple(updates), ess)
 
     def estimate(self, belief: TwoStageBelief) -> Estimate:
         """Return mean and covariance of the EKF; the effective number is that of the candidates."""

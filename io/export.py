@@ -107,7 +107,8 @@ def _configuration(
     sections["dvl"] = _of_sensor(known.dvl, "mps") | {"lever_arm_m": str(list(known.dvl_lever_m))}
     sections["compass"] = _of_sensor(known.compass, "deg")
     sections["usbl"] = _of_sensor(known.usbl, "m") | {"lever_arm_m": str(list(known.usbl_lever_m))}
-    sections |= {"gps": {}, "depth": {}}
+    sections["gps"] = _of_sensor(known.gps, "m") | {"lever_arm_m": str(list(known.gps_lever_m))}
+    sections["depth"] = {}
     for sensor, latency_s in latencies.items():
         sections[sensor] |= {"latency_s": repr(latency_s)}
     sections["truth"] = {"topic": '"none"'}

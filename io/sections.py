@@ -224,14 +224,16 @@ class UsblSection(Section, frozen=True, kw_only=True):
 
 
 class GpsSection(Section, frozen=True, kw_only=True):
-    """The satellite receiver: truth by default, never a sensor of the filter."""
+    """The satellite receiver: truth by default, a sensor of the filter only in the windows of --aid."""
 
     topic: str | None = None
     columns: dict[Time | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
     sd_m: Positive | Literal["message"] | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
     latency_s: float = 0.0
+    noise: UsblNoise | None = None
 
 
 class DepthSection(Section, frozen=True, kw_only=True):

@@ -143,6 +143,9 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
         [usbl]
         lever_arm_m = [1, 2, 3]
         noise = { kind = "student-t", dof = 3.0, per = "scalar" }
+        [gps]
+        lever_arm_m = [0.4, -1, 1.5]
+        noise = { kind = "contamination", share = 0.02, sd_m = 30.0 }
         [process]
         position_m = 0.1
         heading_deg = 1.8
@@ -178,6 +181,8 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
         usbl=StudentT(3.0, per_scalar=True),
         dvl_lever_m=(0.1, 0.2, 0.3),
         usbl_lever_m=(1.0, 2.0, 3.0),
+        gps=Contamination(0.02, 30.0),
+        gps_lever_m=(0.4, -1.0, 1.5),
         start=Start(1.0, 2.0, 3.0),
     )
 

@@ -32,6 +32,9 @@ latency_s = -0.0625
 [usbl]
 lever_arm_m = [0.5, -1.0, 0.25]
 noise = { kind = "mixture", share = 0.2, variance_ratio = 20.0 }
+[gps]
+lever_arm_m = [0.25, 1.5, 2.0]
+noise = { kind = "gaussian" }
 [truth]
 file = "slam.csv"
 kind = "slam"

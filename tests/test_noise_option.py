@@ -28,7 +28,7 @@ def test_a_kind_with_its_numbers_is_a_family(text: str, means: tuple) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("gps=gaussian", "write SENSOR=KIND with a sensor of dvl, compass, usbl"),
+        ("depth=gaussian", "write SENSOR=KIND with a sensor of dvl, compass, usbl, gps"),
         ("usbl", "write SENSOR=KIND"),
         ("usbl=gaussian:1", "gaussian takes no number"),
         ("usbl=mixture:1.2", "the share has to be above 0 and below 1"),

@@ -9,7 +9,7 @@ from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, 
 
 Family = Gaussian | Mixture | StudentT | Contamination
 
-SENSORS = ("dvl", "compass", "usbl")
+SENSORS = ("dvl", "compass", "usbl", "gps")
 KINDS: Mapping[str, tuple[Callable[..., Family], tuple[str, ...]]] = {
     "gaussian": (Gaussian, ()),
     "mixture": (Mixture, ("share", "variance ratio")),
