@@ -84,7 +84,7 @@ def test_a_correlated_error_has_its_sigma_from_the_first_record_on_and_forgets_i
         for axis in (0, 1):
             got = np.corrcoef(starts[:, a, axis], starts[:, b, axis])[0, 1]
             assert got == pytest.approx(math.exp(-gap_s / 10.0), abs=0.03)
-    assert np.corrcoef(starts[:, 1].T)[0, 1] == pytest.approx(0.0, abs=0.03)
+    assert np.corrcoef(*starts[:, 1].T)[0, 1] == pytest.approx(0.0, abs=0.03)
 
 
 def test_outliers_strike_their_share_at_their_distances_in_all_directions() -> None:

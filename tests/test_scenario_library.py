@@ -2,7 +2,9 @@
 
 import dataclasses
 import math
+import re
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 from click.testing import CliRunner
@@ -25,7 +27,9 @@ from usbldr.filters.scenarios import (
     Timing,
     Usbl,
 )
+from usbldr.filters.simulation import simulate
 from usbldr.io.scenario_library import find_scenario, read_scenario, scenario_names
+from usbldr.io.scenario_sections import ScenarioFile
 from usbldr_cli.main import cli
 
 EVERYTHING = """
@@ -296,3 +300,34 @@ def test_what_is_no_scenario_is_answered_with_the_names() -> None:
         find_scenario("pool")
     with pytest.raises(UsageError, match=r"pool\.toml: cannot be read \(No such file"):
         find_scenario("pool.toml")
+
+
+def _documented() -> str:
+    return (Path(__file__).resolve().parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+
+
+def test_the_files_that_the_documentation_shows_are_scenarios(tmp_path: Path) -> None:
+    shown = re.findall(r"^```toml\n(.*?)^```", _documented(), re.MULTILINE | re.DOTALL)
+
+    assert len(shown) == 2
+    for number, text in enumerate(shown):
+        found = read_scenario(_file(tmp_path, text, f"shown{number}.toml"))
+        assert len(simulate(found, 0).usbl.time_s) > 80
+
+
+def test_the_documentation_has_every_scenario_and_every_key() -> None:
+    text = _documented()
+
+    listed = set(re.findall(r"^\| `([a-z-]+)` \|", text.split("## A file")[0], re.MULTILINE))
+    assert listed == set(scenario_names())
+    named = set(re.findall(r"[a-z_]+", text))
+    sections = {name: part for name, part in get_type_hints(ScenarioFile).items() if name not in ("process", "start")}
+    keys = {
+        key
+        for section in sections.values()
+        for struct in (section, *get_args(section))
+        for key in getattr(struct, "__struct_fields__", ())
+    }
+    assert len(keys) > 40
+    for key in keys:
+        assert key in named or re.sub("_(mps|deg|m)$", "_*", key) in text, key
