@@ -61,11 +61,12 @@ class Turning:
     said: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
 
-    def east_north(self, starboard_m: Vector, forward_m: Vector, mount_deg: float = 0.0) -> Array:
-        """Turn a vector of the carrier, (n,) each, onto the plane, (n, 2)."""
-        angle = np.radians(self.heading_deg + mount_deg)
-        c, s = np.cos(angle), np.sin(angle)
-        return np.column_stack([starboard_m * c + forward_m * s, forward_m * c - starboard_m * s])
+
+def clockwise(vector_m: Array, angle_deg: Vector) -> Array:
+    """Turn vectors of starboard and forward, or of east and north, (n, 2), by angles, (n,)."""
+    angle = np.radians(angle_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack([vector_m[:, 0] * c + vector_m[:, 1] * s, vector_m[:, 1] * c - vector_m[:, 0] * s])
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,8 +195,7 @@ def _arm(head: Head, turning: Turning) -> Array:
     count = len(turning.heading_deg)
     if not any(head.lever_arm_m[:2]):
         return np.zeros((count, 2))
-    starboard, forward, _ = head.lever_arm_m
-    return turning.east_north(np.full(count, starboard), np.full(count, forward))
+    return clockwise(np.tile(head.lever_arm_m[:2], (count, 1)), turning.heading_deg)
 
 
 def _turning(made: Converted | None, section: UsblSection, longest_gap_s: float, time_ns: Nanoseconds) -> Turning:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.types import Vector
 from usbldr.io.log import Finding
 from usbldr.io.messages import Raw
 from usbldr.io.reader import Nanoseconds
@@ -49,11 +50,12 @@ def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
             findings.append(Finding("ZERO-STAMP", text))
         age_ns = _age_ns(raw) if clock is None else None
         if age_ns is not None:
-            known = (age_ns >= 0) & (age_ns < 5_000_000_000) & ~unset
+            what, longest_s = ("their age", 60) if "age_s" in raw.values else ("transmission minus validity", 5)
+            known = (age_ns >= 0) & (age_ns < longest_s * 1_000_000_000) & ~unset
             if known.any():
                 stamp = stamp - np.where(known, age_ns, 0)
                 median_s = float(np.median(age_ns[known])) / 1e9
-                said.append(f"stamps moved back by transmission minus validity, median {median_s:.3f} s (by type)")
+                said.append(f"stamps moved back by {what}, median {median_s:.3f} s (by type)")
     time = stamp - round(latency_s * 1e9)
     if latency_s:
         said.append(f"latency {latency_s:g} s subtracted (configuration)")
@@ -66,7 +68,17 @@ def _age_ns(raw: Raw) -> Nanoseconds | None:
         if f"transmission_{unit}" in raw.values and f"validity_{unit}" in raw.values:
             sent, valid = (raw.values[f"{what}_{unit}"].astype(np.int64) for what in ("transmission", "validity"))
             return np.where(valid > 0, (sent - valid) * to_ns, -1)
+    if "age_s" in raw.values:
+        return _whole_ns(raw.number("age_s"))
+    if "sent_s" in raw.values and "valid_s" in raw.values:
+        sent_s, valid_s = raw.number("sent_s"), raw.number("valid_s")
+        return np.where(valid_s > 0, _whole_ns(sent_s - valid_s), -1)
     return None
+
+
+def _whole_ns(seconds: Vector) -> Nanoseconds:
+    """Return seconds (n,) as nanoseconds, -1 where they are unknown."""
+    return np.rint(np.where(np.isfinite(seconds), seconds, -1e-9) * 1e9).astype(np.int64)
 
 
 def in_order(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.DataFrame, list[Finding]]:

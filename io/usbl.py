@@ -15,14 +15,14 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions import Converted, converted, dropped, kept, stated
-from usbldr.io.heads import KnownEnd, Samples, known_end
+from usbldr.io.heads import KnownEnd, Samples, clockwise, known_end
 from usbldr.io.log import Finding, Origin
 from usbldr.io.messages import Mask, Raw
-from usbldr.io.positions import on_plane, place_causes
+from usbldr.io.positions import on_plane
 from usbldr.io.sections import UsblSection, axis_signs
 from usbldr.io.times import times_of
 from usbldr.io.usbl_noise import floored, of_known_end, sensor_covariance, stated_covariance
-from usbldr.io.usbl_records import kind_of_fixes, of_target, told_once
+from usbldr.io.usbl_records import fix_causes, kind_of_fixes, of_target, told_once
 
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} where the vehicle carries the head"
 
@@ -93,7 +93,7 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) 
 def _by_latitude(raw: Raw, origin: Origin | None, drop_m: Vector) -> Sight:
     position = np.column_stack(on_plane(raw, "latlon", origin))
     R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(position)))
-    return Sight(position, np.zeros_like(position), drop_m, R, place_causes(raw), [], [])
+    return Sight(position, np.zeros_like(position), drop_m, R, fix_causes(raw), [], [])
 
 
 def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: KnownEnd | None, drop_m: Vector) -> Sight:
@@ -109,45 +109,45 @@ def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: Kno
     findings = [*findings, *more]
     if relative == "head" and end is None:
         raise LogError(f"{raw.log}: {raw.topic.name} tells positions relative to the head; {STATE_HEAD}")
-    axes, turn = np.eye(2), np.zeros(len(drop_m))
-    if frame == "body" and end is not None:
-        offset, axes, more_said, more = _from_bow(raw, section, end)
-        turn = end.turning.heading_deg + section.mount_deg
-        said, findings = [*said, *more_said], [*findings, *more]
+    if relative == "map" or end is None:
+        position = np.column_stack(on_plane(raw, frame, origin))
+        own = stated_covariance(raw, frame, np.eye(2), np.zeros(len(position)))
+        return Sight(position, np.zeros_like(position), drop_m, own, fix_causes(raw), said, findings)
+    axes = np.eye(2)
+    if frame == "body":
+        offset, axes, more_said, more = _along_axes(raw, section)
+        said, findings = [*said, more_said], [*findings, *more]
     else:
         offset = np.column_stack(on_plane(raw, frame, origin))
+    turn, turn_said = _turn_deg(raw, section, end, frame)
+    said += [*turn_said, *_scaled(section)]
     R = stated_covariance(raw, frame, axes, turn)
-    if relative == "map" or end is None:
-        return Sight(offset, np.zeros_like(offset), drop_m, R, place_causes(raw), said, findings)
     drop = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
-    said += [_scaled(section)] if section.sound_speed_scale != 1 else []
-    offset = offset * section.sound_speed_scale
-    return _from_end(end, offset, frame == "body", Sight(offset, offset, drop, R, place_causes(raw), said, findings))
+    offset = clockwise(offset, turn) * section.sound_speed_scale
+    return _from_end(end, frame, Sight(offset, offset, drop, R, fix_causes(raw), said, findings))
 
 
-def _from_bow(raw: Raw, section: UsblSection, end: KnownEnd) -> tuple[Array, Array, list[str], list[Finding]]:
-    """Turn offsets along the instrument's axes onto the plane, (n, 2).
-
-    Returns beside them the axes, (2, 2): starboard and forward of x and y.
-    """
+def _along_axes(raw: Raw, section: UsblSection) -> tuple[Array, Array, str, list[Finding]]:
+    """Return starboard and forward of the instrument, (n, 2), and those two of its axes x and y, (2, 2)."""
     by_frame = "FRD" if "ned" in raw.frame_id.lower() or "frd" in raw.frame_id.lower() else "FLU"
     names, who, findings = stated(raw, "axes", section.axes, by_frame)
-    instrument, axes = np.zeros((3, len(raw.received_ns))), np.zeros((3, 2))
+    along, axes = np.zeros((len(raw.received_ns), 3)), np.zeros((3, 2))
     for column, (name, (axis, sign)) in enumerate(zip("xyz", axis_signs(names), strict=True)):
-        instrument[axis] = sign * raw.number(name)
+        along[:, axis] = sign * raw.number(name)
         if name != "z":
             axes[axis, column] = sign
-    _need_heading(raw, section, end)
-    offset = end.turning.east_north(instrument[0], instrument[1], section.mount_deg)
-    mount = f"mount {section.mount_deg:g} deg ({'configuration' if section.mount_deg else 'default'})"
-    return offset, axes[:2], [f"axes {names} ({who})", mount], findings
+    return along[:, :2], axes[:2], f"axes {names} ({who})", findings
 
 
-def _need_heading(raw: Raw, section: UsblSection, end: KnownEnd) -> None:
-    if np.isfinite(end.turning.heading_deg).any():
-        return
-    whom = "the vehicle has no compass" if section.beacon else "state its heading_topic or heading_deg in head = {...}"
-    raise LogError(f"{raw.log}: {raw.topic.name} counts from the bow of whoever carries the head: {whom}")
+def _turn_deg(raw: Raw, section: UsblSection, end: KnownEnd, frame: str) -> tuple[Vector, list[str]]:
+    """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow."""
+    said = [f"mount {section.mount_deg:g} deg (configuration)"] if section.mount_deg else []
+    if frame != "body":
+        return np.full(len(raw.received_ns), section.mount_deg), said
+    if not np.isfinite(end.turning.heading_deg).any():
+        whom = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
+        raise LogError(f"{raw.log}: {raw.topic.name} counts from the bow of whoever carries the head: {whom}")
+    return end.turning.heading_deg + section.mount_deg, ["counted from the bow", *said]
 
 
 def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vector) -> Sight:
@@ -157,7 +157,7 @@ def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vect
     """
     if end is None:
         raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
-    frame, who, findings = stated(raw, "frame", section.frame, "ENU")
+    frame, _, findings = stated(raw, "frame", section.frame, "ENU")
     slant = raw.number("slant_range_m") * section.sound_speed_scale
     bearing, elevation = raw.number("bearing_deg"), np.radians(raw.number("elevation_deg"))
     own_drop = raw.number("depth_m") - end.depth_m
@@ -178,41 +178,38 @@ def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vect
         "nothing (taken as horizontal)": ~np.isfinite(drop) & ~np.isfinite(elevation),
     }
     parts = ", ".join(f"{np.sum(mask)} by {what}" for what, mask in counts.items() if np.any(mask))
-    said = [f"slant to horizontal range: {parts}"]
-    said += [_scaled(section)] if section.sound_speed_scale != 1 else []
+    turn, turn_said = _turn_deg(raw, section, end, frame)
+    said = [f"slant to horizontal range: {parts}", *turn_said, *_scaled(section)]
     causes = {"not a number": ~(np.isfinite(slant) & np.isfinite(bearing))}
-    offset = np.column_stack([horizontal * np.sin(np.radians(bearing)), horizontal * np.cos(np.radians(bearing))])
-    if frame == "body":
-        _need_heading(raw, section, end)
-        offset = end.turning.east_north(offset[:, 0], offset[:, 1], section.mount_deg)
-        said.append(f"bearings from the bow ({who}), mount {section.mount_deg:g} deg")
+    offset = clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
     R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
-    return _from_end(end, offset, frame == "body", Sight(offset, offset, drop, R, causes, said, findings))
+    return _from_end(end, frame, Sight(offset, offset, drop, R, causes, said, findings))
 
 
-def _scaled(section: UsblSection) -> str:
-    return f"ranges times {section.sound_speed_scale:g} for the speed of sound (configuration)"
+def _scaled(section: UsblSection) -> list[str]:
+    scale = section.sound_speed_scale
+    return [f"ranges times {scale:g} for the speed of sound (configuration)"] if scale != 1 else []
 
 
-def _from_end(end: KnownEnd, offset_m: Array, turned: bool, sight: Sight) -> Sight:
-    """Put an offset, (n, 2), onto the known end; the vehicle's own head measures where the beacon is from it."""
-    away = end.sign * offset_m
+def _from_end(end: KnownEnd, frame: str, sight: Sight) -> Sight:
+    """Put offsets onto the known end; the vehicle's own head measures where the beacon is from it."""
+    away = end.sign * sight.position_m
     causes = {**sight.causes, **end.causes}
-    if turned:
+    if frame == "body":
         causes["without a heading at their time"] = ~np.isfinite(end.turning.heading_deg)
-    turned_m = end.arm_m + (away if turned else 0.0)
-    return sight._replace(position_m=end.place_m + away, turned_m=turned_m, causes=causes, from_end=True)
+    turned = end.arm_m + (away if frame == "body" else 0.0)
+    return sight._replace(position_m=end.place_m + away, turned_m=turned, causes=causes, from_end=True)
 
 
 def _unused(raw: Raw, section: UsblSection, kind: str, sight: Sight) -> list[Finding]:
     """Say which keys of the configuration could not act."""
-    turned = any("from the bow" in said or said.startswith("axes") for said in sight.said)
+    by_bow = "counted from the bow" in sight.said
     unused = {
-        "frame": kind != "position" and section.frame is not None and not turned,
+        "frame": kind != "position" and section.frame is not None and not by_bow,
         "relative_to": kind != "position" and section.relative_to is not None,
-        "axes": section.axes is not None and not any(said.startswith("axes") for said in sight.said),
-        "mount_deg": section.mount_deg != 0 and not turned,
-        "sound_speed_scale": section.sound_speed_scale != 1 and _scaled(section) not in sight.said,
+        "axes": section.axes is not None and not (by_bow and kind == "position"),
+        "mount_deg": section.mount_deg != 0 and not sight.from_end,
+        "sound_speed_scale": section.sound_speed_scale != 1 and not sight.from_end,
     }
     keys = [key for key, idle in unused.items() if idle]
     text = f"{raw.topic.name}: {' and '.join(keys)} of the configuration are not used; its kind is {kind}"

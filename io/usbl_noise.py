@@ -48,15 +48,12 @@ def sensor_covariance(section: UsblSection, stated_m2: Array, line_m: Array, dro
 def stated_covariance(raw: Raw, frame: str, axes: Array, turn_deg: Vector) -> Array:
     """Return the covariance of east and north that the messages state, (n, 2, 2), NaN where they state none.
 
-    Of a body frame, ``axes`` (2, 2) are starboard and forward of x and y, and ``turn_deg`` (n,) is how far forward is
-    turned clockwise from north.
+    ``axes`` (2, 2) are starboard and forward of x and y in a body frame; ``turn_deg`` (n,) is how far forward, or the
+    frame's north, is turned clockwise from north.
     """
-    R = message_covariance(raw, frame)
-    if frame != "body":
-        return R
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     turn = np.stack([c, s, -s, c], axis=-1).reshape(-1, 2, 2) @ axes
-    return turn @ R @ turn.transpose(0, 2, 1)
+    return turn @ message_covariance(raw, frame) @ turn.transpose(0, 2, 1)
 
 
 def of_known_end(end: KnownEnd, turned_m: Array) -> Array:

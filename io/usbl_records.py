@@ -8,8 +8,10 @@ from usbldr.filters.errors import UsageError
 from usbldr.io.conventions import stated
 from usbldr.io.log import Finding, Origin
 from usbldr.io.messages import Mask, Raw
+from usbldr.io.positions import place_causes
 from usbldr.io.sections import UsblSection
 
+FULL_FIX = 2  # of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
 
 
@@ -82,3 +84,16 @@ def _like_latitudes(raw: Raw, origin: Origin | None) -> bool:
     if origin is not None:
         return bool(np.abs(x - origin.lat_deg).max() < SPREAD_DEG and np.abs(y - origin.lon_deg).max() < SPREAD_DEG)
     return bool(0 < np.ptp(x) < SPREAD_DEG and np.ptp(y) < SPREAD_DEG and np.hypot(x, y).min() > 1)
+
+
+def fix_causes(raw: Raw) -> dict[str, Mask]:
+    """Return by cause which fixes (n,) are none, by their places and by what their makers say of them."""
+    x, y = raw.number("x"), raw.number("y")
+    offset = "relative_to" in raw.layout.defaults
+    return place_causes(raw) | {
+        "flagged invalid": raw.number("valid") == 0,
+        "flagged as an outlier by the system itself": raw.number("outlier") == 1,
+        "of range or angle alone": raw.number("fix_kind") < FULL_FIX,
+        "of negative accuracy": raw.number("sd_m") < 0,
+        "exactly at the head": (x == 0) & (y == 0) & offset,
+    }

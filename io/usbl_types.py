@@ -1,9 +1,11 @@
 """Message types of acoustic positioning systems.
 
-Sources: the manuals named in nmea_kinds for sentences.
+Sources: the .msg files and drivers of the packages named, the SeaTrac serial interface for its raw integers, and for
+sentences the manuals named in nmea_kinds. A north that a modem made of its own compass may be magnetic: mount_deg of
+the configuration turns it.
 """
 
-from usbldr.io.messages import Layout, own
+from usbldr.io.messages import Layout, own, plane_covariance, xyz
 from usbldr.io.nmea_kinds import ELLIPSE
 from usbldr.io.place_types import NAVSAT, NAVSAT_MORE, OWN_COVARIANCE, PLACES, own_places
 
@@ -37,6 +39,60 @@ SENTENCES = (
 )
 """Kinds of NMEA sentences."""
 
+DEGREES = {"lat_deg": "latitude", "lon_deg": "longitude"}
+AGE = {"sent_s": "current_time", "valid_s": "measurement_time"}
+ACCURATE = {"sd_m": "accuracy", "target": "remote_address"}
+
+MODEMS = (
+    Layout(  # dmac and farol_msgs: of the modem's AHRS, ranges of 1500 m/s
+        "musblfix",
+        xyz("relative_position") | {"fix_kind": "type"},
+        plane_covariance("position_covariance", 0, 1, 4) | {"target": "source_id"},
+        "by type",
+        ENU_OF_HEAD,
+    ),
+    *(  # USBLLONG: evologics_ros_sync, vehicle_interface, nanoauv_localization_msgs; ROS 1 has capitals
+        Layout(kind, {"x": e, "y": n}, {"z": u} | ACCURATE | AGE, "by type", ENU_OF_HEAD)
+        for kind in ("evologicsusbllong", "acousticmodemusbllong")
+        for e, n, u in ("enu", "ENU", "END")
+    ),
+    Layout("usbldata", xyz("enu"), ACCURATE | AGE, "by type", ENU_OF_HEAD),  # acomms_msgs
+    Layout(  # seatrac_interfaces: whole decimetres
+        "modemrec",
+        {"x": "position_easting", "y": "position_northing", "valid": "includes_position"},
+        {"z": "position_depth", "outlier": "position_flt_error", "target": "src_id"},
+        "by type",
+        ENU_OF_HEAD,
+        scale=dict.fromkeys("xyz", 0.1),
+    ),
+    *(  # seatrac_driver: metres
+        Layout(
+            kind,
+            {"x": f"{fix}.position_easting", "y": f"{fix}.position_northing", "valid": f"{fix}.position_valid"},
+            {
+                "z": f"{fix}.position_depth",
+                "outlier": f"{fix}.position_filter_error",
+                "target": f"{fix}.source_id",
+            },
+            "by type",
+            ENU_OF_HEAD,
+        )
+        for kind in ("transceiverfixstatus", "navigationqueryresponsestatus")
+        for fix in ("fix", "acoustic_fix")
+    ),
+    Layout("beaconinfo", xyz("relative_position"), {"target": "beacon_id"}, "by type", BODY_FRD),  # stonefish
+    Layout("position", own("depth") | DEGREES | {"age_s": "age"}, {"target": "name"}, "by type", LATLON),  # sonardyne
+    *(  # sonardyne's positions/NAME
+        Layout("geopointstamped", {q: f"{place}.{path}" for q, path in DEGREES.items()}, defaults=LATLON)
+        for place in ("position", "geo_point")
+    ),
+    *(
+        Layout(kind, {}, recognised="by type", refused=f"tells {what} alone, which are no fix")
+        for kind, what in (("acousticmodemusblangles", "angles"), ("acousticmodemrange", "ranges"))
+    ),
+)
+"""Messages of their drivers."""
+
 USBL = (
     *PLACES,
     Layout("navsatfix", NAVSAT, NAVSAT_MORE, defaults=LATLON),
@@ -49,5 +105,6 @@ USBL = (
         fixed={"kind": "range_bearing"},
     ),
     Layout("usbl", own("x", "y"), own("z", "sd_m"), "by type"),
+    *MODEMS,
     *SENTENCES,
 )

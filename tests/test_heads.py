@@ -283,7 +283,7 @@ def test_a_head_that_makes_no_sense_is_refused(tmp_path: Path, usbl: str, senten
 
 
 def test_a_head_whose_heading_nobody_knows_cannot_turn_a_fix(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="state its heading_topic or heading_deg in head"):
+    with pytest.raises(LogError, match="state heading_topic or heading_deg in head"):
         logged(tmp_path, [point(T0, 1.0, 2.0)], '[usbl]\nframe = "body"\nhead = { east_m = 0.0, north_m = 0.0 }')
 
 

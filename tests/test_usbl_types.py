@@ -1,0 +1,233 @@
+"""Every kind of USBL message, by a record that its own driver could have written."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dives import FIX, POSE_COVARIANCE, SECOND, T0, Row, define, write_mcap
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+from usbldr.io.read import read_log
+
+HEADER = "std_msgs/Header header\n"
+USBLLONG = "float64 current_time\nfloat64 measurement_time\nint32 remote_address\n"
+QUALITY = "float32 propagation_time\nint32 rssi\nint32 integrity\nfloat32 accuracy\n"
+SEATRAC = "int32 position_easting\nint32 position_northing\nint32 position_depth\n"
+TYPES = {
+    "dmac/msg/mUSBLFix": HEADER
+    + "int32 source_id\nstring source_name\nint32 type\ngeometry_msgs/Point relative_position\nfloat32 range\n"
+    + "float32 bearing\nfloat32 elevation\nfloat32 sound_speed\n",
+    "evologics_ros_sync/msg/EvologicsUsbllong": HEADER
+    + USBLLONG
+    + "".join(f"float32 {name}\n" for name in ("x", "y", "z", "n", "e", "u"))
+    + QUALITY,
+    "vehicle_interface/msg/AcousticModemUSBLLONG": HEADER
+    + USBLLONG
+    + "".join(f"float32 {name}\n" for name in "XYZENU")
+    + QUALITY,
+    "acomms_msgs/msg/UsblData": HEADER + USBLLONG + "geometry_msgs/Vector3 xyz\ngeometry_msgs/Vector3 enu\n" + QUALITY,
+    "seatrac_interfaces/msg/ModemRec": HEADER
+    + "uint8 src_id\nbool includes_position\nbool position_flt_error\n"
+    + SEATRAC.replace("int32", "int16"),
+    "seatrac_driver/msg/AcousticFix": "uint8 source_id\nbool position_valid\nbool position_filter_error\n"
+    + SEATRAC.replace("int32", "float32"),
+    "seatrac_driver/msg/TransceiverFixStatus": "seatrac_driver/AcousticFix fix\n",
+    "stonefish_ros2/msg/BeaconInfo": HEADER
+    + "int64 beacon_id\nfloat64 range\nfloat64 azimuth\nfloat64 elevation\ngeometry_msgs/Point relative_position\n",
+    "sonardyne_msgs/msg/Position": HEADER
+    + "string UID\nstring name\nfloat64 latitude\nfloat64 longitude\nfloat64 depth\nfloat64 age\n",
+    "geographic_msgs/msg/GeoPoint": "float64 latitude\nfloat64 longitude\nfloat64 altitude\n",
+    "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
+    "vehicle_interface/msg/AcousticModemUSBLANGLES": HEADER + "float32 bearing\n",
+}
+define(TYPES)
+HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
+MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
+
+
+def row(kind: str, values: Mapping[str, Any], seconds: float = 0.0, topic: str = "/usbl") -> Row:
+    time_ns = T0 + round(seconds * SECOND)
+    header = {} if kind.endswith("TransceiverFixStatus") else {"header.stamp": time_ns}
+    return time_ns, topic, kind, header | dict(values)
+
+
+def logged(tmp_path: Path, *rows: Row, toml: str = HEAD) -> Log:
+    write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "dive.mcap")
+
+
+def places(log: Log) -> np.ndarray:
+    return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)
+
+
+def codes(log: Log) -> dict[str, str]:
+    return {finding.code: finding.text for finding in log.findings}
+
+
+DMAC, SEATRAC_RAW = "dmac/msg/mUSBLFix", "seatrac_interfaces/msg/ModemRec"
+THIRTY_EAST_FORTY_NORTH: dict[str, Mapping[str, Any]] = {
+    DMAC: {"type": 2, "relative_position.x": 30.0, "relative_position.y": 40.0, "relative_position.z": -12.0},
+    "evologics_ros_sync/msg/EvologicsUsbllong": {"e": 30.0, "n": 40.0, "u": -12.0, "x": 1.0, "y": 2.0},
+    "vehicle_interface/msg/AcousticModemUSBLLONG": {"E": 30.0, "N": 40.0, "U": -12.0, "X": 1.0, "Y": 2.0},
+    "acomms_msgs/msg/UsblData": {"enu.x": 30.0, "enu.y": 40.0, "xyz.x": 1.0},
+    SEATRAC_RAW: {"includes_position": True, "position_easting": 300, "position_northing": 400, "position_depth": 120},
+    "seatrac_driver/msg/TransceiverFixStatus": {
+        "fix.position_valid": True,
+        "fix.position_easting": 30.0,
+        "fix.position_northing": 40.0,
+        "fix.position_depth": 12.0,
+    },
+}
+
+
+@pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
+def test_modems_tell_east_and_north_of_their_head(tmp_path: Path, kind: str) -> None:
+    log = logged(tmp_path, row(kind, THIRTY_EAST_FORTY_NORTH[kind]))
+
+    assert places(log)[0] == pytest.approx([130, 240])
+    assert "relative to the head (by type)" in log.provenance["usbl"].conventions
+
+
+@pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
+def test_a_modem_is_no_use_without_the_place_of_its_head(tmp_path: Path, kind: str) -> None:
+    with pytest.raises(LogError, match="tells positions relative to the head; state head"):
+        logged(tmp_path, row(kind, THIRTY_EAST_FORTY_NORTH[kind]), toml="")
+
+
+def test_seatrac_positions_without_the_flag_and_outliers_are_left_out(tmp_path: Path) -> None:
+    fixes = [{"includes_position": k != 1, "position_flt_error": k == 2, "position_easting": 10 * k} for k in range(4)]
+
+    log = logged(tmp_path, *(row(SEATRAC_RAW, {**f, "position_northing": 5}, k) for k, f in enumerate(fixes)))
+
+    assert places(log)[:, 0] == pytest.approx([100, 103])
+    assert "1 flagged invalid, 1 flagged as an outlier by the system itself" in codes(log)["USBL-INVALID"]
+
+
+def test_ranges_and_angles_alone_are_no_fix(tmp_path: Path) -> None:
+    fix = THIRTY_EAST_FORTY_NORTH[DMAC]
+
+    log = logged(tmp_path, *(row(DMAC, {**fix, "type": kind}, kind) for kind in range(4)))
+
+    assert len(places(log)) == 2
+    assert "2 of range or angle alone" in codes(log)["USBL-INVALID"]
+
+
+def test_messages_of_angles_alone_are_refused_with_the_reason(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="it tells angles alone, which are no fix"):
+        logged(tmp_path, row("vehicle_interface/msg/AcousticModemUSBLANGLES", {"bearing": 0.1}))
+
+
+def test_accuracy_of_usbllong_is_its_sd_and_a_negative_one_is_no_fix(tmp_path: Path) -> None:
+    kind = "acomms_msgs/msg/UsblData"
+    fix = THIRTY_EAST_FORTY_NORTH[kind]
+
+    log = logged(tmp_path, *(row(kind, {**fix, "accuracy": a}, k) for k, a in enumerate([2.5, -1.0])))
+
+    assert log.tables["usbl"]["cov_ee_m2"].to_numpy() == pytest.approx([2.5**2])
+    assert "1 of negative accuracy" in codes(log)["USBL-INVALID"]
+
+
+def test_usbllong_tells_how_old_a_fix_is(tmp_path: Path) -> None:
+    """Sent 0.4 s after it was measured by the modem's own clock, whatever that counts from."""
+    kind = "evologics_ros_sync/msg/EvologicsUsbllong"
+    fix = {**THIRTY_EAST_FORTY_NORTH[kind], "current_time": 1234.9, "measurement_time": 1234.5}
+    unset = {**THIRTY_EAST_FORTY_NORTH[kind], "current_time": 1240.0, "measurement_time": 0.0}
+
+    log = logged(tmp_path, row(kind, fix), row(kind, unset, 5.0))
+
+    times = log.start_ns / 1e9 + log.tables["usbl"]["time_s"].to_numpy()
+    assert np.diff(times) == pytest.approx([5.4], abs=1e-6)
+
+
+def test_several_targets_are_not_guessed_between(tmp_path: Path) -> None:
+    fix = THIRTY_EAST_FORTY_NORTH[DMAC]
+    rows = [row(DMAC, {**fix, "source_id": 2 + k % 2, "relative_position.x": 30.0 + k}, k) for k in range(5)]
+
+    with pytest.raises(UsageError, match=r"holds fixes of 2 targets: 2 \(3 fixes\), 3 \(2 fixes\); choose one"):
+        logged(tmp_path, *rows)
+
+    log = logged(tmp_path, *rows, toml=HEAD + "target = 3")
+    assert places(log)[:, 0] == pytest.approx([131, 133])
+    assert "target 3 (configuration)" in log.provenance["usbl"].conventions
+    with pytest.raises(UsageError, match="holds no fix of 7"):
+        logged(tmp_path, *rows, toml=HEAD + "target = 7")
+
+
+def test_a_stonefish_beacon_is_seen_from_the_bow(tmp_path: Path) -> None:
+    """Forward, starboard, down; the head is turned to the east."""
+    values = {"relative_position.x": 30.0, "relative_position.y": 4.0, "relative_position.z": 12.0}
+    toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
+
+    assert places(logged(tmp_path, row("stonefish_ros2/msg/BeaconInfo", values), toml=toml))[0] == pytest.approx(
+        [130, 196]
+    )
+
+
+def test_sonardyne_tells_the_age_of_a_position(tmp_path: Path) -> None:
+    kind = "sonardyne_msgs/msg/Position"
+    values = {"name": "AUV", "latitude": 45.0009, "longitude": 7.0}
+    rows = [row(kind, {**values, "age": 0.75}), row(kind, {**values, "latitude": 45.001, "age": 0.25}, 1.0)]
+
+    log = logged(tmp_path, *rows, toml=MAP)
+
+    assert np.diff(log.tables["usbl"]["time_s"]) == pytest.approx([1.5])
+    assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
+    assert any("stamps moved back by their age" in said for said in log.provenance["usbl"].conventions)
+
+
+def test_sonardynes_points_are_known_by_their_topic(tmp_path: Path) -> None:
+    values = {"position.latitude": 45.0009, "position.longitude": 7.0, "position.altitude": -30.0}
+    point = row("geographic_msgs/msg/GeoPointStamped", values, topic="/ranger/positions/AUV")
+
+    assert places(logged(tmp_path, point, toml=MAP))[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
+
+
+def test_a_fix_polled_again_is_one_fix(tmp_path: Path) -> None:
+    """Water Linked's UGPS is polled at 5 Hz; each fix comes with new stamps until there is another."""
+    rows = [
+        row(FIX, {"latitude": 45.0 + 1e-5 * (k // 5), "longitude": 7.0}, 0.2 * k, "/waterlinked/fix") for k in range(15)
+    ]
+
+    log = logged(tmp_path, *rows, toml=MAP)
+
+    assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 1, 2])
+    assert codes(log)["USBL-REPEATED"].startswith("/waterlinked/fix: 12 of 15 fixes repeat the one before")
+
+
+def cola2(lat: float, lon: float, k: int) -> Row:
+    return row(POSE_COVARIANCE, {"pose.pose.position.x": lat, "pose.pose.position.y": lon}, k)
+
+
+def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:
+    log = logged(tmp_path, *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)), toml=MAP)
+
+    assert places(log)[3] == pytest.approx([0, 3e-5 * 111132], abs=0.01)
+    assert 'state kind = "position"' in codes(log)["USBL-LATLON"]
+
+
+@pytest.mark.parametrize("said", ['kind = "position"', 'frame = "NED"', "head = { east_m = 0.0, north_m = 0.0 }"])
+def test_whoever_speaks_of_metres_is_believed(tmp_path: Path, said: str) -> None:
+    log = logged(tmp_path, *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)), toml=f"{MAP}[usbl]\n{said}")
+
+    assert sorted(places(log)[0]) == pytest.approx([7, 45])
+
+
+def test_metres_far_from_the_origins_degrees_stay_metres(tmp_path: Path) -> None:
+    log = logged(tmp_path, *(cola2(5.0 + 1e-3 * k, 3.0, k) for k in range(4)), toml=MAP)
+
+    assert places(log)[0] == pytest.approx([5, 3])
+
+
+def test_a_magnetic_north_is_turned_by_its_declination(tmp_path: Path) -> None:
+    """10 deg east: what lies 100 m along magnetic north is 17.4 m east of true north."""
+    fix = {"includes_position": True, "position_easting": 0, "position_northing": 1000}
+
+    log = logged(tmp_path, row(SEATRAC_RAW, fix), toml=HEAD + "mount_deg = 10.0")
+
+    angle = math.radians(10)
+    assert places(log)[0] == pytest.approx([100 + 100 * math.sin(angle), 200 + 100 * math.cos(angle)])
