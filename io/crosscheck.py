@@ -11,7 +11,7 @@ import numpy as np
 from usbldr.filters.crossfit import GROSS_SIGMAS, STRETCH_S, Calibration, calibrate, fit_turn, groups
 from usbldr.filters.types import Timeline
 from usbldr.io.diagnosis import Diagnosis, diagnosis
-from usbldr.io.log import Log
+from usbldr.io.log import Finding, Log
 from usbldr.io.readings import CLEARLY, Reading, Source, Verdict, configuration_of, convention, judge, reread
 
 MOUNT_DEG = 3.0  # a smaller offset is the compass's business
@@ -33,6 +33,13 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) ->
     if calibration is None or not verdict.trusted:
         return found
     return [*found, *_delays(log, calibration), *_scale(log, calibration), *_fixes(log, timeline, calibration)]
+
+
+def better_readings(log: Log, timeline: Timeline) -> list[Finding]:
+    """Return a finding for each convention of the log that another one clearly beats; nothing is changed by it."""
+    verdict = judge(log, timeline) if len(timeline.fix_time_s) else None
+    found = convention_findings(log, verdict) if verdict else []
+    return [Finding(d.code, d.text) for d in found if d.code in ("DVL-AXES", "HEADING-CONVENTION", "MAP-FRAME")]
 
 
 def convention_findings(log: Log, verdict: Verdict) -> list[Diagnosis]:
@@ -79,7 +86,9 @@ def convention_findings(log: Log, verdict: Verdict) -> list[Diagnosis]:
 
 def _other(read: Reading, best: Reading, key: str, old: str, new: str, verdict: Verdict) -> str:
     section = {"axes": "dvl", "convention": "compass", "frame": "usbl"}[key]
-    decided = f"; its mirror image is ruled out by this: {verdict.decided_by.name}" if verdict.decided_by else ""
+    decided = "; so does its mirror image, and nothing that was looked at decides"
+    if verdict.decided_by:
+        decided = f"; its mirror image is ruled out by this: {verdict.decided_by.name}"
     return (
         f"read as {key} {old}, but {new} fits: with {best.sentence}, dead reckoning lies {best.residual_m:.2f} m rms "
         f'from the fixes, as it was read {read.residual_m:.2f} m{decided}; state {key} = "{new}" under [{section}]'

@@ -95,6 +95,20 @@ def test_a_yaw_that_counts_the_other_way_is_found_with_its_option(tmp_path: Path
     assert doctor(log).return_value == 1
 
 
+def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive(imu="NED", gps=True))
+    options = ["--filter", "dr", "--output", str(tmp_path / "run")]
+
+    done = CliRunner().invoke(cli, ["replay", str(log), *options], standalone_mode=False)
+
+    assert done.return_value == 0
+    assert "but NED fits: with axes FLU, convention NED, frame ENU" in done.stderr
+    assert done.stderr.count("[HEADING-CONVENTION]") == 1
+    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    assert "HEADING-CONVENTION" in [finding["code"] for finding in report["findings"]]
+    assert "convention ENU (by type)" in report["sensors"]["compass"]["conventions"]
+
+
 def test_a_mirrored_dvl_is_found(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "dive.mcap", dive(dvl="FRD", gps=True))
 

@@ -3,7 +3,7 @@
 import json
 import sys
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +54,7 @@ def replay(
     $ usbldr replay dive.mcap --filter cpf
     """
     from usbldr.filters.methods import METHODS
+    from usbldr.io.crosscheck import better_readings
     from usbldr.io.read import require
     from usbldr.io.run_directory import run_directory
     from usbldr.io.timeline import timeline
@@ -71,6 +72,10 @@ def replay(
     log = choices.applied(log)
     require(log, needed(method, log))
     line = timeline(log, choices.fast_hz, choices.slow_hz)
+    doubts = better_readings(log, line)
+    for finding in doubts:
+        click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
+    log = replace(log, findings=(*log.findings, *doubts))
     _refuse_for_tracks(method, choices)
     target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
     with run_directory(target, force) as folder:
