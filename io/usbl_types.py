@@ -10,12 +10,13 @@ from usbldr.io.nmea_kinds import ELLIPSE
 from usbldr.io.place_types import NAVSAT, NAVSAT_MORE, OWN_COVARIANCE, PLACES, own_places
 
 LATLON = {"kind": "latlon"}
-ENU_OF_HEAD, NED_OF_HEAD = ({"frame": frame, "relative_to": "head"} for frame in ("ENU", "NED"))
+OF_HEAD = {"kind": "position", "relative_to": "head"}
+ENU_OF_HEAD, NED_OF_HEAD = ({**OF_HEAD, "frame": frame} for frame in ("ENU", "NED"))
 TARGET = {"target": "target", "status": "fix_status", "sd_m": "sd_m"}
 SURER = "log Cartesian coordinates (C) or latitudes and longitudes (R)"
 TILTED = "has a frame that is tilted with the instrument; log its head-up, north-up or east-up frame"
 
-BODY_SFD, BODY_FRD = ({"frame": "body", "relative_to": "head", "axes": axes} for axes in ("SFD", "FRD"))
+BODY_SFD, BODY_FRD = ({**OF_HEAD, "frame": "body", "axes": axes} for axes in ("SFD", "FRD"))
 
 SENTENCES = (
     Layout("psimssb_c_h", own("x", "y"), own("z") | TARGET, "by type", BODY_SFD),

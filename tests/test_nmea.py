@@ -186,7 +186,7 @@ def test_a_hipap_north_up_tells_x_north_and_y_east_of_the_head(tmp_path: Path) -
     usbl = log.tables["usbl"]
 
     assert [usbl["east_m"][0], usbl["north_m"][0]] == pytest.approx([100 + 39.017, 200 - 61.300])
-    assert "kind position (default)" in log.provenance["usbl"].conventions
+    assert "kind position (by type)" in log.provenance["usbl"].conventions
     assert "frame NED (by type)" in log.provenance["usbl"].conventions
 
 
