@@ -46,9 +46,10 @@ class Db3Log:
             with closing(sqlite3.connect(address, uri=True)) as database:
                 yield database
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # broken cells are of any type
-            if "no such" in str(err):
-                raise LogError(f"{self.path}: is sqlite3, but no rosbag2 recording ({err})") from err
-            raise LogError(f"{self.path}: no readable rosbag2 recording ({err}); {self._advice}") from err
+            why = " ".join(str(err).split())
+            if "no such" in why:
+                raise LogError(f"{self.path}: is sqlite3, but no rosbag2 recording ({why})") from err
+            raise LogError(f"{self.path}: no readable rosbag2 recording ({why}); {self._advice}") from err
 
     def _refuse_cut(self) -> None:
         """Raise LogError where the file is shorter than its own header says; sqlite3 would read zeros for the rest."""
