@@ -14,7 +14,8 @@ from usbldr.io.reader import Nanoseconds
 
 SECOND = 1_000_000_000
 DAY = 86_400 * SECOND
-NEVER = np.iinfo(np.int64).min  # where a sentence tells no time
+NEVER = int(np.iinfo(np.int64).min)  # where a sentence tells no time
+LATEST = 230 * 366 * DAY  # beyond 2200, and before 1970, digits are no date
 
 ISO = re.compile(
     r"(\d{4})[-/](\d\d)[-/](\d\d)[T _,;]+(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII
@@ -34,14 +35,18 @@ def prefixed_ns(prefix: str) -> int:
         except ValueError:
             return NEVER
         whole = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
-        return whole * SECOND + _fraction_ns(fraction) - _zone_ns(zone)
+        return _believed(whole * SECOND + _fraction_ns(fraction) - _zone_ns(zone))
     epoch = EPOCH.search(prefix)
     if epoch is None:
         return NEVER
     seconds, fraction, ms, us, ns = epoch.groups()
     if seconds:
         return int(seconds) * SECOND + _fraction_ns(fraction)
-    return int(ms) * 1_000_000 if ms else int(us) * 1000 if us else int(ns)
+    return _believed(int(ms) * 1_000_000 if ms else int(us) * 1000 if us else int(ns))
+
+
+def _believed(time_ns: int) -> int:
+    return time_ns if 0 <= time_ns < LATEST else NEVER
 
 
 def _fraction_ns(digits: str | None) -> int:
@@ -73,7 +78,7 @@ def date_ns(parts: Sequence[str]) -> int:
         parts = (text[:2], text[2:4], str(century + int(text[4:])) if text[4:].isdecimal() else "")
     try:
         day, month, year = map(int, parts)
-        return (date(year, month, day) - date(1970, 1, 1)).days * DAY
+        return _believed((date(year, month, day) - date(1970, 1, 1)).days * DAY)
     except ValueError:
         return NEVER
 

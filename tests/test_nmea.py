@@ -1,6 +1,8 @@
 """NMEA sentences, in files and in topics, against what their makers' manuals and recordings say they mean."""
 
+import contextlib
 import math
+import random
 from functools import reduce
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 
 from dives import SECOND, T0, write_mcap
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.detect import open_log
 from usbldr.io.log import Log
 from usbldr.io.nmea_times import NEVER, placed, prefixed_ns, told_times
@@ -110,6 +112,8 @@ def test_sentences_without_a_time_lie_evenly_between_those_with_one() -> None:
         ("2020/09/13 12:26:40,5\t", T0 + SECOND // 2),
         ("2020-09-13 14:26:40+02:00 ", T0),
         ("2020-09-13 09:56:40 -0230 ", T0),
+        ("9999-09-13 12:26:40 ", NEVER),
+        ("9999999999999999999,", NEVER),
         ("12:26:40 ", NEVER),
         ("COM1: ", NEVER),
     ],
@@ -319,3 +323,25 @@ def test_bytes_that_are_no_text_are_lines_without_a_sentence(tmp_path: Path) -> 
 
     assert len(log.tables["gps"]) == 1  # the same time and place thrice
     assert codes(log)["NMEA-OTHER"] == "noisy.txt: 1 lines hold no NMEA sentence"
+
+
+def test_a_date_that_no_ship_has_seen_is_none(tmp_path: Path) -> None:
+    log = nmea(tmp_path, f"2017-12-18T12:45:46Z {GAPS.partition('*')[0].replace('2017', '9999')}", toml=MAP)
+
+    assert log.start_ns == np.datetime64("2017-12-18T12:45:44.449", "ns").astype(int)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_flipped_bytes_end_in_a_log_or_in_a_sentence(tmp_path: Path, seed: int) -> None:
+    rng = random.Random(seed)
+    lines = [RECORDED_GGA, NORTH_UP, RANGER, GAPS, sentence("HEHDT,12.5,T"), "$GPRMC,122640.00,A,,,,,,,130920,,"]
+    unchecked = [line.partition("*")[0] for line in lines]
+    text = bytearray("".join(f"{1600000000 + k} {line}\n" for k, line in enumerate(unchecked * 3)), "ascii")
+    for _ in range(rng.choice([1, 10, 100])):
+        text[rng.randrange(len(text))] = rng.randrange(256)
+    (tmp_path / "noisy.txt").write_bytes(text[: rng.randrange(200, len(text))])
+    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
+
+    for usbl in ("/PSONLLD", "/PTSAG", "/PSIMSSB_C_N", "none"):
+        with contextlib.suppress(UsbldrError):
+            read_log(tmp_path / "noisy.txt", Request(topics={"usbl": usbl}))
