@@ -14,7 +14,7 @@ from usbldr.io import conventions, headings, positions
 from usbldr.io.clocks import on_one_clock
 from usbldr.io.configuration import assumptions
 from usbldr.io.conventions import Converted
-from usbldr.io.heads import SHIP, samples, ship_choices
+from usbldr.io.heads import SHIP, SHIP_HEADING, samples, ship_choices
 from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance
 from usbldr.io.messages import Raw, raw, wanted_paths
 from usbldr.io.opening import AS_IT_LIES, Opened, Request, digest_paths, open_configured
@@ -154,7 +154,7 @@ def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, Choice], judge: st
     """Raise UsageError where a sensor of the filter reads the topic that the filter is judged by."""
     if judge is None or judge not in choices:
         return
-    for role in ("dvl", "compass", "usbl"):
+    for role in ("dvl", "compass", "usbl", SHIP, SHIP_HEADING):
         if role in choices and choices[role].topic.name == choices[judge].topic.name:
             raise UsageError(
                 f"{path}: {choices[role].topic.name} cannot be the {role} and the truth at once: "

@@ -143,6 +143,13 @@ def test_the_ships_receiver_is_no_truth_of_the_vehicle(tmp_path: Path) -> None:
     assert "gps" not in survey(tmp_path / "dive.mcap", Request()).roles
 
 
+def test_what_places_the_head_cannot_judge_the_filter(tmp_path: Path) -> None:
+    rows = [ship(T0, 0.0, 0.0), point(T0, 3.0, 4.0)]
+
+    with pytest.raises(UsageError, match="/ship/fix cannot be the ship and the truth at once"):
+        logged(tmp_path, rows, f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix" }}\n[gps]\ntopic = "/ship/fix"')
+
+
 def test_the_ships_first_fix_is_the_origin_where_there_is_no_other(tmp_path: Path) -> None:
     log = logged(tmp_path, [ship(T0, 0.0, 0.0), point(T0, 3.0, 4.0)], '[usbl]\nhead = { topic = "/ship/fix" }')
 
