@@ -4,7 +4,7 @@ GPS is looked at for one bit only, which of two mirror images the map is. Angles
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,17 +22,27 @@ SIGMAS = 4.0  # an error is claimed beyond as many of its standard deviations
 GROSS_M = 3.0  # and no residual below is called gross
 
 
-def cross_check(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) -> list[Diagnosis]:
-    """Return what the sensors say of each other; nothing where there are too few fixes."""
+@dataclass(frozen=True, slots=True)
+class CrossCheck:
+    """What the sensors say of each other, in words and in numbers."""
+
+    diagnoses: tuple[Diagnosis, ...]
+    verdict: Verdict | None = None  # None: too few fixes
+    calibration: Calibration | None = None  # by the verdict's best reading; None: nothing can be claimed
+
+
+def cross_check(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) -> CrossCheck:
+    """Hold DVL, heading and fixes against each other; ``sources`` as of `readings.judge`."""
     verdict = judge(log, timeline, sources)
     if verdict is None:
         text = "too few fixes beside valid dead reckoning to check conventions against the data"
-        return [diagnosis("CONVENTION-UNOBSERVABLE", text, _topic(log, "usbl"))]
+        return CrossCheck((diagnosis("CONVENTION-UNOBSERVABLE", text, _topic(log, "usbl")),))
     found = [*convention_findings(log, verdict), *_offset(log, verdict), *_unit(log, timeline, verdict)]
     calibration = calibrate(reread(log, timeline, verdict.best.flips), verdict.best.turn.rotation_rad)
     if calibration is None or not verdict.trusted:
-        return found
-    return [*found, *_delays(log, calibration), *_scale(log, calibration), *_fixes(log, timeline, calibration)]
+        return CrossCheck(tuple(found), verdict)
+    found += [*_delays(log, calibration), *_scale(log, calibration), *_fixes(log, timeline, calibration)]
+    return CrossCheck(tuple(found), verdict, calibration)
 
 
 def better_readings(log: Log, timeline: Timeline) -> list[Finding]:
@@ -60,12 +70,9 @@ def convention_findings(log: Log, verdict: Verdict) -> list[Diagnosis]:
         others = "; ".join(source.name for source in verdict.against)
         text = f"sources disagree: {verdict.decided_by.name}; against it: {others}"
         found.append(diagnosis("CONVENTION-CONTRADICTED", text, usbl))
-    if verdict.decided_by is None and best.frame in ("ENU", "NED"):
-        mirror = next(
-            r for r in verdict.readings if r.flips == (not best.flips[0], not best.flips[1], not best.flips[2])
-        )
+    if verdict.decided_by is None and verdict.mirror is not None:
         text = (
-            f"{best.sentence} and its mirror image ({mirror.sentence}) fit the fixes equally well "
+            f"{best.sentence} and its mirror image ({verdict.mirror.sentence}) fit the fixes equally well "
             f"({best.residual_m:.2f} m), and nothing in the log decides; state frame under [usbl] and convention under "
             "[compass]"
         )
@@ -104,15 +111,15 @@ def _offset(log: Log, verdict: Verdict) -> list[Diagnosis]:
     mount, bias = settings.dvl.mount_deg, settings.compass.bias_deg
     stated = mount != 0 or bias != 0
     code = "HEADING-BIAS" if stated else "DVL-MOUNT"
-    far = abs(offset) > max(MOUNT_DEG, 2 * sd)
+    far = clear_offset(verdict)
     topic = _topic(log, "compass" if stated else "dvl")
     reading = "" if best == verdict.read and verdict.observable else f", read with {best.sentence}"
     turned = f"dead reckoning has to be turned by {offset:+.1f} deg (clockwise, +-{max(sd, 0.1):.1f})"
     said = f"{turned} to lie on the fixes{reading}"
     if far:
         said += (
-            f"; state mount_deg = {_wrapped(mount + offset):.1f} under [dvl] if the DVL is mounted so, or bias_deg = "
-            f"{_wrapped(bias - offset):.1f} under [compass] if the heading errs"
+            f"; state mount_deg = {wrapped(mount + offset):.1f} under [dvl] if the DVL is mounted so, or bias_deg = "
+            f"{wrapped(bias - offset):.1f} under [compass] if the heading errs"
         )
     found = diagnosis(code if far else "HEADING-CHECKED", f"{topic}: {said}", topic, None, offset, "deg")
     return [found]
@@ -135,10 +142,26 @@ def _unit(log: Log, timeline: Timeline, verdict: Verdict) -> list[Diagnosis]:
     return [diagnosis("HEADING-RADIANS", text, topic, None, verdict.read.residual_m, "m")]
 
 
+def clear_latency(c: Calibration) -> bool:
+    """Tell whether a latency of the fixes is beyond doubt."""
+    return abs(c.latency_s) > max(LATENCY_S, SIGMAS * c.latency_sd_s)
+
+
+def clear_scale(c: Calibration) -> bool:
+    """Tell whether a scale error of the DVL is beyond doubt."""
+    return abs(c.scale) > max(SCALE, SIGMAS * c.scale_sd)
+
+
+def clear_offset(verdict: Verdict) -> bool:
+    """Tell whether DVL and heading are turned against the fixes beyond doubt."""
+    sure = verdict.trusted and verdict.offset_sd_deg < 10.0
+    return sure and abs(verdict.best.offset_deg) > max(MOUNT_DEG, 2 * verdict.offset_sd_deg)
+
+
 def _delays(log: Log, c: Calibration) -> list[Diagnosis]:
     found: list[Diagnosis] = []
     usbl, compass = _topic(log, "usbl"), _topic(log, "compass")
-    if abs(c.latency_s) > max(LATENCY_S, SIGMAS * c.latency_sd_s):
+    if clear_latency(c):
         stated = configuration_of(log).usbl.latency_s
         text = (
             f"{usbl}: fixes fit dead reckoning best where their stamps lie {_late(c.latency_s)} the time at which they "
@@ -158,7 +181,7 @@ def _delays(log: Log, c: Calibration) -> list[Diagnosis]:
 
 
 def _scale(log: Log, c: Calibration) -> list[Diagnosis]:
-    if not abs(c.scale) > max(SCALE, SIGMAS * c.scale_sd):
+    if not clear_scale(c):
         return []
     dvl = _topic(log, "dvl")
     text = (
@@ -197,7 +220,8 @@ def _late(delay_s: float) -> str:
     return f"{abs(delay_s):.2f} s {'after' if delay_s > 0 else 'before'}"
 
 
-def _wrapped(angle_deg: float) -> float:
+def wrapped(angle_deg: float) -> float:
+    """Return the angle between -180 and 180 degrees."""
     return (angle_deg + 180.0) % 360.0 - 180.0
 
 

@@ -5,6 +5,7 @@ Works where a log cannot be replayed as it stands, too: what keeps it from that 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import islice, product
 from pathlib import Path
 from typing import cast
 
@@ -12,15 +13,15 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.crosscheck import cross_check
+from usbldr.io.crosscheck import CrossCheck, cross_check
 from usbldr.io.diagnosis import Diagnosis, diagnosis, of_finding
 from usbldr.io.log import Log
 from usbldr.io.messages import Raw, raw, wanted_paths
 from usbldr.io.opening import Opened, Request, open_configured
-from usbldr.io.read import configured_topics, read
+from usbldr.io.read import read, roles_of
 from usbldr.io.readings import Source, configuration_of, convention
 from usbldr.io.timeline import timeline
-from usbldr.io.topics import Choice, candidates, choose_roles
+from usbldr.io.topics import Choice, candidates
 
 SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)  # 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
 GRAVITY = "linear_acceleration.z"
@@ -28,6 +29,7 @@ NEEDED = ("dvl", "compass", "usbl")
 UNDERWATER_M = 1.0
 SAME_CLOCK_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
 SAME_EPOCH_S = 3600.0
+MOST_TRIES = 12  # combinations of topics, where several roles are undecided
 LATE_S = 0.2  # a fix that arrives later is worth a word
 
 
@@ -42,6 +44,7 @@ class Examination:
     log: Log | None  # None: it cannot be read with any choice
     timeline: Timeline | None
     topics: Mapping[str, str]  # role -> topic where several could be the sensor: the one that was examined
+    check: CrossCheck | None = None  # None: there was nothing to hold against each other
 
     @property
     def healthy(self) -> bool:
@@ -52,16 +55,31 @@ class Examination:
 def examine(path: Path, request: Request) -> Examination:
     """Examine a log; raise LogError if it is none, UsageError if its configuration makes no sense."""
     opened = open_configured(path, request)
-    undecided, chosen = _decide(opened, request)
-    asked = replace(request, topics=dict(request.topics) | chosen)
-    try:
-        log = read(opened, asked)
-    except UsbldrError as err:
-        found = [*undecided, *(of_finding(f) for f in opened.reader.findings()), diagnosis("UNUSABLE", str(err))]
+    faults, chosen, tied = _decide(opened, request)
+    log, fault = None, None
+    for picks in islice(product(*tied.values()), MOST_TRIES):
+        trial = chosen | dict(zip(tied, picks, strict=True))
+        try:
+            log = read(opened, replace(request, topics=dict(request.topics) | trial))
+        except UsbldrError as err:
+            fault = fault or err
+        else:
+            chosen = trial
+            break
+    found = [
+        diagnosis(
+            "ROLE-UNDECIDED",
+            f"{faults[role]}" + (f"; {chosen[role]} is examined here" if log else ""),
+            chosen.get(role, ""),
+        )
+        for role in tied
+    ]
+    found += [diagnosis("UNUSABLE", text) for role, text in faults.items() if role not in tied]
+    if log is None:
+        found += [*(of_finding(f) for f in opened.reader.findings()), diagnosis("UNUSABLE", str(fault))]
         return _examination(path, opened.reader.format, opened.file, found, None, None, chosen)
-    raws = _raws(opened, asked)
-    found = [*undecided, *_clocks(log, raws), *_invalid(log, raws)]
-    return _of_log(log, found, tuple(_sources(log, raws)), chosen)
+    raws = _raws(opened, replace(request, topics=dict(request.topics) | chosen))
+    return _of_log(log, [*found, *_clocks(log, raws), *_invalid(log, raws)], tuple(_sources(log, raws)), chosen)
 
 
 def examine_log(log: Log) -> Examination:
@@ -84,9 +102,11 @@ def _of_log(log: Log, found: list[Diagnosis], sources: tuple[Source, ...], chose
             found.append(diagnosis("UNUSABLE", str(err)))
     found += [*_delays(log), *_under_water(log)]
     if line is not None:
-        found += [*_outages(log, line)]
-        found += cross_check(log, line, sources) if "usbl" in log.tables else []
-    return _examination(log.path, log.format, log.configuration, found, log, line, chosen)
+        found += _outages(log, line)
+    check = cross_check(log, line, sources) if line is not None and "usbl" in log.tables else None
+    found += check.diagnoses if check else ()
+    examination = _examination(log.path, log.format, log.configuration, found, log, line, chosen)
+    return replace(examination, check=check)
 
 
 def _examination(
@@ -103,31 +123,28 @@ def _examination(
     return Examination(path, form, configuration, ordered, log, line, chosen)
 
 
-def _decide(opened: Opened, request: Request) -> tuple[list[Diagnosis], dict[str, str]]:
-    """Say which roles no topic or several could fill; of several, the one with the most messages is examined."""
+def _decide(opened: Opened, request: Request) -> tuple[dict[str, str], dict[str, str], dict[str, list[str]]]:
+    """Return why roles are not filled, those that are given up, and the topics of those that several could fill.
+
+    Of several topics, those with the most messages come first.
+    """
     path, topics = opened.reader.path, opened.reader.topics()
-    roles = choose_roles(path, topics, request.topics, configured_topics(opened.configuration))
-    found: list[Diagnosis] = []
-    chosen: dict[str, str] = {}
+    roles = roles_of(path, topics, request, opened.configuration)
+    taken = {choice.topic.name for choice in roles.chosen.values()}
+    faults = {role: str(fault).removeprefix(f"{path}: ") for role, fault in roles.unclear.items()}
+    tied: dict[str, list[str]] = {}
     for role, fault in roles.unclear.items():
-        text = str(fault).removeprefix(f"{path}: ")
-        taken = {choice.topic.name for choice in roles.chosen.values()}
-        tied = [topic for topic in candidates(role, topics) if topic.name not in taken]
-        if isinstance(fault, UsageError) and len(tied) > 1:
-            best = max(tied, key=lambda topic: topic.count)
-            chosen[role] = best.name
-            found.append(diagnosis("ROLE-UNDECIDED", f"{text}; {best.name} is examined here", best.name))
-        else:
-            chosen[role] = "none"
-            found.append(diagnosis("UNUSABLE", text))
-    return found, chosen
+        free = [topic for topic in candidates(role, topics) if topic.name not in taken]
+        if isinstance(fault, UsageError) and len(free) > 1:
+            tied[role] = [topic.name for topic in sorted(free, key=lambda topic: -topic.count)]
+    return faults, {role: "none" for role in faults if role not in tied}, tied
 
 
 def _raws(opened: Opened, request: Request) -> dict[str, Raw]:
     """Read the chosen topics as their messages have them, with gravity where an Imu tells it."""
     reader = opened.reader
     topics = reader.topics()
-    choices = choose_roles(reader.path, topics, request.topics, configured_topics(opened.configuration)).chosen
+    choices = roles_of(reader.path, topics, request, opened.configuration).chosen
     wanted: dict[str, list[str]] = {}
     for choice in choices.values():
         paths = wanted.setdefault(choice.topic.name, [])

@@ -83,6 +83,12 @@ class Verdict:
     plausible: tuple[Reading, ...]  # that fit nearly as well as the best and agree with the source
 
     @property
+    def mirror(self) -> Reading | None:
+        """The best reading's mirror image; None where the fixes' frame has none."""
+        flips = tuple(not flip for flip in self.best.flips)
+        return next((r for r in self.readings if r.flips == flips), None)
+
+    @property
     def observable(self) -> bool:
         """False where readings that are no mirror images of each other fit nearly alike."""
         return len({r.mirror_class for r in self.plausible}) == 1

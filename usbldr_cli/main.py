@@ -10,6 +10,7 @@ from usbldr.filters.errors import UsbldrError
 COMMANDS = {
     "info": "What is in LOG and how each sensor is understood.",
     "doctor": "What is wrong with LOG for navigation, and what to do about it.",
+    "init": "Write a commented configuration for LOG with what was found.",
     "replay": "Run a filter over LOG and report its east and north errors.",
     "compare": "Run several filters over logs and seeds, side by side.",
     "export": "Write LOG, or a stretch of it, in another format.",

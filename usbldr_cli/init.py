@@ -1,0 +1,46 @@
+"""``usbldr init``: a commented configuration for a log that has none."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr_cli.options import log_options, request
+
+
+@click.command()
+@log_options
+@click.option(
+    "--output", "-o", metavar="FILE", help="Where to write it.  [default: where LOG's configuration is sought]"
+)
+@click.option("--force", is_flag=True, help="Replace a file that is there already.")
+def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
+    """Write a usbldr.toml for LOG with what was found, each line with where it comes from.
+
+    Topics, axes, frames, mounting and delays are those that fit LOG best without any truth; read the lines marked
+    CHECK. Replay accepts the file as it is.
+
+    \b
+    $ usbldr init dive.mcap
+    """
+    from usbldr.io.doctor import examine
+    from usbldr.io.draft import configuration_beside, draft
+
+    path = Path(log)
+    if not path.exists():
+        raise LogError(f"{log}: no such file or folder")
+    if selection["config"] not in (None, "none"):
+        raise UsageError("init writes a configuration from the log alone; it takes no --config")
+    target = Path(output) if output else configuration_beside(path)
+    if target.is_dir() or (target.exists() and not force):
+        raise UsageError(f"{target} exists already: choose another file with --output, or --force")
+    selection["config"] = "none"
+    text = draft(examine(path, request(**selection)), selection["joined"])
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as err:
+        raise UsageError(f"{target}: cannot be written ({err.strerror}); choose another file with --output") from err
+    checks = text.count("# CHECK")
+    wanted = f"; {checks} line{'s' if checks > 1 else ''} marked CHECK want{'' if checks > 1 else 's'} a decision"
+    click.echo(f"{target}: written" + (wanted if checks else ""))
