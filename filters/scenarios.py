@@ -5,15 +5,13 @@ bias, misalignment, latency and clock offset are its errors: positive means that
 counter-clockwise, too late).
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
 
 from usbldr.filters.assumptions import LeverArm, ProcessNoise, Start
-from usbldr.filters.errors import UsageError
-from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily
+from usbldr.filters.noise import Gaussian, NoiseFamily
 from usbldr.filters.types import Array
 
 Stretches: TypeAlias = tuple[tuple[float, float], ...]  # each [from, to) in seconds of the dive
@@ -230,60 +228,3 @@ class Scenario:
     drawn: Drawn | None = None
     process: ProcessNoise = field(default_factory=ProcessNoise)  # told to the filter; the truth has it only if drawn
     start: Start | None = None  # told to the filter
-
-
-PAPER = Scenario(
-    name="paper",
-    about="section 3.1 of the paper: 1000 s straight on at 5 deg yaw, noise of eq. (23), DVL reads 1 % too much",
-    duration_s=1000.0,
-    legs=(Leg(1000.0, starboard_mps=1.0, forward_mps=1.0),),
-    dvl=Dvl(rate_hz=5.0, sd_mps=0.02, noise=Mixture(), scale_error=0.01),
-    compass=Compass(rate_hz=5.0, sd_rad=math.radians(0.1), noise=Mixture()),
-    usbl=Usbl(rate_hz=1.0, accuracy=Accuracy(1.0), noise=Mixture()),
-    gps=Gps(rate_hz=1.0),
-    yaw_rad=math.radians(5.0),
-    process=ProcessNoise(position_m=0.067, yaw_rad=2.2e-4, velocity_mps=2.2e-3, turn_rate_radps=2.2e-5),
-    start=Start(0.0, 0.0, 0.01, sd_yaw_rad=math.radians(0.5), sd_mps=0.1, sd_radps=math.radians(0.01)),
-)
-
-LANE_S, TURN_S, TURN_RADPS = 125.0, 30.0, math.radians(6.0)
-
-
-def _lawnmower_legs(lanes: int) -> tuple[Leg, ...]:
-    """Return lanes at 1 m/s, joined by half circles that turn right and left by turns; they skid outwards a little."""
-    legs = [Leg(LANE_S, 0.0, 1.0)]
-    for turn in range(lanes - 1):
-        left = 1.0 if turn % 2 else -1.0
-        legs += [Leg(TURN_S, 0.05 * left, 0.9, TURN_RADPS * left), Leg(LANE_S, 0.0, 1.0)]
-    return tuple(legs)
-
-
-LAWNMOWER = Scenario(
-    name="lawnmower",
-    about="900 s of six lanes: slow DVL, biased compass, late fixes with outliers, outages of USBL and DVL",
-    duration_s=900.0,
-    legs=_lawnmower_legs(6),
-    dvl=Dvl(rate_hz=2.0, sd_mps=0.02, scale_error=0.004, timing=Timing(silences_s=((725.0, 765.0),))),
-    compass=Compass(rate_hz=10.0, sd_rad=math.radians(0.3), bias_rad=math.radians(0.8)),
-    usbl=Usbl(
-        rate_hz=0.5,
-        accuracy=Accuracy(0.6),
-        outliers=Outliers(share=0.06, least=5.0, most=40.0),
-        timing=Timing(delay_s=0.5, delay_spread_s=1.5, jitter_s=0.4, silences_s=((400.0, 550.0),)),
-        told_noise=Contamination(share=0.05, sd=10.0),
-    ),
-    gps=Gps(rate_hz=1.0),
-    process=ProcessNoise(
-        position_m=0.02, yaw_rad=math.radians(0.1), velocity_mps=0.05, turn_rate_radps=math.radians(6)
-    ),
-    yaw_rad=math.radians(80.0),  # lanes of heading 280 and 100: each turn leads through north, where headings jump
-)
-
-SCENARIOS = {scenario.name: scenario for scenario in (PAPER, LAWNMOWER)}
-
-
-def scenario_named(name: str) -> Scenario:
-    """Return a scenario of SCENARIOS; raises UsageError that lists the names."""
-    if name not in SCENARIOS:
-        raise UsageError(f"there is no scenario {name!r} (scenarios: {', '.join(SCENARIOS)})")
-    return SCENARIOS[name]

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from usbldr.filters import baselines
 from usbldr.filters.errors import LogError
-from usbldr.filters.scenarios import PAPER, Leg, Scenario
+from usbldr.filters.scenarios import Leg, Scenario
 from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
+
+PAPER = find_scenario("paper")
 
 EXACT = dataclasses.replace(
     PAPER,

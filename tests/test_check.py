@@ -10,10 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from usbldr.filters.scenarios import LAWNMOWER
 from usbldr.io.baseline_file import Metric, Row
 from usbldr.io.scenario_files import write_scenario
+from usbldr.io.scenario_library import find_scenario
 from usbldr_cli.check_verdicts import Change, Checked, change, markdown, summary
+
+LAWNMOWER = find_scenario("lawnmower")
 
 ROOT = Path(__file__).resolve().parents[1]
 USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]

@@ -15,13 +15,15 @@ import pytest
 from click.testing import CliRunner
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.scenarios import PAPER
 from usbldr.io.scenario_files import write_scenario
+from usbldr.io.scenario_library import find_scenario
 from usbldr_cli.compare import compare
 from usbldr_cli.replay import replay
 from usbldr_cli.run_options import RunChoices
 from usbldr_cli.unit_store import read_trace
 from usbldr_cli.units import Unit, fitted, run_units
+
+PAPER = find_scenario("paper")
 
 CHOICES = RunChoices(
     particles=10,

@@ -11,11 +11,14 @@ from usbldr.filters.calibration import STATES, layout_for
 from usbldr.filters.dive_bounds import dive_bounds, true_states
 from usbldr.filters.noise import Gaussian
 from usbldr.filters.run import Settings, run, steps
-from usbldr.filters.scenarios import PAPER, Accuracy, Leg, Scenario, Timing
+from usbldr.filters.scenarios import Accuracy, Leg, Scenario, Timing
 from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Timeline
 from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
+
+PAPER = find_scenario("paper")
 
 TURNING = replace(
     PAPER,

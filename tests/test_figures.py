@@ -11,15 +11,17 @@ from usbldr.filters.evaluation import evaluate
 from usbldr.filters.methods import METHODS
 from usbldr.filters.run import Settings
 from usbldr.filters.run import run as run_filter
-from usbldr.filters.scenarios import PAPER
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reports import Run, Scored
 from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
 from usbldr_cli.canvas import FILTER_COLOURS, broken_at_gaps, in_style
 from usbldr_cli.figures import cdf_figure, error_figure, write_figures
 from usbldr_cli.health_figures import innovation_figure, particle_figure
 from usbldr_cli.track_figure import track_figure
+
+PAPER = find_scenario("paper")
 
 LOG = simulated_log(dataclasses.replace(PAPER, duration_s=120.0), seed=1)
 TIMELINE = timeline(LOG)

@@ -7,9 +7,11 @@ import pytest
 
 from usbldr.filters.evaluation import evaluate
 from usbldr.filters.run import Settings, run
-from usbldr.filters.scenarios import PAPER
 from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
+
+PAPER = find_scenario("paper")
 
 SEEDS = range(20)
 

@@ -12,14 +12,16 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation import Window, evaluate
 from usbldr.filters.metrics import METRICS
 from usbldr.filters.run import run as run_filter
-from usbldr.filters.scenarios import PAPER
 from usbldr.filters.types import Outage, Trajectory, Update
 from usbldr.io.log import Finding
 from usbldr.io.markdown_report import write_markdown
 from usbldr.io.reports import Run, Scored, fixes_table, strict, write_json, write_tables
 from usbldr.io.run_directory import run_directory
 from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
+
+PAPER = find_scenario("paper")
 
 LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)

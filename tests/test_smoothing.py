@@ -12,10 +12,12 @@ from usbldr.filters.noise import Gaussian
 from usbldr.filters.policies import collapse, matched
 from usbldr.filters.rules import cubature, linearised, unscented
 from usbldr.filters.run import SMOOTHED_BY, Settings, run
-from usbldr.filters.scenarios import PAPER
 from usbldr.filters.smoothing import smooth
 from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
+
+PAPER = find_scenario("paper")
 
 F = np.array([[1.0, 1.0], [0.0, 1.0]])
 Q = np.array([0.3, 0.2])

@@ -6,13 +6,15 @@ import numpy as np
 from usbldr.filters import baselines
 from usbldr.filters.evaluation import Window, evaluate
 from usbldr.filters.run import run as run_filter
-from usbldr.filters.scenarios import PAPER
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reports import Run, Scored, describe, strict
 from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
 from usbldr.io.summary import Table
 from usbldr.io.timeline import timeline
 from usbldr_cli.tables import WIDTH, aligned, render
+
+PAPER = find_scenario("paper")
 
 LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
