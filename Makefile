@@ -4,8 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 USBLDR ?= $(BIN)/usbldr
 SAMPLES ?= sample_logs
+SEEDS ?= 20
 
-.PHONY: demo test lint check sample_logs clean
+.PHONY: demo test lint check sample_logs paper clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -27,6 +28,10 @@ sample_logs: $(VENV)/installed
 	$(USBLDR) simulate lawnmower --seed 0 --force -o $(SAMPLES)/lawnmower.bag
 	$(USBLDR) simulate lawnmower --seed 0 --force -o $(SAMPLES)/lawnmower_csv
 	$(USBLDR) export $(SAMPLES)/lawnmower.mcap --start 60 --end 180 --force -o $(SAMPLES)/lawnmower_turn_db3
+
+# docs/paper.md with its tables and pictures; finished runs are kept in paper-runs (SEEDS=50 for the goals)
+paper: $(VENV)/installed
+	$(BIN)/python benchmarks/paper.py --seeds $(SEEDS)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

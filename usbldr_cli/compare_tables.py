@@ -4,7 +4,7 @@ import re
 import textwrap
 from collections.abc import Sequence
 
-from usbldr.io.summary import TRUTHS, Table, aid_text
+from usbldr.io.summary import ORDERS, TRUTHS, Table, aid_text
 from usbldr_cli.comparison import Row, difference, grouped, numbers, overall, trust, verdict
 from usbldr_cli.tables import WIDTH, aligned, pairs
 
@@ -72,6 +72,9 @@ def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
         lines.append(("window", f"truth rows from {start} to {end} of the log"))
     if judged.aid:
         lines.append(("aid", aid_text(judged.aid)))
+    orders = {row.label: ORDERS[row.judged.order] for row in rows if row.judged is not None}
+    alike = len(set(orders.values())) == 1
+    lines.append(("fixes", ORDERS[judged.order] if alike else "; ".join(f"{k}: {v}" for k, v in orders.items())))
     lines.append(("alignment", judged.align))
     if any(row.dives for row in rows):
         lines.append(("seeds", "each seed is a dive of its own, and the filter's chance"))
@@ -119,7 +122,7 @@ def markdown(rows: Sequence[Row], pictures: Sequence[tuple[str, str]]) -> str:
     for log, group in grouped(rows).items():
         parts += [f"## {log}", _bullets(context(group))] if context(group) else [f"## {log}"]
         if any(row.good for row in group):
-            parts += [_piped(error_table(_shown(group))), _piped(health_table(group))]
+            parts += [piped(error_table(_shown(group))), piped(health_table(group))]
         if told := notes(group):
             parts.append(_bullets(told))
         parts.append(f"{verdict(group)}.")
@@ -157,7 +160,8 @@ def _number(row: Row, metric: str, digits: int = 3) -> str:
     return f"{value:.{digits}f}" if abs(value) < HUGE else f"{value:.1e}"
 
 
-def _piped(table: Table) -> str:
+def piped(table: Table) -> str:
+    """Return a table as Markdown."""
     lines = [[_escaped(cell) for cell in line] for line in ((table.title, *table.heads), *table.rows)]
     lines.insert(1, ["---", *("---:" for _ in table.heads)])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
