@@ -27,7 +27,8 @@ import numpy as np
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import Noise
-from usbldr.filters.run import Settings, prior, run, steps
+from usbldr.filters.readings import steps
+from usbldr.filters.run import Settings, prior, run
 from usbldr.filters.simulation import motion as true_motion
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log

@@ -26,6 +26,7 @@ class Positions(NamedTuple):
     sensor: str  # "usbl" or "gps"
     row: Indices  # (F,) which fix of the Timeline
     time_s: Vector  # (F,)
+    received_s: Vector  # (F,) when the vehicle knew of it
     position_m: Array  # (F, 2) east, north
     cov_m2: Array  # (F, 2, 2)
     family: NoiseFamily
@@ -36,7 +37,8 @@ class Positions(NamedTuple):
 def usbl_fixes(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Positions:
     """Return all USBL fixes."""
     rows = np.arange(len(timeline.fix_time_s))
-    fixes = (rows, timeline.fix_time_s, timeline.fix_m, timeline.fix_cov_m2)
+    cov_m2 = assumptions.usbl_sd_scale**2 * timeline.fix_cov_m2
+    fixes = (rows, timeline.fix_time_s, timeline.fix_received_s, timeline.fix_m, cov_m2)
     return Positions("usbl", *fixes, assumptions.usbl, assumptions.usbl_lever_m, layout)
 
 
@@ -45,8 +47,10 @@ def gps_fixes(timeline: Timeline, assumptions: Assumptions) -> Positions:
     rows = np.flatnonzero(inside(timeline.gps_time_s, assumptions.aid))
     sd_m = np.full(len(rows), GPS_SD_M) if timeline.gps_sd_m is None else timeline.gps_sd_m[rows]
     sd_m = np.where(sd_m > 0, sd_m, GPS_SD_M)
-    fixes = (rows, timeline.gps_time_s[rows], timeline.gps_m[rows], sd_m[:, None, None] ** 2 * np.eye(2))
-    return Positions("gps", *fixes, assumptions.gps, assumptions.gps_lever_m, Layout())
+    t, cov_m2 = timeline.gps_time_s[rows], sd_m[:, None, None] ** 2 * np.eye(2)
+    return Positions(
+        "gps", rows, t, t, timeline.gps_m[rows], cov_m2, assumptions.gps, assumptions.gps_lever_m, Layout()
+    )
 
 
 def inside(time_s: Vector, windows: Sequence[Span]) -> NDArray[np.bool_]:

@@ -12,7 +12,8 @@ from usbldr.filters.bound import Bounds, bounds
 from usbldr.filters.calibration import layout_for
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
-from usbldr.filters.run import prior, steps
+from usbldr.filters.readings import steps
+from usbldr.filters.run import prior
 from usbldr.filters.simulation import Simulated
 from usbldr.filters.types import Array, Timeline, Vector
 

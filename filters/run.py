@@ -1,28 +1,26 @@
-"""Drive a filter over a Timeline: make the steps, keep the estimates, tell what happened.
+"""Every filter by its name, and a run of one over a Timeline: drive it, keep the estimates, tell what happened.
 
-The driver alone knows grids, fixes and their times of validity; a filter only sees Steps.
+The driver (orders.py, readings.py) alone knows grids, fixes and their times of validity; a filter only sees Steps.
 """
 
-import functools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, sensors, weighted_ekf
-from usbldr.filters.aiding import Positions, gps_fixes, usbl_fixes
+from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, weighted_ekf
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
 from usbldr.filters.baselines import start_from_fixes
 from usbldr.filters.calibration import layout_for, prior_sd
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.filter import Filter, Prior, Step
+from usbldr.filters.filter import Filter, Prior
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import MotionModel, VehicleMotion
-from usbldr.filters.noise import Noise, NoiseFamily
-from usbldr.filters.sensors import Measurement, UsblFix
+from usbldr.filters.orders import MEMORY_S, ORDERS, too_late
+from usbldr.filters.readings import Readings
 from usbldr.filters.smoothing import smooth
 from usbldr.filters.types import Timeline, Trajectory, Update, Vector
 
@@ -36,6 +34,7 @@ class Settings:
     seed: int = 0
     form: str = "mixture"  # of cpf and upf, see FORMS
     smooth: bool = False  # estimate each epoch from the whole dive, not from what came before it
+    order: str = "validity"  # of late fixes, see orders.ORDERS
 
 
 def _kalman(rule: rules.Rule) -> "Build":
@@ -116,6 +115,8 @@ def run(
         raise UsageError(f"{name} has no form {settings.form!r} (forms of {', '.join(FORMED)}: {', '.join(FORMS)})")
     if settings.smooth and (name not in SMOOTHED_BY or settings.form == "literal"):
         raise UsageError(f"{name} is too far from a Gaussian to be smoothed (smoothed: {', '.join(SMOOTHED_BY)})")
+    if settings.smooth and settings.order == "arrival":
+        raise UsageError("a smoothed track knows the whole dive: leave --order at validity, or --smooth out")
     layout = layout_for(assumptions.calibrate)
     if settings.form == "literal" and assumptions.calibrate:
         raise UsageError("the literal form loses every constant state: leave --calibrate at none, or take another form")
@@ -127,19 +128,20 @@ def run(
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
-    updates: list[Update] = []
+    by_epoch: dict[int, Sequence[Update]] = {}
     belief = estimator.start(prior(timeline, assumptions, layout))
-    for k, step in enumerate(steps(timeline, assumptions, layout)):
-        belief = estimator.step(belief, step, functools.partial(np.random.default_rng, (settings.seed, k)))
-        estimate = estimator.estimate(belief)
+    readings = Readings(timeline, assumptions, layout)
+    for k, estimate, updates in ORDERS[settings.order](estimator, belief, readings, settings.seed):
         mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
         inflation[k] = estimate.inflation
-        updates += estimate.updates
+        by_epoch.update(updates)
         if k % 100 == 0:
             progress(k, count)
     progress(count, count)
     if settings.smooth:
         mean, cov = smooth(mean, cov, inflation, timeline.time_s, motion, SMOOTHED_BY[name])
+    done = tuple(update for k in sorted(by_epoch) for update in by_epoch[k])
+    late = too_late(readings) if settings.order == "arrival" else 0
     sampled = name in SAMPLED
     particles = settings.particles if sampled else 1
     return Trajectory(
@@ -148,11 +150,11 @@ def run(
         timeline.time_s,
         mean,
         cov,
-        tuple(updates),
+        done,
         ess if sampled else None,
         particles,
         acceptance if sampled else None,
-        _warnings(name, settings, ess, updates),
+        _warnings(name, settings, ess, done, late),
         time.perf_counter() - began,
     )
 
@@ -197,75 +199,10 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
     return Prior(mean, P)
 
 
-def steps(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Iterator[Step]:
-    """Yield a step per epoch; a fix is used at the first epoch at or after its time of validity."""
-    t = timeline.time_s
-    vehicle = _VehicleReadings(timeline, assumptions, layout)
-    fixes = _FixReadings(t, usbl_fixes(timeline, assumptions, layout))
-    surfaced = _FixReadings(t, gps_fixes(timeline, assumptions))
-    for k in range(len(t)):
-        readings = [*vehicle.at(k), *fixes.at(k), *surfaced.at(k)]
-        readings.sort(key=lambda reading: (reading.time_s, reading.sensor))  # stable: order in the log
-        yield Step(k, float(t[max(k - 1, 0)]), float(t[k]), tuple(readings))
-
-
-class _VehicleReadings:
-    """The compass and DVL measurements of an epoch."""
-
-    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
-        self.timeline = timeline
-        self.compass = sensors.compass(layout)
-        self.dvl = sensors.dvl(layout, assumptions.dvl_lever_m)
-        self.compass_noise = _scalar_noise(assumptions.compass)
-        self.dvl_noise = _scalar_noise(assumptions.dvl)
-
-    def at(self, k: int) -> Iterator[Measurement]:
-        """Yield what the epoch has; n averaged records have R / n."""
-        line = self.timeline
-        time_s = float(line.time_s[k])
-        if line.yaw_count[k]:
-            noise = self.compass_noise(float(line.yaw_sd_rad[k]), int(line.yaw_count[k]))
-            yield Measurement(line.yaw_rad[k : k + 1], self.compass, noise, "compass", "yaw", k, time_s)
-        if line.dvl_count[k]:
-            noise = self.dvl_noise(float(line.dvl_sd_mps[k]), int(line.dvl_count[k]))
-            for axis, name in enumerate(("starboard", "forward")):
-                z = line.dvl_mps[k, axis : axis + 1]
-                yield Measurement(z, self.dvl[axis], noise, "dvl", name, k, time_s)
-
-
-class _FixReadings:
-    """The measurements of fixes: two scalars where they err apart, else one of both axes."""
-
-    def __init__(self, epochs_s: Vector, fixes: Positions) -> None:
-        self.epochs_s, self.fixes = epochs_s, fixes
-        self.first_epoch = np.searchsorted(epochs_s, fixes.time_s, side="left")
-
-    def at(self, k: int) -> Iterator[Measurement]:
-        """Yield the fixes that epoch k uses, as seen from it."""
-        sensor, rows, times_s, positions_m, covs_m2, family, lever_m, layout = self.fixes
-        for f in range(*np.searchsorted(self.first_epoch, (k, k + 1)).tolist()):
-            row, time_s, z, R = int(rows[f]), float(times_s[f]), positions_m[f], covs_m2[f]
-            model = functools.partial(UsblFix, layout, time_s - float(self.epochs_s[k]), lever_m)
-            if family.per_scalar and not R[0, 1]:
-                for axis, name in enumerate(("east", "north")):
-                    noise = family.modes(R[axis : axis + 1, axis : axis + 1])
-                    yield Measurement(z[axis : axis + 1], model(axes=(axis,)), noise, sensor, name, row, time_s)
-            else:
-                yield Measurement(z, model(), family.modes(R), sensor, "position", row, time_s)
-
-
-def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:
-    """Return a function from one record's sigma and how many were averaged to the modes of a scalar."""
-
-    @functools.lru_cache(maxsize=1024)
-    def modes(sd: float, count: int) -> Noise:
-        return family.modes(np.array([[sd**2 / count]]))
-
-    return modes
-
-
-def _warnings(name: str, settings: Settings, ess: Vector, updates: Sequence[Update]) -> tuple[str, ...]:
+def _warnings(name: str, settings: Settings, ess: Vector, updates: Sequence[Update], late: int) -> tuple[str, ...]:
     said: list[str] = []
+    if late:
+        said.append(f"{name}: {late} fixes came more than {MEMORY_S:g} s late, or after the end, and were not used")
     fixes = {update.row for update in updates if update.sensor == "usbl"}
     doubted = {update.row for update in updates if update.sensor == "usbl" and update.fate != "used"}
     if len(doubted) > MOST_DOUBTED * len(fixes):

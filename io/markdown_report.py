@@ -60,6 +60,8 @@ def _definitions(run: Run) -> list[str]:
     ]
     if run.order == "validity":
         lines.append("Fixes were used at their time of validity, as an offline tool can; a vehicle knows them later.")
+    else:
+        lines.append("Each estimate knows the fixes that had arrived by then, as a vehicle under way does.")
     return lines
 
 

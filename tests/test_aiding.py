@@ -12,7 +12,8 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation import Window, evaluate
 from usbldr.filters.layout import Layout
 from usbldr.filters.noise import Gaussian
-from usbldr.filters.run import FILTERS, Settings, run, steps
+from usbldr.filters.readings import steps
+from usbldr.filters.run import FILTERS, Settings, run
 from usbldr.filters.types import Array, Timeline, Trajectory, Truth
 
 WINDOWS = ((3.0, 5.0), (20.0, 22.0))

@@ -10,7 +10,8 @@ from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
 from usbldr.filters.calibration import STATES, layout_for
 from usbldr.filters.dive_bounds import dive_bounds, true_states
 from usbldr.filters.noise import Gaussian
-from usbldr.filters.run import Settings, run, steps
+from usbldr.filters.readings import steps
+from usbldr.filters.run import Settings, run
 from usbldr.filters.scenarios import Accuracy, Leg, Scenario, Timing
 from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Timeline

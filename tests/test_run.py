@@ -9,7 +9,8 @@ from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.layout import Layout
 from usbldr.filters.noise import Contamination, Mixture
-from usbldr.filters.run import FILTERS, Settings, prior, run, steps
+from usbldr.filters.readings import steps
+from usbldr.filters.run import FILTERS, Settings, prior, run
 from usbldr.filters.sensors import UsblFix
 from usbldr.filters.types import Timeline
 

@@ -115,7 +115,7 @@ def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content
     for name in others:
         with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
             baselines.append(score(name, log, line, choices, anchor))
-    return Run(log, line, scored, tuple(baselines), "validity", choices.seed, asdict(choices), content)
+    return Run(log, line, scored, tuple(baselines), choices.order, choices.seed, asdict(choices), content)
 
 
 def _write(folder: Path, run: "Run") -> None:

@@ -39,13 +39,14 @@ class RunChoices:
     noise: tuple[str, ...] = ()
     smooth: bool = False
     aid: str | None = None
+    order: str = "validity"
 
     @property
     def settings(self) -> "Settings":
         """The filter's share."""
         from usbldr.filters.run import Settings
 
-        return Settings(self.particles, self.gate, self.seed, self.form, self.smooth)
+        return Settings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order)
 
     def overrides(self) -> dict[str, object]:
         """Return the fields of Assumptions that the options state."""
@@ -143,6 +144,13 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             multiple=True,
             metavar="SENSOR=KIND",
             help="As in usbl=student-t:4, dvl=mixture:0.3:10, compass=gaussian, usbl=contamination:0.05:10:record.",
+        ),
+        click.option(
+            "--order",
+            type=click.Choice(["validity", "arrival"]),
+            default="validity",
+            show_default=True,
+            help="Use fixes at their time of validity, or when the vehicle heard of them.",
         ),
         click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
         click.option(

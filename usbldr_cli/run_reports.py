@@ -55,6 +55,7 @@ def _row(folder: Path) -> Row:
             window_end_s=window["end_s"],
             align=report["alignment"]["name"],
             aid=tuple((start_s, end_s) for start_s, end_s in report.get("aid", ())),
+            order=report["order"],
             lost=tuple(finding["text"] for finding in report["findings"] if finding["lost_data"]),
         )
         numbers = {str(name): float(value) for name, value in metrics.items() if value is not None}

@@ -31,6 +31,7 @@ class Judged:
     window_end_s: float | None
     align: str
     aid: tuple[tuple[float, float], ...] = ()  # windows in which GPS aided the filters and nothing is scored
+    order: str = "validity"  # in which the filters came to know of late fixes
     lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
 
 

@@ -200,6 +200,7 @@ def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, 
         window_end_s=report.window.end_s if math.isfinite(report.window.end_s) else None,
         align=report.alignment.name,
         aid=report.aid,
+        order=choices.order,
         lost=tuple(finding.text for finding in log.findings if finding.lost_data),
     )
     metrics = {name: value for name, value in report.metrics.items() if math.isfinite(value)}
