@@ -36,6 +36,7 @@ class Way:
     gate: float | None = None
     form: str = "mixture"
     smooth: bool = False
+    order: str = "validity"
 
     @property
     def label(self) -> str:
@@ -45,6 +46,7 @@ class Way:
         parts += [f"--gate {self.gate:g}"] if self.gate is not None else []
         parts += [f"--particles {self.particles}"] if self.particles != 100 else []
         parts += ["--smooth"] if self.smooth else []
+        parts += [f"--order {self.order}"] if self.order != "validity" else []
         return " ".join(parts)
 
     def choices(self, seed: int) -> RunChoices:
@@ -62,6 +64,7 @@ class Way:
             slow_hz=1.0,
             calibrate=None if self.calibrate == "none" else self.calibrate,
             smooth=self.smooth,
+            order=self.order,
         )
 
 
@@ -114,7 +117,7 @@ def plan(seeds: int, sweeps: Path, unseen: bool) -> Plan:
     want("paper-range", (Way("cpf"), Way("adf", smooth=True)), seeds, "scale")
     want("paper-range", (Way("usbl"), Way("ekf"), Way("adf")), few(seeds), "scale")
 
-    want("delay", (Way("cpf"), Way("adf")), few(seeds), "scale")
+    want("delay", (Way("cpf"), Way("adf"), Way("adf", order="arrival")), few(seeds), "scale")
     want(LATE, (Way("adf"),), few(seeds), "scale")
     want("latency", (Way("adf"),), few(seeds), "scale")
     want("latency", (Way("adf"),), few(seeds), "scale,latency")

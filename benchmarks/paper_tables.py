@@ -93,23 +93,21 @@ def slant(rows: Rows) -> str:
 
 def delays(rows: Rows) -> str:
     """Return what late fixes and late stamps cost."""
+    cpf, adf, online = Way("cpf", "scale"), Way("adf", "scale"), Way("adf", "scale", order="arrival")
+    asked: tuple[tuple[str, str, Way, str], ...] = (
+        ("fixes arrive 1 s late, their stamps are right", "delay", cpf, "paper"),
+        ("the same", "delay", adf, "paper"),
+        ("the same, each epoch as the vehicle could have known it", "delay", online, "paper"),
+        ("stamps are 1 s late, nobody knows", LATE, adf, "paper"),
+        ("nothing is late", "square", adf, ""),
+        ("stamps are 0.8 s late, nobody knows", "latency", adf, "square"),
+        ("the same, the latency as a state", "latency", Way("adf", "scale,latency"), "square"),
+    )
     body = []
-    told = {
-        ("delay", "scale"): "fixes arrive 1 s late, their stamps are right",
-        (LATE, "scale"): "stamps are 1 s late, nobody knows",
-        ("square", "scale"): "nothing is late",
-        ("latency", "scale"): "stamps are 0.8 s late, nobody knows",
-        ("latency", "scale,latency"): "the same, `--calibrate latency`",
-    }
-    against = {"delay": "paper", LATE: "paper", "latency": "square"}
-    for (log, calibrate), what in told.items():
-        for name in ("cpf", "adf"):
-            row = rows.get((log, Way(name, calibrate)))
-            if row is None:
-                continue
-            other = rows[against[log], Way(name, "scale")] if log in against else None
-            ratio = "" if other is None else f"{times(row, other):.2f}"
-            body.append((what, Path(log).stem, name, errors(row), ratio, str(len(row.seeds))))
+    for what, log, way, against in asked:
+        row = rows[log, way]
+        ratio = f"{times(row, rows[against, replace(adf, method=way.method)]):.2f}" if against else ""
+        body.append((what, Path(log).stem, _titled(way), errors(row), ratio, str(len(row.seeds))))
     heads = ("scenario", "filter", "error, m", "times the undelayed", "seeds")
     return _made(Table("what is late", heads, tuple(body)), "delays", rows, ("delay", Way("cpf", "scale")))
 

@@ -1,7 +1,7 @@
 """The study behind docs/paper.md: its plan, its tables, its verdicts and its scenarios, without the runs themselves."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
 from usbldr_cli.compare import compare
 from usbldr_cli.comparison import Row
+from usbldr_cli.run_options import RunChoices
 from usbldr_cli.unit_store import Outcome, Store, Trace
 
 LIMIT = Limits(np.arange(60.0), np.full((60, 2), 0.15), np.full((60, 2), 0.1))
@@ -111,16 +112,14 @@ def test_every_picture_of_the_document_is_drawn(
     assert sorted(named) == sorted(file.name for file in (tmp_path / "paper").iterdir())
 
 
-def test_every_command_under_a_table_is_one_that_compare_understands(sweeps: Path) -> None:
+def test_every_command_under_a_table_asks_for_what_was_run(sweeps: Path) -> None:
     for (log, way), count in plan(2, sweeps, unseen=True).items():
         program, verb, *words = paper_tables.command(log, way, count).split()
 
         given = compare.make_context("compare", words).params
         assert (program, verb) == ("usbldr", "compare")
         assert (given["filters"], given["seeds"]) == (way.method, count)
-        assert given["particles"] == way.particles
-        assert (given["gate"], given["form"], given["smooth"]) == (way.gate, way.form, way.smooth)
-        assert given["calibrate"] == (None if way.calibrate == "none" else way.calibrate)
+        assert {field.name: given[field.name] for field in fields(RunChoices)} == asdict(way.choices(0))
 
 
 @pytest.mark.parametrize(
