@@ -27,7 +27,7 @@ MOST_DELAY_S = 10.0
 GROSS_SIGMAS = 6.0
 TO_NORMAL = 1.1774  # median of a Rayleigh distribution
 STEPS = np.array([1e-4, 1e-4, 0.05, 0.05])  # of finite differences: rad, 1, s, s
-PRIOR_SD = np.array([np.inf, 0.1, 5.0, 2.0])
+PRIOR_SD = np.array([np.pi, 0.1, 5.0, 2.0])
 LEAST_APART = 0.01  # smallest eigenvalue of the slopes' correlations at which they are told apart
 LIMITS = np.array([np.inf, 0.5, MOST_DELAY_S, MOST_DELAY_S])
 
@@ -221,7 +221,7 @@ def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector
     A, b = columns[:, :-1], columns[:, -1]
     information = np.real(A.conj().T * weights @ A)
     hold = _scale(np.abs(b)) ** 2 / PRIOR_SD[: len(q)] ** 2
-    inverse = np.linalg.inv(information + np.diag(hold))
+    inverse = np.linalg.pinv(information + np.diag(hold), hermitian=True)
     step = inverse @ (np.real(A.conj().T * weights @ b) - hold * q)
     error = b - A @ step
     scores = np.column_stack([np.bincount(group, weights * np.real(np.conj(column) * error)) for column in A.T])

@@ -171,14 +171,14 @@ def _sources(log: Log, raws: Mapping[str, Raw]) -> list[Source]:
     """Return what only the messages tell of the mirror image: gravity, the fixes' depth, names of frames."""
     found: list[Source] = []
     if "compass" in raws and GRAVITY in raws["compass"].values:
-        z = float(np.nanmedian(raws["compass"].number(GRAVITY)))
+        z = _median(raws["compass"].number(GRAVITY))
         if abs(z) > 5.0:
             says, which = ("NED", "down") if z < 0 else ("ENU", "up")
             name = f"gravity: {raws['compass'].topic.name} has z {which} ({z:+.1f} m/s^2 at rest)"
             found.append(Source(name, 1, convention(log, "compass", "convention")[0] != says))
     frame = convention(log, "usbl", "frame")[0]
     if "usbl" in raws and frame in ("ENU", "NED"):
-        z = float(np.nanmedian(raws["usbl"].number("z"))) if "z" in raws["usbl"].values else 0.0
+        z = _median(raws["usbl"].number("z"))
         depth_m = float(np.median(log.tables["depth"]["depth_m"])) if "depth" in log.tables else 0.0
         if depth_m > UNDERWATER_M and abs(abs(z) - depth_m) < 0.5 * depth_m:
             says, which = ("NED", "down") if z > 0 else ("ENU", "up")
@@ -186,6 +186,12 @@ def _sources(log: Log, raws: Mapping[str, Raw]) -> list[Source]:
         named = [says for says in ("ENU", "NED") if says.lower() in raws["usbl"].frame_id.lower()]
         found += [Source(f'frame_id "{raws["usbl"].frame_id}"', 2, frame != says) for says in named]
     return found
+
+
+def _median(values: Vector) -> float:
+    """Return the median of the known values, 0 where none is known."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:

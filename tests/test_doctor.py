@@ -1,7 +1,7 @@
 """The doctor on dives whose faults are known, because the test put them there."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -271,6 +271,35 @@ def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) 
     assert 'state unit = "rad" under [compass]' in found["HEADING-RADIANS"]["text"]
     (tmp_path / "usbldr.toml").write_text('[compass]\nunit = "rad"\n')
     assert "HEADING-RADIANS" not in findings(log)
+
+
+def changed(topic: str, **values: float) -> Callable[[Row], Row]:
+    """Set fields of a topic's messages; "__" in a name is a dot."""
+    fields = {name.replace("__", "."): value for name, value in values.items()}
+    return lambda row: (*row[:3], dict(row[3]) | fields) if row[1] == topic else row
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "change",
+    [
+        changed("/dvl", twist__linear__x=1e-12, twist__linear__y=0.0),
+        changed("/dvl", twist__linear__x=1.0, twist__linear__y=0.0),
+        changed("/dvl", twist__linear__x=np.nan),
+        changed("/imu", orientation__z=0.0, orientation__w=1.0),
+        changed("/imu", linear_acceleration__z=np.nan),
+        changed("/usbl", point__x=3.0, point__y=4.0),
+        changed("/usbl", point__x=np.nan),
+        changed("/usbl", point__x=1e12),
+    ],
+)
+def test_senseless_sensors_end_in_findings_and_nothing_else(tmp_path: Path, change: Callable[[Row], Row]) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", [change(row) for row in dive(gps=True)])
+
+    found = findings(log)
+
+    assert {"HEADING-CONVENTION", "MAP-FRAME", "DVL-AXES"}.isdisjoint(found)
+    assert found
 
 
 def test_a_scenario_is_examined_without_a_file() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from usbldr.filters.errors import UsbldrError
 from usbldr.io.mcap_log import McapLog
 from usbldr_cli.main import cli
 
@@ -95,3 +96,16 @@ def test_what_init_writes_for_a_field_log_replays_and_leaves_no_error(
     assert wrote.exception is None, wrote.exception
     assert (replayed.exception, replayed.return_value) == (None, 0)
     assert all(one["level"] != "error" for one in findings(field_logs / log, str(config)).values())
+
+
+def test_no_odd_file_of_others_ends_in_a_traceback(field_logs: Path, tmp_path: Path) -> None:
+    """None of them is a dive: each ends in an error finding or in a sentence."""
+    files = sorted(file for file in (field_logs / "reader_zoo").iterdir() if file.name[0].isdigit())
+    assert len(files) == 29
+    for file in files:
+        examined = CliRunner().invoke(cli, ["doctor", str(file)], standalone_mode=False)
+        wrote = CliRunner().invoke(cli, ["init", str(file), "-o", str(tmp_path / "x.toml")], standalone_mode=False)
+
+        assert examined.return_value == 1 or isinstance(examined.exception, UsbldrError), file
+        assert isinstance(wrote.exception, UsbldrError), file
+        assert not (tmp_path / "x.toml").exists()
