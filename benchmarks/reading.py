@@ -52,12 +52,10 @@ def write(folder: Path, kind: str, seconds: int) -> Path:
     from mcap.writer import CompressionType
     from mcap.writer import Writer as McapWriter
     from rosbags.rosbag2 import Writer as BagWriter
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    from usbldr.io.definitions import DEFINITIONS
+    from usbldr.io.definitions import known_types
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(DEFINITIONS[DVL], DVL))
+    store = known_types(2)
     rng = np.random.default_rng(0)
     rows = [(k * 10**9 // rate, topic) for topic, (rate, _) in RATES.items() for k in range(rate * seconds)]
     rows = sorted(rows + [(k * 10**8 + 3 * 10**6, "/camera") for k in range(10 * seconds)])

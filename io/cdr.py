@@ -4,6 +4,7 @@ rosbags' type system reads the definition; no ROS distribution is assumed. Messa
 once (ros_layout); rosbags decodes the others one by one, and says which do not fit.
 """
 
+import re
 import struct
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -11,24 +12,25 @@ from typing import Any, Literal
 
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from usbldr.io.decoding import DefinitionError, Extractor, Piece, one_by_one
+from usbldr.io.definitions import Types, ros2_name
 from usbldr.io.ros_layout import TIMES, by_layout
 
 
 class RosDecoder:
     """The messages of one type."""
 
-    def __init__(self, name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr") -> None:
-        """Read the definition; raise DefinitionError where that fails."""
+    def __init__(self, name: str, types: Types, encoding: Literal["cdr", "ros1"] = "cdr") -> None:
+        """Take the definitions of a type and of those in it; raise DefinitionError where one is missing."""
         self._encoding = encoding
-        self._name = name if name.count("/") > 1 else name.replace("/", "/msg/")  # ROS 1 spells pkg/Type
+        self._name = ros2_name(name)
+        self._definitions = dict(types)
         try:
-            self._definitions = get_types_from_msg(definition.decode(), self._name)
             self.fields = tuple(self._paths(self._name))
-        except (TypesysError, UnicodeDecodeError, KeyError, RecursionError) as err:
+        except (KeyError, RecursionError) as err:
             raise DefinitionError(" ".join(str(err).split())[:80]) from err
 
     @cached_property
@@ -51,6 +53,10 @@ class RosDecoder:
                 self._paths(str(what[0][1]))  # raises KeyError where there is no such type
         return found
 
+    def fits(self, payloads: Sequence[bytes]) -> bool:
+        """Tell whether all of some messages fit the definition."""
+        return sum(len(piece.rows) for piece in self.pieces(payloads, ())) == len(payloads)
+
     def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[Piece]:
         """Read all messages; those that do not fit the definition are in no piece."""
         pieces, left = by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
@@ -71,6 +77,36 @@ class RosDecoder:
             return tuple(getter(message) for getter in getters)
 
         return extract
+
+
+def from_msg(name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr") -> RosDecoder:
+    """Return the decoder for a definition in ROS's own language; raise DefinitionError where it makes no sense."""
+    return _read(name, definition, encoding, lambda text: get_types_from_msg(text, ros2_name(name)))
+
+
+def from_idl(name: str, definition: bytes) -> RosDecoder:
+    """Return the decoder for a definition in OMG IDL, as rosbag2 writes it: one part for each type in it."""
+    return _read(name, definition, "cdr", _idl_types)
+
+
+def _read(
+    name: str, definition: bytes, encoding: Literal["cdr", "ros1"], types_of: Callable[[str], Types]
+) -> RosDecoder:
+    try:
+        types = types_of(definition.decode())
+    except (TypesysError, UnicodeDecodeError, KeyError, RecursionError) as err:
+        raise DefinitionError(" ".join(str(err).split())[:80]) from err
+    return RosDecoder(name, types, encoding)
+
+
+def _idl_types(text: str) -> Types:
+    """Return the types of an IDL definition; a part begins with a line of "=" and a line with the type's name."""
+    types: dict[str, Any] = {}
+    for part in re.split(r"^={80}\n", text, flags=re.MULTILINE):
+        body = re.sub(r"\AIDL: .*\n", "", part)
+        if body.strip():
+            types |= get_types_from_idl(body)
+    return types
 
 
 def _getter(path: str) -> Callable[[object], Any]:

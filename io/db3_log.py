@@ -1,7 +1,7 @@
 """One sqlite3 file of a rosbag2 recording (.db3), with or without message definitions inside.
 
 The file is opened read-only and as unchanging, so that sqlite3 puts nothing beside it. A file from before ROS 2 Iron
-carries no definitions: those of the standard types are known, and of the types in DEFINITIONS.
+carries no definitions: those of the standard types are known, and of some navigation types (known_messages).
 """
 
 import sqlite3
@@ -15,10 +15,19 @@ from urllib.parse import quote
 import zstandard
 
 from usbldr.filters.errors import LogError
-from usbldr.io.definitions import definition_of
+from usbldr.io.definitions import SHIPPED, Definitions
 from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo
-from usbldr.io.streams import Decoder, Key, Message, Stream, collect, decoder_of, undecoded_findings
+from usbldr.io.streams import (
+    Decoder,
+    Key,
+    Message,
+    Stream,
+    collect,
+    decoder_of,
+    decoder_without_definition,
+    undecoded_findings,
+)
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no cdr begins so
 
@@ -28,9 +37,10 @@ class Db3Log:
 
     format = "rosbag2 (sqlite3)"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
         """Open nothing yet; ``path`` has been found to be sqlite3 by its first bytes."""
         self.path = path
+        self._known = known
         self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may save what is left"
         self._undecoded: Counter[str] = Counter()
 
@@ -83,8 +93,26 @@ class Db3Log:
             counts = {int(number): (int(n), int(t0), int(t1)) for number, n, t0, t1 in database.execute(query)}
         for number, key, encoding in self._listed:
             count, first, last = counts.get(number, (0, None, None))
-            streams[key] = Stream(*key, encoding, _decoder(key[1], encoding, definitions), count, first, last)
+            decoder = self._decoder(number, key[1], encoding, definitions)
+            streams[key] = Stream(*key, encoding, decoder, count, first, last)
         return streams
+
+    def _decoder(
+        self, number: int, type_name: str, encoding: str, definitions: Mapping[str, tuple[str, str]]
+    ) -> Decoder | str:
+        """Return the decoder of a topic, or why there is none."""
+        if encoding != "cdr":
+            return f"encoding {encoding} is not supported, only cdr"
+        if type_name in definitions:
+            language, text = definitions[type_name]
+            return decoder_of(type_name, text.encode(), encoding, language)
+        return decoder_without_definition(type_name, self._known, self._samples(number))
+
+    def _samples(self, number: int) -> list[bytes]:
+        """Return some messages of a topic."""
+        with self._open() as database:
+            rows = database.execute("SELECT data FROM messages WHERE topic_id = ? LIMIT 5", (number,)).fetchall()
+        return [_unpacked(data) for (data,) in rows]
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; where one topic has several types, the one with most messages."""
@@ -110,21 +138,12 @@ class Db3Log:
         return (*said, *undecoded_findings(self._undecoded))
 
 
-def _definitions(database: sqlite3.Connection) -> dict[str, str]:
-    """Return the definitions by type that the file carries."""
+def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:
+    """Return the language and text of the definitions by type that the file carries."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
         return {}
     rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-    return {str(kind): str(text) for kind, encoding, text in rows if encoding == "ros2msg" and text}
-
-
-def _decoder(type_name: str, encoding: str, definitions: Mapping[str, str]) -> Decoder | str:
-    if encoding != "cdr":
-        return f"encoding {encoding} is not supported, only cdr"
-    definition = definitions.get(type_name) or definition_of(type_name)
-    if definition is None:
-        return f"the file carries no definition of its type {type_name}; convert it with ros2 bag convert, to MCAP"
-    return decoder_of(type_name, definition.encode(), "cdr", "ros2msg")
+    return {str(kind): (str(language), str(text)) for kind, language, text in rows if text}
 
 
 @cache

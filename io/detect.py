@@ -5,10 +5,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import LogError
+from usbldr.io.definitions import SHIPPED, Definitions
 from usbldr.io.reader import Reader
 
 FOREIGN: Mapping[bytes, str] = {
     b"#ROSBAG V1": "a ROS 1 bag of an old version; bring it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
+    b"\x89MCAP": "an MCAP file of a version that is not 0; convert it with the mcap tool of its writer",
     b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
     b"\x1f\x8b": "compressed with gzip; unpack it first (gunzip)",
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
@@ -42,31 +44,31 @@ def _is_csv(path: Path, head: bytes) -> bool:
     return any(text_files(path)) if path.is_dir() else looks_like_csv(head)
 
 
-def _mcap(path: Path) -> Reader:
+def _mcap(path: Path, known: Definitions) -> Reader:
     from usbldr.io.mcap_log import McapLog
 
-    return McapLog(path)
+    return McapLog(path, known)
 
 
-def _bag(path: Path) -> Reader:
+def _bag(path: Path, known: Definitions) -> Reader:
     from usbldr.io.bag_log import BagLog
 
     return BagLog(path)
 
 
-def _rosbag2(path: Path) -> Reader:
+def _rosbag2(path: Path, known: Definitions) -> Reader:
     from usbldr.io.rosbag2_log import open_rosbag2
 
-    return open_rosbag2(path)
+    return open_rosbag2(path, known)
 
 
-def _nmea(path: Path) -> Reader:
+def _nmea(path: Path, known: Definitions) -> Reader:
     from usbldr.io.nmea_log import NmeaFile
 
     return NmeaFile(path)
 
 
-def _csv(path: Path) -> Reader:
+def _csv(path: Path, known: Definitions) -> Reader:
     from usbldr.io.csv_log import CsvLog
 
     return CsvLog(path)
@@ -76,7 +78,7 @@ class Format(NamedTuple):
     """How a format is told and opened."""
 
     matches: Callable[[Path, bytes], bool]  # by path and the first bytes (empty for a folder)
-    open: Callable[[Path], Reader]
+    open: Callable[[Path, Definitions], Reader]  # with what is known of messages that a log does not define
 
 
 FORMATS: Mapping[str, Format] = {
@@ -89,7 +91,7 @@ FORMATS: Mapping[str, Format] = {
 """One line per format; importing its reader waits until it is opened."""
 
 
-def open_log(path: Path) -> Reader:
+def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     """Return the reader that fits; raise LogError for a missing, empty or unknown file."""
     if not path.exists():
         raise LogError(f"{path}: no such file or folder")
@@ -100,7 +102,7 @@ def open_log(path: Path) -> Reader:
                 head = file.read(4096)
         for matches, opened in FORMATS.values():
             if matches(path, head):
-                return opened(path)
+                return opened(path, known)
     except PermissionError as err:
         raise LogError(f"{path}: may not be read ({err.strerror})") from err
     *others, last = FORMATS
@@ -113,7 +115,7 @@ def open_log(path: Path) -> Reader:
         )
     if not head:
         raise LogError(f"{path}: the file is empty")
-    known = next((what for magic, what in FOREIGN.items() if head.startswith(magic)), None)
-    if known:
-        raise LogError(f"{path}: is {known}")
+    foreign = next((what for magic, what in FOREIGN.items() if head.startswith(magic)), None)
+    if foreign:
+        raise LogError(f"{path}: is {foreign}")
     raise LogError(f"{path}: unknown format (starts with {head[:12]!r}); usbldr reads {accepted}")

@@ -12,11 +12,21 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
+from usbldr.io.definitions import SHIPPED, Definitions
 from usbldr.io.log import Finding
 from usbldr.io.mcap_index import DisagreementError, Index, indexed_messages, read_index
 from usbldr.io.mcap_records import Message, Walk
 from usbldr.io.reader import Records, TopicInfo, utc
-from usbldr.io.streams import Decoder, Key, Stream, chosen_streams, collect, decoder_of, undecoded_findings
+from usbldr.io.streams import (
+    Decoder,
+    Key,
+    Stream,
+    chosen_streams,
+    collect,
+    decoder_of,
+    decoder_without_definition,
+    undecoded_findings,
+)
 from usbldr.io.streams import Message as Payload
 
 
@@ -25,9 +35,10 @@ class McapLog:
 
     format = "MCAP"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
         """Open nothing yet; ``path`` has been found to be MCAP by its first bytes."""
         self.path = path
+        self._definitions = known
         self._undecoded: Counter[str] = Counter()
         self._walk: Walk | None = None  # the last one through the file; None: it was read by its index
         self._schemas: dict[int, Schema] = {}
@@ -98,8 +109,17 @@ class McapLog:
         schema = self._schemas.get(record.schema_id)
         key = (record.topic, schema.name if schema else "")
         if key not in self._known:
-            self._known[key] = Stream(*key, record.message_encoding, _decoder(record, schema))
+            self._known[key] = Stream(*key, record.message_encoding, self._decoder(record, schema))
         self._keys[record.id] = key
+
+    def _decoder(self, channel: Channel, schema: Schema | None) -> Decoder | str:
+        """Return the decoder of a topic, or in a few words why there is none."""
+        encoding = channel.message_encoding
+        if schema is None or not schema.data:
+            if schema is not None and encoding == "cdr" and schema.name:
+                return decoder_without_definition(schema.name, self._definitions, ())
+            return decoder_of(schema.name if schema else "", b"", encoding, "")
+        return decoder_of(schema.name, schema.data, encoding, schema.encoding)
 
     def findings(self) -> tuple[Finding, ...]:
         """Say what is missing of the file."""
@@ -135,10 +155,3 @@ def _losses(walk: Walk, span: str) -> list[Finding]:
         text = f"{walk.undated} messages have an impossible log time and are left out"
         said.append(Finding("DAMAGED", text, lost_data=True))
     return said
-
-
-def _decoder(channel: Channel, schema: Schema | None) -> Decoder | str:
-    """Return the decoder of a topic, or in a few words why there is none."""
-    if schema is None or not schema.data:
-        return decoder_of(schema.name if schema else "", b"", channel.message_encoding, "")
-    return decoder_of(schema.name, schema.data, channel.message_encoding, schema.encoding)

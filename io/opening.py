@@ -8,6 +8,7 @@ from typing import cast
 
 from usbldr.filters.errors import LogError
 from usbldr.io.configuration import find_configuration, read_configuration
+from usbldr.io.definitions import with_folders
 from usbldr.io.detect import open_log
 from usbldr.io.joined import JoinedLog, Part
 from usbldr.io.nmea_log import with_sentences
@@ -24,6 +25,7 @@ class Request:
     topics: Mapping[str, str] = field(default_factory=dict[str, str])  # role -> topic or "none"
     truth: str | None = None  # a file, a topic or "none"
     joined: tuple[str, ...] = ()  # further files of the same dive
+    msg_path: tuple[str, ...] = ()  # folders of .msg files, for messages that a log does not define
 
 
 AS_IT_LIES = Request()
@@ -53,7 +55,7 @@ def open_configured(path: Path, request: Request) -> Opened:
     offsets = {(folder / stated.path).resolve(): round(stated.clock_offset_s * 1e9) for stated in configuration.file}
     paths = {path.resolve(): path} | {(folder / f.path).resolve(): folder / f.path for f in configuration.file}
     paths |= {Path(name).resolve(): Path(name) for name in request.joined}
-    parts = [Part(_opened(paths[real], configuration, request.topics), offsets.get(real, 0)) for real in paths]
+    parts = [Part(_opened(paths[real], configuration, request), offsets.get(real, 0)) for real in paths]
     (first, *others) = parts
     reader = first.reader
     if others or first.offset_ns:
@@ -62,16 +64,16 @@ def open_configured(path: Path, request: Request) -> Opened:
     return Opened(reader, tuple(paths.values()), configuration, file)
 
 
-def _opened(path: Path, configuration: Configuration, topics: Mapping[str, str]) -> Reader:
+def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:
     """Open one file; name the columns of a CSV file as the configuration does, find the sentences in topics of text."""
-    reader = open_log(path)
+    reader = open_log(path, with_folders(request.msg_path))
     sections = {role: configuration.columns(role) for role in ROLES}
     if not reader.format.startswith("CSV") or not any(sections.values()):
         return with_sentences(reader)
     from usbldr.io.csv_log import Columns, CsvLog
 
     stated = [
-        Columns(role, topics.get(role) or configuration.topic(role), columns)
+        Columns(role, request.topics.get(role) or configuration.topic(role), columns)
         for role, columns in sections.items()
         if columns
     ]

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from usbldr.filters.errors import LogError
+from usbldr.io.definitions import SHIPPED, Definitions
 from usbldr.io.joined import JoinedLog, Part
 from usbldr.io.log import Finding
 from usbldr.io.reader import Reader
@@ -20,10 +21,10 @@ def holds_recording(folder: Path) -> bool:
     return any(_parts(folder)) or any(file.name.endswith(PACKED) for file in folder.iterdir())
 
 
-def open_rosbag2(path: Path) -> Reader:
+def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
     """Return the reader of a recording; raise LogError where a folder holds none that can be read."""
     if not path.is_dir():
-        return _reader(path)
+        return _reader(path, known)
     there = _parts(path)
     named = _named(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else []
     findings: list[Finding] = []
@@ -31,21 +32,21 @@ def open_rosbag2(path: Path) -> Reader:
         files, findings = _found(path, [path / name for name in named], there)
     else:
         files, findings = _numbered(path, there), _gaps(there)
-    return JoinedLog(path, "rosbag2 folder", tuple(Part(_reader(file)) for file in files), tuple(findings))
+    return JoinedLog(path, "rosbag2 folder", tuple(Part(_reader(file, known)) for file in files), tuple(findings))
 
 
-def _reader(file: Path) -> Reader:
+def _reader(file: Path, known: Definitions) -> Reader:
     """Return the reader of one part, by its first bytes."""
     with file.open("rb") as opened:
         head = opened.read(16)
     if head.startswith(b"\x89MCAP0\r\n"):
         from usbldr.io.mcap_log import McapLog
 
-        return McapLog(file)
+        return McapLog(file, known)
     if head.startswith(b"SQLite format 3\x00"):
         from usbldr.io.db3_log import Db3Log
 
-        return Db3Log(file)
+        return Db3Log(file, known)
     raise LogError(f"{file}: " + ("the file is empty" if not head else "is neither sqlite3 nor MCAP"))
 
 

@@ -9,8 +9,9 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.cdr import RosDecoder
+from usbldr.io.cdr import RosDecoder, from_idl, from_msg
 from usbldr.io.decoding import DefinitionError, Extractor, Piece, in_one, one_by_one
+from usbldr.io.definitions import Definitions
 from usbldr.io.json_messages import JsonDecoder
 from usbldr.io.log import Finding
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
@@ -33,8 +34,9 @@ class Decoder(Protocol):
 
 
 DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
-    ("cdr", "ros2msg"): lambda name, definition: RosDecoder(name, definition),
-    ("ros1", "ros1msg"): lambda name, definition: RosDecoder(name, definition, "ros1"),
+    ("cdr", "ros2msg"): from_msg,
+    ("cdr", "ros2idl"): from_idl,
+    ("ros1", "ros1msg"): lambda name, definition: from_msg(name, definition, "ros1"),
     ("protobuf", "protobuf"): lambda name, definition: _protobuf(name, definition),
     ("json", "jsonschema"): JsonDecoder,
 }
@@ -95,6 +97,23 @@ def decoder_of(type_name: str, definition: bytes, encoding: str, definition_enco
         return make(type_name, definition)
     except DefinitionError as err:
         return f"the definition of its type {type_name} is not valid ({err})"
+
+
+def decoder_without_definition(type_name: str, known: Definitions, samples: Sequence[bytes]) -> Decoder | str:
+    """Return the decoder of a type that the log does not define, by what is known of the type, or why there is none.
+
+    Of several layouts that messages of this type have had, the one is taken that the samples fit.
+    """
+    absent = f"the file carries no definition of its type {type_name}"
+    decoders = [RosDecoder(type_name, types) for types in known.layouts(type_name)]
+    if not decoders:
+        return f"{absent}; --msg-path DIR names a folder with {type_name}.msg"
+    fitting = [decoder for decoder in decoders if decoder.fits(samples)]
+    if not fitting:
+        tried = f"{len(decoders)} known layouts" if len(decoders) > 1 else "known layout"
+        right = f"--msg-path DIR names a folder with the right {type_name}.msg"
+        return f"{absent}, and its messages do not fit the {tried}; {right}"
+    return fitting[0]
 
 
 def chosen_streams(streams: Mapping[Key, Stream], wanted: Iterable[str]) -> set[Key]:

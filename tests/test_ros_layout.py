@@ -10,7 +10,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from usbldr.io.cdr import RosDecoder
+from usbldr.io.cdr import RosDecoder, from_msg
 from usbldr.io.decoding import in_one
 
 ODD = """\
@@ -81,11 +81,11 @@ def messages(ros_version: int, type_name: str, count: int, most: int) -> tuple[R
     definition = store.generate_msgdef(type_name, ros_version=ros_version)[0].encode()
     if ros_version == 1:
         return (
-            RosDecoder(type_name, definition, "ros1"),
+            from_msg(type_name, definition, "ros1"),
             [bytes(store.serialize_ros1(one, type_name)) for one in made],
             made,
         )
-    return RosDecoder(type_name, definition), [bytes(store.serialize_cdr(one, type_name)) for one in made], made
+    return from_msg(type_name, definition), [bytes(store.serialize_cdr(one, type_name)) for one in made], made
 
 
 def value(message: Any, path: str) -> Any:
@@ -154,7 +154,7 @@ def test_messages_of_other_lengths_stand_among_the_others(monkeypatch: pytest.Mo
     assert len({len(payload) for payload in payloads}) == 1
     monkeypatch.setattr(Typestore, "deserialize_cdr", None)
 
-    rows, read = columns(RosDecoder("two_msgs/msg/Two", definition.encode()), payloads, ["x", "a", "b"])
+    rows, read = columns(from_msg("two_msgs/msg/Two", definition.encode()), payloads, ["x", "a", "b"])
 
     assert rows == [0, 1, 2, 3]
     np.testing.assert_array_equal(read["x"], [1, 2, 3, 4])

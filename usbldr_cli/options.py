@@ -22,12 +22,13 @@ ROLE_HELP = {
 
 
 def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --config, one option for each sensor, --truth and --with."""
+    """Add --config, one option for each sensor, --truth, --with and --msg-path."""
     options = (
         click.option("--config", metavar="FILE", help='Configuration. "none": not even the one beside LOG.'),
         *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
         click.option("--truth", metavar="FILE|TOPIC", help='What to measure errors against, "none" for nothing.'),
         click.option("--with", "joined", metavar="FILE", multiple=True, help="Another file of the same dive."),
+        click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg files that LOG does not carry."),
     )
     for option in reversed(options):
         command = option(command)
@@ -46,12 +47,18 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def request(
-    config: str | None = None, truth: str | None = None, joined: tuple[str, ...] = (), **topics: str | None
+    config: str | None = None,
+    truth: str | None = None,
+    joined: tuple[str, ...] = (),
+    msg_path: tuple[str, ...] = (),
+    **topics: str | None,
 ) -> "Request":
     """Return what the selection options ask for."""
     from usbldr.io.opening import Request
 
-    return Request(config, {role: topic for role, topic in topics.items() if topic is not None}, truth, joined)
+    return Request(
+        config, {role: topic for role, topic in topics.items() if topic is not None}, truth, joined, msg_path
+    )
 
 
 def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str, object] | None]":
