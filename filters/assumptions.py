@@ -72,3 +72,5 @@ class Assumptions:
     gps: NoiseFamily = Contamination()  # where it aids
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     aid: tuple[Span, ...] = ()  # windows in which GPS fixes are measurements and no truth
+    dvl_sd_scale: float = 1.0  # every sigma of that sensor, whoever stated it, is this many times as large
+    usbl_sd_scale: float = 1.0
