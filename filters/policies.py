@@ -37,7 +37,7 @@ class Modes(NamedTuple):
 
 def modes(seen: Projection, noise: Noise) -> Modes:
     """Weigh the modes of the noise against the innovation."""
-    S = seen.cov + noise.cov[:, :, :, None]
+    S = seen.cov + noise.cov.reshape(*noise.cov.shape[:3], -1)
     inverse, logdet = inverse_and_logdet(S)
     if len(seen.innovation) == 1:
         scaled = inverse[:, 0] * seen.innovation
@@ -46,7 +46,7 @@ def modes(seen: Projection, noise: Noise) -> Modes:
         scaled = np.einsum("jkln,ln->jkn", inverse, seen.innovation)
         distance = np.einsum("jkn,kn->jn", scaled, seen.innovation)
     constant = np.log(noise.shares) - 0.5 * len(seen.innovation) * math.log(2 * math.pi)
-    return Modes(constant[:, None] - 0.5 * (logdet + distance), inverse, scaled)
+    return Modes(constant.reshape(len(S), -1) - 0.5 * (logdet + distance), inverse, scaled)
 
 
 class Verdict(NamedTuple):
