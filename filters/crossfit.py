@@ -2,7 +2,7 @@
 
 The turn and shift between the two tracks are the closed form of S. Umeyama, IEEE Trans. PAMI 13(4), 1991,
 doi:10.1109/34.88573, with P. J. Huber's weights against gross fixes. The small errors come from one regression, with
-J. W. Tukey's biweight, whose standard deviations allow for errors that hang together within a stretch.
+J. W. Tukey's biweight; standard deviations come from leaving out parts of the log (B. Efron's jackknife).
 
 Positions are complex numbers here, east + i north, in metres: a turn counter-clockwise is a factor.
 """
@@ -26,7 +26,7 @@ LEAST_FIXES = 20  # below that nothing is claimed
 MOST_DELAY_S = 10.0
 GROSS_SIGMAS = 6.0
 TO_NORMAL = 1.1774  # median of a Rayleigh distribution
-STEPS = np.array([1e-4, 1e-4, 0.05, 0.05])  # of finite differences: rad, 1, s, s
+STEPS = np.array([1e-4, 1e-4, 1.0, 1.0])  # of central differences: rad, 1, s, s; a DVL's noise hides in a second
 PRIOR_SD = np.array([np.pi, 0.1, 5.0, 2.0])
 LEAST_APART = 0.01  # smallest eigenvalue of the slopes' correlations at which they are told apart
 LIMITS = np.array([np.inf, 0.5, MOST_DELAY_S, MOST_DELAY_S])
@@ -159,7 +159,7 @@ def calibrate(timeline: Timeline, rotation_rad: float = 0.0) -> Calibration | No
     start = np.array([rotation_rad, 0.0, 0.0, 0.0])
     first = _regress(timeline, start, 3, group)
     whole = _regress(timeline, first.values, 4, group)
-    sd = [*first.sd, whole.sd[3]]
+    sd = [*_jackknife_sd(timeline, first, 3, group), _jackknife_sd(timeline, whole, 4, group)[3]]
     residual = np.full(len(group), np.nan)
     residual[used] = first.residual_m
     return Calibration(
@@ -173,22 +173,37 @@ def calibrate(timeline: Timeline, rotation_rad: float = 0.0) -> Calibration | No
 
 class _Regression(NamedTuple):
     values: Vector  # (4,) rotation, scale, latency, heading delay
-    sd: Vector  # of those that were free
+    told_apart: bool
     residual_m: Vector
     sd_m: float
 
 
 class _Solution(NamedTuple):
     step: Vector  # (k,)
-    covariance: Array  # (k, k)
+    told_apart: bool  # False: two slopes are nearly one, as those of latency and heading delay are at constant speed
     error: Points  # (n,)
     weights: Vector  # (n,)
 
 
-def _regress(timeline: Timeline, start: Vector, free: int, group: Indices) -> _Regression:
+def _jackknife_sd(timeline: Timeline, full: _Regression, free: int, group: Indices) -> Vector:
+    """Return the 1-sigma of each value, (free,), by leaving out an eighth of the stretches; NaN if not told apart.
+
+    Drift hangs together within a stretch and is heavy-tailed, so that no formula is as honest.
+    """
+    if not full.told_apart:
+        return np.full(free, np.nan)
+    off: list[Vector] = []
+    for part in np.array_split(np.unique(group[group >= 0]), BLOCKS):
+        kept = np.where(np.isin(group, part), -1, group)
+        off.append(_regress(timeline, full.values, free, kept, rounds=2).values[:free] - full.values[:free])
+    spread = np.array(off)
+    return np.sqrt((len(off) - 1) * np.mean(spread**2, axis=0))
+
+
+def _regress(timeline: Timeline, start: Vector, free: int, group: Indices, rounds: int = 7) -> _Regression:
     """Find the first ``free`` of rotation, scale, latency and heading delay by Gauss-Newton steps."""
     q, weights = start, np.ones(int(np.sum(group >= 0)))
-    for _ in range(7):
+    for _ in range(rounds):
         found = _gauss_newton(timeline, q, weights, free, group)
         limit = LIMITS[:free]
         q = np.concatenate([np.clip(q[:free] + found.step, -limit, limit), q[free:]])
@@ -196,14 +211,14 @@ def _regress(timeline: Timeline, start: Vector, free: int, group: Indices) -> _R
     found = _gauss_newton(timeline, q, weights, free, group)
     distance = np.abs(found.error)
     sd_m = float(np.sqrt(np.average(distance**2, weights=found.weights) / 2))
-    return _Regression(q, np.sqrt(np.diag(found.covariance)), distance, sd_m)
+    return _Regression(q, found.told_apart, distance, sd_m)
 
 
 def _gauss_newton(timeline: Timeline, q: Vector, weights: Vector, free: int, group: Indices) -> _Solution:
     used = group >= 0
     at_q = _predicted(timeline, q)[used]
-    ahead = [_predicted(timeline, q + step)[used] for step in np.diag(STEPS)[:free]]
-    slopes = np.column_stack([(points - at_q) / step for points, step in zip(ahead, STEPS[:free], strict=True)])
+    wings = [(_predicted(timeline, q + step), _predicted(timeline, q - step)) for step in np.diag(STEPS)[:free]]
+    slopes = np.column_stack([(a - b)[used] / (2 * step) for (a, b), step in zip(wings, STEPS[:free], strict=True)])
     y = fix_points(timeline)[used] - at_q
     for _ in range(9):
         weights = _solve(slopes, y, weights, group[used], q[:free]).weights
@@ -211,11 +226,7 @@ def _gauss_newton(timeline: Timeline, q: Vector, weights: Vector, free: int, gro
 
 
 def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
-    """Solve y = slopes x + shift of its group, (n, k) and (n,), for real x; the covariance is clustered by group.
-
-    q + x is held weakly to 0, so that nothing runs away. The covariance is NaN where two slopes are nearly one, as
-    those of latency and heading delay are at constant speed.
-    """
+    """Solve y = slopes x + shift of its group, (n, k) and (n,), for real x; q + x is held weakly to 0."""
     columns = np.column_stack([slopes, y])
     columns = columns - np.column_stack([_means(column, weights, group) for column in columns.T])[group]
     A, b = columns[:, :-1], columns[:, -1]
@@ -224,13 +235,10 @@ def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector
     inverse = np.linalg.pinv(information + np.diag(hold), hermitian=True)
     step = inverse @ (np.real(A.conj().T * weights @ b) - hold * q)
     error = b - A @ step
-    scores = np.column_stack([np.bincount(group, weights * np.real(np.conj(column) * error)) for column in A.T])
-    covariance = inverse @ (scores.T @ scores) @ inverse * len(scores) / max(len(scores) - 1, 1)
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    if np.linalg.eigvalsh(information / np.outer(size, size))[0] < LEAST_APART:
-        covariance = np.full_like(covariance, np.nan)
+    told_apart = bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] >= LEAST_APART)
     distance = np.abs(error)
-    return _Solution(step, covariance, error, (1 - np.minimum(distance / (4.7 * _scale(distance)), 1.0) ** 2) ** 2)
+    return _Solution(step, told_apart, error, (1 - np.minimum(distance / (4.7 * _scale(distance)), 1.0) ** 2) ** 2)
 
 
 def _predicted(timeline: Timeline, q: Vector) -> Points:

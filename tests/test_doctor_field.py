@@ -53,6 +53,7 @@ def test_the_faults_of_stpere_are_found_without_being_told(field_logs: Path) -> 
     assert found["DVL-MOUNT"]["worst"] == pytest.approx(-20.0, abs=2.0)
     assert "ruled out by this: GPS" in found["CONVENTION-CHECKED"]["text"]
     assert {"HEADING-CONVENTION", "MAP-FRAME", "DVL-AXES", "CONVENTION-UNDECIDED"}.isdisjoint(found)
+    assert "USBL-LATENCY" not in found  # the synthetic fixes are stamped when they were true
 
 
 def test_the_heading_of_stpere_is_biased_by_six_degrees_at_its_nominal_mounting(field_logs: Path) -> None:
