@@ -5,7 +5,6 @@ carries no definitions: those of the standard types are known, and of some navig
 """
 
 import sqlite3
-from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import cache, cached_property
@@ -26,7 +25,6 @@ from usbldr.io.streams import (
     collect,
     decoder_of,
     decoder_without_definition,
-    undecoded_findings,
 )
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no cdr begins so
@@ -42,7 +40,7 @@ class Db3Log:
         self.path = path
         self._known = known
         self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may save what is left"
-        self._undecoded: Counter[str] = Counter()
+        self._unfit: dict[str, Finding] = {}
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
@@ -116,7 +114,7 @@ class Db3Log:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; where one topic has several types, the one with most messages."""
-        records, self._undecoded = collect(self.path, self._streams, wanted, self._messages(wanted))
+        records, self._unfit = collect(self.path, self._streams, wanted, self._messages(wanted))
         return records
 
     def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[Message]:
@@ -135,7 +133,7 @@ class Db3Log:
         if journal.exists() and journal.stat().st_size:
             text = f"{journal.name} lies beside the file and is not read; sqlite3 {self.path.name} .databases merges it"
             said.append(Finding("JOURNAL", text, lost_data=True))
-        return (*said, *undecoded_findings(self._undecoded))
+        return (*said, *self._unfit.values())
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:

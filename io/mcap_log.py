@@ -4,7 +4,6 @@ A file that is as its own index says is read by it. Any other is walked through 
 what it holds, and what it has lost is said.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import chain
@@ -25,9 +24,9 @@ from usbldr.io.streams import (
     collect,
     decoder_of,
     decoder_without_definition,
-    undecoded_findings,
 )
 from usbldr.io.streams import Message as Payload
+from usbldr.io.unpacking import or_unknown
 
 
 class McapLog:
@@ -39,7 +38,7 @@ class McapLog:
         """Open nothing yet; ``path`` has been found to be MCAP by its first bytes."""
         self.path = path
         self._definitions = known
-        self._undecoded: Counter[str] = Counter()
+        self._unfit: dict[str, Finding] = {}
         self._walk: Walk | None = None  # the last one through the file; None: it was read by its index
         self._schemas: dict[int, Schema] = {}
         self._known: dict[Key, Stream] = {}
@@ -73,12 +72,12 @@ class McapLog:
         if self._index.seen is not None:
             try:
                 messages = self._by_index(chosen_streams(streams, wanted))
-                records, self._undecoded = collect(self.path, streams, wanted, messages)
+                records, self._unfit = collect(self.path, streams, wanted, messages)
             except DisagreementError:
                 pass
             else:
                 return records
-        records, self._undecoded = collect(self.path, streams, wanted, self._by_walk())
+        records, self._unfit = collect(self.path, streams, wanted, self._by_walk())
         return records
 
     def _by_index(self, wanted: set[Key]) -> Iterator[Payload]:
@@ -126,7 +125,7 @@ class McapLog:
         times = [t for stream in self._streams.values() for t in (stream.first_ns, stream.last_ns) if t is not None]
         span = f", the last {(max(times) - min(times)) / 1e9:.1f} s after the first" if times else ""
         said = [] if self._walk is None else _losses(self._walk, span)
-        return (*said, *undecoded_findings(self._undecoded))
+        return (*said, *self._unfit.values())
 
 
 def _losses(walk: Walk, span: str) -> list[Finding]:
@@ -144,8 +143,8 @@ def _losses(walk: Walk, span: str) -> list[Finding]:
         total = f" of {walk.promised}" if walk.promised is not None else ""
         first, last = min(start for start, _ in walk.lost_chunks), max(end for _, end in walk.lost_chunks)
         text = (
-            f"{len(walk.lost_chunks)} chunks are damaged (logged between {utc(first)} and {utc(last)}): "
-            f"{walk.messages}{total} messages could be read"
+            f"{len(walk.lost_chunks)} chunks are damaged{or_unknown(walk.unknown)} "
+            f"(logged between {utc(first)} and {utc(last)}): {walk.messages}{total} messages could be read"
         )
         said.append(Finding("DAMAGED", text, lost_data=True))
     elif walk.complete and walk.broken_at is not None:

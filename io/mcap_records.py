@@ -10,7 +10,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
-from usbldr.io.mcap_chunks import DAMAGE, HEAD, ChunkReader
+from usbldr.io.mcap_chunks import COMPRESSIONS, DAMAGE, HEAD, ChunkReader
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -46,6 +46,7 @@ class Walk:
     promised: int | None = None  # number of messages by the file's own statistics
     good_until: int = len(MAGIC)  # byte behind the last whole record
     broken_at: int | None = None  # byte where the first record begins that is none
+    unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     lost_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # log times from, to
 
     def __iter__(self) -> Iterator[Record]:
@@ -105,6 +106,7 @@ class Walk:
         if not chunk.whole:
             raise CutError
         if not sound:
+            self.unknown |= {chunk.compression} - set(COMPRESSIONS)
             self.lost_chunks.append((chunk.first_ns, chunk.last_ns))
 
     def _inside(self, data: memoryview) -> Iterator[Record]:

@@ -1,6 +1,5 @@
 """What the binary formats share: the messages of one topic and type, counted, decoded and laid out in columns."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,8 +125,8 @@ def chosen_streams(streams: Mapping[Key, Stream], wanted: Iterable[str]) -> set[
 
 def collect(
     log: Path, streams: Mapping[Key, Stream], wanted: Mapping[str, Sequence[str]], messages: Iterable[Message]
-) -> tuple[dict[str, Records], Counter[str]]:
-    """Decode the wanted fields; return the columns and, by topic, how many messages did not fit their definition.
+) -> tuple[dict[str, Records], dict[str, Finding]]:
+    """Decode the wanted fields; return the columns and what is to be said of topics with messages that do not fit.
 
     ``messages`` may hold more than is wanted; what is kept of them is the payloads of the wanted topics.
     """
@@ -139,14 +138,16 @@ def collect(
             rows[0].append(time_ns)
             rows[1].append(bytes(data))
     records: dict[str, Records] = {}
-    undecoded: Counter[str] = Counter()
+    unfit: dict[str, Finding] = {}
     for key, decoder in chosen.items():
         paths = wanted[key[0]]
         times, payloads = kept.pop(key)
         read = in_one(_pieces(decoder, payloads, paths), paths)
-        undecoded[key[0]] = len(times) - len(read.rows)
+        if len(read.rows) < len(times):
+            missing = np.delete(np.arange(len(times)), read.rows).tolist()
+            unfit[key[0]] = _unfit(streams[key], [payloads[row] for row in missing])
         records[key[0]] = _in_order(np.array(times, dtype=np.int64), read)
-    return records, +undecoded
+    return records, unfit
 
 
 def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -> Sequence[Piece]:
@@ -155,10 +156,17 @@ def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -
     return [one_by_one(decoder.extractor(paths), payloads, paths)]
 
 
-def undecoded_findings(undecoded: Mapping[str, int]) -> list[Finding]:
-    """Say which topics had messages that did not fit their definition."""
-    what = "messages do not fit the definition that the file gives for them"
-    return [Finding("UNDECODED", f"{topic}: {n} {what}", lost_data=True) for topic, n in undecoded.items()]
+FOREIGN_CDR: Mapping[int, str] = {2: "PL_CDR", 3: "PL_CDR", **dict.fromkeys((6, 7, 8, 9, 10, 11), "XCDR2")}
+"""Encodings other than plain CDR by the second byte of a message (OMG DDS-XTypes 1.3, 7.6.3.1.2)."""
+
+
+def _unfit(stream: Stream, payloads: Sequence[bytes]) -> Finding:
+    """Say that messages did not fit their definition, and whether another encoding is why."""
+    heads = {payload[1] for payload in payloads if len(payload) > 1 and payload[0] == 0}
+    foreign = sorted({FOREIGN_CDR[head] for head in heads if head in FOREIGN_CDR}) if stream.encoding == "cdr" else []
+    why = f": they are in {' and '.join(foreign)}, not in plain CDR" if foreign else ""
+    text = f"{stream.topic}: {len(payloads)} messages do not fit the definition that the file gives for them{why}"
+    return Finding("UNDECODED", text, lost_data=True)
 
 
 def _decoder(log: Path, stream: Stream) -> Decoder:

@@ -9,7 +9,6 @@ from mcap.writer import Writer
 
 from dives import SECOND, T0, Row, message, short_dive, twist, yaw
 from recordings import ROS1, write_bag
-from usbldr.filters.errors import LogError
 from usbldr.io.bag_log import BagLog
 from usbldr.io.detect import open_log
 from usbldr.io.mcap_log import McapLog
@@ -99,13 +98,31 @@ def test_a_flipped_bit_costs_one_chunk(tmp_path: Path) -> None:
 
 
 def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
-    whole = write_bag(tmp_path / "a.bag", many()).read_bytes()
+    whole = write_bag(tmp_path / "a.bag", many(), chunk_size=1 << 20).read_bytes()
     (tmp_path / "b.bag").write_bytes(whole.replace(b"compression=none", b"compression=zzzz"))
+    log = BagLog(tmp_path / "b.bag")
 
-    with pytest.raises(LogError) as fault:
-        BagLog(tmp_path / "b.bag").topics()
+    assert sum(topic.count for topic in log.topics()) == 0
+    (finding,) = log.findings()
+    assert finding.text == (
+        "1 chunks are damaged or packed in a way that is not known (zzzz): 0 of 1000 messages could be read"
+    )
 
-    assert str(fault.value) == f"{tmp_path / 'b.bag'}: unknown compression 'zzzz' (known: none, bz2, lz4)"
+
+def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "a.bag", many(), "lz4", 4096)
+    bent = bytearray(file.read_bytes())
+    at = bent.index(b"compression=lz4", len(bent) // 2)
+    bent[at - 20 : at] = bytes(20)
+    file.write_bytes(bent)
+    log = BagLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+
+    lost = sorted(set(range(500)) - set(x.astype(int)))
+    assert 5 < len(lost) < 100
+    assert lost == list(range(lost[0], lost[-1] + 1))
+    assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("DAMAGED", True)]
 
 
 def test_mcap_with_ros_1_messages_gives_what_the_bag_gives(tmp_path: Path) -> None:

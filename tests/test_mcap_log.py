@@ -236,6 +236,48 @@ def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -
     assert finding.lost_data
 
 
+@pytest.mark.parametrize(("byte", "name"), [(3, "PL_CDR"), (7, "XCDR2"), (11, "XCDR2")])
+def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/heading", "cdr", schema)
+        for k, first in enumerate((1, byte)):
+            writer.add_message(channel, T0 + k, bytes([0, first, 0, 0]) + struct.pack("<d", 12.5), T0 + k)
+        writer.finish()
+    log = McapLog(file)
+
+    assert len(log.read({"/heading": ["data"]})["/heading"].received_ns) == 1
+    (finding,) = log.findings()
+    assert finding.text.endswith(f"the definition that the file gives for them: they are in {name}, not in plain CDR")
+
+
+def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 1 << 20)
+    file.write_bytes(file.read_bytes().replace(b"\x04\0\0\0zstd", b"\x04\0\0\0snap"))
+    log = McapLog(file)
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 0
+    (finding,) = log.findings()
+    assert "1 chunks are damaged or packed in a way that is not known (snap) (logged between" in finding.text
+    assert finding.text.endswith(": 0 of 2000 messages could be read")
+
+
+def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "a.mcap", many(), CompressionType.NONE, False, summary=False).read_bytes()
+    first_message = whole.index(b"\x05", 100)
+    future = b"\x7f" + struct.pack("<Q", 5) + b"what?"
+    while not whole[first_message : first_message + 9].endswith(b"\0" * 6):
+        first_message = whole.index(b"\x05", first_message + 1)
+    (tmp_path / "b.mcap").write_bytes(whole[:first_message] + future + whole[first_message:])
+    log = McapLog(tmp_path / "b.mcap")
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 1000
+    assert log.findings() == ()
+
+
 def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_path: Path) -> None:
     file = tmp_path / "a.mcap"
     with file.open("wb") as stream:
