@@ -1,7 +1,8 @@
 """One sqlite3 file of a rosbag2 recording (.db3), with or without message definitions inside.
 
-The file is opened read-only and as unchanging, so that sqlite3 puts nothing beside it. A file from before ROS 2 Iron
-carries no definitions: those of the standard types are known, and of some navigation types (known_messages).
+The file is opened read-only and as unchanging, so that sqlite3 puts nothing beside it; where a journal was left beside
+it, both are copied for that. A file from before ROS 2 Iron carries no definitions: those of the standard types are
+known, and of some navigation types (known_messages).
 """
 
 import sqlite3
@@ -9,6 +10,8 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import cache, cached_property
 from pathlib import Path
+from shutil import copy
+from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
 import zstandard
@@ -27,6 +30,7 @@ from usbldr.io.streams import (
     decoder_without_definition,
 )
 
+WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
 ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no cdr begins so
 
 
@@ -49,7 +53,10 @@ class Db3Log:
     @contextmanager
     def _open(self) -> Generator[sqlite3.Connection]:
         self._refuse_cut()
+        merged = self._merged
         address = f"file:{quote(str(self.path.resolve()))}?mode=ro&immutable=1"
+        if merged is not None:
+            address = f"file:{quote(str(Path(merged.name) / self.path.name))}"
         try:
             with closing(sqlite3.connect(address, uri=True)) as database:
                 yield database
@@ -58,6 +65,25 @@ class Db3Log:
             if "no such" in why:
                 raise LogError(f"{self.path}: is sqlite3, but no rosbag2 recording ({why})") from err
             raise LogError(f"{self.path}: no readable rosbag2 recording ({why}); {self._advice}") from err
+
+    @property
+    def _journal(self) -> Path | None:
+        """Return the journal beside the file: rows that the recorder had no time to put into it."""
+        journal = self.path.with_name(self.path.name + "-wal")
+        return journal if journal.exists() and journal.stat().st_size else None
+
+    @cached_property
+    def _merged(self) -> TemporaryDirectory[str] | None:
+        """Return a copy of the file and its journal, where sqlite3 may put the one into the other."""
+        if self._journal is None:
+            return None
+        with self._journal.open("rb") as journal:
+            if journal.read(len(WAL)) != WAL:
+                return None
+        folder = TemporaryDirectory(prefix="usbldr-")
+        for file in (self.path, self._journal):
+            copy(file, folder.name)
+        return folder
 
     def _refuse_cut(self) -> None:
         """Raise LogError where the file is shorter than its own header says; sqlite3 would read zeros for the rest."""
@@ -129,10 +155,17 @@ class Db3Log:
     def findings(self) -> tuple[Finding, ...]:
         """Say what is missing of the file."""
         said: list[Finding] = []
-        journal = self.path.with_name(self.path.name + "-wal")
-        if journal.exists() and journal.stat().st_size:
-            text = f"{journal.name} lies beside the file and is not read; sqlite3 {self.path.name} .databases merges it"
+        with self.path.open("rb") as file:
+            journaled = file.read(20)[18:] == b"\2\2"
+        if self._merged is not None:
+            text = f"its last rows stand in {self.path.name}-wal, which lies beside it; they are read, too"
+            said.append(Finding("JOURNAL", text))
+        elif self._journal is not None:
+            text = f"{self.path.name}-wal lies beside the file and is no journal that can be read; its rows are missing"
             said.append(Finding("JOURNAL", text, lost_data=True))
+        elif journaled:
+            text = f"was recorded with a journal; if the recorder was killed, rows of {self.path.name}-wal are missing"
+            said.append(Finding("JOURNAL", text))
         return (*said, *self._unfit.values())
 
 

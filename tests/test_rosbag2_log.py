@@ -62,13 +62,47 @@ def test_a_file_alone_is_read_and_nothing_is_written_beside_it(tmp_path: Path) -
     assert [child.name for child in file.parent.iterdir()] == ["dive.db3"]
 
 
-def test_a_journal_beside_the_file_is_said_to_be_unread(tmp_path: Path) -> None:
+def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    with sqlite3.connect(file, isolation_level=None) as database:
+        database.execute("PRAGMA journal_mode=wal")
+        more = "INSERT INTO messages SELECT 90 + id, topic_id, 50000000000 + timestamp, data FROM messages"
+        database.execute(more)
+        for name in ("dive.db3", "dive.db3-wal"):  # as they lie while the recorder still runs
+            shutil.copy(file.with_name(name), killed)
+    database.close()
+    before = {path: path.read_bytes() for path in killed.iterdir()}
+
+    log = open_log(killed / "dive.db3")
+
+    assert log.read(TWIST_X)["/dvl"].columns["twist.linear.x"].tolist() == [0, 1, 2, 3, 4] * 2
+    assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("JOURNAL", False)]
+    assert {path: path.read_bytes() for path in killed.iterdir()} == before
+    assert open_log(file).topics()[0].count == 10
+
+
+def test_a_journal_that_is_none_is_lost_data(tmp_path: Path) -> None:
     file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
     (tmp_path / "dive" / "dive.db3-wal").write_bytes(b"rows")
 
     (finding,) = open_log(file).findings()
 
+    assert x_of(file) == [0, 1, 2, 3, 4]
     assert (finding.code, finding.lost_data) == ("JOURNAL", True)
+
+
+def test_a_recording_with_a_journal_that_is_not_there_is_said_to_have_had_one(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    with sqlite3.connect(file) as database:
+        database.execute("PRAGMA journal_mode=wal")
+    database.close()
+
+    (finding,) = open_log(file).findings()
+
+    assert (finding.code, finding.lost_data) == ("JOURNAL", False)
+    assert finding.text == "was recorded with a journal; if the recorder was killed, rows of dive.db3-wal are missing"
 
 
 def test_parts_are_read_in_the_order_of_time(tmp_path: Path) -> None:
