@@ -192,37 +192,44 @@ def _jackknife_sd(timeline: Timeline, full: _Regression, free: int, group: Indic
     """
     if not full.told_apart:
         return np.full(free, np.nan)
+    used = group[group >= 0]
+    slopes, y = _linear(timeline, full.values, free, group)
     off: list[Vector] = []
-    for part in np.array_split(np.unique(group[group >= 0]), BLOCKS):
-        kept = np.where(np.isin(group, part), -1, group)
-        off.append(_regress(timeline, full.values, free, kept, rounds=2).values[:free] - full.values[:free])
-    spread = np.array(off)
-    return np.sqrt((len(off) - 1) * np.mean(spread**2, axis=0))
+    for part in np.array_split(np.unique(used), BLOCKS):
+        kept = ~np.isin(used, part)
+        found = _settle(slopes[kept], y[kept], np.ones(int(kept.sum())), used[kept], full.values[:free])
+        off.append(found.step)
+    return np.sqrt((len(off) - 1) * np.mean(np.square(off), axis=0))
 
 
-def _regress(timeline: Timeline, start: Vector, free: int, group: Indices, rounds: int = 7) -> _Regression:
+def _regress(timeline: Timeline, start: Vector, free: int, group: Indices) -> _Regression:
     """Find the first ``free`` of rotation, scale, latency and heading delay by Gauss-Newton steps."""
-    q, weights = start, np.ones(int(np.sum(group >= 0)))
-    for _ in range(rounds):
-        found = _gauss_newton(timeline, q, weights, free, group)
+    used = group[group >= 0]
+    q, weights = start, np.ones(len(used))
+    for _ in range(7):
+        found = _settle(*_linear(timeline, q, free, group), weights, used, q[:free])
         limit = LIMITS[:free]
         q = np.concatenate([np.clip(q[:free] + found.step, -limit, limit), q[free:]])
         weights = found.weights
-    found = _gauss_newton(timeline, q, weights, free, group)
+    found = _settle(*_linear(timeline, q, free, group), weights, used, q[:free])
     distance = np.abs(found.error)
     sd_m = float(np.sqrt(np.average(distance**2, weights=found.weights) / 2))
     return _Regression(q, found.told_apart, distance, sd_m)
 
 
-def _gauss_newton(timeline: Timeline, q: Vector, weights: Vector, free: int, group: Indices) -> _Solution:
+def _linear(timeline: Timeline, q: Vector, free: int, group: Indices) -> tuple[Points, Points]:
+    """Return slopes (n, free) and what is left (n,) of the used fixes at q."""
     used = group >= 0
-    at_q = _predicted(timeline, q)[used]
     wings = [(_predicted(timeline, q + step), _predicted(timeline, q - step)) for step in np.diag(STEPS)[:free]]
     slopes = np.column_stack([(a - b)[used] / (2 * step) for (a, b), step in zip(wings, STEPS[:free], strict=True)])
-    y = fix_points(timeline)[used] - at_q
+    return slopes, (fix_points(timeline) - _predicted(timeline, q))[used]
+
+
+def _settle(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
+    """Solve with weights that follow their own residuals."""
     for _ in range(9):
-        weights = _solve(slopes, y, weights, group[used], q[:free]).weights
-    return _solve(slopes, y, weights, group[used], q[:free])
+        weights = _solve(slopes, y, weights, group, q).weights
+    return _solve(slopes, y, weights, group, q)
 
 
 def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
