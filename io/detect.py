@@ -13,6 +13,8 @@ FOREIGN: Mapping[bytes, str] = {
     b"\x89MCAP": "an MCAP file of a version that is not 0; convert it with the mcap tool of its writer",
     b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
     b"\x1f\x8b": "compressed with gzip; unpack it first (gunzip)",
+    b"BZh": "compressed with bzip2; unpack it first (bunzip2)",
+    b"\xfd7zXZ": "compressed with xz; unpack it first (unxz)",
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
 }
 """What people hand over instead, by its first bytes, and what to do about it."""
@@ -118,4 +120,8 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     foreign = next((what for magic, what in FOREIGN.items() if head.startswith(magic)), None)
     if foreign:
         raise LogError(f"{path}: is {foreign}")
+    from usbldr.io.csv_text import lacks_header
+
+    if lacks_header(head):
+        raise LogError(f"{path}: has no header: its first line is numbers; put the names of its columns before them")
     raise LogError(f"{path}: unknown format (starts with {head[:12]!r}); usbldr reads {accepted}")

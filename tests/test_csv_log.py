@@ -98,6 +98,58 @@ def test_a_broken_number_is_an_error_with_its_line(tmp_path: Path) -> None:
     assert str(fault.value) == f'{folder / "compass.csv"}: line 3: heading_deg is "north", not a number'
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time_ns;starboard_mps;forward_mps\n1;0,5;-1,25e-1\n2;,25;3",
+        "time_ns\tstarboard_mps\tforward_mps\n1\t0.5\t-0.125\n2\t0.25\t3",
+    ],
+)
+def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) -> None:
+    (tmp_path / "dvl.csv").write_text(text, encoding="utf-8")
+
+    dvl = read_log(tmp_path / "dvl.csv").tables["dvl"]
+
+    np.testing.assert_array_equal(dvl["starboard_mps"], [0.5, 0.25])
+    np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
+
+
+def test_a_column_that_is_there_twice_is_an_error(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg,heading_deg\n1,2,3")
+
+    with pytest.raises(LogError) as fault:
+        read_log(folder)
+
+    assert str(fault.value).endswith(
+        "compass.csv: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg)"
+    )
+
+
+def test_a_file_without_a_header_is_an_error_that_says_so(tmp_path: Path) -> None:
+    (tmp_path / "dvl.csv").write_text("1600000000,0.5,1.25\n1600000001,0.5,1.25\n", encoding="utf-8")
+
+    with pytest.raises(LogError) as fault:
+        read_log(tmp_path / "dvl.csv")
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'dvl.csv'}: has no header: its first line is numbers; put the names of its columns before them"
+    )
+
+
+def test_times_may_be_dates(tmp_path: Path) -> None:
+    folder = write_csv(
+        tmp_path / "dive",
+        compass="when,hdg\n2020-09-13T12:26:40.123456789Z,1\n2020-09-13 14:26:41+02:00,2\n2020-09-13T12:26:42,3",
+    )
+    columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
+    (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
+
+    log = read_log(folder)
+
+    assert log.start_ns == T0 + 123_456_789
+    np.testing.assert_allclose(log.tables["compass"]["time_s"], [0, 0.876543211, 1.876543211], atol=1e-9)
+
+
 def test_a_single_file_is_a_log_of_one_sensor(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl=DVL)
 
