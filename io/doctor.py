@@ -15,18 +15,17 @@ from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.crosscheck import CrossCheck, cross_check
 from usbldr.io.diagnosis import Diagnosis, diagnosis, of_finding
+from usbldr.io.evidence import UNDERWATER_M, raws_of, sources_of
 from usbldr.io.log import Log
-from usbldr.io.messages import Raw, raw, wanted_paths
+from usbldr.io.messages import Raw
 from usbldr.io.opening import Opened, Request, open_configured
 from usbldr.io.read import read, roles_of
-from usbldr.io.readings import Source, configuration_of, convention
+from usbldr.io.readings import Source, configuration_of
 from usbldr.io.timeline import timeline
-from usbldr.io.topics import Choice, candidates
+from usbldr.io.topics import candidates
 
 SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)  # 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
-GRAVITY = "linear_acceleration.z"
 NEEDED = ("dvl", "compass", "usbl")
-UNDERWATER_M = 1.0
 SAME_CLOCK_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
 SAME_EPOCH_S = 3600.0
 MOST_TRIES = 12  # combinations of topics, where several roles are undecided
@@ -78,8 +77,8 @@ def examine(path: Path, request: Request) -> Examination:
     if log is None:
         found += [*(of_finding(f) for f in opened.reader.findings()), diagnosis("UNUSABLE", str(fault))]
         return _examination(path, opened.reader.format, opened.file, found, None, None, chosen)
-    raws = _raws(opened, replace(request, topics=dict(request.topics) | chosen))
-    return _of_log(log, [*found, *_clocks(log, raws), *_invalid(log, raws)], tuple(_sources(log, raws)), chosen)
+    raws = raws_of(opened, replace(request, topics=dict(request.topics) | chosen))
+    return _of_log(log, [*found, *_clocks(log, raws), *_invalid(log, raws)], tuple(sources_of(log, raws)), chosen)
 
 
 def examine_log(log: Log) -> Examination:
@@ -138,60 +137,6 @@ def _decide(opened: Opened, request: Request) -> tuple[dict[str, str], dict[str,
         if isinstance(fault, UsageError) and len(free) > 1:
             tied[role] = [topic.name for topic in sorted(free, key=lambda topic: -topic.count)]
     return faults, {role: "none" for role in faults if role not in tied}, tied
-
-
-def _raws(opened: Opened, request: Request) -> dict[str, Raw]:
-    """Read the chosen topics as their messages have them, with gravity where an Imu tells it."""
-    reader = opened.reader
-    topics = reader.topics()
-    choices = roles_of(reader.path, topics, request, opened.configuration).chosen
-    wanted: dict[str, list[str]] = {}
-    for choice in choices.values():
-        paths = wanted.setdefault(choice.topic.name, [])
-        paths += [path for path in wanted_paths(choice.topic, choice.layout).values() if path not in paths]
-    gravity = _with_gravity(choices)
-    for name in gravity:
-        wanted[name].append(GRAVITY)
-    records = reader.read(wanted)
-    made: dict[str, Raw] = {}
-    for role, choice in choices.items():
-        rows = records[choice.topic.name]
-        one = raw(reader.path, choice.topic, choice.layout, rows)
-        extra = {GRAVITY: rows.columns[GRAVITY]} if role == "compass" and choice.topic.name in gravity else {}
-        made[role] = replace(one, values=dict(one.values) | extra)
-    return made
-
-
-def _with_gravity(choices: Mapping[str, Choice]) -> list[str]:
-    topics = [choice.topic for role, choice in choices.items() if role == "compass"]
-    return [topic.name for topic in topics if topic.has(GRAVITY) or "linear_acceleration" in topic.fields]
-
-
-def _sources(log: Log, raws: Mapping[str, Raw]) -> list[Source]:
-    """Return what only the messages tell of the mirror image: gravity, the fixes' depth, names of frames."""
-    found: list[Source] = []
-    if "compass" in raws and GRAVITY in raws["compass"].values:
-        z = _median(raws["compass"].number(GRAVITY))
-        if abs(z) > 5.0:
-            says, which = ("NED", "down") if z < 0 else ("ENU", "up")
-            name = f"gravity: {raws['compass'].topic.name} has z {which} ({z:+.1f} m/s^2 at rest)"
-            found.append(Source(name, 1, convention(log, "compass", "convention")[0] != says))
-    frame = convention(log, "usbl", "frame")[0]
-    if "usbl" in raws and frame in ("ENU", "NED"):
-        z = _median(raws["usbl"].number("z"))
-        depth_m = float(np.median(log.tables["depth"]["depth_m"])) if "depth" in log.tables else 0.0
-        if depth_m > UNDERWATER_M and abs(abs(z) - depth_m) < 0.5 * depth_m:
-            says, which = ("NED", "down") if z > 0 else ("ENU", "up")
-            found.append(Source(f"depth: the fixes have z {which}", 2, frame != says))
-        named = [says for says in ("ENU", "NED") if says.lower() in raws["usbl"].frame_id.lower()]
-        found += [Source(f'frame_id "{raws["usbl"].frame_id}"', 2, frame != says) for says in named]
-    return found
-
-
-def _median(values: Vector) -> float:
-    """Return the median of the known values, 0 where none is known."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else 0.0
 
 
 def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
