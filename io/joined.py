@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from usbldr.io.definitions import ros2_name
 from usbldr.io.log import Finding
 from usbldr.io.reader import Column, Reader, Records, TopicInfo
 from usbldr.io.sensor_types import STAMPS
@@ -33,17 +34,17 @@ class JoinedLog:
         found: dict[tuple[str, str], TopicInfo] = {}
         for part in self.parts:
             for topic in (_shifted(topic, part.offset_ns) for topic in part.reader.topics()):
-                key = (topic.name, topic.type)
+                key = _key(topic)
                 found[key] = _together(found[key], topic) if key in found else topic
         return tuple(found.values())
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Read each part, shift its times, and put the records in the order of log time."""
-        largest = {topic.name: topic.type for topic in sorted(self.topics(), key=lambda topic: topic.count)}
+        largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=lambda topic: topic.count)}
         pieces: dict[str, list[Records]] = {topic: [] for topic in wanted}
         for part in self.parts:
-            here = {(topic.name, topic.type) for topic in part.reader.topics() if topic.count}
-            own = {topic: paths for topic, paths in wanted.items() if (topic, largest[topic]) in here}
+            here = {_key(topic) for topic in part.reader.topics() if topic.count}
+            own = {topic: paths for topic, paths in wanted.items() if largest[topic] in here}
             for topic, records in part.reader.read(own).items() if own else ():
                 pieces[topic].append(_moved(records, part.offset_ns))
         return {topic: _in_one(pieces[topic], paths) for topic, paths in wanted.items()}
@@ -56,6 +57,11 @@ class JoinedLog:
             for finding in part.reader.findings()
         ]
         return (*self.said, *own)
+
+
+def _key(topic: TopicInfo) -> tuple[str, str]:
+    """Return what makes a topic of two parts one: its name and its type, which ROS 1 and ROS 2 spell differently."""
+    return topic.name, ros2_name(topic.type)
 
 
 def _shifted(topic: TopicInfo, offset_ns: int) -> TopicInfo:

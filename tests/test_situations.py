@@ -1,0 +1,89 @@
+"""What can be wrong with a log: docs/broken_files.md says of each situation what happens, and which tests show it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.writer import CompressionType
+
+from dives import SECOND, T0, short_dive, twist, write_mcap
+from recordings import write_bag
+from usbldr.filters.errors import LogError
+from usbldr.io.detect import open_log
+from usbldr.io.opening import Request
+from usbldr.io.read import read_log
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_every_situation_has_a_test_that_shows_it() -> None:
+    rows = re.findall(r"^\| (\d+) \|.*$", (ROOT / "docs" / "broken_files.md").read_text(encoding="utf-8"), re.MULTILINE)
+    text = (ROOT / "docs" / "broken_files.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(test_\w+)\.(test_\w+)`", text)
+
+    assert rows == [str(number) for number in range(1, 25)]
+    assert len(named) >= 24
+    for file, test in named:
+        assert f"def {test}(" in (ROOT / "tests" / f"{file}.py").read_text(encoding="utf-8"), f"{file}.{test}"
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_what_may_not_be_read_is_named(tmp_path: Path, folder: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "dive"
+    if folder:
+        log.mkdir()
+    else:
+        log.write_bytes(b"secret")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir" if folder else "open", refuse)  # a superuser may read all
+
+    with pytest.raises(LogError) as fault:
+        open_log(log)
+
+    assert str(fault.value) == f"{log}: may not be read (Permission denied)"
+
+
+def test_a_recording_under_way_is_read_whatever_its_name(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "a.bag", short_dive())
+    running = file.rename(tmp_path / "a.bag.active")
+
+    assert sum(topic.count for topic in open_log(running).topics()) == 33
+
+
+def test_a_bag_and_an_mcap_file_of_ros_2_are_one_dive(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "a.bag", [twist(T0 + k * SECOND, 1.0, 0.5) for k in range(5)])
+    mcap = write_mcap(tmp_path / "b.mcap", [twist(T0 + k * SECOND, 2.0, 0.5) for k in range(5, 8)])
+
+    log = read_log(bag, Request(joined=(str(mcap),)))
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [1.0] * 5 + [2.0] * 3
+
+
+def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> None:
+    """Reading 64 MB of other messages must not cost 20 MB; whole processes, so that nothing is counted twice."""
+    code = (
+        "import sys; from pathlib import Path; from usbldr.io.mcap_log import McapLog\n"
+        "McapLog(Path(sys.argv[1])).read({'/dvl': ['twist.linear.x']})\n"
+        "lines = Path('/proc/self/status').read_text().splitlines()\n"
+        "print(next(line for line in lines if line.startswith('VmHWM:')).split()[1])"
+    )
+    if not Path("/proc/self/status").exists():
+        pytest.skip("no /proc: the memory of a process cannot be told")
+    peaks = []
+    for size in (0, 1 << 20):
+        text = {"data": "x" * size}
+        rows = [
+            row
+            for k in range(64)
+            for row in (twist(T0 + k, 1.0, 0.0), (T0 + k, "/camera", "std_msgs/msg/String", text))
+        ]
+        file = write_mcap(tmp_path / f"{size}.mcap", rows, CompressionType.NONE, True, 1 << 20)
+        done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, check=True)
+        peaks.append(int(done.stdout) / 1024)
+
+    assert peaks[1] - peaks[0] < 20
