@@ -154,19 +154,23 @@ class Db3Log:
 
     def findings(self) -> tuple[Finding, ...]:
         """Say what is missing of the file."""
-        said: list[Finding] = []
+        said = self._said_of_journal()
+        return (*said, *self._unfit.values())
+
+    def _said_of_journal(self) -> list[Finding]:
         with self.path.open("rb") as file:
             journaled = file.read(20)[18:] == b"\2\2"
+        journal = f"{self.path.name}-wal"
         if self._merged is not None:
-            text = f"its last rows stand in {self.path.name}-wal, which lies beside it; they are read, too"
-            said.append(Finding("JOURNAL", text))
-        elif self._journal is not None:
-            text = f"{self.path.name}-wal lies beside the file and is no journal that can be read; its rows are missing"
-            said.append(Finding("JOURNAL", text, lost_data=True))
-        elif journaled:
-            text = f"was recorded with a journal; if the recorder was killed, rows of {self.path.name}-wal are missing"
-            said.append(Finding("JOURNAL", text))
-        return (*said, *self._unfit.values())
+            text = f"the file's last rows stand in {journal}, which lies beside it; they are read, too"
+            return [Finding("JOURNAL", text)]
+        if self._journal is not None:
+            text = f"{journal} lies beside the file and is no journal that can be read; its rows are missing"
+            return [Finding("JOURNAL", text, lost_data=True)]
+        if journaled:
+            text = f"the file was recorded with a journal; if the recorder was killed, rows of {journal} are missing"
+            return [Finding("JOURNAL", text)]
+        return []
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:

@@ -2,12 +2,15 @@
 
 import json
 import shutil
+import time
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from mcap.reader import make_reader
 
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.detect import open_log
 from usbldr_cli.main import cli
 
 # file -> exit code, messages counted (the collection's expected.json), and words that the page must hold
@@ -81,6 +84,47 @@ def test_replay_refuses_each_odd_file_in_one_sentence(zoo: Path, tmp_path: Path,
     assert result.exception.exit_code == 3
     assert "\n" not in str(result.exception)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_bad_definition_leaves_the_other_topics_readable(zoo: Path) -> None:
+    log = open_log(zoo / "08_test_bad_schema.mcap")
+    readable = [topic for topic in log.topics() if not topic.problem]
+
+    read = log.read({topic.name: topic.fields[:1] for topic in readable})
+
+    assert sum(len(records.received_ns) for records in read.values()) == sum(topic.count for topic in readable) > 0
+
+
+def test_log_time_is_arrival_and_publish_time_is_not(zoo: Path) -> None:
+    log = open_log(zoo / "09_test_publish_vs_log_time.mcap")
+    (topic,) = log.topics()
+    with (zoo / "09_test_publish_vs_log_time.mcap").open("rb") as file:
+        messages = [message for _, _, message in make_reader(file).iter_messages()]
+
+    received = log.read({topic.name: topic.fields[:1]})[topic.name].received_ns
+
+    assert received.tolist() == [message.log_time for message in messages]
+    assert received.tolist() != [message.publish_time for message in messages]
+
+
+def test_chunks_out_of_order_are_sorted_by_time(zoo: Path) -> None:
+    log = open_log(zoo / "25_example-unsorted-chunks.bag")
+    (topic,) = log.topics()
+
+    received = log.read({topic.name: topic.fields[:1]})[topic.name].received_ns
+
+    assert received.tolist() == [1_000_000_000, 2_000_000_000, 3_000_000_000]
+
+
+def test_fifty_thousand_messages_are_read_in_a_second_or_two(zoo: Path) -> None:
+    log = open_log(zoo / "10_test_large_file.mcap")
+    (topic,) = log.topics()
+    began = time.process_time()
+
+    received = log.read({topic.name: topic.fields[:1]})[topic.name].received_ns
+
+    assert len(received) == 50_000
+    assert time.process_time() - began < 3  # 0.2 s on an idle machine
 
 
 def test_no_odd_file_is_forgotten(zoo: Path) -> None:

@@ -102,7 +102,9 @@ def test_a_recording_with_a_journal_that_is_not_there_is_said_to_have_had_one(tm
     (finding,) = open_log(file).findings()
 
     assert (finding.code, finding.lost_data) == ("JOURNAL", False)
-    assert finding.text == "was recorded with a journal; if the recorder was killed, rows of dive.db3-wal are missing"
+    assert finding.text == (
+        "the file was recorded with a journal; if the recorder was killed, rows of dive.db3-wal are missing"
+    )
 
 
 def test_parts_are_read_in_the_order_of_time(tmp_path: Path) -> None:
