@@ -6,7 +6,7 @@ what it holds, and what it has lost is said.
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 from mcap.records import Channel, Schema
@@ -116,9 +116,19 @@ class McapLog:
         encoding = channel.message_encoding
         if schema is None or not schema.data:
             if schema is not None and encoding == "cdr" and schema.name:
-                return decoder_without_definition(schema.name, self._definitions, ())
+                return decoder_without_definition(schema.name, self._definitions, self._samples(channel.id))
             return decoder_of(schema.name if schema else "", b"", encoding, "")
         return decoder_of(schema.name, schema.data, encoding, schema.encoding)
+
+    def _samples(self, channel: int) -> list[bytes]:
+        """Return some messages of a channel, none where the index cannot tell."""
+        if self._index.seen is None:
+            return []
+        try:
+            with self.path.open("rb") as file:
+                return [bytes(data) for _, _, data in islice(indexed_messages(file, self._index, {channel}), 5)]
+        except DisagreementError:
+            return []
 
     def findings(self) -> tuple[Finding, ...]:
         """Say what is missing of the file."""

@@ -171,7 +171,8 @@ def _raws(reader: Reader, choices: Mapping[str, Choice]) -> dict[str, Raw]:
     records = reader.read(wanted)
     for role, choice in choices.items():
         if not len(records[choice.topic.name].received_ns):
-            raise LogError(f"{reader.path}: no message of {choice.topic.name} ({role}) fits its definition")
+            why = "; ".join(finding.text for finding in reader.findings()) or "none fits its definition"
+            raise LogError(f"{reader.path}: no message of {choice.topic.name} ({role}) could be read: {why}")
     return {role: raw(reader.path, c.topic, c.layout, records[c.topic.name]) for role, c in choices.items()}
 
 

@@ -69,6 +69,24 @@ def test_the_layout_that_the_bytes_have_is_found(tmp_path: Path, layout: str, ha
     assert log.findings() == ()
 
 
+def test_so_it_is_in_an_mcap_file(tmp_path: Path) -> None:
+    with sqlite3.connect(undefined_dvl(tmp_path / "a", OF_2024)) as database:
+        rows = database.execute("SELECT timestamp, data FROM messages").fetchall()
+    database.close()
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema("dvl_msgs/msg/DVL", "ros2msg", b"")
+        channel = writer.register_channel("/dvl/data", "cdr", schema)
+        for time_ns, data in rows:
+            writer.add_message(channel, time_ns, data, time_ns)
+        writer.finish()
+
+    dvl = McapLog(tmp_path / "a.mcap").read({"/dvl/data": ["velocity.x"]})["/dvl/data"]
+
+    np.testing.assert_array_equal(dvl.columns["velocity.x"], np.arange(10.0))
+
+
 def test_bytes_of_no_known_layout_are_named_with_the_way_out(tmp_path: Path) -> None:
     file = undefined_dvl(tmp_path / "a", OF_2024)
     with sqlite3.connect(file) as database:

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 
 from dives import SECOND, T0, short_dive, twist, write_mcap
 from recordings import write_bag
@@ -87,3 +87,22 @@ def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> No
         peaks.append(int(done.stdout) / 1024)
 
     assert peaks[1] - peaks[0] < 20
+
+
+def test_a_sensor_without_one_readable_message_is_an_error_with_the_reason(tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/compass_hdg", "cdr", schema)
+        writer.add_message(channel, T0, b"\0\7\0\0" + bytes(8), T0)
+        writer.finish()
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == (
+        f"{file}: no message of /compass_hdg (compass) could be read: /compass_hdg: 1 messages do not fit the "
+        "definition that the file gives for them: they are in XCDR2, not in plain CDR"
+    )
