@@ -55,6 +55,11 @@ class Found(NamedTuple):
     value: Vector  # (T,)
     sd: Vector  # (T,)
 
+    @property
+    def title(self) -> str:
+        """The name in words, without the unit."""
+        return self.name.removesuffix(f"_{self.unit}").replace("_", " ")
+
 
 def layout_for(calibrate: Sequence[str]) -> Layout:
     """Return the layout with these keys' states behind those of the motion; raise UsageError for an unknown key."""
@@ -78,6 +83,11 @@ def prior_sd(errors: SensorErrors) -> Mapping[str, float]:
     }
 
 
+def assumed_sd(errors: SensorErrors) -> Mapping[str, float]:
+    """Return each error's 1-sigma before anything is measured, by its name and in its unit at the border."""
+    return {BORDER[state].name: abs(BORDER[state].factor) * sd for state, sd in prior_sd(errors).items()}
+
+
 def found(trajectory: Trajectory) -> tuple[Found, ...]:
     """Return the errors that a filter estimated, in the units of the border; none for a track without them."""
     if trajectory.cov is None:
@@ -87,5 +97,5 @@ def found(trajectory: Trajectory) -> tuple[Found, ...]:
         if state in BORDER:
             name, unit, factor = BORDER[state]
             sd = abs(factor) * np.sqrt(np.maximum(trajectory.cov[:, row, row], 0.0))
-            told.append(Found(name, unit, factor * trajectory.mean[:, row], sd))
+            told.append(Found(name, unit, factor * trajectory.mean[:, row] + 0.0, sd))  # no -0.0
     return tuple(told)

@@ -166,8 +166,7 @@ def _sensor(report: ErrorReport, sensor: str) -> str:
 def _error_found(error: Found) -> str:
     """Tell a sensor's error as it stood at the end."""
     unit = f" {error.unit}" if error.unit else ""
-    name = error.name.removesuffix(f"_{error.unit}").replace("_", " ")
-    return f"{name} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
+    return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
 
 
 def _outages(run: Run) -> str:

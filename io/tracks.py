@@ -11,6 +11,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.calibration import found
 from usbldr.filters.consistency import sigmas
 from usbldr.filters.types import Array, Indices, Trajectory, Truth, Vector
 from usbldr.io.geodesy import to_geodetic
@@ -18,7 +19,7 @@ from usbldr.io.log import Origin
 
 MAP_STEP_S = 1.0  # a map shows no more than a point a second
 
-DECIMALS = {"s": 9, "m": 4, "m2": 9, "deg": 9, "heading_deg": 4, "mps": 5}
+DECIMALS = {"s": 9, "m": 4, "m2": 9, "deg": 9, "heading_deg": 4, "mps": 5, "scale": 7}
 """Digits written for a column, by its name or by the unit that ends it: 1 ns, 0.1 mm, 0.1 mm on the ground."""
 
 
@@ -30,12 +31,18 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
 
 
 def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
-    """Return the track as the method left it, without any alignment, one row an epoch."""
+    """Return the track as the method left it, without any alignment, one row an epoch.
+
+    The errors of sensors that were estimated stand behind, each with its sigma.
+    """
     unknown = np.full(len(trajectory.time_s), np.nan)
     psi, cov = trajectory.state("psi"), trajectory.position_cov_m2
     u, v = trajectory.state("u"), trajectory.state("v")
     sd = np.full((len(unknown), 2), np.nan) if cov is None else sigmas(cov)
     lat, lon = (unknown, unknown) if origin is None else to_geodetic(origin, *trajectory.position_m.T)
+    calibrated = {
+        name: values for e in found(trajectory) for name, values in ((e.name, e.value), (f"sd_{e.name}", e.sd))
+    }
     return pd.DataFrame(
         {
             "time_s": trajectory.time_s,
@@ -49,6 +56,7 @@ def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
             "forward_mps": unknown if v is None else v,
             "lat_deg": lat,
             "lon_deg": lon,
+            **calibrated,
         }
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from usbldr.filters.evaluation import ErrorReport
 from usbldr.filters.types import Vector
 from usbldr.io.reports import Run
+from usbldr_cli.calibration_figure import calibration_figure
 from usbldr_cli.canvas import (
     TRUTH_COLOUR,
     Axes,
@@ -36,6 +37,11 @@ def write_figures(folder: Path, run: Run) -> list[tuple[str, str]]:
         ("errors.png", "East and north error over time, with the filter's own 2-sigma band", error_figure),
         ("error_cdf.png", "Which share of the errors is below a length", cdf_figure),
         ("innovations.png", "Innovations and NIS of each sensor, with their bounds", innovation_figure),
+        (
+            "calibration.png",
+            "Errors of sensors as the filter found them, with its 2-sigma band and what was assumed before",
+            calibration_figure,
+        ),
         ("ess.png", "Effective number of particles and acceptance of their moves", particle_figure),
     )
     written: list[tuple[str, str]] = []
