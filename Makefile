@@ -6,7 +6,7 @@ USBLDR ?= $(BIN)/usbldr
 SAMPLES ?= sample_logs
 SEEDS ?= 20
 
-.PHONY: demo test lint check sample_logs paper clean
+.PHONY: demo test lint check sample_logs paper field clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -32,6 +32,10 @@ sample_logs: $(VENV)/installed
 # docs/paper.md with its tables and pictures; finished runs are kept in paper-runs (SEEDS=50 for the goals)
 paper: $(VENV)/installed
 	$(BIN)/python benchmarks/paper.py --seeds $(SEEDS)
+
+# docs/field.md with its tables and pictures; third-party logs in USBLDR_FIELD_LOGS, finished runs in field-runs
+field: $(VENV)/installed
+	$(BIN)/python benchmarks/field_study.py $(HELD_BACK)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
