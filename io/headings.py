@@ -18,6 +18,7 @@ COMPASS_SD_DEG = 0.3  # where nobody says
 MAGNETIC, UTM_GRID = 0, 2  # of compass_msgs/Azimuth: reference
 DEGREES = 1  # of its unit; 0: radians
 CLOCKWISE = 1  # of its orientation, from north; 0: counter-clockwise from east
+NEWTON_STEPS = 8  # from 30 degrees off to far below what a compass can tell
 MANY = 100  # records without any change make one wonder
 
 
@@ -34,9 +35,22 @@ def compass(raw: Raw, section: CompassSection, place: Origin | None) -> Converte
     said, findings = [*said, *more_said], [*findings, *more, *invalid, *_constant(raw, heading[good])]
     heading = heading - section.bias_deg + added
     said += [f"bias {section.bias_deg:g} deg subtracted (configuration)"] if section.bias_deg else []
+    A, B = section.deviation_sin_deg, section.deviation_cos_deg
+    if A or B:
+        heading = without_deviation(heading, A, B)
+        said.append(f"deviation {A:g} sin H {B:+g} cos H deg subtracted (configuration)")
     sd, sd_said = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
     return kept(converted(raw, times, columns, [*said, sd_said], findings), good)
+
+
+def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
+    """Return the headings H, (n,), at which a compass reads H + A sin H + B cos H; degrees, A and B up to 30."""
+    heading = read_deg
+    for _ in range(NEWTON_STEPS):
+        s, c = np.sin(np.radians(heading)), np.cos(np.radians(heading))
+        heading = heading - (heading + A * s + B * c - read_deg) / (1 + np.radians(A * c - B * s))
+    return heading
 
 
 def _clockwise(raw: Raw, section: CompassSection) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:

@@ -13,6 +13,7 @@ NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
 Share: TypeAlias = Annotated[float, Meta(gt=0, lt=1)]
 Latitude: TypeAlias = Annotated[float, Meta(ge=-90, le=90)]
 Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
+Deviation: TypeAlias = Annotated[float, Meta(ge=-30, le=30)]  # beyond, a reading no longer tells one heading
 Lever: TypeAlias = tuple[float, float, float]  # starboard, forward, up, metres
 Clock: TypeAlias = Literal["header", "log"]
 Per: TypeAlias = Literal["scalar", "record"]
@@ -113,6 +114,8 @@ class CompassSection(Section, frozen=True, kw_only=True):
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
     bias_deg: float = 0.0
+    deviation_sin_deg: Deviation = 0.0
+    deviation_cos_deg: Deviation = 0.0
     declination_deg: float | Literal["auto"] | None = None
     sd_deg: Positive | Literal["message"] | None = None
     time: Clock | None = None

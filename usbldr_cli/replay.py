@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
 @click.option("--force", is_flag=True, help="Replace a run directory that is there already.")
 @click.option("--json", "json_to", is_flag=False, flag_value="-", help="Report as JSON: to a file, or alone to stdout.")
+@click.option("--write-calibration", metavar="FILE", help="Configuration for the next dive, with the errors found.")
 @click.option("--strict", is_flag=True, help="Write nothing when a part of LOG could not be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
 def replay(
@@ -42,6 +43,7 @@ def replay(
     output: Path | None,
     force: bool,
     json_to: str | None,
+    write_calibration: str | None,
     strict: bool,
     quiet: bool,
     **where: Any,
@@ -62,7 +64,9 @@ def replay(
     if method not in METHODS:
         raise UsageError(f"there is no filter {method!r} (filters: {', '.join(METHODS)})")
     if json_to not in (None, "-"):
-        _check_file(Path(str(json_to)), Path(str(where["log"])), force)
+        _check_file("--json", Path(str(json_to)), Path(str(where["log"])), force)
+    if write_calibration is not None:
+        _check_file("--write-calibration", Path(write_calibration), Path(str(where["log"])), force)
     log, content = open_log(seed=choices.seed, **where)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:
@@ -77,11 +81,17 @@ def replay(
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     log = replace(log, findings=(*log.findings, *doubts))
     _refuse_for_tracks(method, choices)
+    if write_calibration is not None:
+        _refuse_without_errors(method, log)
     target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
     with run_directory(target, force) as folder:
         run = _run(method, log, line, choices, content)
         _write(folder, run)
+        if write_calibration is not None:
+            _write_calibration(Path(write_calibration), run)
     _tell(run, target, json_to, quiet)
+    if write_calibration is not None and not quiet and json_to != "-":
+        click.echo(f"configuration for the next dive written to {write_calibration}")
     return LogError.exit_code if lost else 0
 
 
@@ -95,12 +105,23 @@ def _refuse_for_tracks(method: str, choices: RunChoices) -> None:
         raise UsageError(f"{method} is no filter, so there is nothing to smooth (smoothed: {', '.join(SMOOTHED_BY)})")
 
 
-def _check_file(file: Path, log: Path, force: bool) -> None:
-    """Refuse a file for --json that is the log itself, a folder, or there already."""
+def _refuse_without_errors(method: str, log: "Log") -> None:
+    """Refuse --write-calibration where nothing of the kind will be found."""
+    from usbldr.filters.run import FILTERS
+
+    if method not in FILTERS:
+        raise UsageError(f"{method} is no filter, so it finds no errors of sensors to write")
+    if not log.assumptions.calibrate:
+        hint = "ask for --calibrate auto, or name them where it finds none"
+        raise UsageError(f"--write-calibration: no errors of sensors are estimated; {hint}")
+
+
+def _check_file(option: str, file: Path, log: Path, force: bool) -> None:
+    """Refuse a file for an option that is the log itself, a folder, or there already."""
     if file.is_dir() or (file.exists() and log.exists() and file.samefile(log)):
-        raise UsageError(f"{file} is {'a folder' if file.is_dir() else 'the log'}: choose another file for --json")
+        raise UsageError(f"{file} is {'a folder' if file.is_dir() else 'the log'}: choose another file for {option}")
     if file.exists() and not force:
-        raise UsageError(f"{file} exists already: choose another file for --json, or --force")
+        raise UsageError(f"{file} exists already: choose another file for {option}, or --force")
 
 
 def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content: dict[str, object] | None) -> "Run":
@@ -127,6 +148,17 @@ def _write(folder: Path, run: "Run") -> None:
     write_tables(folder, run)
     write_markdown(folder, run, write_figures(folder, run))
     write_json(folder, run)
+
+
+def _write_calibration(file: Path, run: "Run") -> None:
+    """Write the configuration for the next dive."""
+    from usbldr.io.next_dive import next_configuration
+
+    text = next_configuration(run.log, run.scored.trajectory)
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as err:
+        raise UsageError(f"{file}: cannot be written ({err.strerror}); choose another --write-calibration") from err
 
 
 def _tell(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
