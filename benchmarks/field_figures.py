@@ -71,7 +71,7 @@ def draw_consistency(case: Case, rows: Rows, output: Path) -> list[str]:
     with in_style():
         figure = titled(
             f"Consistency on {name}",
-            f"{case.truth.replace('*', '')}; left: mean over {WINDOW_S} s, 2 is right; right: share of the epochs",
+            f"{case.truth}; left: mean over {WINDOW_S} s, 2 is right; right: share of the epochs",
             11,
             4.4,
         )

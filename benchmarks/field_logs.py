@@ -68,11 +68,11 @@ CASES: Mapping[str, Case] = {
             (AUTHORS, MOVED_ONCE),
         ),
         Case("uib_simulation", "uib_simulation", "all simulated by its authors, the truth exact"),
-        Case("stpere_marina", "stpere_marina", "real AUV; truth: real DGPS; USBL **synthetic**, with white errors"),
+        Case("stpere_marina", "stpere_marina", "real AUV; truth: real DGPS; USBL synthetic, with white errors"),
         Case("paper", "", "all simulated by us, the truth exact; filters told nothing of the scenario", dives=8),
-        Case("mhkit_riverpro", "mhkit_riverpro", "real boat; truth: real GPS; USBL **synthetic**", held_back=True),
-        Case("tanana_002", "mhkit_tanana", "real boat; truth: real GPS; USBL **synthetic**", held_back=True),
-        Case("tanana_003", "mhkit_tanana", "real boat; truth: real GPS; USBL **synthetic**", held_back=True),
+        Case("mhkit_riverpro", "mhkit_riverpro", "real boat; truth: real GPS; USBL synthetic", held_back=True),
+        Case("tanana_002", "mhkit_tanana", "real boat; truth: real GPS; USBL synthetic", held_back=True),
+        Case("tanana_003", "mhkit_tanana", "real boat; truth: real GPS; USBL synthetic", held_back=True),
     )
 }
 

@@ -42,7 +42,7 @@ def plan(cases: Sequence[Case]) -> Plan:
         if case.held_back:
             continue
         wanted |= {Cell(case.name, way, name): few for name in thinned_names() for way in thinned_ways(case)}
-        wanted |= {Cell(case.name, replace(way, order=online(case)), "tuned"): few for way in (BEST,)}
+        wanted[Cell(case.name, replace(BEST, order=online(case)), "tuned")] = few
         wanted |= {Cell(case.name, way, name): few for name, way in ablated(case)}
         wanted |= {Cell(case.name, BEST, name): few for name in SENSITIVITY}
         if case.name == "stpere_marina":
@@ -66,7 +66,7 @@ def thinned_names() -> list[str]:
 
 
 def thinned_ways(case: Case) -> list[Way]:
-    return [Way("dr"), *(replace(way, calibrate=AUTO, order=online(case)) for way in (GATED, Way("adf"), Way("cpf")))]
+    return [replace(way, calibrate=AUTO, order=online(case)) for way in (GATED, Way("adf"), Way("cpf"))]
 
 
 def cut_ways() -> list[Way]:

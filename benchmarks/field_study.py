@@ -122,9 +122,7 @@ def summary(goals: Sequence[field_goals.Goal]) -> str:
 
 def sections(cases: Sequence[Case], rows: Rows) -> str:
     """Return each log's table under its name and kind."""
-    return "\n\n".join(
-        f"### {case.name}\n\n*{case.truth.replace('*', '')}.*\n\n{tables.main(case, rows)}" for case in cases
-    )
+    return "\n\n".join(f"### {case.name}\n\n*{case.truth}.*\n\n{tables.main(case, rows)}" for case in cases)
 
 
 def touchiest(cases: Sequence[Case], rows: Rows) -> str:

@@ -125,10 +125,9 @@ def thinned(cases: Sequence[Case], rows: Rows) -> str:
         name = case.scored[-1]
         for change in thinned_names():
             whole = metres(rows[name, Way("dr"), ""].mean(HORIZONTAL))
-            _, *ways = thinned_ways(case)
-            cells = [_rare(rows[name, way, change]) for way in ways]
+            cells = [_rare(rows[name, way, change]) for way in thinned_ways(case)]
             body.append((f"{name}, {change}", whole, *cells))
-    heads = ("dr", *(way.label.removesuffix(" --order arrival") for way in thinned_ways(cases[0])[1:]))
+    heads = ("dr", *(way.label.removesuffix(" --order arrival") for way in thinned_ways(cases[0])))
     return piped(Table("m; NEES; refused in a row", heads, tuple(body)))
 
 
@@ -146,6 +145,7 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
         ("a gate instead of the likelihood", lambda way: (replace(way, method="ckf", gate=0.99), "")),
         ("no state (--calibrate none)", lambda way: (replace(way, calibrate="none"), "")),
         *((name, lambda way, name=name: (way, name)) for name in ABLATIONS),
+        ("(added: noise tuned on the log)", lambda way: (way, "tuned")),
     )
     body = []
     for label, changed in features:
@@ -153,12 +153,12 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
         for case in cases:
             name, way = case.scored[-1], replace(BEST, order=online(case))
             whole, less = rows[name, way, ""], rows[name, *changed(way)]
-            cells.append(metres(whole.mean(HORIZONTAL)) if label == "(all of them)" else _lost(less, whole))
+            cells.append(metres(whole.mean(HORIZONTAL)) if label == "(all of them)" else lost(less, whole))
         body.append((label, *cells))
     return piped(Table("taken away", tuple(case.scored[-1] for case in cases), tuple(body)))
 
 
-def _lost(less: Row, whole: Row) -> str:
+def lost(less: Row, whole: Row) -> str:
     change = difference(less, whole)
     if change is None or less.fault:
         return f"failed: {less.fault}"
@@ -172,7 +172,7 @@ def sensitivity(cases: Sequence[Case], rows: Rows) -> str:
     names = list(dict.fromkeys(name.rsplit(" ", 1)[0] for name in SENSITIVITY))
     lines = []
     for name in names:
-        found = [[_percent(case, f"{name} {label}", rows) for label in FACTORS] for case in cases]
+        found = [[percent(case, f"{name} {label}", rows) for label in FACTORS] for case in cases]
         known = [abs(value) for pair in found for value in pair if value is not None]
         cells = tuple(f"{_signed(half)} / {_signed(twice)}" for half, twice in found)
         lines.append((max(known, default=0.0), (f"`{name}`", *cells)))
@@ -185,12 +185,12 @@ def touchiest(cases: Sequence[Case], rows: Rows) -> Iterator[tuple[str, str, flo
     """Yield each default that moves a log's error by more than 5 %: its change, the log and the per cent."""
     for change in SENSITIVITY:
         for case in cases:
-            percent = _percent(case, change, rows)
-            if percent is not None and abs(percent) > 5:
-                yield change, case.scored[-1], percent
+            moved = percent(case, change, rows)
+            if moved is not None and abs(moved) > 5:
+                yield change, case.scored[-1], moved
 
 
-def _percent(case: Case, change: str, rows: Rows) -> float | None:
+def percent(case: Case, change: str, rows: Rows) -> float | None:
     row = rows[case.scored[-1], BEST, change]
     if row.fault:
         return None
