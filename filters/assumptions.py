@@ -5,6 +5,7 @@ The defaults are the generic ones that serve every log; a configuration or a sce
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from usbldr.filters.noise import Contamination, Gaussian, NoiseFamily
 
@@ -56,6 +57,25 @@ class Start:
 UNKNOWN_START = Start(math.nan, math.nan, math.nan)
 
 
+class Observed(NamedTuple):
+    """What a log tells of one key of calibration.STATES."""
+
+    key: str
+    narrowed: float  # sigma at the end of the log, as a share of that before
+    verdict: str  # "observable", "only in turns", "not observable"
+
+
+class Tuned(NamedTuple):
+    """A number that the log itself was asked for, see tuning.py."""
+
+    name: str  # with its unit
+    before: float
+    after: float
+    low: float  # one sigma down, by the width of the likelihood
+    high: float  # one sigma up
+    told: bool  # False: the log hardly knows it, so it stays as it was
+
+
 @dataclass(frozen=True, slots=True)
 class Assumptions:
     """The model side of a run, the same for every filter."""
@@ -67,10 +87,12 @@ class Assumptions:
     dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
     usbl_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the transponder on the vehicle
     start: Start | None = None
-    calibrate: tuple[str, ...] = ()  # keys of calibration.STATES
+    calibrate: tuple[str, ...] = ()  # keys of calibration.STATES, or AUTO until the log has been asked
     errors: SensorErrors = SensorErrors()
+    observed: tuple[Observed, ...] = ()  # why these are calibrated, where the log was asked
     gps: NoiseFamily = Contamination()  # where it aids
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     aid: tuple[Span, ...] = ()  # windows in which GPS fixes are measurements and no truth
     dvl_sd_scale: float = 1.0  # every sigma of that sensor, whoever stated it, is this many times as large
     usbl_sd_scale: float = 1.0
+    tuned: tuple[Tuned, ...] = ()  # what the log was asked for of these

@@ -13,7 +13,7 @@ def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajec
     States psi, u, v, x, y at all K epochs; no covariance, because dead reckoning has no account of its drift.
     """
     moved = displacement_m(timeline)
-    position = moved - _at(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
+    position = moved - at_times(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
     mean = np.column_stack([timeline.dr_yaw_rad, timeline.dr_mps, position])
     return Trajectory("dr", ("psi", "u", "v", "x", "y"), timeline.time_s, mean, cov=None)
 
@@ -28,7 +28,7 @@ def nudge(timeline: Timeline) -> Trajectory:
         raise LogError("the log has no USBL fix to nudge dead reckoning by")
     reckoned = dr(timeline, np.zeros(2))
     stamps, first = np.unique(timeline.fix_time_s, return_index=True)
-    offset: Array = (timeline.fix_m - _at(timeline, reckoned.position_m, timeline.fix_time_s))[first]
+    offset: Array = (timeline.fix_m - at_times(timeline, reckoned.position_m, timeline.fix_time_s))[first]
     shift = np.column_stack([np.interp(timeline.time_s, stamps, offset[:, axis]) for axis in (0, 1)])
     mean = np.column_stack([reckoned.mean[:, :3], reckoned.position_m + shift])
     return Trajectory("nudge", reckoned.names, timeline.time_s, mean, cov=None)
@@ -51,7 +51,7 @@ def start_from_fixes(timeline: Timeline, count: int = 5, least_sd_m: float = 3.0
     """
     if not len(timeline.fix_time_s):
         raise LogError("the log has no USBL fix to start from")
-    carried = timeline.fix_m[:count] - _at(timeline, displacement_m(timeline), timeline.fix_time_s[:count])
+    carried = timeline.fix_m[:count] - at_times(timeline, displacement_m(timeline), timeline.fix_time_s[:count])
     position = np.median(carried, axis=0)
     spread_m = 1.4826 * np.median(np.abs(carried - position), axis=0).max()
     return position, float(max(least_sd_m, spread_m))
@@ -59,14 +59,23 @@ def start_from_fixes(timeline: Timeline, count: int = 5, least_sd_m: float = 3.0
 
 def displacement_m(timeline: Timeline) -> Array:
     """Return how far east and north dead reckoning has moved since the first epoch, (K, 2)."""
+    return integrated(timeline, velocity_mps(timeline))
+
+
+def velocity_mps(timeline: Timeline) -> Array:
+    """Return V_E and V_N of eq. (1) at all epochs, (K, 2)."""
     u, v = timeline.dr_mps.T
     c, s = np.cos(timeline.dr_yaw_rad), np.sin(timeline.dr_yaw_rad)
-    V = np.column_stack([u * c - v * s, u * s + v * c])  # V_E, V_N, eq. (1)
-    moves = (V[1:] + V[:-1]) / 2 * np.diff(timeline.time_s)[:, None]
-    moved: Array = np.vstack([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
-    return moved
+    return np.column_stack([u * c - v * s, u * s + v * c])
 
 
-def _at(timeline: Timeline, moved: Array, time_s: Vector) -> Array:
-    t = timeline.time_s
-    return np.column_stack([np.interp(time_s, t, moved[:, 0]), np.interp(time_s, t, moved[:, 1])])
+def integrated(timeline: Timeline, rate: Array) -> Array:
+    """Return the integral of each column since the first epoch by the trapezoidal rule, (K, k)."""
+    gained = (rate[1:] + rate[:-1]) / 2 * np.diff(timeline.time_s)[:, None]
+    return np.vstack([np.zeros((1, rate.shape[1])), np.cumsum(gained, axis=0)])
+
+
+def at_times(timeline: Timeline, values: Array, time_s: Vector) -> Array:
+    """Return columns of the epochs, (K, k), interpolated at other times, (T, k)."""
+    columns: list[Array] = list(values.T)
+    return np.column_stack([np.interp(time_s, timeline.time_s, column) for column in columns])

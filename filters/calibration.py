@@ -24,6 +24,8 @@ STATES: Mapping[str, tuple[str, ...]] = {
     "usbl-bias": ("usbl_bias_east", "usbl_bias_north"),
 }
 """The keys of --calibrate and the states that each adds."""
+AUTO = "auto"
+"""Asks for those that the log can tell: observability.py answers before a filter runs."""
 
 
 NARROWED = 0.8  # of the sigma before: what stays wider has hardly been observed

@@ -18,8 +18,8 @@ from usbldr.filters.types import Array, Vector
 class Noise:
     """Modes of one measurement of k scalars."""
 
-    shares: Vector  # (J,) add to 1
-    cov: Array  # (J, k, k), in the measurement's units squared
+    shares: Array  # (J,) add to 1; (J, N) where each member of a bank has its own
+    cov: Array  # (J, k, k) or (J, k, k, N), in the measurement's units squared
 
     @property
     def matched(self) -> Array:
@@ -94,6 +94,25 @@ class StudentT:
         order = np.argsort(np.abs(middles - 0.5), kind="stable")
         precision = np.array([chi_square_quantile(p, self.dof) / self.dof for p in middles[order]])
         return Noise(np.full(9, 1 / 9), R / precision[:, None, None])
+
+
+class NoiseOfMembers:
+    """The noise of a sensor by the families of N members of a bank, which all have J modes.
+
+    The modes of every family are affine in R: mode j has gain g_j R + offset o_j I.
+    """
+
+    def __init__(self, families: Sequence[NoiseFamily], sd_scales: Sequence[float]) -> None:
+        none = [family.modes(np.zeros((1, 1))) for family in families]
+        one = [family.modes(np.full((1, 1), scale**2)) for family, scale in zip(families, sd_scales, strict=True)]
+        self.shares = np.stack([noise.shares for noise in none], axis=1)  # (J, N)
+        self.offset = np.stack([noise.cov[:, 0, 0] for noise in none], axis=1)
+        self.gain = np.stack([noise.cov[:, 0, 0] for noise in one], axis=1) - self.offset
+
+    def modes(self, R: Array) -> Noise:
+        """Return every member's modes for the nominal covariance R, (k, k)."""
+        eye = np.eye(len(R))[:, :, None]
+        return Noise(self.shares, self.gain[:, None, None] * R[:, :, None] + self.offset[:, None, None] * eye)
 
 
 def chi_square_quantile(probability: float, dof: float) -> float:

@@ -78,9 +78,9 @@ def _scattered(bank: Gaussians, rng: np.random.Generator) -> Gaussians:
     """Turn into chance the variance that the prediction left: of all states, or of the yaw, and the rest given it."""
     variance = np.einsum("iin->in", bank.cov)
     if len(bank.mean) > SAMPLED:
-        yaw = variance[:1]
-        gain = bank.cov[:, 0] * np.where(yaw > 0, 1 / np.where(yaw > 0, yaw, 1.0), 0.0)
-        mean: Array = bank.mean + gain * np.sqrt(yaw) * rng.standard_normal(yaw.shape)
+        yaw: Array = variance[:1]
+        gain: Array = bank.cov[:, 0] * np.where(yaw > 0, 1 / np.where(yaw > 0, yaw, 1.0), 0.0)
+        mean = bank.mean + gain * np.sqrt(yaw) * rng.standard_normal(yaw.shape)
         cov = bank.cov - gain[:, None] * gain[None] * yaw
         cov[0], cov[:, 0] = 0.0, 0.0
         return bank._replace(mean=mean, cov=cov)

@@ -16,7 +16,7 @@ import msgspec
 from msgspec import Struct
 
 from usbldr.filters.assumptions import Assumptions, ProcessNoise, SensorErrors, Start
-from usbldr.filters.calibration import STATES
+from usbldr.filters.calibration import AUTO, STATES
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.io.sections import (
@@ -167,7 +167,7 @@ def assumptions(configuration: Configuration) -> Assumptions:
         usbl_lever_m=configuration.usbl.lever_arm_m,
         gps_lever_m=configuration.gps.lever_arm_m,
         start=known_start(start) if start else None,
-        calibrate=tuple(key for key in STATES if key in configuration.calibrate.states),
+        calibrate=_calibrated(configuration.calibrate),
         errors=sensor_errors(configuration.calibrate),
     )
 
@@ -182,6 +182,11 @@ def process_noise(stated: ProcessSection) -> ProcessNoise:
         "uncalibrated_m": stated.uncalibrated_m,
     }
     return replace(ProcessNoise(), **{name: walk for name, walk in walks.items() if walk is not None})
+
+
+def _calibrated(stated: CalibrateSection) -> tuple[str, ...]:
+    """Return the keys in their own order, or AUTO alone."""
+    return (AUTO,) if stated.states == AUTO else tuple(key for key in STATES if key in stated.states)
 
 
 def sensor_errors(stated: CalibrateSection) -> SensorErrors:

@@ -14,7 +14,7 @@ import pandas as pd
 
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.calibration import found
-from usbldr.filters.consistency import consistency_verdict, worst_fate
+from usbldr.filters.consistency import DOF, consistency_verdict, worst_fate
 from usbldr.filters.evaluation import ErrorReport
 from usbldr.filters.metrics import METRICS
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
@@ -67,8 +67,18 @@ class Run:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return what the filter and its evaluation had to warn of."""
-        judged = () if self.scored.report is None else self.scored.report.warnings
+        report = self.scored.report
+        judged = () if report is None else report.warnings
+        if report is not None and not self.log.assumptions.calibrate and _too_sure(report):
+            hint = "--calibrate auto estimates those errors of the sensors that the log can tell"
+            judged = (*judged, f"{self.filter} claims to know its place far better than it does: {hint}")
         return self.scored.trajectory.warnings + judged
+
+
+def _too_sure(report: ErrorReport) -> bool:
+    """Return whether the sigmas are less than half of what the errors show, and no chance explains it."""
+    m = report.metrics
+    return m.get("nees_mean", 0.0) > max(4 * DOF, m.get("nees_high", math.inf))
 
 
 def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:

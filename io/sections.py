@@ -283,7 +283,9 @@ class ProcessSection(Section, frozen=True, kw_only=True):
 class CalibrateSection(Section, frozen=True, kw_only=True):
     """Which errors of sensors are estimated, and their 1-sigma before anything is measured."""
 
-    states: tuple[Literal["scale", "misalignment", "heading", "deviation", "latency", "usbl-bias"], ...] = ()
+    states: (
+        Literal["auto"] | tuple[Literal["scale", "misalignment", "heading", "deviation", "latency", "usbl-bias"], ...]
+    ) = ()
     scale_sd: Positive | None = None
     mount_sd_deg: Positive | None = None
     heading_sd_deg: Positive | None = None

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from usbldr.filters.aiding import windows_text
 from usbldr.filters.assumptions import Span
+from usbldr.filters.assumptions import Observed
 from usbldr.filters.calibration import Found, found
 from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
 from usbldr.filters.evaluation import ErrorReport, Window
@@ -133,6 +134,8 @@ def health(run: Run) -> list[tuple[str, str]]:
             lines.append(("ESS", ess + moved))
         if calibrated := found(run.scored.trajectory):
             lines.append(("calibrated", ", ".join(_error_found(error) for error in calibrated)))
+        if observed := run.log.assumptions.observed:
+            lines.append(("observed", _observed(observed)))
         if "surfacing_error_m" in m:
             way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
             many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
@@ -167,6 +170,14 @@ def _error_found(error: Found) -> str:
     """Tell a sensor's error as it stood at the end."""
     unit = f" {error.unit}" if error.unit else ""
     return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
+
+
+def _observed(observed: Sequence[Observed]) -> str:
+    """Say which errors of sensors the log can tell, and how far it narrows the sigma of each."""
+    verdicts: dict[str, list[str]] = {}
+    for told in observed:
+        verdicts.setdefault(told.verdict, []).append(f"{told.key} (sigma to {100 * told.narrowed:.0f} %)")
+    return "; ".join(f"{verdict}: {', '.join(keys)}" for verdict, keys in verdicts.items())
 
 
 def _outages(run: Run) -> str:

@@ -1,7 +1,6 @@
 """Errors of sensors: what is put into the records by hand comes out of a filter with its sign and in its unit."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,75 +12,11 @@ from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import Gaussian
 from usbldr.filters.run import FILTERS, Settings, prior, run
 from usbldr.filters.types import Timeline
+from weaving import SD_RAD, Faults, dive
 
-HZ = 5
-SD_MPS, SD_RAD, SD_M = 0.01, np.radians(0.2), 0.2
 ASSUMED = Assumptions(
     process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), errors=SensorErrors()
 )
-
-
-class Faults(NamedTuple):
-    """What is wrong with the sensors, as a navigator says it: angles clockwise."""
-
-    dvl_scale: float = 0.0
-    dvl_mount_deg: float = 0.0
-    heading_bias_deg: float = 0.0
-    deviation_sin_deg: float = 0.0
-    deviation_cos_deg: float = 0.0
-    usbl_latency_s: float = 0.0
-
-
-def dive(faults: Faults, seed: int = 0, wander_m: float = 0.0, seconds: int = 400) -> Timeline:
-    """A vehicle that weaves through all headings at 1.2 m/s with some sway; heading in degrees clockwise."""
-    rng = np.random.default_rng(seed)
-    fine_s = np.arange(-5 * 100, seconds * 100 + 1) / 100
-    heading_deg = 3.6 * fine_s + 30 * np.sin(fine_s / 20)
-    forward, starboard = 1.2 + 0.1 * np.sin(fine_s / 7), 0.1 * np.cos(fine_s / 11)
-    h = np.radians(heading_deg)
-    north_mps, east_mps = forward * np.cos(h) - starboard * np.sin(h), forward * np.sin(h) + starboard * np.cos(h)
-    east, north = (np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 200)]) for v in (east_mps, north_mps))
-    zero = int(np.argmin(np.abs(fine_s)))
-    east, north = east - east[zero], north - north[zero]
-
-    t = np.arange(seconds * HZ + 1) / HZ
-    H, f, s = (np.interp(t, fine_s, value) for value in (heading_deg, forward, starboard))
-    mount = np.radians(faults.dvl_mount_deg)  # the DVL's bow points to starboard of the vehicle's
-    seen_forward = (1 + faults.dvl_scale) * (f * np.cos(mount) + s * np.sin(mount))
-    seen_starboard = (1 + faults.dvl_scale) * (s * np.cos(mount) - f * np.sin(mount))
-    seen_heading_deg = (
-        H
-        + faults.heading_bias_deg
-        + faults.deviation_sin_deg * np.sin(np.radians(H))
-        + faults.deviation_cos_deg * np.cos(np.radians(H))
-    )
-    dvl = np.column_stack([seen_starboard, seen_forward]) + SD_MPS * rng.standard_normal((len(t), 2))
-    yaw = -np.radians(seen_heading_deg) + SD_RAD * rng.standard_normal(len(t))
-
-    stamp_s = np.arange(1.0, seconds)
-    fixes = np.column_stack([np.interp(stamp_s - faults.usbl_latency_s, fine_s, x) for x in (east, north)])
-    fixes += wander_m * np.column_stack([np.sin(stamp_s / 40), np.cos(stamp_s / 40)])
-    fixes += SD_M * rng.standard_normal(fixes.shape)
-    one = np.ones(len(t), dtype=np.intp)
-    return Timeline(
-        start_ns=0,
-        time_s=t,
-        slow=np.arange(0, len(t), HZ),
-        dvl_mps=dvl,
-        dvl_count=one,
-        dvl_sd_mps=np.full(len(t), SD_MPS),
-        yaw_rad=yaw,
-        yaw_count=one,
-        yaw_sd_rad=np.full(len(t), SD_RAD),
-        dr_mps=dvl,
-        dr_yaw_rad=yaw,
-        fix_time_s=stamp_s,
-        fix_received_s=stamp_s,
-        fix_m=fixes,
-        fix_cov_m2=np.tile(SD_M**2 * np.eye(2), (len(stamp_s), 1, 1)),
-        gps_time_s=np.empty(0),
-        gps_m=np.empty((0, 2)),
-    )
 
 
 def read_back(method: str, timeline: Timeline, *keys: str) -> dict[str, tuple[float, float]]:

@@ -73,9 +73,9 @@ def replay(
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     if strict and lost:
         raise LogError(lost[0])
-    log = choices.applied(log)
     require(log, needed(method, log))
     line = timeline(log, choices.fast_hz, choices.slow_hz)
+    log = choices.applied(log, line)
     doubts = better_readings(log, line)
     for finding in doubts:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)

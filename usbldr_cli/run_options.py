@@ -56,11 +56,19 @@ class RunChoices:
         stated: dict[str, object] = dict(noise_family(text) for text in self.noise)
         if self.aid is not None:
             stated["aid"] = windows(self.aid)
-        return stated if self.calibrate is None else stated | {"calibrate": _keys(self.calibrate)}
+        if self.calibrate is not None:
+            stated["calibrate"] = _keys(self.calibrate)
+        return stated
 
-    def applied(self, log: "Log") -> "Log":
-        """Return the log with the assumptions that the user states instead of those beside it."""
-        return replace(log, assumptions=replace(log.assumptions, **self.overrides()))
+    def applied(self, log: "Log", line: "Timeline") -> "Log":
+        """Return the log with the assumptions that the user states, or that the log itself tells."""
+        from usbldr.filters.calibration import AUTO
+        from usbldr.filters.observability import observe
+
+        assumptions = replace(log.assumptions, **self.overrides())
+        if assumptions.calibrate == (AUTO,):
+            assumptions = observe(line, assumptions)
+        return replace(log, assumptions=assumptions)
 
     def window(self, log: "Log") -> "Window":
         """Return the truth rows to score against, in seconds of the log."""
@@ -137,7 +145,8 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--calibrate",
             metavar="LIST",
-            help="Errors of sensors to estimate, as in scale,misalignment; none.  [default: as configured, else none]",
+            help="Errors of sensors to estimate, as in scale,misalignment; auto: those that the log can tell; none.  "
+            "[default: as configured, else none]",
         ),
         click.option(
             "--noise",
@@ -168,11 +177,13 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _keys(text: str) -> tuple[str, ...]:
     """Return the keys of --calibrate in their own order."""
-    from usbldr.filters.calibration import STATES, layout_for
+    from usbldr.filters.calibration import AUTO, STATES, layout_for
 
     keys = [key.strip() for key in text.split(",") if key.strip()]
     if keys == ["none"]:
         return ()
+    if keys == [AUTO]:
+        return (AUTO,)
     layout_for(keys)
     return tuple(key for key in STATES if key in keys)
 

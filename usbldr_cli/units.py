@@ -182,8 +182,8 @@ def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, 
     from usbldr.io.read import require
     from usbldr_cli.scoring import needed, score
 
-    log, line = choices.applied(source.log), source.line
-    require(log, needed(method, log))
+    require(source.log, needed(method, source.log))
+    log, line = choices.applied(source.log, source.line), source.line
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
     anchor = choices.anchor(log, line) if method == "dr" else None

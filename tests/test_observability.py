@@ -1,0 +1,91 @@
+"""``--calibrate auto``: what a log can tell of its sensors, on dives whose faults are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
+from usbldr.filters.noise import Gaussian
+from usbldr.filters.observability import CANDIDATES, NARROWED, observe
+from usbldr.filters.run import run
+from weaving import SD_M, Faults, dive
+
+ASSUMED = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
+
+
+def verdicts(assumptions: Assumptions) -> dict[str, str]:
+    return {told.key: told.verdict for told in assumptions.observed}
+
+
+def test_on_a_weaving_dive_every_constant_error_is_observable_even_where_it_is_0() -> None:
+    told = observe(dive(Faults()), ASSUMED)
+
+    assert verdicts(told) == {**dict.fromkeys(CANDIDATES, "observable"), "usbl-bias": "not observable"}
+    assert told.calibrate == ("scale", "heading", "deviation", "latency")
+    assert told.usbl_sd_scale == 1.0
+
+
+def test_a_straight_dive_at_constant_speed_tells_scale_and_heading_alone() -> None:
+    unknown = replace(ASSUMED, start=Start(0.0, 0.0, 3.0))  # a known one would tell the latency by the first fixes
+    told = observe(dive(Faults(), weaves=False), unknown)
+
+    assert told.calibrate == ("scale", "heading")
+    assert verdicts(told)["latency"] == verdicts(told)["deviation"] == "only in turns"
+
+
+def test_how_far_each_sigma_is_narrowed_is_what_the_filter_will_say() -> None:
+    line = dive(Faults(dvl_scale=0.01, heading_bias_deg=3.0))
+    told = observe(line, ASSUMED)
+    track = run("adf", line, told)
+
+    assert track.cov is not None
+    first = {"scale": ("dvl_scale", 0.01), "heading": ("heading_bias", np.radians(5)), "latency": ("usbl_latency", 0.3)}
+    for one in told.observed:
+        if one.key in first:
+            name, before = first[one.key]
+            row = track.names.index(name)
+            assert one.narrowed == pytest.approx(float(np.sqrt(track.cov[-1, row, row])) / before, rel=0.3)
+            assert one.narrowed < NARROWED
+
+
+def test_late_stamps_open_the_latency_and_good_ones_do_not() -> None:
+    late, good = (observe(dive(Faults(usbl_latency_s=latency_s)), ASSUMED) for latency_s in (-1.8, 0.1))
+
+    assert late.errors.latency_s == 1.0
+    assert good.errors.latency_s == ASSUMED.errors.latency_s
+
+
+def test_fixes_that_err_alike_share_their_variance_and_white_ones_do_not() -> None:
+    """The stated sigma is the whole error: what is taken for shared is no longer white."""
+    sd_m = np.hypot(SD_M, 0.5)
+    wandering = dive(Faults(), wander_m=0.5 * np.sqrt(2))
+    wandering = replace(wandering, fix_cov_m2=np.tile(sd_m**2 * np.eye(2), (len(wandering.fix_time_s), 1, 1)))
+
+    told = observe(wandering, ASSUMED)
+
+    assert told.errors.usbl_bias_m**2 + (told.usbl_sd_scale * sd_m) ** 2 == pytest.approx(sd_m**2)
+    assert told.usbl_sd_scale * sd_m == pytest.approx(SD_M, rel=0.3)
+    assert "usbl-bias" in told.calibrate
+    assert "usbl-bias" not in observe(dive(Faults()), ASSUMED).calibrate
+
+
+def test_what_is_observed_makes_the_track_better() -> None:
+    line = dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0, usbl_latency_s=0.7))
+    clean = run("adf", dive(Faults()), ASSUMED)
+
+    plain, told = run("adf", line, ASSUMED), run("adf", line, observe(line, ASSUMED))
+
+    off = [np.hypot(*(track.position_m - clean.position_m)[500:].T).mean() for track in (plain, told)]
+    assert off[1] < 0.5 * off[0]
+
+
+def test_without_fixes_nothing_is_told() -> None:
+    line = dive(Faults())
+    none = np.empty(0)
+    line = replace(line, fix_time_s=none, fix_received_s=none, fix_m=np.empty((0, 2)), fix_cov_m2=np.empty((0, 2, 2)))
+
+    told = observe(line, replace(ASSUMED, calibrate=("scale",)))
+
+    assert told.calibrate == ()
+    assert set(verdicts(told).values()) == {"not observable"}

@@ -1,0 +1,75 @@
+"""A vehicle that weaves through all headings, and sensors with faults put in by hand; angles are clockwise degrees."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.types import Timeline
+
+HZ = 5
+SD_MPS, SD_RAD, SD_M = 0.01, np.radians(0.2), 0.2
+
+
+class Faults(NamedTuple):
+    """What is wrong with the sensors, as a navigator says it: angles clockwise."""
+
+    dvl_scale: float = 0.0
+    dvl_mount_deg: float = 0.0
+    heading_bias_deg: float = 0.0
+    deviation_sin_deg: float = 0.0
+    deviation_cos_deg: float = 0.0
+    usbl_latency_s: float = 0.0
+
+
+def dive(faults: Faults, seed: int = 0, wander_m: float = 0.0, seconds: int = 400, weaves: bool = True) -> Timeline:
+    """Weave at 1.2 m/s with some sway, or go straight on towards 60 degrees at a constant speed."""
+    rng = np.random.default_rng(seed)
+    fine_s = np.arange(-5 * 100, seconds * 100 + 1) / 100
+    heading_deg = 3.6 * fine_s + 30 * np.sin(fine_s / 20)
+    forward, starboard = 1.2 + 0.1 * np.sin(fine_s / 7), 0.1 * np.cos(fine_s / 11)
+    if not weaves:
+        heading_deg, forward, starboard = np.full(len(fine_s), 60.0), np.full(len(fine_s), 1.2), np.zeros(len(fine_s))
+    h = np.radians(heading_deg)
+    north_mps, east_mps = forward * np.cos(h) - starboard * np.sin(h), forward * np.sin(h) + starboard * np.cos(h)
+    east, north = (np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 200)]) for v in (east_mps, north_mps))
+    zero = int(np.argmin(np.abs(fine_s)))
+    east, north = east - east[zero], north - north[zero]
+
+    t = np.arange(seconds * HZ + 1) / HZ
+    H, f, s = (np.interp(t, fine_s, value) for value in (heading_deg, forward, starboard))
+    mount = np.radians(faults.dvl_mount_deg)  # the DVL's bow points to starboard of the vehicle's
+    seen_forward = (1 + faults.dvl_scale) * (f * np.cos(mount) + s * np.sin(mount))
+    seen_starboard = (1 + faults.dvl_scale) * (s * np.cos(mount) - f * np.sin(mount))
+    seen_heading_deg = (
+        H
+        + faults.heading_bias_deg
+        + faults.deviation_sin_deg * np.sin(np.radians(H))
+        + faults.deviation_cos_deg * np.cos(np.radians(H))
+    )
+    dvl = np.column_stack([seen_starboard, seen_forward]) + SD_MPS * rng.standard_normal((len(t), 2))
+    yaw = -np.radians(seen_heading_deg) + SD_RAD * rng.standard_normal(len(t))
+
+    stamp_s = np.arange(1.0, seconds)
+    fixes = np.column_stack([np.interp(stamp_s - faults.usbl_latency_s, fine_s, x) for x in (east, north)])
+    fixes += wander_m * np.column_stack([np.sin(stamp_s / 40), np.cos(stamp_s / 40)])
+    fixes += SD_M * rng.standard_normal(fixes.shape)
+    one = np.ones(len(t), dtype=np.intp)
+    return Timeline(
+        start_ns=0,
+        time_s=t,
+        slow=np.arange(0, len(t), HZ),
+        dvl_mps=dvl,
+        dvl_count=one,
+        dvl_sd_mps=np.full(len(t), SD_MPS),
+        yaw_rad=yaw,
+        yaw_count=one,
+        yaw_sd_rad=np.full(len(t), SD_RAD),
+        dr_mps=dvl,
+        dr_yaw_rad=yaw,
+        fix_time_s=stamp_s,
+        fix_received_s=stamp_s,
+        fix_m=fixes,
+        fix_cov_m2=np.tile(SD_M**2 * np.eye(2), (len(stamp_s), 1, 1)),
+        gps_time_s=np.empty(0),
+        gps_m=np.empty((0, 2)),
+    )
