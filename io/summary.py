@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from usbldr.filters.aiding import windows_text
-from usbldr.filters.assumptions import Span
-from usbldr.filters.assumptions import Observed
+from usbldr.filters.assumptions import Observed, Span
 from usbldr.filters.calibration import Found, found
 from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
 from usbldr.filters.evaluation import ErrorReport, Window
