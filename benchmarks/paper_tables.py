@@ -86,9 +86,9 @@ def assumed(rows: Rows, limits: Mapping[str, Limits]) -> str:
 
 def slant(rows: Rows) -> str:
     """Return the other reading of "USBL error 2 %"."""
-    ways = [Way("usbl", "scale"), Way("ekf", "scale"), Way("adf", "scale"), Way("cpf", "scale")]
+    ways = [Way("usbl"), Way("ekf", "scale"), Way("adf", "scale"), Way("cpf", "scale")]
     cells = [("paper-range", way) for way in (*ways, Way("adf", "scale", smooth=True))]
-    return plain("paper-range, + scale", cells, rows, "slant")
+    return plain("paper-range", cells, rows, "slant")
 
 
 def delays(rows: Rows) -> str:
@@ -127,7 +127,9 @@ def outliers(rows: Rows, sweeps: Path) -> str:
     body = []
     for share in SHARES:
         found = [rows[shared(sweeps, share), way] for way in SWEPT]
-        body.append((f"{share:.0%}", *(errors(row) for row in found), "; ".join(_unique(len(r.seeds) for r in found))))
+        body.append(
+            (f"{100 * share:.0f} %", *(errors(row) for row in found), "; ".join(_unique(len(r.seeds) for r in found)))
+        )
     heads = (*(way.label for way in SWEPT), "seeds")
     return _made(Table("share", heads, tuple(body)), "outliers", rows, ("paper", Way("adf")))
 
@@ -227,7 +229,7 @@ def errors(row: Row) -> str:
     if row.method in FAT_TAILED or _lost(row):
         median = "/".join(_number(average(list(row.values(axis).values())).median) for axis in AXES)
         mean = "/".join(_number(row.mean(axis) or 0.0) for axis in AXES)
-        return f"median {median} (mean {mean}; {100 * _lost(row):.0f} % lost)"
+        return f"median {median}" + (f" (mean {mean}, {100 * _lost(row):.0f} % lost)" if _lost(row) else "")
     return " / ".join(_with_se(*_average(row, axis)) for axis in AXES)
 
 

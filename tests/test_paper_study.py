@@ -28,6 +28,8 @@ from usbldr_cli.unit_store import Outcome, Store, Trace
 
 LIMIT = Limits(np.arange(60.0), np.full((60, 2), 0.15), np.full((60, 2), 0.1))
 
+TIMES_S = {Way("cpf"): 5.9, Way("adf"): 3.1}
+
 
 def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = None) -> Row:
     """Return a row whose dives have these errors, the same east and north."""
@@ -84,14 +86,16 @@ class Asked(dict):
 def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Rows, sweeps: Path) -> None:
     asked = Asked(rows)
 
-    text = paper.document(asked, sweeps, 3, LIMIT, dict.fromkeys(STATES, LIMIT))
+    text = paper.document(
+        asked, sweeps, 3, paper_goals.goals(asked, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT)
+    )
 
     assert "{{" not in text
     assert set(rows) <= asked.cells
 
 
 def test_a_table_has_as_many_cells_in_each_line(rows: Rows, sweeps: Path) -> None:
-    text = paper.document(rows, sweeps, 3, LIMIT, dict.fromkeys(STATES, LIMIT))
+    text = paper.document(rows, sweeps, 3, paper_goals.goals(rows, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT))
 
     tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
     assert len(tables) == 12
@@ -133,19 +137,26 @@ def test_every_command_under_a_table_asks_for_what_was_run(sweeps: Path) -> None
 )
 def test_a_goal_is_met_when_the_mean_over_dives_lies_within_it(values: list[float], met: bool, said: str) -> None:
     """0.24/0.27 is the goal; the means are .21, .237, .247 and .31, their standard errors .006 to .009."""
-    found = paper_goals.goals(invented(values), LIMIT)[0]
+    found = paper_goals.goals(invented(values), LIMIT, TIMES_S)[0]
 
     assert (found.met, found.verdict) == (met, said)
 
 
 def test_a_single_bad_dive_breaks_the_goal_that_none_is_bad() -> None:
-    assert paper_goals.goals(invented([0.1, 0.1, 0.19]), LIMIT)[2].met
-    assert not paper_goals.goals(invented([0.1, 0.1, 0.21]), LIMIT)[2].met
+    assert paper_goals.goals(invented([0.1, 0.1, 0.19]), LIMIT, TIMES_S)[2].met
+    assert not paper_goals.goals(invented([0.1, 0.1, 0.21]), LIMIT, TIMES_S)[2].met
 
 
 def invented(values: list[float]) -> Rows:
     """Return the rows of the goals, all with these errors."""
     return {cell: row(cell[1], values) for cell in plan(2, Path("sweeps"), unseen=False)}
+
+
+def test_a_filter_is_fast_enough_when_its_time_is_within_what_was_asked() -> None:
+    *_, cpf, adf = paper_goals.goals(invented([0.1, 0.1, 0.19]), LIMIT, TIMES_S)
+
+    assert cpf.met  # 5.9 of 6 s
+    assert not adf.met  # 3.1 of 3 s
 
 
 def test_errors_over_the_bound_are_those_of_hand_computation() -> None:
@@ -158,7 +169,7 @@ def test_errors_over_the_bound_are_those_of_hand_computation() -> None:
 def test_lost_dives_are_told_by_the_median_and_their_share() -> None:
     text = paper_tables.errors(row(Way("pf"), [0.3, 0.4, 900.0]))
 
-    assert text == "median 0.400/0.400 (mean 300.2/300.2; 33 % lost)"
+    assert text == "median 0.400/0.400 (mean 300.2/300.2, 33 % lost)"
 
 
 def test_the_other_shares_of_outliers_differ_from_the_paper_in_nothing_else(sweeps: Path) -> None:
