@@ -14,7 +14,7 @@ from usbldr.filters.layout import Layout
 from usbldr.filters.noise import Gaussian
 from usbldr.filters.readings import steps
 from usbldr.filters.run import FILTERS, Settings, run
-from usbldr.filters.types import Array, Timeline, Trajectory, Truth
+from usbldr.filters.types import Array, Indices, Timeline, Trajectory, Truth
 
 WINDOWS = ((3.0, 5.0), (20.0, 22.0))
 AIDED = Assumptions(aid=WINDOWS, start=Start(0.0, 0.0, 3.0, sd_yaw_rad=0.01, sd_mps=0.02, sd_radps=0.01))
@@ -49,7 +49,7 @@ def timeline(gps_m: Array | None = None, sd_m: float = 0.5) -> Timeline:
     )
 
 
-def elsewhere(line: Timeline) -> Array:
+def elsewhere(line: Timeline) -> Indices:
     inside = np.any([(line.gps_time_s >= a) & (line.gps_time_s <= b) for a, b in WINDOWS], axis=0)
     return np.flatnonzero(~inside)
 

@@ -40,8 +40,9 @@ def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:
 
 
 def test_a_run_that_calibrates_nothing_has_no_such_picture(tmp_path: Path) -> None:
-    plain = RUN.scored.trajectory
-    plain = dataclasses.replace(plain, names=plain.names[:6], mean=plain.mean[:, :6], cov=plain.cov[:, :6, :6])
+    whole = RUN.scored.trajectory
+    assert whole.cov is not None
+    plain = dataclasses.replace(whole, names=whole.names[:6], mean=whole.mean[:, :6], cov=whole.cov[:, :6, :6])
 
     with_errors = [name for name, _ in write_figures(tmp_path, RUN)]
     without = [name for name, _ in write_figures(tmp_path, dataclasses.replace(RUN, scored=Scored(plain, None)))]
@@ -54,7 +55,9 @@ def test_the_tracks_table_has_the_errors_in_degrees_clockwise_with_their_sigmas(
     table = track_table(ADF, None)
 
     assert list(table)[-4:] == ["dvl_scale", "sd_dvl_scale", "heading_bias_deg", "sd_heading_bias_deg"]
-    assert table.heading_bias_deg.to_numpy() == pytest.approx(-np.degrees(ADF.state("heading_bias")))
+    bias_rad = ADF.state("heading_bias")
+    assert bias_rad is not None
+    assert table.heading_bias_deg.to_numpy() == pytest.approx(-np.degrees(bias_rad))
     assert (table.sd_heading_bias_deg > 0).all()
 
 

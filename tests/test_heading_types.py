@@ -240,7 +240,7 @@ def test_a_declination_that_nobody_can_know_is_refused(tmp_path: Path) -> None:
     rows = [row(QUATERNION, turned("quaternion", 0.0))]
     with pytest.raises(UsageError) as nowhere:
         logged(tmp_path, rows, '[compass]\ndeclination_deg = "auto"')
-    old = [(time_ns - 20 * 365 * 86400 * SECOND, *rest) for time_ns, *rest in rows]
+    old = [(at[0] - 20 * 365 * 86400 * SECOND, at[1], at[2], at[3]) for at in rows]
     with pytest.raises(UsageError) as long_ago:
         logged(tmp_path, old, SEATTLE + '[compass]\ndeclination_deg = "auto"\ntime = "log"')
 
