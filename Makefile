@@ -6,7 +6,7 @@ USBLDR ?= $(BIN)/usbldr
 SAMPLES ?= sample_logs
 SEEDS ?= 20
 
-.PHONY: demo test lint check sample_logs paper field clean
+.PHONY: demo test fuzz lint check sample_logs paper field clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -16,7 +16,11 @@ demo: $(VENV)/installed
 	@echo "The pictures are in demo/paper-cpf (track.png, errors.png, error_cdf.png, innovations.png, ess.png)."
 
 test: $(VENV)/installed-dev
-	$(BIN)/pytest -q
+	$(BIN)/pytest -q -m "not slow"
+
+# damaged files of every format by the hundred
+fuzz: $(VENV)/installed-dev
+	$(BIN)/pytest -q -m slow
 
 check: $(VENV)/installed
 	$(USBLDR) check sample_logs/baseline.toml
