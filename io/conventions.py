@@ -12,7 +12,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Vector
-from usbldr.io.dvl_types import dvl_advice, dvl_causes
+from usbldr.io.dvl_types import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
 from usbldr.io.log import Finding
 from usbldr.io.messages import Mask, Raw
 from usbldr.io.sections import DepthSection, DvlSection, axis_signs
@@ -81,7 +81,7 @@ def dropped(
 def dvl(raw: Raw, section: DvlSection) -> Converted:
     """Turn velocities to starboard, forward, up in m/s; invalid records stay in the table and are marked.
 
-    Raises LogError where all are invalid.
+    Raises LogError where all are invalid, or where so many are too fast that the unit must be another.
     """
     by_frame = "FRD" if "ned" in raw.frame_id.lower() or "frd" in raw.frame_id.lower() else "FLU"
     axes, who, findings = stated(raw, "axes", section.axes, by_frame)
@@ -104,6 +104,12 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
         raise UsageError(f"{raw.log}: [dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
     valid, invalid = dropped(raw, causes, "dvl", "not used", dvl_advice(causes, section.unit is not None))
+    if unit_who == "default" and in_millimetres(raw, causes):
+        fast = int(np.sum(causes[TOO_FAST]))
+        raise LogError(
+            f"{raw.log}: {fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
+            'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not'
+        )
     sd, sd_said = _dvl_sd(raw, section, to_mps)
     columns: dict[str, Vector | Mask] = {
         "starboard_mps": starboard,

@@ -81,6 +81,7 @@ DVL = (
 )
 
 BEAM, EARTH, WATER = 0, 3, 2  # of coordinate_mode; of velocity_mode and velocity_reference
+TOO_FAST = "faster than 20 m/s"
 NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
 
 
@@ -108,13 +109,26 @@ def dvl_causes(raw: Raw, speed_mps: Vector, least_beams: int | None) -> dict[str
     if np.any(beams_valid == 1):
         causes["beam velocities flagged invalid"] = beams_valid == 0
     causes["negative covariance"] = raw.number("own_covariance") < 0
-    causes["faster than 20 m/s"] = speed_mps > 20.0
+    causes[TOO_FAST] = speed_mps > 20.0
     return causes
+
+
+def in_millimetres(raw: Raw, causes: dict[str, Mask]) -> bool:
+    """Tell whether records are faster than 20 m/s too often for m/s: one in ten of those that nothing else rules out.
+
+    One and the same velocity again and again stands for none; a DVL without bottom lock writes so.
+    """
+    others = [mask for cause, mask in causes.items() if cause != TOO_FAST]
+    known = ~np.any(others, axis=0)
+    fast = known & causes[TOO_FAST]
+    _, counts = np.unique(np.column_stack([raw.number("x"), raw.number("y")])[fast], axis=0, return_counts=True)
+    often = np.sum(fast) >= max(3, 0.1 * np.sum(known))
+    return bool(often and counts.max() <= np.sum(fast) / 2)
 
 
 def dvl_advice(causes: dict[str, Mask], unit_stated: bool) -> str:
     """Return what to do where no record is good, as the end of a sentence; empty where nothing helps."""
     if any(np.any(causes[f"in {where} coordinates"]) for where in ("beam", "earth")):
         return NO_COORDINATES
-    fast = np.mean(causes["faster than 20 m/s"]) > 0.5 and not unit_stated
+    fast = np.mean(causes[TOO_FAST]) > 0.5 and not unit_stated
     return '; if they are mm/s, state unit = "mm/s" under [dvl]' if fast else ""

@@ -308,6 +308,29 @@ def test_speeds_that_look_like_millimetres_are_pointed_out(tmp_path: Path) -> No
     assert str(fault.value).endswith('1 faster than 20 m/s; if they are mm/s, state unit = "mm/s" under [dvl]')
 
 
+def test_a_dvl_in_millimetres_is_refused_though_it_lay_still_at_first(tmp_path: Path) -> None:
+    """At rest its noise of some mm/s would pass for a vehicle's speed in m/s."""
+    rows = [twist(T0 + k * SECOND, (-1) ** k * 4.0 if k < 6 else 900.0 + k, 3.0) for k in range(10)]
+
+    with pytest.raises(LogError) as fault:
+        logged(tmp_path, rows)
+    log = logged(tmp_path, rows, '[dvl]\nunit = "mm/s"')
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'dive.mcap'}: 4 of 10 records of /dvl (dvl) are faster than 20 m/s; "
+        'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not'
+    )
+    assert log.tables["dvl"]["forward_mps"].max() == pytest.approx(0.909)
+
+
+def test_a_dvl_that_writes_one_number_for_no_bottom_lock_is_not_in_millimetres(tmp_path: Path) -> None:
+    rows = [twist(T0 + k * SECOND, *((327.67, 327.67) if k % 3 else (1.0, 0.1))) for k in range(12)]
+
+    log = logged(tmp_path, rows)
+
+    assert codes(log)["DVL-INVALID"].endswith("8 of 12 records are invalid and not used (8 faster than 20 m/s)")
+
+
 def test_the_dvl_noise_is_left_open_unless_somebody_states_it(tmp_path: Path) -> None:
     open_log = logged(tmp_path, [twist(T0, 1.0, 0.0)])
     stated = logged(tmp_path, [twist(T0, 1.0, 0.0)], "[dvl]\nsd_mps = 0.1")
