@@ -4,6 +4,8 @@ A heading that counts from magnetic north has the declination added: a stated on
 An error of the compass that the configuration states is subtracted.
 """
 
+import re
+
 import numpy as np
 
 from usbldr.filters.errors import UsageError
@@ -19,6 +21,7 @@ MAGNETIC, UTM_GRID = 0, 2  # of compass_msgs/Azimuth: reference
 DEGREES = 1  # of its unit; 0: radians
 CLOCKWISE = 1  # of its orientation, from north; 0: counter-clockwise from east
 NEWTON_STEPS = 8  # from 30 degrees off to far below what a compass can tell
+MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
 MANY = 100  # records without any change make one wonder
 
 
@@ -127,7 +130,13 @@ def _declination(
         text = f"{raw.topic.name}: declination_deg of the configuration is not used; its records count from true north"
         return nothing, ["from true north (by its records)"], [Finding("KEY-UNUSED", text)]
     if stated_deg is None and magnetic is None:
-        return nothing, [], []
+        if not MAGNETIC_NAME.search(raw.topic.name.lower()):
+            return nothing, [], []
+        text = (
+            f"{raw.topic.name}: taken for headings from true north, but its name says magnetic; state "
+            'declination_deg = "auto" or a number under [compass], 0 if they are true'
+        )
+        return nothing, [], [Finding("HEADING-MAGNETIC", text)]
     if isinstance(stated_deg, float):
         value, how = stated_deg, "configuration"
     elif place is not None:

@@ -71,7 +71,7 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) 
     if kind != "latlon" and not (end and end.geodetic) and origin is not None and origin.source != "[map]":
         text = (
             f"{raw.topic.name}: positions on a map whose origin nobody states; taken for the {origin.source}'s "
-            "(state origin_lat_deg and origin_lon_deg under [map])"
+            "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if they are offsets from it)"
         )
         findings.append(Finding("MAP-UNKNOWN", text))
 

@@ -236,6 +236,24 @@ def test_a_magnetic_heading_without_a_place_stays_magnetic_and_that_is_said(tmp_
     assert said.startswith("/heading: headings are magnetic by their own account and stay so, for no position is known")
 
 
+@pytest.mark.parametrize(
+    ("topic", "toml", "said"),
+    [
+        ("/adcp/heading_magnetic", "", True),
+        ("/nmea/hdm/heading", "", True),
+        ("/compass_hdg", "", False),
+        ("/adcp/heading_magnetic", "[compass]\ndeclination_deg = 0", False),
+    ],
+)
+def test_a_plain_heading_called_magnetic_asks_for_a_declination(
+    tmp_path: Path, topic: str, toml: str, said: bool
+) -> None:
+    log = logged(tmp_path, [(T0 + k, topic, "std_msgs/msg/Float64", {"data": 10.0 + k}) for k in range(3)], toml)
+
+    assert heading(log) == [10.0, 11.0, 12.0]
+    assert ("HEADING-MAGNETIC" in {finding.code for finding in log.findings}) == said
+
+
 def test_a_declination_that_nobody_can_know_is_refused(tmp_path: Path) -> None:
     rows = [row(QUATERNION, turned("quaternion", 0.0))]
     with pytest.raises(UsageError) as nowhere:

@@ -132,7 +132,7 @@ def test_a_map_whose_origin_nobody_states_is_pointed_out(tmp_path: Path) -> None
 
     assert codes(log)["MAP-UNKNOWN"] == (
         "/usbl: positions on a map whose origin nobody states; taken for the first gps fix's "
-        "(state origin_lat_deg and origin_lon_deg under [map])"
+        "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if they are offsets from it)"
     )
 
 
