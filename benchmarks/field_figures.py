@@ -1,11 +1,13 @@
 """The pictures of docs/field.md, one set for each log, in the style of every other picture of usbldr."""
 
+import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from field_changes import CHANGES
 from field_goals import SMOOTHED
@@ -20,7 +22,7 @@ from usbldr.filters.noise import chi_square_quantile
 from usbldr.filters.types import Vector
 from usbldr.io.reports import Run, Scored
 from usbldr_cli.calibration_figure import calibration_figure
-from usbldr_cli.canvas import Axes, Figure, colour, in_style, legend_below, save, titled
+from usbldr_cli.canvas import Axes, Figure, colour, in_style, legend_below, titled
 from usbldr_cli.figures import error_figure
 from usbldr_cli.health_figures import innovation_figure
 from usbldr_cli.track_figure import track_figure
@@ -33,6 +35,8 @@ RUN_PICTURES: Mapping[str, Callable[[Run], Figure | None]] = {
     "innovations": innovation_figure,
 }
 WINDOW_S = 60  # over which NEES is averaged
+LARGEST_BYTES, COLOURS = 150_000, 40
+RESOLUTIONS = (95, 85, 75, 65, 55)  # dots an inch
 
 
 def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
@@ -45,8 +49,20 @@ def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
             figure = draw(run)
             if figure is not None:
                 written.append(f"{_stem(name, change)}_{what}.png")
-                save(figure, output / written[-1])
+                save_small(figure, output / written[-1])
     return written
+
+
+def save_small(figure: Figure, path: Path) -> None:
+    """Write a PNG of few colours at the finest resolution that keeps it small."""
+    for dpi in RESOLUTIONS:
+        drawn, packed = io.BytesIO(), io.BytesIO()
+        figure.savefig(drawn, dpi=dpi, metadata={"Software": None})
+        few = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        few.save(packed, "PNG", optimize=True)
+        if len(packed.getvalue()) < LARGEST_BYTES:
+            break
+    path.write_bytes(packed.getvalue())
 
 
 def online_run(case: Case, change: str, folder: Path) -> Run:
@@ -60,7 +76,8 @@ def online_run(case: Case, change: str, folder: Path) -> Run:
         made = track(method, line, assumptions, way.choices(0).settings, anchor)
         times_s = None if method == "usbl" else line.time_s[line.slow]
         scored.append(Scored(made, evaluate(made, truth, definition.window, definition.align, times_s)))
-    log = replace(given.log, assumptions=assumptions, truth=truth)
+    titled_by = given.log.path.with_name(", USBL ".join(filter(None, (given.log.path.name, change))))
+    log = replace(given.log, path=titled_by, assumptions=assumptions, truth=truth)
     return Run(log, line, scored[0], tuple(scored[1:]), order=way.order)
 
 
@@ -84,7 +101,7 @@ def draw_consistency(case: Case, rows: Rows, output: Path) -> list[str]:
         _dress(left, right)
         legend_below(figure, (left,), 5)
         file = f"{_stem(case.name, '')}_consistency.png"
-        save(figure, output / file)
+        save_small(figure, output / file)
     return [file]
 
 

@@ -16,7 +16,7 @@ from usbldr.filters.alignment import fit_rigid
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation import WHOLE, Window
-from usbldr.filters.types import Timeline, Truth
+from usbldr.filters.types import Outage, Timeline, Truth
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.scenario import simulated_log
@@ -126,14 +126,17 @@ def moved_onto_fixes(truth: Truth, line: Timeline, window: Window = FIXES_FROM) 
         off_m = np.hypot(*(alignment.points(there_m) - fix_m).T)
         still = off_m < TRIMMED * np.median(off_m)
         if np.array_equal(still, near):
-            return replace(truth, position_m=alignment.points(truth.position_m))
+            source = f"{truth.source}, moved once onto the fixes"
+            return replace(truth, position_m=alignment.points(truth.position_m), source=source)
         near, alignment = still, fit_rigid(there_m[still], fix_m[still])
 
 
 def cut(line: Timeline, spans_s: tuple[tuple[float, float], ...]) -> Timeline:
     """Return the log without its fixes in spans that count from the first GPS fix."""
-    since_s = line.fix_time_s - line.gps_time_s[0]
-    return chosen(line, ~np.any([(since_s >= start) & (since_s <= end) for start, end in spans_s], axis=0))
+    cuts = [(line.gps_time_s[0] + start, line.gps_time_s[0] + end) for start, end in spans_s]
+    left = ~np.any([(line.fix_time_s >= start) & (line.fix_time_s <= end) for start, end in cuts], axis=0)
+    silent = tuple(Outage("usbl", float(start), float(min(end, line.time_s[-1]))) for start, end in cuts)
+    return replace(chosen(line, left), outages=(*line.outages, *silent))
 
 
 def thinned(line: Timeline, every_s: float) -> Timeline:
