@@ -3,7 +3,8 @@
 N = 1 is a Kalman filter; covariances of 0 are a plain particle cloud.
 """
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -36,10 +37,15 @@ class Projection(NamedTuple):
     innovation: Array  # (k, N) z - E h
     cov: Array  # (k, k, N) H P H', without the measurement's own noise
     cross: Array  # (n, k, N) P H'
+    again: "Callable[[Gaussians], Projection] | None" = None  # holds it against another bank, see `about`
 
     def take(self, ancestors: Indices) -> "Projection":
         """Return the projection of these members."""
-        return Projection(self.innovation[:, ancestors], self.cov[:, :, ancestors], self.cross[:, :, ancestors])
+        return self._replace(
+            innovation=self.innovation[:, ancestors],
+            cov=self.cov[:, :, ancestors],
+            cross=self.cross[:, :, ancestors],
+        )
 
 
 def equal_weights(count: int) -> Vector:
@@ -94,11 +100,33 @@ def project(bank: Gaussians, measurement: Measurement, rule: Rule) -> Projection
     """Hold a measurement against every member."""
     model = measurement.model
     mean, cov, cross = rule(model, bank.mean, bank.cov)
-    return Projection(model.residual(measurement.z[:, None], mean), cov, cross)
+    again = functools.partial(project, measurement=measurement, rule=rule) if measurement.multiplies else None
+    return Projection(model.residual(measurement.z[:, None], mean), cov, cross, again)
+
+
+def about(bank: Gaussians, after: Gaussians, seen: Projection) -> Projection | None:
+    """Return the measurement as the bank sees it from the mean after it; None where that is as before.
+
+    A sensor that multiplies a state by its own constant error, as a DVL does by its scale, ties the two by a slope that
+    depends on the state. Had the covariance the slope of the old mean, the next reading, which has that of the new one,
+    would find the difference to be news of the error: innovations that are alike in time, as they are wherever the
+    process noise is not the vehicle's own, then push a constant that nothing tells. So the covariance takes the slope
+    of the new mean (G. Huang, A. Mourikis and S. Roumeliotis, "Observability-based rules for designing consistent EKF
+    SLAM estimators", Int. J. Robotics Research 29(5), 2010, doi:10.1177/0278364909353640, on why one slope must serve).
+    """
+    if seen.again is None:
+        return None
+    return seen.again(bank._replace(mean=after.mean))._replace(innovation=seen.innovation)
 
 
 def update(bank: Gaussians, seen: Projection, R: Array) -> Gaussians:
     """Update each member with its own measurement noise: R (k, k, N) or (k, k, 1)."""
+    after = _updated(bank, seen, R)
+    anew = about(bank, after, seen)
+    return after if anew is None else after._replace(cov=_updated(bank, anew, R).cov)
+
+
+def _updated(bank: Gaussians, seen: Projection, R: Array) -> Gaussians:
     inverse, _ = inverse_and_logdet(seen.cov + R)
     return shift(bank, seen.cross, np.einsum("kln,ln->kn", inverse, seen.innovation), inverse)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from usbldr.filters.bank import Gaussians, Projection, inverse_and_logdet, shift, update
+from usbldr.filters.bank import Gaussians, Projection, about, inverse_and_logdet, shift, update
 from usbldr.filters.noise import Noise, chi_square_quantile
 from usbldr.filters.types import Array, Vector
 
@@ -79,13 +79,22 @@ def collapse(bank: Gaussians, seen: Projection, noise: Noise, rejected_before: i
     C. J. Masreliez, "Approximate non-Gaussian filtering with linear state and observation relations", IEEE Trans.
     Automatic Control 20(1), 1975, doi:10.1109/TAC.1975.1100882.
     """
+    after, log_likelihood = _collapsed(bank, seen, noise)
+    anew = about(bank, after, seen)
+    if anew is not None:
+        after = after._replace(cov=_collapsed(bank, anew, noise)[0].cov)
+    return Verdict(after, log_likelihood, False)
+
+
+def _collapsed(bank: Gaussians, seen: Projection, noise: Noise) -> tuple[Gaussians, Vector]:
+    """Return the bank after the measurement, and its log likelihood."""
     seen_modes = modes(seen, noise)
     p = seen_modes.probability
     weighted = p[:, None] * seen_modes.scaled
     g = weighted.sum(axis=0)
     second = np.einsum("jkn,jln->kln", weighted, seen_modes.scaled)
     G = (p[:, None, None] * seen_modes.inverse).sum(axis=0) - second + g[:, None] * g[None]
-    return Verdict(shift(bank, seen.cross, g, G), seen_modes.log_likelihood, False)
+    return shift(bank, seen.cross, g, G), seen_modes.log_likelihood
 
 
 @dataclass(frozen=True, slots=True)

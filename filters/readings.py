@@ -64,12 +64,14 @@ class VehicleReadings:
         time_s = float(line.time_s[k])
         if line.yaw_count[k]:
             noise = self.compass_noise(float(line.yaw_sd_rad[k]), int(line.yaw_count[k]))
-            yield Measurement(line.yaw_rad[k : k + 1], self.compass, noise, "compass", "yaw", k, time_s)
+            z = line.yaw_rad[k : k + 1]
+            yield Measurement(z, self.compass, noise, "compass", "yaw", k, time_s, bool(self.compass.curved))
         if line.dvl_count[k]:
             noise = self.dvl_noise(float(self.dvl_sd_mps[k]), int(line.dvl_count[k]))
             for axis, name in enumerate(("starboard", "forward")):
                 z = line.dvl_mps[k, axis : axis + 1]
-                yield Measurement(z, self.dvl[axis], noise, "dvl", name, k, time_s)
+                model = self.dvl[axis]
+                yield Measurement(z, model, noise, "dvl", name, k, time_s, bool(model.curved))
 
 
 class FixReadings:

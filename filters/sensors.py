@@ -27,6 +27,7 @@ class Measurement(NamedTuple):
     axis: str  # which scalar of the record, see types.Update
     row: int  # which record, see types.Update
     time_s: float  # time of validity
+    multiplies: bool = False  # the model multiplies a state by a constant error that is a state, too
 
 
 @dataclass(frozen=True, slots=True)

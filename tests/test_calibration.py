@@ -135,3 +135,16 @@ def test_an_unknown_error_and_the_literal_form_are_sentences() -> None:
         run("cpf", dive(Faults()), replace(ASSUMED, calibrate=("scale",)), Settings(form="literal"))
     with pytest.raises(UsageError, match="pf samples the yaw"):
         run("pf", dive(Faults()), replace(ASSUMED, calibrate=("scale", "heading")))
+
+
+@pytest.mark.parametrize("method", ["ekf", "adf", "cpf"])
+@pytest.mark.parametrize("key", ["scale", "deviation"])
+def test_on_a_straight_course_a_sensor_tells_nothing_of_its_own_error(method: str, key: str) -> None:
+    """No fix to speak of, no turn, and a process noise that is not the vehicle's: the error stays what it was."""
+    timeline = dive(Faults(), seconds=200, weaves=False)
+    hardly = replace(timeline, fix_cov_m2=1e8 * timeline.fix_cov_m2)
+    assumed = Assumptions(usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), calibrate=(key,))
+
+    for error in found(run(method, hardly, assumed, Settings(particles=20))):
+        assert abs(error.value[-1]) < error.sd[0]
+        assert np.max(np.abs(error.value)) < error.sd[0]
