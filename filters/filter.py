@@ -34,6 +34,18 @@ class Prior(NamedTuple):
     cov: Array  # (n, n)
 
 
+class Reacquisition(NamedTuple):
+    """Fixes that told of another place than the track had, and what was made of them in the end."""
+
+    time_s: float  # when it was clear
+    since_s: float  # the first of them
+    silent_s: float  # how long there had been no fix before; infinite at the start
+    fixes: int  # from the first to the last that was needed to tell
+    refused: int  # of them, while it was not clear
+    moved_m: float  # the farthest that the track jumped when it took another side; 0 where it did not
+    believed: bool  # the track is where the fixes told
+
+
 class Estimate(NamedTuple):
     """What is reported for an epoch."""
 
@@ -43,6 +55,7 @@ class Estimate(NamedTuple):
     ess: float  # least effective number of particles within the step
     acceptance: float  # share of accepted moves; NaN where none was tried
     inflation: float = 1.0  # of the predicted covariance; infinite where a gate's recovery refuted the past
+    reacquisitions: tuple[Reacquisition, ...] = ()  # so far
 
 
 Belief = TypeVar("Belief")
