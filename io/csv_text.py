@@ -16,6 +16,7 @@ from usbldr.io.csv_sheets import plain_names
 from usbldr.io.reader import Nanoseconds
 
 SECOND = Decimal(1_000_000_000)
+LATEST_NS = 1 << 62  # in 2116
 
 
 def text_files(folder: Path) -> Iterator[Path]:
@@ -93,11 +94,13 @@ def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequenc
 
 def nanoseconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
     """Return a column of integer nanoseconds, through no float; ``rows`` (all) says which of the file's they are."""
-    try:
-        return np.array([int(text) for text in texts], dtype=np.int64)
-    except (ValueError, OverflowError) as err:
-        i = next(i for i, text in enumerate(texts) if not _is_nanoseconds(text))
-        raise _fault(texts, i, name, file, rows, "a whole number of nanoseconds") from err
+    times: list[int] = []
+    for i, text in enumerate(texts):
+        try:
+            times.append(_believed(int(text)))
+        except (ValueError, OverflowError) as err:
+            raise _fault(texts, i, name, file, rows, "a whole number of nanoseconds") from err
+    return np.array(times, dtype=np.int64)
 
 
 def seconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
@@ -108,10 +111,18 @@ def seconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | N
     times: list[int] = []
     for i, text in enumerate(texts):
         try:
-            times.append(_iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * SECOND).to_integral_value()))
+            exact = _iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * SECOND).to_integral_value())
+            times.append(_believed(exact))
         except (InvalidOperation, ValueError, OverflowError) as err:
             raise _fault(texts, i, name, file, rows, "a number of seconds") from err
     return np.array(times, dtype=np.int64)
+
+
+def _believed(time_ns: int) -> int:
+    """Return a time; raise OverflowError where differences of such would not fit 64 bits."""
+    if abs(time_ns) >= LATEST_NS:
+        raise OverflowError
+    return time_ns
 
 
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
@@ -140,11 +151,6 @@ def numbers(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | N
 def _fault(texts: Sequence[str], i: int, name: str, file: Path, rows: Sequence[int] | None, what: str) -> LogError:
     line = (i if rows is None else rows[i]) + 2
     return LogError(f'{file}: line {line}: {name} is "{texts[i]}", not {what}')
-
-
-def _is_nanoseconds(text: str) -> bool:
-    digits = text.removeprefix("-").removeprefix("+")
-    return digits.isdecimal() and abs(int(text)) < 2**63
 
 
 def _is_number(text: str) -> bool:

@@ -78,6 +78,7 @@ def test_a_missing_column_is_an_error_that_lists_the_header(tmp_path: Path) -> N
         ("time_ns,heading_deg\n1,2\n1.5e3,4", 'line 3: time_ns is "1.5e3", not a whole number of nanoseconds'),
         ("time_ns,heading_deg\n,2", 'line 2: time_ns is "", not a whole number of nanoseconds'),
         ("time_ns,heading_deg\n99999999999999999999,2", "not a whole number of nanoseconds"),
+        pytest.param("time_ns,heading_deg\n" + "9" * 5000 + ",2", "not a whole number of nanoseconds", id="endless"),
     ],
 )
 def test_a_broken_time_is_an_error_with_its_line(tmp_path: Path, text: str, sentence: str) -> None:
@@ -87,6 +88,16 @@ def test_a_broken_time_is_an_error_with_its_line(tmp_path: Path, text: str, sent
         read_log(folder)
 
     assert str(fault.value).endswith(sentence)
+
+
+@pytest.mark.parametrize("when", ["1e30", "1e15", "nan"])
+def test_seconds_beyond_all_calendars_are_an_error_with_their_line(tmp_path: Path, when: str) -> None:
+    folder = write_csv(tmp_path / "dive", compass=f"when,hdg\n1,2\n{when},4")
+    columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
+    (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
+
+    with pytest.raises(LogError, match=f'line 3: when is "{when}", not a number of seconds'):
+        read_log(folder)
 
 
 def test_a_broken_number_is_an_error_with_its_line(tmp_path: Path) -> None:
