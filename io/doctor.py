@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import islice, product
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -15,10 +14,11 @@ from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.crosscheck import CrossCheck, cross_check
 from usbldr.io.diagnosis import Diagnosis, diagnosis, of_finding
-from usbldr.io.evidence import UNDERWATER_M, raws_of, sources_of
+from usbldr.io.evidence import raws_of, sources_of
 from usbldr.io.log import Log
 from usbldr.io.messages import Raw
 from usbldr.io.opening import Opened, Request, open_configured
+from usbldr.io.positions import depths_of, under_water
 from usbldr.io.read import read, roles_of
 from usbldr.io.readings import Source, configuration_of
 from usbldr.io.timeline import timeline
@@ -87,6 +87,7 @@ def examine_log(log: Log) -> Examination:
 
 
 def _of_log(log: Log, found: list[Diagnosis], sources: tuple[Source, ...], chosen: Mapping[str, str]) -> Examination:
+    found = [*found, *_under_water(log)]
     told = {d.code for d in found}
     found = found + [of_finding(f) for f in log.findings if f.code not in told]
     for role in NEEDED:
@@ -99,7 +100,7 @@ def _of_log(log: Log, found: list[Diagnosis], sources: tuple[Source, ...], chose
     except UsbldrError as err:
         if not any(d.code in ("SENSOR-MISSING", "ROLE-UNDECIDED") for d in found):
             found.append(diagnosis("UNUSABLE", str(err)))
-    found += [*_delays(log), *_under_water(log)]
+    found += _delays(log)
     if line is not None:
         found += _outages(log, line)
     check = cross_check(log, line, sources) if line is not None and "usbl" in log.tables else None
@@ -202,18 +203,13 @@ def _under_water(log: Log) -> list[Diagnosis]:
     """A satellite fix under water is something else: an acoustic position, or an old fix repeated."""
     if "gps" not in log.tables or "depth" not in log.tables:
         return []
-    gps, depth = log.tables["gps"], log.tables["depth"]
-    at = cast(Vector, np.interp(gps["time_s"], depth["time_s"], depth["depth_m"], left=np.nan, right=np.nan))
-    wet = np.flatnonzero(at > UNDERWATER_M)
-    if not len(wet):
+    gps, topic = log.tables["gps"], log.provenance["gps"].topic
+    depth_m = depths_of(gps, log.tables["depth"], "time_s")
+    text = under_water(topic, depth_m)
+    if not text:
         return []
-    worst = int(wet[np.argmax(at[wet])])
-    topic = log.provenance["gps"].topic
-    text = (
-        f"{topic}: {len(wet)} of {len(gps)} fixes were made under water, the deepest at {at[worst]:.1f} m: they may be "
-        "acoustic positions or repeats; do not take them for truth"
-    )
-    return [diagnosis("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(at[worst]), "m")]
+    worst = int(np.nanargmax(depth_m))
+    return [diagnosis("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(depth_m[worst]), "m")]
 
 
 def _outages(log: Log, line: Timeline) -> list[Diagnosis]:

@@ -9,12 +9,12 @@ from usbldr.filters.types import Vector
 from usbldr.io.log import Log
 from usbldr.io.messages import Raw, raw, wanted_paths
 from usbldr.io.opening import Opened, Request
+from usbldr.io.positions import UNDERWATER_M
 from usbldr.io.read import roles_of
 from usbldr.io.readings import Source, convention
 from usbldr.io.topics import Choice
 
 GRAVITY = "linear_acceleration.z"
-UNDERWATER_M = 1.0
 
 
 def raws_of(opened: Opened, request: Request) -> dict[str, Raw]:

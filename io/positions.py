@@ -1,6 +1,9 @@
 """Positions of any kind as east and north on the local plane; GPS fixes are all of it."""
 
+from typing import cast
+
 import numpy as np
+import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Array, Vector
@@ -11,6 +14,7 @@ from usbldr.io.messages import Mask, Raw
 from usbldr.io.sections import GpsSection
 from usbldr.io.times import times_of
 
+UNDERWATER_M = 1.0
 SD_OF_95_PERCENT = 1 / 2.4477  # a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
@@ -105,3 +109,22 @@ def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
     times = times_of(raw, section.time, section.latency_s)
     made = converted(raw, times, columns, [f"frame {frame} ({who})", sd_said], [*findings, *invalid])
     return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)
+
+
+def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:
+    """Return how deep each GPS fix lies below the surface, metres (n,), by two tables with a column of that time.
+
+    NaN before the first depth and after the last.
+    """
+    return cast(Vector, np.interp(gps[time], depth[time], depth["depth_m"], left=np.nan, right=np.nan))
+
+
+def under_water(topic: str, depth_m: Vector) -> str:
+    """Return a sentence where satellite fixes at these depths are something else: empty where none is too deep."""
+    wet = depth_m > UNDERWATER_M
+    if not wet.any():
+        return ""
+    return (
+        f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {np.nanmax(depth_m):.1f} m: "
+        "they may be acoustic positions or repeats; do not take them for truth"
+    )

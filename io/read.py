@@ -96,6 +96,8 @@ def read(opened: Opened, request: Request) -> Log:
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
     findings += _truth_apart(truth, tables, start_ns)
+    if truth is not None and truth.kind == "gps":
+        findings += _truth_under_water(truth, provenance, tables)
     return Log(
         path=path,
         sha256=digest_paths(opened.paths),
@@ -271,6 +273,16 @@ def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_
         return []
     span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s, the sensors {first_s:.1f} to {last_s:.1f} s"
     return [Finding("TRUTH-APART", f"{truth.source}: truth and sensors do not overlap in time: it covers {span}")]
+
+
+def _truth_under_water(
+    truth: Truth, provenance: Mapping[str, Provenance], tables: Mapping[str, pd.DataFrame]
+) -> list[Finding]:
+    if not {"gps", "depth"} <= tables.keys() or truth.source != provenance["gps"].topic:
+        return []
+    depth_m = positions.depths_of(tables["gps"], tables["depth"], "time_ns")
+    text = positions.under_water(truth.source, depth_m)
+    return [Finding("GPS-UNDERWATER", text)] if text else []
 
 
 def _kind(source: TruthSource) -> str:

@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 
 from dives import SECOND, T0, Row, fix, point, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.read import Request, read_log
 from usbldr_cli.main import cli
 
 LAT, LON = 45.0, 7.0
@@ -243,6 +244,8 @@ def test_gps_under_water_is_found(tmp_path: Path) -> None:
 
     assert "40 of 60 fixes were made under water" in found["text"]
     assert (found["worst"], found["time_s"]) == (pytest.approx(5.9), 59.0)
+    assert found["text"] in {finding.text for finding in read_log(folder).findings}
+    assert "GPS-UNDERWATER" not in {finding.code for finding in read_log(folder, Request(truth="none")).findings}
 
 
 def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
