@@ -55,14 +55,16 @@ def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
 
 def save_small(figure: Figure, path: Path) -> None:
     """Write a PNG of few colours at the finest resolution that keeps it small."""
+    small = b""
     for dpi in RESOLUTIONS:
         drawn, packed = io.BytesIO(), io.BytesIO()
         figure.savefig(drawn, dpi=dpi, metadata={"Software": None})
         few = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
         few.save(packed, "PNG", optimize=True)
-        if len(packed.getvalue()) < LARGEST_BYTES:
+        small = packed.getvalue()
+        if len(small) < LARGEST_BYTES:
             break
-    path.write_bytes(packed.getvalue())
+    path.write_bytes(small)
 
 
 def online_run(case: Case, change: str, folder: Path) -> Run:

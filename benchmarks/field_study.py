@@ -11,7 +11,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from importlib.metadata import version
 from multiprocessing import get_context
@@ -19,8 +19,9 @@ from pathlib import Path
 
 import field_goals
 import field_tables as tables
+from field_agreement import Likeness, agreement
 from field_figures import draw_consistency, draw_run, pictures
-from field_logs import CASES, Case, field_folder
+from field_logs import CASES, Case, dive, field_folder
 from field_plan import Rows, plan
 from field_runs import run_plan
 from paper import filled, minutes
@@ -54,10 +55,11 @@ def main() -> int:
         rows = run_plan(wanted, asked.jobs, store, folder)
         print(f"runs took {minutes(began)}", flush=True)
         drawn = draw(cases, rows, asked.jobs, folder, figures)
+        agreed = {case.name: agreement(dive(case.name, 0, folder)) for case in cases}
     except UsbldrError as fault:
         print(f"field_study.py: {fault}", file=sys.stderr)
         return fault.exit_code
-    write_whole(asked.output / "field.md", document(cases, rows, drawn).encode())
+    write_whole(asked.output / "field.md", document(cases, rows, drawn, agreed).encode())
     faults = sorted(
         {f"{row.log}, {way.label} {change}: {row.fault}" for (_, way, change), row in rows.items() if row.fault}
     )
@@ -89,7 +91,9 @@ def draw(cases: Sequence[Case], rows: Rows, jobs: int, folder: Path, figures: Pa
     return found
 
 
-def document(cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]]) -> str:
+def document(
+    cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]], agreed: Mapping[str, Mapping[str, Likeness]]
+) -> str:
     """Return docs/field.md: the text with every table and picture in its place."""
     shown = [case for case in cases if not case.held_back]
     goals = field_goals.goals(rows, shown)
@@ -98,6 +102,7 @@ def document(cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]]) -> 
         "summary": summary(goals),
         "goals": field_goals.table(goals),
         "claimed": tables.claimed(shown, rows),
+        "agreed": tables.agreed({case.name: agreed[case.name] for case in shown}),
         "main": sections(shown, rows),
         "states": tables.states(shown, rows),
         "cut": tables.cut(rows),
@@ -105,7 +110,7 @@ def document(cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]]) -> 
         "ablation": tables.ablation(shown, rows),
         "sensitivity": tables.sensitivity(shown, rows),
         "touchiest": touchiest(shown, rows),
-        "held_back": held_back(cases, rows, drawn),
+        "held_back": held_back(cases, rows, drawn, agreed),
         "pictures": gallery(shown, drawn),
     }
     return filled(TEXT.read_text(encoding="utf-8"), parts)
@@ -131,14 +136,23 @@ def touchiest(cases: Sequence[Case], rows: Rows) -> str:
     return "More than 5 % are moved by: " + ", ".join(found) + "." if found else "None moves any log by more than 5 %."
 
 
-def held_back(cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]]) -> str:
+def held_back(
+    cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]], agreed: Mapping[str, Mapping[str, Likeness]]
+) -> str:
     """Return the tables and pictures of the logs that were held back, or say that they still are."""
     shown = [case for case in cases if case.held_back]
     if not shown:
         return "*Held back still: `make field HELD_BACK=--held-back` runs them.*"
     goals = field_goals.goals(rows, shown)
-    parts = [field_goals.table(goals), tables.claimed(shown, rows), sections(shown, rows), tables.states(shown, rows)]
-    return "\n\n".join((*parts, gallery(shown, drawn)))
+    parts = (
+        field_goals.table(goals),
+        tables.claimed(shown, rows),
+        tables.agreed({case.name: agreed[case.name] for case in shown}),
+        sections(shown, rows),
+        tables.states(shown, rows),
+        gallery(shown, drawn),
+    )
+    return "\n\n".join(parts)
 
 
 def gallery(cases: Sequence[Case], drawn: dict[str, list[str]]) -> str:

@@ -4,11 +4,12 @@ Errors are horizontal, in metres, means over the epochs of a log; where there ar
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from field_agreement import Likeness
 from field_changes import ABLATIONS, FACTORS, HALF, SENSITIVITY, TWICE
 from field_goals import HORIZONTAL, NEES, worst
 from field_logs import Case
@@ -82,6 +83,15 @@ def _claim_m(row: Row) -> float | None:
     if not covs:
         return None
     return float(np.mean([np.sqrt(math.pi / 4 * np.trace(cov, axis1=1, axis2=2)).mean() for cov in covs]))
+
+
+def agreed(found: Mapping[str, Mapping[str, Likeness]]) -> str:
+    """Return how the moves of fixes and truth compare with those of dead reckoning, log by log."""
+    body = [
+        (name, *(f"{one.ratio:.3f}; {one.turn_deg:+.1f}° ({one.pairs} pairs)" for one in likenesses.values()))
+        for name, likenesses in found.items()
+    ]
+    return piped(Table("length ratio; turn clockwise", tuple(next(iter(found.values()))), tuple(body)))
 
 
 def states(cases: Sequence[Case], rows: Rows) -> str:

@@ -12,6 +12,7 @@ import pytest
 import field_goals
 import field_study
 import field_tables
+from field_agreement import Likeness, likeness
 from field_changes import ABLATIONS, CHANGES, SENSITIVITY, constants
 from field_figures import nees_over_time
 from field_logs import CASES, Case, chosen, cut, moved_onto_fixes, stamped_at_arrival, thinned
@@ -81,7 +82,8 @@ def rows(tmp_path: Path) -> Asked:
 
 def document(cases: list[Case], rows: Rows) -> str:
     files = {case.name: [f"{case.name}_{what}.png" for what in field_study.CAPTIONS] for case in cases}
-    return field_study.document(cases, rows, files | {"stpere_marina cut": ["stpere_marina_cut_errors.png"]})
+    agreed = {case.name: {"fixes over DR": Likeness(1.0, 0.5, 100)} for case in cases}
+    return field_study.document(cases, rows, files | {"stpere_marina cut": ["stpere_marina_cut_errors.png"]}, agreed)
 
 
 def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Asked) -> None:
@@ -155,6 +157,19 @@ def test_a_truth_moved_onto_the_fixes_lies_on_them_whatever_its_frame(line: Time
     moved = moved_onto_fixes(truth, replace(line, fix_m=fixes), Window(-1.0, 100.0))
 
     np.testing.assert_allclose(moved.position_m, path, atol=1e-9)
+
+
+def test_the_likeness_of_two_tracks_is_their_scale_and_turn_without_gross_errors() -> None:
+    t = np.arange(0.0, 400.0, 2.0)
+    base = np.column_stack([30 * np.sin(t / 40), t / 4])
+    clockwise = np.radians(7.0)
+    turn = np.array([[np.cos(clockwise), np.sin(clockwise)], [-np.sin(clockwise), np.cos(clockwise)]])
+    other = 0.95 * base @ turn.T + [100.0, -50.0]
+    other[[10, 90]] += 60.0
+
+    found = likeness(t, base, other)
+
+    assert (found.ratio, found.turn_deg) == pytest.approx((0.95, 7.0), abs=1e-6)
 
 
 def test_every_default_is_halved_and_doubled() -> None:
