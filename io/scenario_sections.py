@@ -24,6 +24,8 @@ Part: TypeAlias = Annotated[float, Meta(ge=0, lt=1)]
 Pair: TypeAlias = tuple[float, float]
 Stretch: TypeAlias = tuple[NotNegative, NotNegative]
 
+MOST = 10_000_000  # records of a sensor in a dive: three weeks at 5 Hz
+
 
 class VehicleSection(Section, frozen=True, kw_only=True):
     """Where the dive begins."""
@@ -218,6 +220,14 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
             raise ValueError("[drawn] needs [start]: the dive begins about it, within its sigmas")
         if self.drawn is not None and (self.current.east_mps or self.current.north_mps):
             raise ValueError("[drawn] and [current] exclude each other")
+        counts = {f"{name}.rate_hz": getattr(self, name).rate_hz for name in ("dvl", "compass", "usbl", "gps")}
+        if self.drawn is not None:
+            counts["drawn.step_s"] = 1 / self.drawn.step_s
+        if self.usbl.multipath is not None and self.usbl.multipath.every_s:
+            counts["usbl.multipath.every_s"] = 1 / self.usbl.multipath.every_s
+        for key, per_s in counts.items():
+            if self.duration_s * per_s > MOST:
+                raise ValueError(f"{key} and duration_s make {self.duration_s * per_s:.2g}, at most {MOST:.0e} fit")
 
 
 def forwards(stretches: tuple[Pair, ...], name: str) -> None:

@@ -252,6 +252,12 @@ def test_a_file_like_another_says_only_what_differs(tmp_path: Path) -> None:
         ("sd_m = 0.2, sd_rel = 0.01, ", "", r"\[usbl\] accuracy: state sd_m, sd_rel or both"),
         ("[current]", "[drawn]\n[current]", r"\[drawn\] and \[current\] exclude each other"),
         ("duration_s = 60.0\n\n[v", "\n[v", r"lacks the key duration_s"),
+        (
+            "duration_s = 60.0\n\n[v",
+            "duration_s = 1e9\n\n[v",
+            r"dvl.rate_hz and duration_s make 5e\+09, at most 1e\+07 fit",
+        ),
+        ("every_s = 100.0", "every_s = 1e-6", r"usbl.multipath.every_s and duration_s make 6e\+07"),
         ("schema = 1", "schema = 2", r"schema"),
         ("schema = 1", 'schema = 1\nlike = "pool"', r"like = 'pool': there is no such scenario \(scenarios: .*paper"),
         ("[current]", "[[current", r"is not TOML"),
