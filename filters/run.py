@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, weighted_ekf
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
-from usbldr.filters.baselines import start_from_fixes
+from usbldr.filters.baselines import carried_back, start_from_fixes
 from usbldr.filters.calibration import layout_for, prior_sd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.filter import Filter, Prior
@@ -86,6 +86,7 @@ SMOOTHED_BY: Mapping[str, rules.Rule] = {
     "upf": rules.unscented,
     "afukf": rules.unscented,
     "aekf": rules.linearised,
+    "pf-wekf": rules.linearised,
 }
 """The filters whose belief is near a Gaussian, and the rule that passes it on."""
 
@@ -93,6 +94,7 @@ GATED = ("ekf", "ckf", "ukf")
 SAMPLED = ("cpf", "upf", "pf", "pf-wekf")
 FORMED = ("cpf", "upf")
 MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
+STATE_START = "state [start] east_m, north_m, sd_m in the configuration"
 TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior
 
 
@@ -168,15 +170,19 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
     """Return the belief at the first epoch: a stated start, or what the first fixes say (never GPS).
 
     Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again. A
-    compass that errs tells only the sum of yaw and its errors, so the prior ties them to each other.
+    compass that errs tells only the sum of yaw and its errors, so the prior ties them to each other; so it does with
+    the position where fixes are carried back by sensors that err.
     """
+    carried = np.zeros((2, len(layout)))  # what carrying the fixes back makes of each error of the sensors
     if assumptions.start is not None:
         position = np.array([assumptions.start.east_m, assumptions.start.north_m])
         position_sd_m = assumptions.start.sd_m
     elif len(timeline.fix_time_s):
         position, position_sd_m = start_from_fixes(timeline)
+        carried, walked_m = carried_back(timeline, layout.names), _walked_m(timeline, assumptions, layout)
+        position_sd_m = math.hypot(position_sd_m, walked_m)
     else:
-        raise LogError("there is no USBL fix to start from: state [start] east_m, north_m, sd_m in the configuration")
+        raise LogError(f"there is no USBL fix to start from: {STATE_START}")
     start = assumptions.start or UNKNOWN_START
     yaw_rad = float(timeline.dr_yaw_rad[0])
     known: dict[str, tuple[float, float]] = {
@@ -196,7 +202,18 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
         psi, rows, share = layout.index("psi"), list(seen), np.array(list(seen.values()))
         P[psi, psi] = float(timeline.yaw_sd_rad[0]) ** 2 + share**2 @ sd[rows] ** 2
         P[psi, rows] = P[rows, psi] = -share * sd[rows] ** 2
+    place = list(layout.rows("x", "y"))
+    tied = carried @ P
+    P[place] += tied
+    P[:, place] += tied.T
+    P[np.ix_(place, place)] += tied @ carried.T
     return Prior(mean, P)
+
+
+def _walked_m(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> float:
+    """Return how far the position walks, 1-sigma per axis, from time 0 to the first fix."""
+    motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
+    return math.sqrt(motion.noise(0.0, max(0.0, float(timeline.fix_time_s[0])))[layout.index("x")])
 
 
 def _warnings(name: str, settings: Settings, ess: Vector, updates: Sequence[Update], late: int) -> tuple[str, ...]:

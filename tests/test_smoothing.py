@@ -95,7 +95,7 @@ def test_a_state_that_is_known_exactly_stays_known() -> None:
     assert not smoothed_cov[:, 1].any()
 
 
-@pytest.mark.parametrize("name", ["ekf", "ckf", "adf", "cpf"])
+@pytest.mark.parametrize("name", ["ekf", "ckf", "adf", "cpf", "pf-wekf"])
 def test_smoothing_leaves_the_last_epoch_and_narrows_the_others(name: str) -> None:
     log = simulated_log(replace(PAPER, duration_s=60.0), 3)
     line = timeline(log)
