@@ -33,6 +33,19 @@ def dive() -> list[Row]:
 
 CSV = "time_ns,starboard_mps,forward_mps\n" + "".join(f"{T0 + k * SECOND},0.5,{k / 64}\n" for k in range(120))
 ROSTOPIC = "%time,field.header.stamp,field.twist.linear.x\n" + "".join(f"{T0 + k},{T0 + k},{k}\n" for k in range(120))
+NMEA = "".join(  # a heading, a fix, and a GPS position, a second apart
+    f"2020-09-13T22:{10 + k // 60}:{k % 60:02d}Z $HEHDT,{k}.0,T\n"
+    f"$PSONLLD,22{10 + k // 60}{k % 60:02d}.00,2401,A,51.33{k:03d},-0.83,9.9,5.3,5.3,0.0,0.6,,,,\n"
+    f"$GPGGA,22{10 + k // 60}{k % 60:02d}.00,5119.{k:05d},N,00049.8,W,2,12,0.6,-0.52,M,20.34,M,7.0,0907\n"
+    for k in range(120)
+)
+
+
+def write_nmea(file: Path) -> Path:
+    file.write_text(NMEA, encoding="ascii")
+    return file
+
+
 WRITERS: dict[str, Callable[[Path], Path]] = {
     "mcap zstd": lambda d: write_mcap(d / "a.mcap", dive(), CompressionType.ZSTD, True, 4096),
     "mcap lz4": lambda d: write_mcap(d / "a.mcap", dive(), CompressionType.LZ4, True, 4096),
@@ -47,6 +60,7 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
     "rosbag2 metadata": lambda d: write_rosbag2(d / "a", short_dive()) / "metadata.yaml",
     "csv": lambda d: write_csv(d / "a", dvl=CSV) / "dvl.csv",
     "rostopic csv": lambda d: write_csv(d / "a", dvl=ROSTOPIC) / "dvl.csv",
+    "nmea": lambda d: write_nmea(d / "a.nmea"),
 }
 CASES = 40  # of each kind
 
@@ -77,7 +91,7 @@ def test_a_file_cut_at_any_byte_is_no_traceback(tmp_path: Path, kind: str) -> No
         file.write_bytes(whole[:end])
         log = read_whatever(path)
 
-        if log is not None and kind not in ("csv", "rostopic csv", "rosbag2 metadata"):
+        if log is not None and kind not in ("csv", "rostopic csv", "nmea", "rosbag2 metadata"):
             said = [finding for finding in log.findings if finding.code in ("TRUNCATED", "DAMAGED", "UNINDEXED")]
             assert said, f"cut at {end}"
             full = all(provenance.used == 120 for provenance in log.provenance.values()) and len(log.tables) == 3
