@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,12 +41,13 @@ class Change:
     records: Callable[[Timeline], Timeline] = _same_line
     before: Callable[[Assumptions, Timeline], Assumptions] = _same  # the log is asked what it can tell
     after: Callable[[Assumptions, Timeline], Assumptions] = _same
-    observing: Mapping[str, Any] = field(default_factory=dict[str, Any])  # constants of observability.py meanwhile
+    observing: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of observability.py meanwhile
+    running: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of run.py all the while
 
 
 @contextmanager
 def constants(module: Any, values: Mapping[str, Any]) -> Iterator[None]:
-    """Give constants of a module other values for a while."""
+    """Give names of a module other values for a while."""
     kept = {name: getattr(module, name) for name in values}
     try:
         for name, value in values.items():
@@ -75,11 +77,8 @@ def _plain_start(assumptions: Assumptions, line: Timeline) -> Assumptions:
     """Start at the plain median of the first fixes, wherever the vehicle has gone meanwhile."""
     if assumptions.start is not None:
         return assumptions
-    return replace(assumptions, start=_start(np.median(line.fix_m[:5], axis=0), 3.0))
-
-
-def _start(position_m: np.ndarray, sd_m: float, **more: float) -> Start:
-    return replace(UNKNOWN_START, east_m=float(position_m[0]), north_m=float(position_m[1]), sd_m=sd_m, **more)
+    east_m, north_m = np.median(line.fix_m[:5], axis=0).tolist()
+    return replace(assumptions, start=Start(east_m, north_m, 3.0))
 
 
 def _tuned(assumptions: Assumptions, line: Timeline) -> Assumptions:
@@ -115,19 +114,12 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 
 def _scaled_start(name: str, factor: float) -> Change:
     """Scale what is assumed of a start that nobody states."""
-
-    def before(assumptions: Assumptions, line: Timeline) -> Assumptions:
-        if name == "count":
-            found = start_from_fixes(line, count=round(5 * factor))
-        elif name == "least_sd_m":
-            found = start_from_fixes(line, least_sd_m=3.0 * factor)
-        else:
-            return replace(
-                assumptions, start=_start(*start_from_fixes(line), **{name: factor * getattr(UNKNOWN_START, name)})
-            )
-        return replace(assumptions, start=_start(*found))
-
-    return Change(before=before)
+    if name == "count":
+        return Change(running={"start_from_fixes": partial(start_from_fixes, count=round(5 * factor))})
+    if name == "least_sd_m":
+        return Change(running={"start_from_fixes": partial(start_from_fixes, least_sd_m=3.0 * factor)})
+    other = replace(UNKNOWN_START, **{name: factor * getattr(UNKNOWN_START, name)})
+    return Change(running={"UNKNOWN_START": other})
 
 
 def _sensitivity() -> Iterator[tuple[str, Change]]:

@@ -18,7 +18,7 @@ from field_changes import CHANGES, constants
 from field_logs import CASES, Case, Dive, dive, truth_for
 from field_plan import Cell, Plan, Rows
 from paper_runs import Way
-from usbldr.filters import observability
+from usbldr.filters import observability, run
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.calibration import found
 from usbldr.filters.consistency import worst_fate
@@ -64,13 +64,14 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[Outcome]:
     try:
         given = dive(cell.case, seed, folder)
         line, assumptions = told_to_the_filter(cell, seed, given)
-        key = _key(line, given, assumptions, cell.way, seed)
+        key = _key(line, given, assumptions, cell, seed)
         names = [f"{key}{definition.name}" for definition in case.definitions]
         kept = [Store(store).read(name) for name in names]
         if all(kept):
             return [one for one in kept if one is not None]
         anchor = anchor_at("start", line, assumptions, None)
-        made = track(cell.way.method, line, assumptions, _choices(cell.way, seed).settings, anchor)
+        with constants(run, CHANGES[cell.change].running):
+            made = track(cell.way.method, line, assumptions, _choices(cell.way, seed).settings, anchor)
         return [
             Store(store).write(name, *_judged(case, k, made, given, line, assumptions)) for k, name in enumerate(names)
         ]
@@ -83,7 +84,7 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
     change = CHANGES[cell.change]
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
-    with constants(observability, change.observing):
+    with constants(observability, change.observing), constants(run, change.running):
         assumptions = _choices(cell.way, seed).applied(before, line).assumptions
     return line, change.after(assumptions, line)
 
@@ -132,10 +133,10 @@ def refusals(made: Trajectory) -> dict[str, float]:
     return {"refused_in_a_row": float(max(rows)), "refused_at_the_end": float(rows[-1])}
 
 
-def _key(line: Timeline, given: Dive, assumptions: Assumptions, way: Way, seed: int) -> str:
+def _key(line: Timeline, given: Dive, assumptions: Assumptions, cell: Cell, seed: int) -> str:
     """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
-    settings = _choices(way, seed).settings
-    parts = (line, given.truth, replace(assumptions, observed=()), way.method, settings)
+    settings, running = _choices(cell.way, seed).settings, cell.change if CHANGES[cell.change].running else ""
+    parts = (line, given.truth, replace(assumptions, observed=()), cell.way.method, settings, running)
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 
 
