@@ -1,5 +1,7 @@
 """Tracks without a filter: dead reckoning, raw USBL fixes, one nudged by the other, and where to start."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from usbldr.filters.errors import LogError
@@ -57,6 +59,17 @@ def start_from_fixes(timeline: Timeline, count: int = 5, least_sd_m: float = 3.0
     return position, float(max(least_sd_m, spread_m))
 
 
+def carried_back(timeline: Timeline, names: Sequence[str], count: int = 5) -> Array:
+    """Return what carrying the first fixes back to time 0 takes away from the position per unit of each state, (2, n).
+
+    It is 0 for what is no error of DVL or compass. A fix that comes after minutes is carried back by hundreds of metres
+    of dead reckoning, and then whatever ails those is in the start, too.
+    """
+    drift = np.column_stack([integrated(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
+    mean: Vector = at_times(timeline, drift, timeline.fix_time_s[:count]).mean(axis=0)
+    return -mean.reshape(len(names), 2).T
+
+
 def displacement_m(timeline: Timeline) -> Array:
     """Return how far east and north dead reckoning has moved since the first epoch, (K, 2)."""
     return integrated(timeline, velocity_mps(timeline))
@@ -67,6 +80,20 @@ def velocity_mps(timeline: Timeline) -> Array:
     u, v = timeline.dr_mps.T
     c, s = np.cos(timeline.dr_yaw_rad), np.sin(timeline.dr_yaw_rad)
     return np.column_stack([u * c - v * s, u * s + v * c])
+
+
+def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
+    """Return for each state how fast dead reckoning should have moved besides, per its unit, (K, 2): see sensors.py."""
+    V, yaw = velocity_mps(timeline), timeline.dr_yaw_rad
+    turned_V = np.column_stack([-V[:, 1], V[:, 0]])
+    by_state = {
+        "dvl_scale": -V,
+        "dvl_mount": turned_V,
+        "heading_bias": -turned_V,
+        "deviation_sin": -np.sin(yaw)[:, None] * turned_V,
+        "deviation_cos": -np.cos(yaw)[:, None] * turned_V,
+    }
+    return [by_state.get(name, np.zeros_like(V)) for name in names]
 
 
 def integrated(timeline: Timeline, rate: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.bank import Gaussians, Projection, equal_weights
-from usbldr.filters.baselines import at_times, displacement_m, integrated, velocity_mps
+from usbldr.filters.baselines import at_times, displacement_m, drift_rates, integrated, velocity_mps
 from usbldr.filters.calibration import layout_for
 from usbldr.filters.dives import turned
 from usbldr.filters.layout import Layout
@@ -59,7 +59,7 @@ def fix_log(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0
     t = timeline.fix_time_s[:MOST_FIXES]
     valid_s, count = t - latency_s, len(t)
     V, yaw = velocity_mps(timeline), timeline.dr_yaw_rad
-    drift = np.stack([integrated(timeline, rate) for rate in _drift_rates(kept, V, yaw)], axis=2)  # (K, 2, n)
+    drift = np.stack([integrated(timeline, rate) for rate in drift_rates(timeline, kept.names)], axis=2)  # (K, 2, n)
     drift_at = at_times(timeline, drift.reshape(len(drift), -1), valid_s).reshape(count, 2, -1)
     V_at = at_times(timeline, V, valid_s)
     reckoned_m = at_times(timeline, displacement_m(timeline), valid_s) + V_at * latency_s
@@ -86,19 +86,6 @@ def fix_log(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0
         record_m2,
         blind_s3,
     )
-
-
-def _drift_rates(kept: Layout, V: Array, yaw: Vector) -> list[Array]:
-    """Return for each state how fast dead reckoning should have moved besides, (K, 2) each: see sensors.py."""
-    turned_V = np.column_stack([-V[:, 1], V[:, 0]])
-    by_state = {
-        "dvl_scale": -V,
-        "dvl_mount": turned_V,
-        "heading_bias": -turned_V,
-        "deviation_sin": -np.sin(yaw)[:, None] * turned_V,
-        "deviation_cos": -np.cos(yaw)[:, None] * turned_V,
-    }
-    return [by_state.get(name, np.zeros_like(V)) for name in kept.names]
 
 
 def fix_likelihoods(log: FixLog, members: Sequence[Assumptions]) -> FixLikelihoods:
