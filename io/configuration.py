@@ -169,6 +169,8 @@ def assumptions(configuration: Configuration) -> Assumptions:
         start=known_start(start) if start else None,
         calibrate=_calibrated(configuration.calibrate),
         errors=sensor_errors(configuration.calibrate),
+        dvl_sd_scale=configuration.dvl.sd_scale,
+        usbl_sd_scale=configuration.usbl.sd_scale,
     )
 
 

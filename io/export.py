@@ -104,9 +104,9 @@ def _configuration(
     sections: dict[str, dict[str, str]] = {}
     if log.origin is not None:
         sections["map"] = {"origin_lat_deg": repr(log.origin.lat_deg), "origin_lon_deg": repr(log.origin.lon_deg)}
-    sections["dvl"] = _of_sensor(known.dvl, "mps") | {"lever_arm_m": str(list(known.dvl_lever_m))}
+    sections["dvl"] = _of_sensor(known.dvl, "mps", known.dvl_sd_scale) | {"lever_arm_m": str(list(known.dvl_lever_m))}
     sections["compass"] = _of_sensor(known.compass, "deg")
-    sections["usbl"] = _of_sensor(known.usbl, "m") | {"lever_arm_m": str(list(known.usbl_lever_m))}
+    sections["usbl"] = _of_sensor(known.usbl, "m", known.usbl_sd_scale) | {"lever_arm_m": str(list(known.usbl_lever_m))}
     sections["gps"] = _of_sensor(known.gps, "m") | {"lever_arm_m": str(list(known.gps_lever_m))}
     sections["depth"] = {}
     for sensor, latency_s in latencies.items():
@@ -142,5 +142,5 @@ def _configuration(
     return toml_text(title, sections, conventions)
 
 
-def _of_sensor(noise: NoiseFamily, unit: str) -> dict[str, str]:
-    return {"noise": noise_text(noise, unit)}
+def _of_sensor(noise: NoiseFamily, unit: str, sd_scale: float = 1.0) -> dict[str, str]:
+    return {"noise": noise_text(noise, unit)} | ({"sd_scale": repr(sd_scale)} if sd_scale != 1 else {})

@@ -206,6 +206,7 @@ def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
     told: dict[str, Any] = strict(assumptions)
     for sensor in ("dvl", "compass", "usbl", "gps"):
         told[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **told[sensor]}
+    told["tuned"] = [number._asdict() for number in assumptions.tuned]
     return told
 
 

@@ -94,6 +94,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     unit: Literal["m/s", "mm/s"] | None = None
     scale_error: Annotated[float, Meta(gt=-1)] = 0.0
     sd_mps: Positive | Literal["message"] | None = None
+    sd_scale: Positive = 1.0
     min_good_beams: Annotated[int, Meta(ge=0)] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
@@ -194,6 +195,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
     mount_deg: float = 0.0
     sound_speed_scale: Positive = 1.0
     sd_m: Positive | Literal["message"] | None = None
+    sd_scale: Positive = 1.0
     range_sd_m: NotNegative | None = None
     range_sd_rel: NotNegative | None = None
     bearing_sd_deg: Positive | None = None

@@ -14,6 +14,7 @@ from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdi
 from usbldr.filters.evaluation import ErrorReport, Window
 from usbldr.filters.metrics import SURFACING_GAP_S
 from usbldr.io.reports import Run
+from usbldr.io.tuned import tuned_text
 
 ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
 
@@ -142,6 +143,8 @@ def health(run: Run) -> list[tuple[str, str]]:
             lines.append(("surfacing", f"{m['surfacing_error_m']:.2f} m {when}{way}"))
         if "filter_time_s" in m:
             lines.append(("speed", f"{m['filter_time_s']:.2f} s, {m['real_time_factor']:.0f} times real time"))
+    if tuned := run.log.assumptions.tuned:
+        lines.append(("tuned", "; ".join(tuned_text(number) for number in tuned)))
     for scored in (run.scored, *run.baselines):
         if scored.report is not None and "drift_percent" in scored.report.metrics:
             m = scored.report.metrics

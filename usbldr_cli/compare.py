@@ -107,6 +107,8 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
         raise UsageError(f"--gate is for {', '.join(GATED)}, and none of them is compared")
     if choices.aid is not None and not set(names) & set(FILTERS):
         raise UsageError("--aid is for filters, and none of them is compared")
+    if choices.tune and not set(names) & set(FILTERS):
+        raise UsageError("--tune is for filters, and none of them is compared")
     if choices.form != "mixture" and not set(names) & set(FORMED):
         raise UsageError(f"--form is for {', '.join(FORMED)}, and none of them is compared")
     return names

@@ -74,13 +74,13 @@ def replay(
     if strict and lost:
         raise LogError(lost[0])
     require(log, needed(method, log))
+    _refuse_for_tracks(method, choices)
     line = timeline(log, choices.fast_hz, choices.slow_hz)
     log = choices.applied(log, line)
     doubts = better_readings(log, line)
     for finding in doubts:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     log = replace(log, findings=(*log.findings, *doubts))
-    _refuse_for_tracks(method, choices)
     if write_calibration is not None:
         _refuse_without_errors(method, log)
     target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
@@ -96,13 +96,15 @@ def replay(
 
 
 def _refuse_for_tracks(method: str, choices: RunChoices) -> None:
-    """Refuse --smooth and --aid for a track without a filter; run() refuses the filters that --smooth does not suit."""
+    """Refuse --smooth, --tune and --aid without a filter; run() refuses the filters that --smooth does not suit."""
     from usbldr.filters.run import FILTERS, SMOOTHED_BY
 
     if choices.aid is not None and method not in FILTERS:
         raise UsageError(f"{method} is no filter, so there is nothing to aid (filters: {', '.join(FILTERS)})")
     if choices.smooth and method not in FILTERS:
         raise UsageError(f"{method} is no filter, so there is nothing to smooth (smoothed: {', '.join(SMOOTHED_BY)})")
+    if choices.tune and method not in FILTERS:
+        raise UsageError(f"{method} is no filter, so there is nothing to tune (filters: {', '.join(FILTERS)})")
 
 
 def _refuse_without_errors(method: str, log: "Log") -> None:
@@ -143,9 +145,12 @@ def _write(folder: Path, run: "Run") -> None:
     """Write everything of the run; report.json, which names all files, comes last."""
     from usbldr.io.markdown_report import write_markdown
     from usbldr.io.reports import write_json, write_tables
+    from usbldr.io.tuned import TUNED, tuned_toml
     from usbldr_cli.figures import write_figures
 
     write_tables(folder, run)
+    if run.log.assumptions.tuned:
+        (folder / TUNED).write_text(tuned_toml(run.log), encoding="utf-8")
     write_markdown(folder, run, write_figures(folder, run))
     write_json(folder, run)
 

@@ -40,6 +40,7 @@ class RunChoices:
     smooth: bool = False
     aid: str | None = None
     order: str = "validity"
+    tune: bool = False
 
     @property
     def settings(self) -> "Settings":
@@ -64,10 +65,13 @@ class RunChoices:
         """Return the log with the assumptions that the user states, or that the log itself tells."""
         from usbldr.filters.calibration import AUTO
         from usbldr.filters.observability import observe
+        from usbldr.filters.tuning import tune
 
         assumptions = replace(log.assumptions, **self.overrides())
         if assumptions.calibrate == (AUTO,):
             assumptions = observe(line, assumptions)
+        if self.tune:
+            assumptions = tune(line, assumptions).assumptions
         return replace(log, assumptions=assumptions)
 
     def window(self, log: "Log") -> "Window":
@@ -160,6 +164,9 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             default="validity",
             show_default=True,
             help="Use fixes at their time of validity, or when the vehicle heard of them.",
+        ),
+        click.option(
+            "--tune", is_flag=True, help="Find the noise of DVL and USBL in the log itself, never in the truth."
         ),
         click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
         click.option(

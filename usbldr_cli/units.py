@@ -61,7 +61,7 @@ class _Done(NamedTuple):
 
 def fitted(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
-    from usbldr.filters.run import FORMED, GATED, SAMPLED, SMOOTHED_BY
+    from usbldr.filters.run import FILTERS, FORMED, GATED, SAMPLED, SMOOTHED_BY
 
     return replace(
         choices,
@@ -69,6 +69,7 @@ def fitted(method: str, choices: RunChoices) -> RunChoices:
         gate=choices.gate if method in GATED else None,
         form=choices.form if method in FORMED else "mixture",
         smooth=choices.smooth and method in SMOOTHED_BY,
+        tune=choices.tune and method in FILTERS,
         dr_from=choices.dr_from if method == "dr" else "start",
     )
 
