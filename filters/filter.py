@@ -11,7 +11,7 @@ import numpy as np
 from usbldr.filters.bank import Projection
 from usbldr.filters.policies import modes
 from usbldr.filters.sensors import Measurement
-from usbldr.filters.types import Array, Update, Vector
+from usbldr.filters.types import Array, Reacquisition, Update, Vector
 
 Chance = Callable[[], np.random.Generator]
 """Makes the generator of one step, from the seed and the epoch: a step run again repeats itself to the bit.
@@ -32,18 +32,6 @@ class Prior(NamedTuple):
 
     mean: Vector  # (n,)
     cov: Array  # (n, n)
-
-
-class Reacquisition(NamedTuple):
-    """Fixes that told of another place than the track had, and what was made of them in the end."""
-
-    time_s: float  # when it was clear
-    since_s: float  # the first of them
-    silent_s: float  # how long there had been no fix before; infinite at the start
-    fixes: int  # from the first to the last that was needed to tell
-    refused: int  # of them, while it was not clear
-    moved_m: float  # the farthest that the track jumped when it took another side; 0 where it did not
-    believed: bool  # the track is where the fixes told
 
 
 class Estimate(NamedTuple):

@@ -24,13 +24,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usbldr.filters.bank import Gaussians, copies, predict, project
-from usbldr.filters.filter import Chance, Estimate, Filter, Prior, Reacquisition, Step, record
+from usbldr.filters.filter import Chance, Estimate, Filter, Prior, Step, record
 from usbldr.filters.fix_evidence import SENSOR, Evidence, evidence, whole_fixes, without_fixes
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import MotionModel
 from usbldr.filters.noise import Contamination
 from usbldr.filters.rules import linearised
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Reacquisition, Vector
 
 POSITION = list(Layout().rows("x", "y"))  # every layout begins with the states of the motion
 EVEN = 2 * math.log(2)  # median of chi-square for two
@@ -47,13 +47,13 @@ class Rival(NamedTuple):
 
 
 class Doubt(NamedTuple):
-    """What the rivals are about."""
+    """What the rivals are about; all but the last as in Reacquisition."""
 
     since_s: float
-    silent_s: float  # how long there had been no fix
-    fixes: int = 0  # since then
-    refused: int = 0  # of them, by the belief that led
-    moved_m: float = 0.0  # the farthest that the estimate jumped when another belief took over
+    silent_s: float
+    settled_s: float
+    refused: int = 0
+    jump_m: float = 0.0
     believers: tuple[str, ...] = ()  # the kinds that take the fixes for true
 
 
@@ -90,7 +90,7 @@ class Guarded:
             return belief._replace(rivals=tuple(self._taking(rival, step, chance) for rival in belief.rivals))
         seen = [evidence(self._predicted(rival.estimate, step), fixes, self.false) for rival in belief.rivals]
         silent_s = step.t1_s - belief.last_fix_s
-        doubt = belief.doubt or Doubt(step.t1_s, silent_s)
+        doubt = belief.doubt or Doubt(step.t1_s, silent_s, step.t1_s)
         goes_on = math.exp(-silent_s / self.lasts_s)
         rivals = self._weighed(belief.rivals, seen, goes_on, doubt.believers, step, chance)
         if new := self._challengers(belief.rivals, seen, step, chance):
@@ -99,23 +99,27 @@ class Guarded:
             alone = belief.rivals[0].log_weight + seen[0].modelled
             rivals[0] = rivals[0]._replace(log_weight=alone)
         led, rivals = rivals[0], self._kept([*rivals, *new])
-        if rivals[0].kind != led.kind and not _together(rivals[0], led):
-            jump_m = float(np.hypot(*(_place(rivals[0]) - _place(led))))
-            doubt = doubt._replace(moved_m=max(doubt.moved_m, jump_m))
-        refused = len(fixes) if rivals[0].kind == "held" else 0
-        doubt = doubt._replace(fixes=doubt.fixes + len(fixes), refused=doubt.refused + refused)
+        if rivals[0].kind != led.kind:
+            jump_m = 0.0 if _together(rivals[0], led) else float(np.hypot(*(_place(rivals[0]) - _place(led))))
+            doubt = doubt._replace(settled_s=step.t1_s, jump_m=max(doubt.jump_m, jump_m))
+        if rivals[0].kind == "held":
+            doubt = doubt._replace(refused=doubt.refused + len(fixes))
         told = belief.reacquisitions
         if len(rivals) > 1:
             return GuardedBelief(tuple(rivals), doubt, step.t1_s, told)
         last = rivals[0]
-        if doubt.moved_m or (last.kind == "resumed" and doubt.refused >= CLUSTER):
-            told = (*told, Reacquisition(step.t1_s, *doubt[:-1], believed=last.kind == "moved"))
+        if doubt.jump_m or (last.kind == "resumed" and doubt.refused >= CLUSTER):
+            told = (*told, Reacquisition(*doubt[:-1], believed=last.kind == "moved"))
         return GuardedBelief((last._replace(kind="usual", log_weight=0.0),), None, step.t1_s, told)
 
     def estimate(self, belief: GuardedBelief) -> Estimate:
-        """Return the leader's mean, and the second moment of all rivals about it."""
+        """Return the leader's mean, and the second moment of all rivals about it.
+
+        A leader that expected the fixes and is far ahead stands alone: that they might be false is then as ever.
+        """
         first = belief.rivals[0].estimate._replace(reacquisitions=belief.reacquisitions)
-        if len(belief.rivals) == 1:
+        ahead = math.exp(belief.rivals[0].log_weight) > 1 - 1 / self.odds
+        if belief.doubt is None or (ahead and belief.doubt.believers == ("usual",)):
             return first
         cov = np.zeros_like(first.cov)
         for rival in belief.rivals:

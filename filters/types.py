@@ -80,6 +80,17 @@ class Update(NamedTuple):
     nominal_share: float  # posterior probability of the nominal noise mode
 
 
+class Reacquisition(NamedTuple):
+    """Fixes that told of another place than the track had, and what was made of them in the end."""
+
+    since_s: float  # the first of them
+    silent_s: float  # how long there had been no fix before; infinite at the start
+    settled_s: float  # when the track took the side that it kept
+    refused: int  # fixes that the track did not follow while it was not clear
+    jump_m: float  # the farthest that it jumped when it took another side; 0 where it did not
+    believed: bool  # the track went where the fixes told
+
+
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """An estimated track of T epochs in n states, and the story of its measurements.
@@ -99,6 +110,7 @@ class Trajectory:
     acceptance: Vector | None = None  # (T,) share of accepted moves; NaN where none was tried
     warnings: tuple[str, ...] = ()
     seconds: float = float("nan")  # wall time that the filter took
+    reacquisitions: tuple[Reacquisition, ...] = ()
 
     @property
     def position_m(self) -> Array:

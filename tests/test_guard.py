@@ -9,7 +9,6 @@ import pytest
 
 from usbldr.filters.assumptions import Assumptions, ProcessNoise
 from usbldr.filters.consistency import nees
-from usbldr.filters.filter import Reacquisition
 from usbldr.filters.guard import Guarded
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
@@ -17,7 +16,7 @@ from usbldr.filters.noise import Contamination, Mixture, NoiseFamily
 from usbldr.filters.orders import by_validity
 from usbldr.filters.readings import Readings
 from usbldr.filters.run import FILTERS, Settings, prior
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Reacquisition, Timeline
 
 RATE_HZ = 5
 SILENT = (60, 210)  # seconds without a fix
@@ -123,7 +122,7 @@ def test_no_cluster_at_the_end_of_a_silence_captures_the_track(count: int, off_m
     assert not one.believed
     assert one.since_s == SILENT[1]
     assert one.silent_s == SILENT[1] - SILENT[0] + 1
-    assert one.fixes >= count
+    assert SILENT[1] < one.settled_s <= SILENT[1] + count + 2
 
 
 def test_without_a_guard_such_clusters_do_capture_it() -> None:
@@ -189,8 +188,8 @@ def test_the_report_tells_how_far_the_track_jumped_and_when() -> None:
     assert one.believed
     assert one.since_s == SILENT[1]
     assert one.refused > 5
-    assert one.moved_m == pytest.approx(30.0, abs=3.0)
-    assert one.time_s < END_S
+    assert one.jump_m == pytest.approx(30.0, abs=3.0)
+    assert one.settled_s == SILENT[1] + one.refused
 
 
 @pytest.mark.parametrize("family", [GENERIC, Mixture()], ids=["contamination", "mixture"])
@@ -202,6 +201,7 @@ def test_without_a_false_fix_the_guard_changes_nothing(name: str, family: NoiseF
     told = replayed(name, line, truth, SURE, usbl=family)
 
     np.testing.assert_array_equal(told.mean, alone.mean)
+    np.testing.assert_array_equal(told.cov, alone.cov)
     assert not told.reacquisitions
 
 
