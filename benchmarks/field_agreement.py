@@ -1,7 +1,7 @@
-"""Do fixes, dead reckoning and truth agree on how far and where the vehicle went? What no filter can mend shows here.
+"""Do fixes, dead reckoning and truth agree on how far, where and when the vehicle went? What no filter can mend shows.
 
-Moves over a minute are compared: a common length ratio (a scale) and a common turn (a heading) by least squares.
-The truth serves to judge and goes nowhere else.
+Moves between fixes are compared: the time by which one source is ahead of the other, a common length ratio (a scale)
+and a common turn (a heading), by least squares. The truth serves to judge and goes nowhere else.
 """
 
 import math
@@ -11,50 +11,68 @@ import numpy as np
 
 from field_logs import Dive
 from usbldr.filters.alignment import fit_rigid
-from usbldr.filters.baselines import at_times, displacement_m
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.baselines import at_times, displacement_m, velocity_mps
+from usbldr.filters.types import Array, Timeline, Vector
 
-OVER_S = 60.0
+OVER_S = 60.0  # long enough for moves well above the noise of both
+LEADS_S = np.arange(-16, 17) / 4
+TELLING = 1.05  # times the least residual a second beside it: where it rises less, the log does not tell the lead
 TRIMMED = 3.0  # times the median residual: a pair further off holds a gross fix
 
 
 class Likeness(NamedTuple):
-    """How the moves of one track compare with those of another."""
+    """How the moves of a source compare with those of dead reckoning."""
 
+    lead_s: float  # the source tells at a stamp what dead reckoning tells so much later; NaN: the log does not say
+    lead_m: float  # at the vehicle's median speed
     ratio: float  # of lengths
     turn_deg: float  # clockwise
-    pairs: int
 
 
 def agreement(found: Dive) -> dict[str, Likeness]:
-    """Return fixes over dead reckoning, and truth over dead reckoning, at the fixes' own times."""
+    """Return how fixes and truth compare with dead reckoning, both at the fixes' own times."""
     line, truth = found.line, found.truth
     t = line.fix_time_s
-    reckoned = at_times(line, displacement_m(line), t)
     there = np.column_stack([np.interp(t, truth.time_s, column) for column in truth.position_m.T])
     known = (t >= truth.time_s[0]) & (t <= truth.time_s[-1])
-    return {
-        "fixes over DR": likeness(t, reckoned, line.fix_m),
-        "truth over DR": likeness(t[known], reckoned[known], there[known]),
-    }
+    return {"fixes": likeness(line, t, line.fix_m), "truth": likeness(line, t[known], there[known])}
 
 
-def likeness(time_s: Vector, base_m: Array, other_m: Array) -> Likeness:
-    """Compare the moves over a minute of one track, (F, 2), with those of a base that has less noise."""
+def likeness(line: Timeline, time_s: Vector, source_m: Array) -> Likeness:
+    """Compare the moves of a source, (F, 2), with those of dead reckoning, which has less noise."""
     later = np.searchsorted(time_s, time_s + OVER_S)
     first = np.flatnonzero(later < len(time_s))
-    base, other = (track[later[first]] - track[first] for track in (base_m, other_m))
+    moved, way = source_m[later[first]] - source_m[first], displacement_m(line)
+    fits: dict[float, Fit] = {}
+    for lead_s in LEADS_S.tolist():
+        reckoned = at_times(line, way, time_s + lead_s)
+        fits[lead_s] = _fitted(reckoned[later[first]] - reckoned[first], moved)
+    best = min(fits, key=lambda lead_s: fits[lead_s].residual_m)
+    beside = min(fits[lead_s].residual_m for lead_s in (best - 1.0, best + 1.0) if lead_s in fits)
+    if beside < TELLING * fits[best].residual_m:
+        return Likeness(math.nan, math.nan, fits[0.0].ratio, fits[0.0].turn_deg)
+    speed_mps = float(np.median(np.hypot(*velocity_mps(line).T)))
+    return Likeness(best, speed_mps * best, fits[best].ratio, fits[best].turn_deg)
+
+
+class Fit(NamedTuple):
+    """The best ratio and turn of some moves."""
+
+    residual_m: float  # median
+    ratio: float
+    turn_deg: float
+
+
+def _fitted(base: Array, other: Array) -> Fit:
+    """Fit the moves of a source without the gross ones among them."""
     kept = np.ones(len(base), np.bool_)
-    ratio, turn = 1.0, 0.0
-    for _ in range(10):  # until the same pairs are left
+    while True:
         both = [np.concatenate([moves[kept], -moves[kept]]) for moves in (base, other)]  # about the origin
-        alignment = fit_rigid(*both)
+        alignment = fit_rigid(both[0], both[1])
         turned = base @ alignment.matrix.T
         ratio = float(np.sum(turned[kept] * other[kept]) / np.sum(turned[kept] ** 2))
-        turn = -math.degrees(alignment.rotation_rad)
         off_m = np.hypot(*(ratio * turned - other).T)
-        still = off_m <= TRIMMED * np.median(off_m)
+        still = kept & (off_m <= TRIMMED * np.median(off_m))  # never taken in again, so that this ends
         if np.array_equal(still, kept):
-            break
+            return Fit(float(np.median(off_m)), ratio, -math.degrees(alignment.rotation_rad))
         kept = still
-    return Likeness(ratio, turn, int(kept.sum()))

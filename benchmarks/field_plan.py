@@ -32,8 +32,8 @@ Rows: TypeAlias = Mapping[tuple[str, Way, str], Row]  # by what tables call the 
 Plan: TypeAlias = Mapping[Cell, int]  # how many seeds
 
 
-def plan(cases: Sequence[Case]) -> Plan:
-    """Return every run of the study on these logs."""
+def plan(cases: Sequence[Case], sensitivity: bool = True) -> Plan:
+    """Return every run of the study on these logs, or all but those of halved and doubled defaults."""
     wanted: dict[Cell, int] = {}
     for case in cases:
         few = min(case.dives, FEW_DIVES)
@@ -44,7 +44,7 @@ def plan(cases: Sequence[Case]) -> Plan:
         wanted |= {Cell(case.name, way, name): few for name in thinned_names() for way in thinned_ways(case)}
         wanted[Cell(case.name, replace(BEST, order=online(case)), "tuned")] = few
         wanted |= {Cell(case.name, way, name): few for name, way in ablated(case)}
-        wanted |= {Cell(case.name, BEST, name): few for name in SENSITIVITY}
+        wanted |= {Cell(case.name, BEST, name): 1 for name in SENSITIVITY if sensitivity}
         if case.name == "stpere_marina":
             wanted |= {Cell(case.name, way, "cut"): 1 for way in cut_ways()}
     return wanted

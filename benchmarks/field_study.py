@@ -20,6 +20,7 @@ from pathlib import Path
 import field_goals
 import field_tables as tables
 from field_agreement import Likeness, agreement
+from field_changes import SENSITIVITY
 from field_figures import draw_consistency, draw_run, pictures
 from field_logs import CASES, Case, dive, field_folder
 from field_plan import Rows, plan
@@ -30,6 +31,7 @@ from usbldr_cli.unit_store import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = Path(__file__).with_name("field_text.md")
+NOT_RUN = "*Not run: `make field` runs it.*"
 CAPTIONS = {
     "track": "The track of `adf` against the truth, with the fixes; right: where it errs most",
     "errors": "Its east and north errors with its own 2-sigma band",
@@ -47,8 +49,8 @@ def main() -> int:
         folder = field_folder()
         for one in (store, figures):
             one.mkdir(parents=True, exist_ok=True)
-        cases = [case for case in CASES.values() if asked.held_back or not case.held_back]
-        wanted = plan(cases)
+        cases = [case for case in CASES.values() if case.name in asked.logs and (asked.held_back or not case.held_back)]
+        wanted = plan(cases, asked.sensitivity)
         print(
             f"{sum(wanted.values())} runs of {len(wanted)} rows, {asked.jobs} at a time; finished ones are in {store}"
         )
@@ -72,6 +74,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--runs", type=Path, default=ROOT / "field-runs", help="folder of finished runs")
     parser.add_argument("--output", type=Path, default=ROOT / "docs", help="folder of field.md and field/")
+    parser.add_argument("--logs", nargs="+", default=list(CASES), choices=list(CASES), help="these alone")
+    parser.add_argument(
+        "--without-sensitivity", dest="sensitivity", action="store_false", help="two thirds of the time"
+    )
     parser.add_argument("--held-back", action="store_true", help="the logs that judge the settled defaults, too")
     return parser.parse_args()
 
@@ -96,6 +102,7 @@ def document(
 ) -> str:
     """Return docs/field.md: the text with every table and picture in its place."""
     shown = [case for case in cases if not case.held_back]
+    sensitive = any(change in SENSITIVITY for _, _, change in rows)
     goals = field_goals.goals(rows, shown)
     parts = {
         "made": f"usbldr {version('usbldr')}",
@@ -105,11 +112,11 @@ def document(
         "agreed": tables.agreed({case.name: agreed[case.name] for case in shown}),
         "main": sections(shown, rows),
         "states": tables.states(shown, rows),
-        "cut": tables.cut(rows),
+        "cut": tables.cut(rows) if "stpere_marina" in agreed else NOT_RUN,
         "thinned": tables.thinned(shown, rows),
         "ablation": tables.ablation(shown, rows),
-        "sensitivity": tables.sensitivity(shown, rows),
-        "touchiest": touchiest(shown, rows),
+        "sensitivity": tables.sensitivity(shown, rows) if sensitive else NOT_RUN,
+        "touchiest": touchiest(shown, rows) if sensitive else "",
         "held_back": held_back(cases, rows, drawn, agreed),
         "pictures": gallery(shown, drawn),
     }

@@ -88,10 +88,18 @@ def _claim_m(row: Row) -> float | None:
 def agreed(found: Mapping[str, Mapping[str, Likeness]]) -> str:
     """Return how the moves of fixes and truth compare with those of dead reckoning, log by log."""
     body = [
-        (name, *(f"{one.ratio:.3f}; {one.turn_deg:+.1f}° ({one.pairs} pairs)" for one in likenesses.values()))
+        (name, source, *_lead(one), f"{one.ratio:.3f}", f"{one.turn_deg:+.1f}°")
         for name, likenesses in found.items()
+        for source, one in likenesses.items()
     ]
-    return piped(Table("length ratio; turn clockwise", tuple(next(iter(found.values()))), tuple(body)))
+    heads = ("against DR", "ahead by", "at median speed", "length ratio", "turned clockwise")
+    return piped(Table("log", heads, tuple(body)))
+
+
+def _lead(one: Likeness) -> tuple[str, str]:
+    if math.isnan(one.lead_s):
+        return "not told", ""
+    return f"{one.lead_s:+.2f} s", f"{one.lead_m:+.2f} m"
 
 
 def states(cases: Sequence[Case], rows: Rows) -> str:

@@ -21,6 +21,7 @@ from field_runs import refusals
 from paper_runs import Way
 from usbldr.filters import observability
 from usbldr.filters.assumptions import Assumptions, ProcessNoise
+from usbldr.filters.baselines import displacement_m
 from usbldr.filters.evaluation import Window
 from usbldr.filters.observability import CANDIDATES
 from usbldr.filters.run import SAMPLED
@@ -82,7 +83,9 @@ def rows(tmp_path: Path) -> Asked:
 
 def document(cases: list[Case], rows: Rows) -> str:
     files = {case.name: [f"{case.name}_{what}.png" for what in field_study.CAPTIONS] for case in cases}
-    agreed = {case.name: {"fixes over DR": Likeness(1.0, 0.5, 100)} for case in cases}
+    agreed = {
+        case.name: {"fixes": Likeness(0.5, 0.2, 1.0, 0.5), "truth": Likeness(0.5, 0.2, 1.0, 0.5)} for case in cases
+    }
     return field_study.document(cases, rows, files | {"stpere_marina cut": ["stpere_marina_cut_errors.png"]}, agreed)
 
 
@@ -159,17 +162,32 @@ def test_a_truth_moved_onto_the_fixes_lies_on_them_whatever_its_frame(line: Time
     np.testing.assert_allclose(moved.position_m, path, atol=1e-9)
 
 
-def test_the_likeness_of_two_tracks_is_their_scale_and_turn_without_gross_errors() -> None:
-    t = np.arange(0.0, 400.0, 2.0)
-    base = np.column_stack([30 * np.sin(t / 40), t / 4])
+def test_a_source_that_is_ahead_too_short_and_turned_is_found_so(line: Timeline) -> None:
+    t = np.arange(0.0, 400.0, 0.2)
+    speed, yaw = np.column_stack([np.zeros_like(t), np.ones_like(t)]), 0.8 * np.sin(t / 15)
+    curved = replace(line, time_s=t, dr_mps=speed, dr_yaw_rad=yaw)
+    stamps = np.arange(5.0, 390.0, 2.0)
     clockwise = np.radians(7.0)
     turn = np.array([[np.cos(clockwise), np.sin(clockwise)], [-np.sin(clockwise), np.cos(clockwise)]])
-    other = 0.95 * base @ turn.T + [100.0, -50.0]
-    other[[10, 90]] += 60.0
+    ahead = np.column_stack([np.interp(stamps + 1.5, t, column) for column in displacement_m(curved).T])
+    source = 0.95 * ahead @ turn.T + [100.0, -50.0]
+    source[[10, 90]] += 60.0  # gross ones
 
-    found = likeness(t, base, other)
+    found = likeness(curved, stamps, source)
 
-    assert (found.ratio, found.turn_deg) == pytest.approx((0.95, 7.0), abs=1e-6)
+    assert found == pytest.approx((1.5, 1.5, 0.95, 7.0), abs=1e-6)
+
+
+def test_a_straight_track_at_constant_speed_tells_no_lead(line: Timeline) -> None:
+    t = np.arange(0.0, 400.0, 0.2)
+    straight = replace(line, time_s=t, dr_mps=np.tile([1.0, 1.0], (len(t), 1)), dr_yaw_rad=np.zeros_like(t))
+    stamps = np.arange(5.0, 390.0, 2.0)
+    noise = 0.1 * np.random.default_rng(0).standard_normal((len(stamps), 2))
+
+    found = likeness(straight, stamps, 0.99 * stamps[:, None] + noise)
+
+    assert math.isnan(found.lead_s)
+    assert found.ratio == pytest.approx(0.99, abs=0.001)
 
 
 def test_every_default_is_halved_and_doubled() -> None:
