@@ -44,29 +44,38 @@ def usbl(timeline: Timeline) -> Trajectory:
 
 
 def start_from_fixes(timeline: Timeline, count: int = 5, least_sd_m: float = 3.0) -> tuple[Vector, float]:
-    """Return the position at time 0 that the first fixes tell, (2,), and its 1-sigma per axis.
+    """Return the position at time 0 that the first USBL fixes tell, (2,), and its 1-sigma per axis, as `start_from`.
 
-    Each fix is carried back by the dead-reckoned displacement since time 0; the median bears two gross errors in five.
-    The sigma is the fixes' median absolute deviation (of the axis that spreads more), not below ``least_sd_m``: a plain
-    spread would let one gross fix open the start so wide that a filter believes the next one. Raises LogError where
-    there is no fix.
+    Raises LogError where there is no fix.
     """
     if not len(timeline.fix_time_s):
         raise LogError("the log has no USBL fix to start from")
-    carried = timeline.fix_m[:count] - at_times(timeline, displacement_m(timeline), timeline.fix_time_s[:count])
+    return start_from(timeline, timeline.fix_time_s, timeline.fix_m, count, least_sd_m)
+
+
+def start_from(
+    timeline: Timeline, time_s: Vector, fix_m: Array, count: int = 5, least_sd_m: float = 3.0
+) -> tuple[Vector, float]:
+    """Return the position at time 0 that the first of some fixes tell, (2,), and its 1-sigma per axis.
+
+    Each fix is carried back by the dead-reckoned displacement since time 0; the median bears two gross errors in five.
+    The sigma is the fixes' median absolute deviation (of the axis that spreads more), not below ``least_sd_m``: a plain
+    spread would let one gross fix open the start so wide that a filter believes the next one.
+    """
+    carried = fix_m[:count] - at_times(timeline, displacement_m(timeline), time_s[:count])
     position = np.median(carried, axis=0)
     spread_m = 1.4826 * np.median(np.abs(carried - position), axis=0).max()
     return position, float(max(least_sd_m, spread_m))
 
 
-def carried_back(timeline: Timeline, names: Sequence[str], count: int = 5) -> Array:
-    """Return what carrying the first fixes back to time 0 takes away from the position per unit of each state, (2, n).
+def carried_back(timeline: Timeline, time_s: Vector, names: Sequence[str], count: int = 5) -> Array:
+    """Return by how much a unit of each state moves the position that the first fixes tell of time 0, (2, n).
 
-    It is 0 for what is no error of DVL or compass. A fix that comes after minutes is carried back by hundreds of metres
-    of dead reckoning, and then whatever ails those is in the start, too.
+    ``time_s`` (F,) are those of the fixes. It is 0 for what is no error of DVL or compass. A fix that comes after
+    minutes is carried back by hundreds of metres of dead reckoning, and whatever ails those is in the start, too.
     """
     drift = np.column_stack([integrated(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
-    mean: Vector = at_times(timeline, drift, timeline.fix_time_s[:count]).mean(axis=0)
+    mean: Vector = at_times(timeline, drift, time_s[:count]).mean(axis=0)
     return -mean.reshape(len(names), 2).T
 
 

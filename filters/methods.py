@@ -8,7 +8,7 @@ import numpy as np
 from usbldr.filters import baselines
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.errors import LogError
-from usbldr.filters.run import FILTERS, Settings, run
+from usbldr.filters.run import FILTERS, Settings, run, starting_fixes
 from usbldr.filters.types import Timeline, Trajectory, Truth, Vector
 
 METHODS = (*FILTERS, "nudge", "dr", "usbl")
@@ -37,7 +37,9 @@ def track(
         return baselines.nudge(timeline)
     if method == "dr":
         if anchor is None:
-            raise LogError("dead reckoning has nothing to start from: give --dr-from LAT,LON or state [start]")
+            raise LogError(
+                "dead reckoning has nothing to start from: give --dr-from first-gps or LAT,LON, or state [start]"
+            )
         return baselines.dr(timeline, anchor.position_m, anchor.time_s)
     return run(method, timeline, assumptions, settings, progress)
 
@@ -52,9 +54,10 @@ def anchor_at(where: str, timeline: Timeline, assumptions: Assumptions, truth: T
         start = assumptions.start
         return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
     if where in ("start", "first-fix"):
-        if not len(timeline.fix_time_s):
+        fixes = (timeline.fix_time_s, timeline.fix_m) if where == "first-fix" else starting_fixes(timeline, assumptions)
+        if not len(fixes[0]):
             return None
-        return Anchor(baselines.start_from_fixes(timeline)[0], 0.0, "the first five fixes")
+        return Anchor(baselines.start_from(timeline, *fixes)[0], 0.0, "the first five fixes")
     if where == "first-gps":
         if not len(timeline.gps_time_s):
             return None

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, weighted_ekf
+from usbldr.filters.aiding import gps_fixes, usbl_fixes
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
-from usbldr.filters.baselines import carried_back, start_from_fixes
+from usbldr.filters.baselines import carried_back, start_from
 from usbldr.filters.calibration import layout_for, prior_sd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.filter import Filter, Prior
@@ -22,7 +23,7 @@ from usbldr.filters.motion import MotionModel, VehicleMotion
 from usbldr.filters.orders import MEMORY_S, ORDERS, too_late
 from usbldr.filters.readings import Readings
 from usbldr.filters.smoothing import smooth
-from usbldr.filters.types import Timeline, Trajectory, Update, Vector
+from usbldr.filters.types import Array, Timeline, Trajectory, Update, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,10 @@ GATED = ("ekf", "ckf", "ukf")
 SAMPLED = ("cpf", "upf", "pf", "pf-wekf")
 FORMED = ("cpf", "upf")
 MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
-STATE_START = "state [start] east_m, north_m, sd_m in the configuration"
+NO_START = (
+    "no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or let GPS aid "
+    "it where the vehicle is at the surface (--aid gps@FROM:TO)"
+)
 TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior
 
 
@@ -167,7 +171,7 @@ def called(name: str, settings: Settings) -> str:
 
 
 def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior:
-    """Return the belief at the first epoch: a stated start, or what the first fixes say (never GPS).
+    """Return the belief at the first epoch: a stated start, or what the first fixes say.
 
     Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again. A
     compass that errs tells only the sum of yaw and its errors, so the prior ties them to each other; so it does with
@@ -177,12 +181,15 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
     if assumptions.start is not None:
         position = np.array([assumptions.start.east_m, assumptions.start.north_m])
         position_sd_m = assumptions.start.sd_m
-    elif len(timeline.fix_time_s):
-        position, position_sd_m = start_from_fixes(timeline)
-        carried, walked_m = carried_back(timeline, layout.names), _walked_m(timeline, assumptions, layout)
-        position_sd_m = math.hypot(position_sd_m, walked_m)
     else:
-        raise LogError(f"there is no USBL fix to start from: {STATE_START}")
+        time_s, fix_m = starting_fixes(timeline, assumptions)
+        if not len(time_s):
+            raise LogError(NO_START)
+        position, position_sd_m = start_from(timeline, time_s, fix_m)
+        carried = carried_back(timeline, time_s, layout.names)
+        motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
+        walked_m2 = float(motion.noise(0.0, max(0.0, float(time_s[0])))[layout.index("x")])
+        position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
     start = assumptions.start or UNKNOWN_START
     yaw_rad = float(timeline.dr_yaw_rad[0])
     known: dict[str, tuple[float, float]] = {
@@ -210,10 +217,14 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
     return Prior(mean, P)
 
 
-def _walked_m(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> float:
-    """Return how far the position walks, 1-sigma per axis, from time 0 to the first fix."""
-    motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
-    return math.sqrt(motion.noise(0.0, max(0.0, float(timeline.fix_time_s[0])))[layout.index("x")])
+def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector, Array]:
+    """Return times and places of the fixes that tell where a filter starts: USBL, or GPS that aids before it; or none.
+
+    (F,) and (F, 2).
+    """
+    usbl, gps = usbl_fixes(timeline, assumptions, Layout()), gps_fixes(timeline, assumptions)
+    first = min((usbl, gps), key=lambda fixes: float(fixes.time_s[0]) if len(fixes.time_s) else math.inf)
+    return first.time_s, first.position_m
 
 
 def _warnings(name: str, settings: Settings, ess: Vector, updates: Sequence[Update], late: int) -> tuple[str, ...]:

@@ -73,7 +73,7 @@ def replay(
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     if strict and lost:
         raise LogError(lost[0])
-    require(log, needed(method, log))
+    require(log, needed(method))
     _refuse_for_tracks(method, choices)
     line = timeline(log, choices.fast_hz, choices.slow_hz)
     log = choices.applied(log, line)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from usbldr.filters.errors import LogError
 from usbldr_cli.run_options import RunChoices
 
 if TYPE_CHECKING:
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
     from usbldr.io.reports import Scored
 
 
-def needed(method: str, log: "Log") -> tuple[str, ...]:
-    """Return the sensors that a method cannot do without: fixes tell the start unless it is stated."""
-    return ("dvl", "compass") if method == "dr" or log.assumptions.start else ("dvl", "compass", "usbl")
+def needed(method: str) -> tuple[str, ...]:
+    """Return the sensors that a method cannot do without."""
+    return ("dvl", "compass", "usbl") if method in ("usbl", "nudge") else ("dvl", "compass")
 
 
 def score(
@@ -31,10 +32,13 @@ def score(
     from usbldr.filters.aiding import require_gps
     from usbldr.filters.evaluation import evaluate
     from usbldr.filters.methods import track
+    from usbldr.filters.run import FILTERS, NO_START, starting_fixes
     from usbldr.io.reports import Scored
 
     aid = log.assumptions.aid
     require_gps(line, aid, str(log.path))
+    if method in FILTERS and log.assumptions.start is None and not len(starting_fixes(line, log.assumptions)[0]):
+        raise LogError(f"{log.path}: {NO_START}")
     with _bar(method, len(line.time_s), shown) as progress:
         trajectory = track(method, line, log.assumptions, choices.settings, anchor, progress)
     if log.truth is None:

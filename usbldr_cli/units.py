@@ -183,7 +183,7 @@ def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, 
     from usbldr.io.read import require
     from usbldr_cli.scoring import needed, score
 
-    require(source.log, needed(method, source.log))
+    require(source.log, needed(method))
     log, line = choices.applied(source.log, source.line), source.line
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
