@@ -220,6 +220,17 @@ class Guarded:
         return predict(copies(estimate.mean, estimate.cov, 1), self.motion, linearised, step.t0_s, step.t1_s)
 
 
+def reacquisition_text(one: Reacquisition) -> str:
+    """Say in words what was made of fixes that were in doubt."""
+    silence = f" after {one.silent_s:.0f} s without any" if math.isfinite(one.silent_s) and one.silent_s > 5 else ""
+    fixes = f"USBL fixes from {one.since_s:.1f} s on{silence}"
+    if one.believed:
+        wait = f", {one.refused} of them refused until then" if one.refused else ""
+        return f"{fixes} did not fit the track, which jumped {one.jump_m:.1f} m to them at {one.settled_s:.1f} s{wait}"
+    jump = f"the track jumped {one.jump_m:.1f} m away from them" if one.jump_m else f"{one.refused} were refused"
+    return f"{fixes} agreed with each other, but not with those before and after: {jump} ({one.settled_s:.1f} s)"
+
+
 def _agree(a: Rival, b: Rival) -> bool:
     """Tell whether two beliefs that take fixes have come to the same place."""
     return "held" not in (a.kind, b.kind) and _together(a, b)

@@ -18,12 +18,13 @@ from usbldr.filters.baselines import carried_back, start_from
 from usbldr.filters.calibration import layout_for, prior_sd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.filter import Filter, Prior
+from usbldr.filters.guard import Guarded, reacquisition_text
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import MotionModel, VehicleMotion
 from usbldr.filters.orders import MEMORY_S, ORDERS, too_late
 from usbldr.filters.readings import Readings
 from usbldr.filters.smoothing import smooth
-from usbldr.filters.types import Array, Timeline, Trajectory, Update, Vector
+from usbldr.filters.types import Array, Reacquisition, Timeline, Trajectory, Update, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,7 @@ class Settings:
     form: str = "mixture"  # of cpf and upf, see FORMS
     smooth: bool = False  # estimate each epoch from the whole dive, not from what came before it
     order: str = "validity"  # of late fixes, see orders.ORDERS
+    guard: bool = False  # against clusters of false fixes, where the filter is one of GUARDED
 
 
 def _kalman(rule: rules.Rule) -> "Build":
@@ -92,6 +94,7 @@ SMOOTHED_BY: Mapping[str, rules.Rule] = {
 """The filters whose belief is near a Gaussian, and the rule that passes it on."""
 
 GATED = ("ekf", "ckf", "ukf")
+GUARDED = ("ekf", "ckf", "ukf", "adf", "cpf", "upf")
 SAMPLED = ("cpf", "upf", "pf", "pf-wekf")
 FORMED = ("cpf", "upf")
 MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
@@ -130,16 +133,19 @@ def run(
         raise UsageError("pf samples the yaw, which fixes every error of the compass: calibrate those with cpf or adf")
     motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
     estimator = FILTERS[name](motion, settings)
+    if settings.guard and name in GUARDED and settings.form != "literal":
+        estimator = Guarded(estimator, motion)
     began = time.perf_counter()
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     by_epoch: dict[int, Sequence[Update]] = {}
+    reacquisitions: tuple[Reacquisition, ...] = ()
     belief = estimator.start(prior(timeline, assumptions, layout))
     readings = Readings(timeline, assumptions, layout)
     for k, estimate, updates in ORDERS[settings.order](estimator, belief, readings, settings.seed):
         mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
-        inflation[k] = estimate.inflation
+        inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
         by_epoch.update(updates)
         if k % 100 == 0:
             progress(k, count)
@@ -160,8 +166,10 @@ def run(
         ess if sampled else None,
         particles,
         acceptance if sampled else None,
-        _warnings(name, settings, ess, done, late),
+        _warnings(name, settings, ess, done, late)
+        + tuple(f"{name}: {reacquisition_text(one)}" for one in reacquisitions),
         time.perf_counter() - began,
+        reacquisitions,
     )
 
 

@@ -41,13 +41,14 @@ class RunChoices:
     aid: str | None = None
     order: str = "validity"
     tune: bool = False
+    guard: bool = False
 
     @property
     def settings(self) -> "Settings":
         """The filter's share."""
         from usbldr.filters.run import Settings
 
-        return Settings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order)
+        return Settings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order, self.guard)
 
     def overrides(self) -> dict[str, object]:
         """Return the fields of Assumptions that the options state."""
@@ -168,6 +169,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--tune", is_flag=True, help="Find the noise of DVL and USBL in the log itself, never in the truth."
         ),
+        click.option("--guard", is_flag=True, help="Doubt fixes that agree with each other, but not with the past."),
         click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
         click.option(
             "--aid",
