@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models import PRIOR, Drift, position_steps
-from usbldr.filters.adaptive import MOST, Factor, Fading, Innovation, CovarianceMatching
+from usbldr.filters.adaptive import MOST, CovarianceMatching, Factor, Fading, Innovation
 from usbldr.filters.assumptions import ProcessNoise
 from usbldr.filters.filter import Estimate, Step
 from usbldr.filters.kalman import KalmanFilter
