@@ -71,7 +71,7 @@ HONEST = dataclasses.replace(
     dvl=Dvl(5.0, 0.05, lever_m=(0.5, 0.6, -0.7)),
     compass=Compass(10.0, 0.02, Contamination(0.1, 0.3)),
     usbl=Usbl(1.0, Accuracy(0.2, 0.01, 0.02), Contamination(), lever_m=(0.0, -2.0, 1.0)),
-    gps=Gps(1.0),
+    gps=Gps(1.0, lever_m=(1.0, 0.0, 2.0)),
 )
 """What a filter is told of FAULTY, as if it were so."""
 

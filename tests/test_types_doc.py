@@ -22,7 +22,8 @@ define(
 
 
 def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (shown,) = re.findall(r"```python\n(.*?)```", DOC, re.DOTALL)
+    page = DOC[DOC.index("## A new type") : DOC.index("## A new sentence")]
+    (shown,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     layout = eval(shown, {"Layout": Layout})
     monkeypatch.setattr(sensor_types, "LAYOUTS", {**sensor_types.LAYOUTS, "dvl": (layout,)})
     values = {"header.stamp": T0, "speed.forward": 150.0, "speed.port": -20.0, "status": 1, "sigma": 2.0}
@@ -37,7 +38,7 @@ def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest
 
 
 def test_every_type_that_the_page_names_is_known() -> None:
-    table = DOC[DOC.index("## What is read") : DOC.index("USBL types stand")]
+    table = DOC[DOC.index("## What is read") : DOC.index("NMEA sentences are listed")]
     named = {name.rpartition("/")[2].rpartition(".")[2] for name in re.findall(r"`([A-Za-z0-9_./]+)`", table)}
     known = {layout.type for layouts in sensor_types.LAYOUTS.values() for layout in layouts}
 
