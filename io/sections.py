@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
 Share: TypeAlias = Annotated[float, Meta(gt=0, lt=1)]
+Latency: TypeAlias = Annotated[float, Meta(ge=-86400, le=86400)]
 Latitude: TypeAlias = Annotated[float, Meta(ge=-90, le=90)]
 Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
 Deviation: TypeAlias = Annotated[float, Meta(ge=-30, le=30)]  # beyond, a reading no longer tells one heading
@@ -98,7 +99,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     min_good_beams: Annotated[int, Meta(ge=0)] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
-    latency_s: float = 0.0
+    latency_s: Latency = 0.0
     noise: DvlNoise | None = None
 
     def __post_init__(self) -> None:
@@ -120,7 +121,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     declination_deg: float | Literal["auto"] | None = None
     sd_deg: Positive | Literal["message"] | None = None
     time: Clock | None = None
-    latency_s: float = 0.0
+    latency_s: Latency = 0.0
     noise: CompassNoise | None = None
 
 
@@ -202,7 +203,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
     heading_sd_deg: NotNegative | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
-    latency_s: float = 0.0
+    latency_s: Latency = 0.0
     noise: UsblNoise | None = None
 
     def __post_init__(self) -> None:
@@ -237,7 +238,7 @@ class GpsSection(Section, frozen=True, kw_only=True):
     sd_m: Positive | Literal["message"] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
-    latency_s: float = 0.0
+    latency_s: Latency = 0.0
     noise: UsblNoise | None = None
 
 
@@ -250,7 +251,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
     surface_pa: NotNegative | None = None
     positive: Literal["down", "up"] | None = None
     time: Clock | None = None
-    latency_s: float = 0.0
+    latency_s: Latency = 0.0
 
 
 class TruthSection(Section, frozen=True, kw_only=True):

@@ -266,5 +266,5 @@ def test_one_failed_method_leaves_the_others_their_numbers(dive: Path, tmp_path:
     dr, usbl = content(out)["rows"]
     assert (dr["fault"], usbl["seeds"]) == (None, 0)
     assert dr["mean_horizontal_m"] > 0
-    assert "no USBL fix" in usbl["fault"]
+    assert "no usbl data" in usbl["fault"]
     assert usbl["fault"] in " ".join(found.stdout.split())
