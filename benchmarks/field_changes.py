@@ -42,6 +42,7 @@ class Change:
     before: Callable[[Assumptions, Timeline], Assumptions] = _same  # the log is asked what it can tell
     after: Callable[[Assumptions, Timeline], Assumptions] = _same
     observing: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of observability.py meanwhile
+    options: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of RunChoices
     running: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of run.py all the while
 
 
@@ -79,12 +80,6 @@ def _plain_start(assumptions: Assumptions, line: Timeline) -> Assumptions:
         return assumptions
     east_m, north_m = np.median(line.fix_m[:5], axis=0).tolist()
     return replace(assumptions, start=Start(east_m, north_m, 3.0))
-
-
-def _tuned(assumptions: Assumptions, line: Timeline) -> Assumptions:
-    from usbldr.filters.tuning import tune
-
-    return tune(line, assumptions).assumptions
 
 
 def _ablations() -> Iterator[tuple[str, Change]]:
@@ -152,7 +147,8 @@ ABLATIONS: Mapping[str, Change] = dict(_ablations())
 SENSITIVITY: Mapping[str, Change] = dict(_sensitivity())
 CHANGES: Mapping[str, Change] = {
     "": Change(),
-    "tuned": Change(after=_tuned),
+    "tuned": Change(options={"tune": True}),
+    "guarded": Change(options={"guard": True}),
     **dict(_records()),
     **ABLATIONS,
     **SENSITIVITY,

@@ -35,7 +35,7 @@ RUN_PICTURES: Mapping[str, Callable[[Run], Figure | None]] = {
     "innovations": innovation_figure,
 }
 WINDOW_S = 60  # over which NEES is averaged
-LARGEST_BYTES, COLOURS = 150_000, 40
+LARGEST_BYTES, COLOURS = 150_000, 120
 RESOLUTIONS = (95, 85, 75, 65, 55)  # dots an inch
 
 
@@ -101,7 +101,7 @@ def draw_consistency(case: Case, rows: Rows, output: Path) -> list[str]:
                 label = way.label.removesuffix(" --order arrival")
                 _draw_nees(left, right, way, label, *found)
         _dress(left, right)
-        legend_below(figure, (left,), 5)
+        legend_below(figure, (left, right), 5)
         file = f"{_stem(case.name, '')}_consistency.png"
         save_small(figure, output / file)
     return [file]

@@ -71,7 +71,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[Outcome]:
             return [one for one in kept if one is not None]
         anchor = anchor_at("start", line, assumptions, None)
         with constants(run, CHANGES[cell.change].running):
-            made = track(cell.way.method, line, assumptions, _choices(cell.way, seed).settings, anchor)
+            made = track(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor)
         return [
             Store(store).write(name, *_judged(case, k, made, given, line, assumptions)) for k, name in enumerate(names)
         ]
@@ -85,12 +85,13 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
     with constants(observability, change.observing), constants(run, change.running):
-        assumptions = _choices(cell.way, seed).applied(before, line).assumptions
+        assumptions = _choices(cell, seed).applied(before, line).assumptions
     return line, change.after(assumptions, line)
 
 
-def _choices(way: Way, seed: int) -> RunChoices:
-    return fitted(way.method, way.choices(seed))
+def _choices(cell: Cell, seed: int) -> RunChoices:
+    options = CHANGES[cell.change].options
+    return replace(fitted(cell.way.method, cell.way.choices(seed)), **options)
 
 
 def _judged(
@@ -135,7 +136,7 @@ def refusals(made: Trajectory) -> dict[str, float]:
 
 def _key(line: Timeline, given: Dive, assumptions: Assumptions, cell: Cell, seed: int) -> str:
     """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
-    settings, running = _choices(cell.way, seed).settings, cell.change if CHANGES[cell.change].running else ""
+    settings, running = _choices(cell, seed).settings, cell.change if CHANGES[cell.change].running else ""
     parts = (line, given.truth, replace(assumptions, observed=()), cell.way.method, settings, running)
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 

@@ -111,7 +111,7 @@ def document(
         "claimed": tables.claimed(shown, rows),
         "agreed": tables.agreed({case.name: agreed[case.name] for case in shown}),
         "main": sections(shown, rows),
-        "states": tables.states(shown, rows),
+        "states": tables.states(shown, rows, agreed),
         "cut": tables.cut(rows) if "stpere_marina" in agreed else NOT_RUN,
         "thinned": tables.thinned(shown, rows),
         "ablation": tables.ablation(shown, rows),
@@ -156,7 +156,7 @@ def held_back(
         tables.claimed(shown, rows),
         tables.agreed({case.name: agreed[case.name] for case in shown}),
         sections(shown, rows),
-        tables.states(shown, rows),
+        tables.states(shown, rows, agreed),
         gallery(shown, drawn),
     )
     return "\n\n".join(parts)

@@ -102,12 +102,14 @@ def _lead(one: Likeness) -> tuple[str, str]:
     return f"{one.lead_s:+.2f} s", f"{one.lead_m:+.2f} m"
 
 
-def states(cases: Sequence[Case], rows: Rows) -> str:
-    """Return what `auto` made of each log, and the errors of the sensors at its end."""
+def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, Likeness]]) -> str:
+    """Return what `auto` made of each log, the errors of the sensors at its end, and what plain lengths say of one."""
     body: list[tuple[str, ...]] = []
     for key in CANDIDATES:
         cells = [_state(key, rows[case.scored[0], replace(BEST, order=online(case)), ""]) for case in cases]
         body.append((key, *cells))
+    by_length = (f"{1 / agreed[case.name]['fixes'].ratio - 1:.3g}" for case in cases)
+    body.append(("(scale by the lengths of moves)", *by_length))
     return piped(Table("state", tuple(case.name for case in cases), tuple(body)))
 
 
@@ -164,6 +166,7 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
         ("no state (--calibrate none)", lambda way: (replace(way, calibrate="none"), "")),
         *((name, lambda way, name=name: (way, name)) for name in ABLATIONS),
         ("(added: noise tuned on the log)", lambda way: (way, "tuned")),
+        ("(added: the guard)", lambda way: (way, "guarded")),
     )
     body = []
     for label, changed in features:
