@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.bank import Gaussians, Projection, copies, moments, predict, project, update
-from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
+from usbldr.filters.filter import Chance, Estimate, Prior, Step, moved, record
 from usbldr.filters.motion import MotionModel
 from usbldr.filters.policies import Modes, modes
 from usbldr.filters.resampling import effective_size, normalised, systematic
@@ -72,15 +72,18 @@ class CubatureParticleFilter:
     def step(self, belief: ParticleBelief, step: Step, chance: Chance) -> ParticleBelief:
         """Return the belief after the step: predict; weigh, resample, draw and update per measurement; move."""
         rng = chance()
-        past = (*belief.past[-(self.move_steps - 1) :], Past(belief.bank, step, np.zeros(self.particles)))
+        past: tuple[Past, ...] = (
+            *belief.past[-(self.move_steps - 1) :],
+            Past(belief.bank, step, np.zeros(self.particles)),
+        )
         if self.move_steps < 2:
             past = past[-1:]
         bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)
         updates: list[Update] = []
         least, resampled = float(self.particles), False
         for measurement in step.measurements:
-            seen = project(bank, measurement, self.rule)
-            updates.append(record(measurement, seen, np.exp(bank.log_weight), rejected=False))
+            seen, before = project(bank, measurement, self.rule), bank
+            told = record(measurement, seen, np.exp(bank.log_weight), rejected=False)
             weighed = modes(seen, measurement.noise)
             log_l = weighed.log_likelihood
             bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
@@ -94,6 +97,7 @@ class CubatureParticleFilter:
                 seen, weighed = seen.take(ancestors), Modes(*(x[..., ancestors] for x in weighed))
                 resampled = True
             bank = _drawn_update(bank, seen, weighed, measurement, rng)
+            updates.append(moved(told, before, bank))
         acceptance = math.nan
         if resampled and self.move_steps:
             bank, past, acceptance = self._move(bank, past, rng)

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from usbldr.filters.bank import Projection
+from usbldr.filters.bank import Gaussians, Projection
 from usbldr.filters.policies import modes
 from usbldr.filters.sensors import Measurement
 from usbldr.filters.types import Array, Reacquisition, Update, Vector
@@ -86,3 +86,11 @@ def record(measurement: Measurement, seen: Projection, weight: Vector, rejected:
         "rejected" if rejected else "used" if likely else "down-weighted",
         nominal,
     )
+
+
+def moved(update: Update, before: Gaussians, after: Gaussians) -> Update:
+    """Add to what became of a fix how far it moved the weighted mean; other measurements stay as they are."""
+    if update.axis not in ("east", "north", "position"):
+        return update
+    shift = after.mean @ np.exp(after.log_weight) - before.mean @ np.exp(before.log_weight)
+    return update._replace(shift=tuple(shift.tolist()))

@@ -16,7 +16,7 @@ import numpy as np
 
 from usbldr.filters.bank import Gaussians, copies, moments, predict, project
 from usbldr.filters.cpf import ParticleBelief
-from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
+from usbldr.filters.filter import Chance, Estimate, Prior, Step, moved, record
 from usbldr.filters.motion import MotionModel
 from usbldr.filters.policies import collapse, modes
 from usbldr.filters.resampling import effective_size, normalised
@@ -45,8 +45,9 @@ class GaussianParticleFilter:
         updates: list[Update] = []
         for measurement in step.measurements:
             seen = project(proposal, measurement, self.rule)
-            updates.append(record(measurement, seen, np.ones(1), rejected=False))
-            proposal, *_ = collapse(proposal, seen, measurement.noise, 0)
+            told, last = record(measurement, seen, np.ones(1), rejected=False), proposal
+            proposal, *_ = collapse(last, seen, measurement.noise, 0)
+            updates.append(moved(told, last, proposal))
         normals = whitened(chance().standard_normal((len(before.mean), self.particles)))
         root = np.linalg.cholesky(proposal.cov[:, :, 0])
         points = proposal.mean + root @ normals

@@ -10,7 +10,7 @@ import numpy as np
 
 from usbldr.filters.adaptive import Factor, History, inflated
 from usbldr.filters.bank import Gaussians, copies, moments, predict, project
-from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
+from usbldr.filters.filter import Chance, Estimate, Prior, Step, moved, record
 from usbldr.filters.motion import MotionModel
 from usbldr.filters.policies import Policy
 from usbldr.filters.rules import Rule
@@ -52,12 +52,12 @@ class KalmanFilter:
         for measurement in step.measurements:
             seen = project(bank, measurement, self.rule)
             scalar = f"{measurement.sensor} {measurement.axis}"  # a good north must not excuse a refused east
-            before = rejected.get(scalar, 0)
-            bank, log_l, refused, refuted = self.policy(bank, seen, measurement.noise, before)
+            past, before = rejected.get(scalar, 0), bank
+            bank, log_l, refused, refuted = self.policy(before, seen, measurement.noise, past)
             inflation = math.inf if refuted else inflation
-            rejected = {**rejected, scalar: before + 1 if refused else 0}
+            rejected = {**rejected, scalar: past + 1 if refused else 0}
             log_likelihood += float(log_l[0])
-            updates.append(record(measurement, seen, np.ones(1), refused))
+            updates.append(moved(record(measurement, seen, np.ones(1), refused), before, bank))
         return KalmanBelief(bank, tuple(updates), log_likelihood, rejected, history, inflation)
 
     def estimate(self, belief: KalmanBelief) -> Estimate:

@@ -34,3 +34,6 @@ class Layout:
     def of(self, x: Array, name: str) -> Array | float:
         """Return one state of x, (n, ...), or 0 where the layout has no such state."""
         return x[self.names.index(name)] if name in self.names else 0.0
+
+
+POSITION = list(Layout().rows("x", "y"))  # in every layout

@@ -78,6 +78,7 @@ class Update(NamedTuple):
     dof: int  # what nis should be on average
     fate: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate)
     nominal_share: float  # posterior probability of the nominal noise mode
+    shift: tuple[float, ...] | None = None  # by which it moved each state; None where it told no position
 
 
 class Reacquisition(NamedTuple):

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.bank import Gaussians, Projection, copies, inverse_and_logdet, moments, predict, project, update
-from usbldr.filters.filter import Chance, Estimate, Prior, Step, record
+from usbldr.filters.filter import Chance, Estimate, Prior, Step, moved, record
 from usbldr.filters.gaussian_cpf import log_density
-from usbldr.filters.layout import Layout
+from usbldr.filters.layout import POSITION
 from usbldr.filters.motion import MotionModel
 from usbldr.filters.policies import matched, modes
 from usbldr.filters.resampling import effective_size, normalised
@@ -30,7 +30,6 @@ from usbldr.filters.rules import linearised
 from usbldr.filters.sensors import Measurement
 from usbldr.filters.types import Array, Update, Vector
 
-POSITION = Layout().rows("x", "y")  # every layout begins with the states of the motion
 NOWHERE_M2 = 1e8  # variance of a position of which nothing is known
 
 
@@ -73,7 +72,7 @@ class TwoStageFilter:
     def step(self, belief: TwoStageBelief, step: Step, chance: Chance) -> TwoStageBelief:
         """Return the belief after the step; candidates are drawn only where a fix came."""
         bank = predict(belief.bank, self.motion, linearised, step.t0_s, step.t1_s)
-        here = list(POSITION)
+        here = POSITION
         reckoned_m = belief.reckoned_m + (bank.mean - belief.bank.mean)[here, 0]
         predicted = bank.mean[:, 0]
         past = tuple(fix for fix in belief.past if fix.readings[0].time_s > step.t1_s - self.local_s)
@@ -90,7 +89,7 @@ class TwoStageFilter:
             local = dict.fromkeys(rows, _placed(predicted, where_m, where_m2))
         for measurement in step.measurements:
             seen = project(bank, measurement, linearised)
-            rejected = False
+            rejected, before = False, bank
             if measurement.sensor != "usbl" or measurement.row not in local:
                 bank = matched(bank, seen, measurement.noise, 0).bank
             else:
@@ -98,7 +97,7 @@ class TwoStageFilter:
                 rejected = len(p) > 1 and bool(p[0, 0] < self.reject_below)
                 if not rejected:
                     bank = update(bank, seen, _weighted(measurement.noise.cov, p[:, 0])[:, :, None])
-            updates.append(record(measurement, seen, np.ones(1), rejected))
+            updates.append(moved(record(measurement, seen, np.ones(1), rejected), before, bank))
         for row in rows:
             readings = tuple(m for m in step.measurements if m.sensor == "usbl" and m.row == row)
             past = (*past, _past_fix(readings, predicted, reckoned_m))[-self.most_fixes :]
@@ -129,8 +128,8 @@ class TwoStageFilter:
         """Return the log likelihood of a past fix for candidates that dead reckoning carries back to it, (N,)."""
         way_m = reckoned_m - fix.reckoned_m
         states = np.repeat(fix.state[:, None], points.shape[1], axis=1)
-        states[list(POSITION)] = points - way_m[:, None]
-        walk_m2 = self.motion.noise(fix.readings[0].time_s, now_s)[list(POSITION)].max()
+        states[POSITION] = points - way_m[:, None]
+        walk_m2 = self.motion.noise(fix.readings[0].time_s, now_s)[POSITION].max()
         drift_m2 = walk_m2 + self.drift**2 * float(way_m @ way_m)
         log_l = np.zeros(points.shape[1])
         for reading in fix.readings:
@@ -150,15 +149,15 @@ def _weighted(R: Array, p: Vector) -> Array:
 def _placed(state: Vector, position_m: Vector, cov_m2: Array) -> Gaussians:
     """Return a bank of one that knows the state but for its position."""
     mean, cov = state.copy(), np.zeros((len(state), len(state)))
-    mean[list(POSITION)] = position_m
+    mean[POSITION] = position_m
     cov[np.ix_(POSITION, POSITION)] = cov_m2
     return copies(mean, cov, 1)
 
 
 def _past_fix(readings: tuple[Measurement, ...], state: Vector, reckoned_m: Vector) -> PastFix:
     """Remember a fix, and where it alone, by its nominal noise, puts the vehicle."""
-    alone = _placed(state, state[list(POSITION)], NOWHERE_M2 * np.eye(2))
+    alone = _placed(state, state[POSITION], NOWHERE_M2 * np.eye(2))
     for reading in readings:
         alone = update(alone, project(alone, reading, linearised), reading.noise.cov[0, :, :, None])
     mean, cov = moments(alone)
-    return PastFix(readings, state, reckoned_m, mean[list(POSITION)], cov[np.ix_(POSITION, POSITION)])
+    return PastFix(readings, state, reckoned_m, mean[POSITION], cov[np.ix_(POSITION, POSITION)])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from usbldr.io.reader import utc
 from usbldr.io.reports import Run
-from usbldr.io.summary import Table, context, error_table, health, method_table
+from usbldr.io.summary import INFLUENCE, Table, context, error_table, health, influence_table, method_table
 
 Picture = tuple[str, str]  # file name, caption
 
@@ -21,6 +21,8 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
         parts += ["## Errors", _table(error_table(run.scored.report)), _table(method_table(run))]
     if told := health(run):
         parts += ["## Health", _pairs(told)]
+    if len((fixes := influence_table(run)).rows):
+        parts += ["## Influential fixes", INFLUENCE, _table(fixes)]
     if run.warnings:
         parts += ["## Warnings", _bullets(run.warnings)]
     if pictures:

@@ -16,6 +16,7 @@ from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.calibration import found
 from usbldr.filters.consistency import DOF, consistency_verdict, worst_fate
 from usbldr.filters.evaluation import ErrorReport
+from usbldr.filters.influence import influences, influential, innovation_m
 from usbldr.filters.metrics import METRICS
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.filters.verdict import verdict
@@ -94,6 +95,11 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
     table.insert(1, "received_s", timeline.fix_received_s)
     table.insert(2, "east_m", timeline.fix_m[:, 0])
     table.insert(3, "north_m", timeline.fix_m[:, 1])
+    shifts = influences(trajectory)
+    for place, axis in ((6, "east"), (7, "north")):
+        name = f"shift_{axis}_m"
+        told = [getattr(shifts[row], name) if row in shifts else math.nan for row in range(len(table))]
+        table.insert(place, name, told)
     return table.round({"nis": 4})
 
 
@@ -102,10 +108,6 @@ def _fate(updates: list[Update], judges: bool) -> tuple[float, float, float, int
     if not updates:
         why = "outside the span of the run" if judges else "the method judges no fix"
         return math.nan, math.nan, math.nan, 0, "not used" if judges else "", why
-    e: dict[str, float] = {}
-    for update in updates:
-        axes = ("east", "north") if update.axis == "position" else (update.axis,)
-        e.update(zip(axes, update.innovation, strict=True))
     nis, dof = sum(u.nis for u in updates), sum(u.dof for u in updates)
     fate = worst_fate(u.fate for u in updates)
     nominal = min(u.nominal_share for u in updates)
@@ -114,7 +116,7 @@ def _fate(updates: list[Update], judges: bool) -> tuple[float, float, float, int
         "down-weighted": f"more likely an outlier: probability {nominal:.2f} of the nominal noise",
         "rejected": f"outside the gate: NIS {nis:.1f} where {dof} is right",
     }[fate]
-    return e.get("east", math.nan), e.get("north", math.nan), nis, dof, fate, why
+    return *innovation_m(updates), nis, dof, fate, why
 
 
 def errors_table(report: ErrorReport) -> pd.DataFrame:
@@ -190,6 +192,7 @@ def describe(run: Run) -> dict[str, Any]:
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
         "assumptions": _assumptions(log.assumptions),
         "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in found(trajectory)},
+        "influential_fixes": [{**fix._asdict(), "shift_m": fix.shift_m} for fix in influential(trajectory)],
         "sensors": log.provenance,
         "findings": log.findings,
         "outages": run.timeline.outages,

@@ -12,6 +12,7 @@ from usbldr.filters.assumptions import Observed, Span
 from usbldr.filters.calibration import Found, found
 from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
 from usbldr.filters.evaluation import ErrorReport, Window
+from usbldr.filters.influence import influential
 from usbldr.filters.metrics import SURFACING_GAP_S
 from usbldr.io.reports import Run
 from usbldr.io.tuned import tuned_text
@@ -107,6 +108,35 @@ def method_table(run: Run) -> Table:
         share = f"{100 * report.metrics['coverage']:.0f} %"
         rows.append((report.filter, *numbers, f"{report.matching.matched}", share))
     return Table("mean error in m", heads, tuple(rows))
+
+
+INFLUENCE = (
+    "Without that fix the track would have lain so far elsewhere at that moment; later fixes wear it off. A shift to "
+    "the north-east says that the fix drew the track there."
+)
+COMPASS_POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+
+
+def influence_table(run: Run) -> Table:
+    """Return the fixes that moved the track most, what they said, and what the filter made of them."""
+    heads = ("time [s]", "moved the track by [m]", "to", "lay off by [m]", "was")
+    rows = [
+        (
+            f"{fix.row}",
+            f"{fix.time_s:.1f}",
+            f"{fix.shift_m:.2f}",
+            _towards(fix.shift_east_m, fix.shift_north_m),
+            f"{math.hypot(fix.innovation_east_m, fix.innovation_north_m):.2f}",
+            fix.fate,
+        )
+        for fix in influential(run.scored.trajectory)
+    ]
+    return Table("fix", heads, tuple(rows))
+
+
+def _towards(east_m: float, north_m: float) -> str:
+    """Return the compass point of a shift."""
+    return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]
 
 
 def health(run: Run) -> list[tuple[str, str]]:

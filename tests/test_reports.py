@@ -168,6 +168,7 @@ def test_a_fix_of_two_scalars_is_one_row_with_the_worse_fate() -> None:
 
     assert list(table) == [
         *("time_s", "received_s", "east_m", "north_m", "innovation_east_m", "innovation_north_m"),
+        *("shift_east_m", "shift_north_m"),
         *("nis", "dof", "fate", "why"),
     ]
     assert list(table.fate[:4]) == ["used", "down-weighted", "rejected", "not used"]
