@@ -2,6 +2,7 @@
 
 import functools
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import Contamination, Mixture, NoiseFamily
 from usbldr.filters.orders import by_validity
 from usbldr.filters.readings import Readings
-from usbldr.filters.run import FILTERS, Settings, prior
+from usbldr.filters.run import FILTERS, Settings, prior, run
 from usbldr.filters.types import Reacquisition, Timeline
 
 RATE_HZ = 5
@@ -251,3 +252,40 @@ def test_estimates_repeat_when_a_step_is_run_again() -> None:
             again = guard.step(before, step, chance)
             np.testing.assert_array_equal(guard.estimate(again).cov, guard.estimate(belief).cov)
     assert len(belief.rivals) > 1
+
+
+def test_a_run_with_the_guard_tells_what_it_decided() -> None:
+    line, truth = dive(1, 20, 50.0)
+    assumed = Assumptions(process=UNSURE)
+
+    alone, guarded = (run("adf", line, assumed, Settings(guard=on)) for on in (False, True))
+
+    assert not alone.reacquisitions
+    assert np.hypot(*(alone.position_m - truth).T)[-1] > 3
+    assert np.hypot(*(guarded.position_m - truth).T)[-1] < 3
+    assert len(guarded.reacquisitions) == 1
+    assert guarded.warnings[-1].startswith(
+        "adf: USBL fixes from 210.0 s on after 151 s without any agreed with each other, but not with those before"
+    )
+
+
+def test_the_guard_knows_at_each_epoch_what_had_arrived() -> None:
+    """A late fix rewinds the rivals, too: what is known at the end is what a log without the missing fixes tells."""
+    line, _ = dive(1, 10, 50.0)
+    late = replace(line, fix_received_s=line.fix_time_s + 2.0)
+    known = line.fix_time_s <= END_S - 2.0
+    ended = replace(
+        line,
+        fix_time_s=line.fix_time_s[known],
+        fix_received_s=line.fix_received_s[known],
+        fix_m=line.fix_m[known],
+        fix_cov_m2=line.fix_cov_m2[known],
+    )
+    assumed = Assumptions(process=UNSURE)
+
+    online = run("adf", late, assumed, Settings(guard=True, order="arrival"))
+    offline = run("adf", ended, assumed, Settings(guard=True))
+
+    np.testing.assert_array_equal(online.mean[-1], offline.mean[-1])
+    assert len(online.reacquisitions) == 1
+    assert online.reacquisitions == offline.reacquisitions
