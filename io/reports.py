@@ -193,6 +193,7 @@ def describe(run: Run) -> dict[str, Any]:
         "assumptions": _assumptions(log.assumptions),
         "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in found(trajectory)},
         "influential_fixes": [{**fix._asdict(), "shift_m": fix.shift_m} for fix in influential(trajectory)],
+        "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
         "sensors": log.provenance,
         "findings": log.findings,
         "outages": run.timeline.outages,

@@ -12,7 +12,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation import Window, evaluate
 from usbldr.filters.metrics import METRICS
 from usbldr.filters.run import run as run_filter
-from usbldr.filters.types import Outage, Trajectory, Update
+from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
 from usbldr.io.log import Finding
 from usbldr.io.markdown_report import write_markdown
 from usbldr.io.reports import Run, Scored, fixes_table, strict, write_json, write_tables
@@ -114,6 +114,16 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
     assert report["assumptions"]["usbl"] == usbl
     assert report["files"] == sorted(set(report["files"]) - {"report.json"})
     assert report["verdict"].startswith("ckf ")
+
+
+def test_report_json_tells_what_was_made_of_fixes_in_doubt(tmp_path: Path) -> None:
+    doubt = Reacquisition(12.0, math.inf, 15.0, refused=3, jump_m=20.5, believed=True)
+
+    report = read_strictly(written(tmp_path, a_run(dataclasses.replace(CKF, reacquisitions=(doubt,)))) / "report.json")
+
+    assert report["reacquisitions"] == [
+        {"since_s": 12.0, "silent_s": None, "settled_s": 15.0, "refused": 3, "jump_m": 20.5, "believed": True}
+    ]
 
 
 def test_the_metrics_of_the_report_follow_from_its_own_error_table(tmp_path: Path) -> None:
