@@ -1,9 +1,9 @@
 """Which NMEA 0183 sentences are understood, and which quantities each tells: degrees and metres.
 
 pynmeagps parses them all; the fields of vendors' own sentences are listed here after their manuals: Kongsberg's HiPAP
-and APOS (PSIMSSB, PSIMSNS), iXblue's GAPS (PTSAG, PTSAX, PTSAH), Sonardyne's Ranger 2 (PSONLLD), EvoLogics (PEVOSSB). A
-sentence that tells different things by one of its fields is of several kinds, named with that field: PSIMSSB_C_H is
-Cartesian and head up, PTSAG_ship tells the place of the ship itself.
+and APOS (PSIMSSB, PSIMSNS), iXblue's GAPS (PTSAG, PTSAX, PTSAH), Sonardyne's Ranger 2 (PSONLLD), EvoLogics (PEVOSSB),
+Cerulean's ROV Locator (USRTH, USTLC). A sentence that tells different things by one of its fields is of several kinds,
+named with that field: PSIMSSB_C_H is Cartesian and head up, PTSAG_ship tells the place of the ship itself.
 """
 
 import math
@@ -18,8 +18,8 @@ class Kind(NamedTuple):
 
     columns: tuple[str, ...] = ()
     tell: Callable[[Any], Told] | None = None  # of a sentence parsed by pynmeagps, in the order of the columns
-    time: int | None = None  # which field is the time of day, hhmmss.ss
-    date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is ddmmyy
+    time: int | None = None  # which field is the time of day, hhmmss.ss, or ends in it
+    date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is ddmmyy or begins so
     fields: str = ""  # name:type of pynmeagps, a name alone is text; for sentences that it does not know
 
 
@@ -139,6 +139,18 @@ def _ranger(m: Any) -> Told:
     return m.target, *_place(m, m.status == "A"), *ellipse
 
 
+LOCATOR = "version device channel compass head_lat head_lon heading qw qx qy qz range bearing elevation"
+
+
+def _locator(m: Any) -> Told:
+    """Return slant range, true bearing as a compass counts, and true elevation, up."""
+    return _number(m, "range"), _number(m, "bearing"), _number(m, "elevation")
+
+
+def _located(m: Any) -> Told:
+    return _number(m, "lat"), _number(m, "lon")
+
+
 _hipap_offset = Kind(("target", *OFFSET, "fix_status", "sd_m"), _hipap, time=0, fields=HIPAP)
 _evologics_offset = Kind(("target", *OFFSET, "fix_status", "sd_m"), _evologics, time=0, fields=EVOLOGICS)
 _gaps_place = Kind(
@@ -176,6 +188,8 @@ KINDS: Mapping[str, Kind] = {
         time=0,
         fields=HIPAP_DEGREES,
     ),
+    "PSIMSSB_R_E": _timed,
+    "PSIMSSB_C_G": _timed,
     "PSIMSSB_U": _timed,
     "PSIMSSB_P": _timed,
     "PSIMSNS": Kind(
@@ -193,21 +207,37 @@ KINDS: Mapping[str, Kind] = {
         date=(2, 3, 4),
         fields=f"{GAPS} x:DE y:DE validity z:DE",
     ),
+    "PTSAY": Kind(time=1, date=(2, 3, 4)),
     "PTSAH": Kind(("heading_deg",), _heading, fields="id heading:DE speed:DE"),
     "PSONLLD": _ranger_place,
     "PSONLLD_ship": _ranger_place,
+    "PSONALL": _timed,
     "PEVOSSB_H": _evologics_offset,
     "PEVOSSB_N": _evologics_offset,
     "PEVOSSB_E": _evologics_offset,
     "PEVOSSB_G": Kind(("target", *PLACE, "sd_m"), _evologics_place, time=0, fields=EVOLOGICS),
     "PEVOSSB_T": _timed,
     "PEVOSSB_B": _timed,
+    "PEVOSSA": _timed,
+    "RTH": Kind(  # the manual promises that fields are only ever added
+        ("slant_range_m", "bearing_deg", "elevation_deg"),
+        _locator,
+        fields="math compass apparent_elevation range:DE math_bearing bearing:DE elevation:DE",
+    ),
+    "TLC": Kind(
+        ("lat_deg", "lon_deg"),
+        _located,
+        time=18,
+        date=(18,),
+        fields=f"{LOCATOR} lat:DE lon:DE gain since moment",
+    ),
 }
 """One line per kind."""
 
 
 def _hipap_variant(fields: Sequence[str]) -> str:
-    return f"_{fields[4]}_{fields[5]}" if fields[4] == "C" else f"_{fields[4]}"
+    system, orientation = fields[4], fields[5]
+    return f"_{system}_{orientation}" if system == "C" or (system, orientation) == ("R", "E") else f"_{system}"
 
 
 VARIANTS: Mapping[str, Callable[[Sequence[str]], str]] = {
@@ -235,7 +265,8 @@ def columns_of(kind: str, contents: Sequence[str]) -> list[Told | None]:
 
     known = KINDS[kind]
     pairs = (field.partition(":") for field in known.fields.split())
-    own = {kind.partition("_")[0][1:]: {name: code or "ST" for name, _, code in pairs}} if known.fields else {}
+    name_of = kind.partition("_")[0].removeprefix("P")
+    own = {name_of: {name: code or "ST" for name, _, code in pairs}} if known.fields else {}
     rows: list[Told | None] = []
     for content in contents:
         try:

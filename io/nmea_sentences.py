@@ -148,8 +148,10 @@ def _told(name: str, fields: Sequence[str]) -> tuple[str, int, int] | None:
     except IndexError:
         return None
     kind = KINDS.get(kind_of(full), Kind())
-    time = time_of_day_ns(fields[kind.time]) if kind.time is not None and kind.time < len(fields) else NEVER
-    told = [fields[i] for i in kind.date if i < len(fields)]
+    time = NEVER
+    if kind.time is not None and kind.time < len(fields):
+        time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
+    told = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
     return full, time, date_ns(told) if time != NEVER and told and len(told) == len(kind.date) else NEVER
 
 

@@ -73,7 +73,7 @@ def choose_roles(
                 chosen[role] = Choice(found[0], layout, "type and name")
             elif broken := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
                 unclear[role] = _unreadable(log, role, broken[0])
-            elif useless := [topic for topic in topics if topic.count and _refusal(role, topic)]:
+            elif useless := [topic for topic in topics if topic.count and _useless(role, topic)]:
                 unclear[role] = _refused(log, role, useless[0])
     return Roles({role: chosen[role] for role in ROLES if role in chosen}, unclear)
 
@@ -133,6 +133,12 @@ def candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
     return LogError(f"{log}: {topic.name} cannot be read as the {role}: {topic.problem}")
+
+
+def _useless(role: str, topic: TopicInfo) -> bool:
+    """Tell whether a topic is known for the role but cannot serve; one that would only serve where named is neither."""
+    layout = layout_of(role, topic)
+    return layout is not None and layout.refused != "" and layout.recognised != "only when named"
 
 
 def _refusal(role: str, topic: TopicInfo) -> str:

@@ -12,6 +12,7 @@ from usbldr.io.positions import place_causes
 from usbldr.io.sections import UsblSection
 
 FULL_FIX = 2  # of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
+RANGED = ("MSG_RESPU", "MSG_RESPX")  # of SeaTrac's kinds of messages, which HoloOcean uses: those that tell a range
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
 
 
@@ -88,12 +89,19 @@ def _like_latitudes(raw: Raw, origin: Origin | None) -> bool:
 
 def fix_causes(raw: Raw) -> dict[str, Mask]:
     """Return by cause which fixes (n,) are none, by their places and by what their makers say of them."""
-    x, y = raw.number("x"), raw.number("y")
+    x, y, slant_m = raw.number("x"), raw.number("y"), raw.number("slant_range_m")
+    by_range = "slant_range_m" in raw.layout.required
     offset = "relative_to" in raw.layout.defaults
-    return place_causes(raw) | {
+    unknown = {"not a number": ~(np.isfinite(slant_m) & np.isfinite(raw.number("bearing_deg")))}
+    return (unknown if by_range else place_causes(raw)) | {
         "flagged invalid": raw.number("valid") == 0,
         "flagged as an outlier by the system itself": raw.number("outlier") == 1,
-        "of range or angle alone": raw.number("fix_kind") < FULL_FIX,
+        "of range or angle alone": (raw.number("fix_kind") < FULL_FIX) | _without_range(raw),
         "of negative accuracy": raw.number("sd_m") < 0,
-        "exactly at the head": (x == 0) & (y == 0) & offset,
+        "exactly at the head": ((x == 0) & (y == 0) & offset) | (slant_m <= 0),
     }
+
+
+def _without_range(raw: Raw) -> Mask:
+    kinds = raw.text("reply")
+    return ~np.isin(kinds, RANGED) & ("reply" in raw.values)

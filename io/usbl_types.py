@@ -5,6 +5,8 @@ sentences the manuals named in nmea_kinds. A north that a modem made of its own 
 the configuration turns it.
 """
 
+import math
+
 from usbldr.io.messages import Layout, own, plane_covariance, xyz
 from usbldr.io.nmea_kinds import ELLIPSE
 from usbldr.io.place_types import NAVSAT, NAVSAT_MORE, OWN_COVARIANCE, PLACES, own_places
@@ -13,6 +15,7 @@ LATLON = {"kind": "latlon"}
 OF_HEAD = {"kind": "position", "relative_to": "head"}
 ENU_OF_HEAD, NED_OF_HEAD = ({**OF_HEAD, "frame": frame} for frame in ("ENU", "NED"))
 TARGET = {"target": "target", "status": "fix_status", "sd_m": "sd_m"}
+RANGE_BEARING = {"kind": "range_bearing"}
 SURER = "log Cartesian coordinates (C) or latitudes and longitudes (R)"
 TILTED = "has a frame that is tilted with the instrument; log its head-up, north-up or east-up frame"
 
@@ -27,11 +30,24 @@ SENTENCES = (
         Layout(kind, own("lat_deg", "lon_deg"), TARGET, "by type", LATLON)
         for kind in ("psimssb_r", "psimssb_d", "pevossb_g")
     ),
+    Layout("rth", own("slant_range_m", "bearing_deg"), own("elevation_deg"), "by type", RANGE_BEARING),
+    Layout("tlc", own("lat_deg", "lon_deg"), recognised="by type", defaults=LATLON),
     Layout("ptsag", own("lat_deg", "lon_deg"), own("target") | {"status": "fix_status"}, "by type", LATLON),
     Layout("psonlld", own("lat_deg", "lon_deg"), own("target", *ELLIPSE) | {"status": "fix_status"}, "by type", LATLON),
-    Layout("psimssb_u", {}, recognised="by type", refused=f"holds UTM coordinates; {SURER}"),
-    Layout("psimssb_p", {}, recognised="by type", refused=f"holds polar coordinates; {SURER}"),
-    *(Layout(kind, {}, recognised="by type", refused=TILTED) for kind in ("pevossb_t", "pevossb_b")),
+    *(
+        Layout(kind, {}, recognised="by type", refused=why)
+        for kind, why in {
+            "psimssb_u": f"holds UTM coordinates without their zone; {SURER}",
+            "psimssb_p": f"holds polar coordinates, whose order and units are not known here; {SURER}",
+            "psimssb_c_g": f"holds Cartesian coordinates in an orientation G, which is not known here; {SURER}",
+            "psimssb_r_e": "holds radians east-up, of which it is not known here which is the latitude; log R with G",
+            "psonall": "holds eastings and northings of a grid that it does not name; log PSONLLD",
+            "ptsay": "holds offsets along axes that are not known here; log PTSAG or PTSAX",
+            "pevossa": "tells angles alone, which are no fix; log PEVOSSB",
+            "pevossb_t": TILTED,
+            "pevossb_b": TILTED,
+        }.items()
+    ),
     # a position of the target, as Water Linked's UGPS sends it: known by the topic's name alone
     *(
         Layout(kind, own("lat_deg", "lon_deg"), {"status": "fix_status"}, "by type and name", LATLON)
@@ -57,6 +73,7 @@ MODEMS = (
         for kind in ("evologicsusbllong", "acousticmodemusbllong")
         for e, n, u in ("enu", "ENU", "END")
     ),
+    Layout("evologicsusbllong", xyz("enu"), ACCURATE, "by type", ENU_OF_HEAD),  # mvp_acomm: without header
     Layout("usbldata", xyz("enu"), ACCURATE | AGE, "by type", ENU_OF_HEAD),  # acomms_msgs
     Layout(  # seatrac_interfaces: whole decimetres
         "modemrec",
@@ -82,6 +99,22 @@ MODEMS = (
         for fix in ("fix", "acoustic_fix")
     ),
     Layout("beaconinfo", xyz("relative_position"), {"target": "beacon_id"}, "by type", BODY_FRD),  # stonefish
+    Layout(  # holoocean_interfaces: radians, from its bow to port and from the horizon up; its z is not the other's
+        "acousticbeaconsensor",
+        {"slant_range_m": "range", "bearing_deg": "azimuth", "elevation_deg": "elevation", "reply": "msg_type"},
+        {"target": "from_beacon"},
+        "by type",
+        RANGE_BEARING | {"frame": "body"},
+        scale={"bearing_deg": -math.degrees(1.0), "elevation_deg": math.degrees(1.0)},
+        stamp="timestamp",
+    ),
+    Layout(  # vehicle_interface, nanoauv_localization_msgs: what measurement_time counts from, it does not say
+        "acousticlocalization",
+        DEGREES,
+        {"target": "sender_address", "sd_m": "accuracy"},
+        "by type",
+        LATLON,
+    ),
     Layout("position", own("depth") | DEGREES | {"age_s": "age"}, {"target": "name"}, "by type", LATLON),  # sonardyne
     *(  # sonardyne's positions/NAME
         Layout("geopointstamped", {q: f"{place}.{path}" for q, path in DEGREES.items()}, defaults=LATLON)
@@ -94,7 +127,23 @@ MODEMS = (
 )
 """Messages of their drivers."""
 
+TOPSIDE_BOX = "counts along the axes of the topside box from its first fix; take /waterlinked/fix"
+
 USBL = (
+    Layout(
+        "odometry",  # waterlinked_underwater_gps_ros, as is utm
+        xyz("pose.pose.position"),
+        recognised="only when named",
+        topic=r"waterlinked/odom$",
+        refused=TOPSIDE_BOX,
+    ),
+    Layout(
+        "point",
+        own("x", "y"),
+        recognised="only when named",
+        topic=r"/utm$",
+        refused="holds UTM coordinates without their zone; take the topic of latitudes and longitudes",
+    ),
     *PLACES,
     Layout("navsatfix", NAVSAT, NAVSAT_MORE, defaults=LATLON),
     *own_places("usbl"),

@@ -207,13 +207,6 @@ def test_relative_fixes_without_a_head_are_an_error(tmp_path: Path) -> None:
         nmea(tmp_path, f"1600000000 {NORTH_UP}")
 
 
-def test_polar_hipap_sentences_are_refused_with_advice(tmp_path: Path) -> None:
-    polar = sentence("PSIMSSB,180554.432,M44,A,,P,N,M,61.300,39.017,34.026,0.072,T,0.050576,")
-
-    with pytest.raises(UsageError, match="holds polar coordinates; log Cartesian coordinates"):
-        nmea(tmp_path, f"1600000000 {polar}")
-
-
 def test_hipap_radians_are_latitude_and_longitude(tmp_path: Path) -> None:
     lat, lon = math.radians(45.0009), math.radians(7.0)
     line = sentence(f"PSIMSSB,122640.00,B01,A,,R,N,M,{lat:.12f},{lon:.12f},34.0,1.5,N,,")

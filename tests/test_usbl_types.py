@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dives import FIX, POSE_COVARIANCE, SECOND, T0, Row, define, write_mcap
+from dives import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.read import read_log
@@ -29,6 +29,12 @@ TYPES = {
     + USBLLONG
     + "".join(f"float32 {name}\n" for name in "XYZENU")
     + QUALITY,
+    "mvp_acomm/msg/EvologicsUsbllong": USBLLONG
+    + "geometry_msgs/Vector3 xyz\ngeometry_msgs/Vector3 enu\ngeometry_msgs/Vector3 rpy\n"
+    + QUALITY,
+    "vehicle_interface/msg/AcousticLocalization": HEADER
+    + "uint8 sender_address\nfloat64 latitude\nfloat64 longitude\nfloat32 depth\nfloat64 measurement_time\n"
+    + "float32 accuracy\n",
     "acomms_msgs/msg/UsblData": HEADER + USBLLONG + "geometry_msgs/Vector3 xyz\ngeometry_msgs/Vector3 enu\n" + QUALITY,
     "seatrac_interfaces/msg/ModemRec": HEADER
     + "uint8 src_id\nbool includes_position\nbool position_flt_error\n"
@@ -43,6 +49,8 @@ TYPES = {
     "geographic_msgs/msg/GeoPoint": "float64 latitude\nfloat64 longitude\nfloat64 altitude\n",
     "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
     "vehicle_interface/msg/AcousticModemUSBLANGLES": HEADER + "float32 bearing\n",
+    "collaborative/msg/USBL": "float32 distance\nfloat32 bearing\n",
+    "labust_msgs/msg/AcousticModemRange": HEADER + "float32 range_m\nuint8 id\n",
 }
 define(TYPES)
 HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
@@ -51,7 +59,7 @@ MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 
 def row(kind: str, values: Mapping[str, Any], seconds: float = 0.0, topic: str = "/usbl") -> Row:
     time_ns = T0 + round(seconds * SECOND)
-    header = {} if kind.endswith("TransceiverFixStatus") else {"header.stamp": time_ns}
+    header = {"header.stamp": time_ns} if TYPES.get(kind, HEADER).startswith(HEADER) else {}
     return time_ns, topic, kind, header | dict(values)
 
 
@@ -74,6 +82,7 @@ THIRTY_EAST_FORTY_NORTH: dict[str, Mapping[str, Any]] = {
     DMAC: {"type": 2, "relative_position.x": 30.0, "relative_position.y": 40.0, "relative_position.z": -12.0},
     "evologics_ros_sync/msg/EvologicsUsbllong": {"e": 30.0, "n": 40.0, "u": -12.0, "x": 1.0, "y": 2.0},
     "vehicle_interface/msg/AcousticModemUSBLLONG": {"E": 30.0, "N": 40.0, "U": -12.0, "X": 1.0, "Y": 2.0},
+    "mvp_acomm/msg/EvologicsUsbllong": {"enu.x": 30.0, "enu.y": 40.0, "xyz.x": 1.0},
     "acomms_msgs/msg/UsblData": {"enu.x": 30.0, "enu.y": 40.0, "xyz.x": 1.0},
     SEATRAC_RAW: {"includes_position": True, "position_easting": 300, "position_northing": 400, "position_depth": 120},
     "seatrac_driver/msg/TransceiverFixStatus": {
@@ -117,9 +126,13 @@ def test_ranges_and_angles_alone_are_no_fix(tmp_path: Path) -> None:
     assert "2 of range or angle alone" in codes(log)["USBL-INVALID"]
 
 
-def test_messages_of_angles_alone_are_refused_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="it tells angles alone, which are no fix"):
-        logged(tmp_path, row("vehicle_interface/msg/AcousticModemUSBLANGLES", {"bearing": 0.1}))
+@pytest.mark.parametrize(
+    ("kind", "what"),
+    [("vehicle_interface/msg/AcousticModemUSBLANGLES", "angles"), ("labust_msgs/msg/AcousticModemRange", "ranges")],
+)
+def test_messages_of_angles_or_ranges_alone_are_refused_with_the_reason(tmp_path: Path, kind: str, what: str) -> None:
+    with pytest.raises(UsageError, match=f"it tells {what} alone, which are no fix"):
+        logged(tmp_path, row(kind, {}))
 
 
 def test_accuracy_of_usbllong_is_its_sd_and_a_negative_one_is_no_fix(tmp_path: Path) -> None:
@@ -178,6 +191,45 @@ def test_sonardyne_tells_the_age_of_a_position(tmp_path: Path) -> None:
     assert np.diff(log.tables["usbl"]["time_s"]) == pytest.approx([1.5])
     assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
     assert any("stamps moved back by their age" in said for said in log.provenance["usbl"].conventions)
+
+
+def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accuracy(tmp_path: Path) -> None:
+    kind = "vehicle_interface/msg/AcousticLocalization"
+    fix = {"sender_address": 3, "latitude": 45.0009, "longitude": 7.0, "measurement_time": 12.0}
+
+    log = logged(tmp_path, *(row(kind, {**fix, "accuracy": a}, k) for k, a in enumerate([2.0, -1.0])), toml=MAP)
+
+    assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
+    assert log.tables["usbl"]["cov_nn_m2"].tolist() == [4.0]
+    assert log.start_ns == T0  # by the header: nobody says what measurement_time counts from
+    assert "target 3 (the only one)" in log.provenance["usbl"].conventions
+
+
+TOPSIDE: dict[str, tuple[str, str]] = {
+    "/waterlinked/odom": (
+        ODOMETRY,
+        "it counts along the axes of the topside box from its first fix; take /waterlinked/fix",
+    ),
+    "/waterlinked/utm": ("geometry_msgs/msg/Point", "it holds UTM coordinates without their zone; take the topic of"),
+}
+
+
+@pytest.mark.parametrize("topic", TOPSIDE)
+def test_a_topside_box_is_heard_by_its_latitudes_alone(tmp_path: Path, topic: str) -> None:
+    kind, said = TOPSIDE[topic]
+    values: Mapping[str, Any] = {"header.stamp": T0} if kind == ODOMETRY else {}
+    rows = [(T0, topic, kind, values), row(FIX, {"latitude": 45.0, "longitude": 7.0}, topic="/waterlinked/fix")]
+
+    assert logged(tmp_path, *rows, toml=MAP).provenance["usbl"].topic == "/waterlinked/fix"
+    with pytest.raises(UsageError, match=said):
+        logged(tmp_path, *rows, toml=f'{MAP}[usbl]\ntopic = "{topic}"')
+
+
+def test_a_layout_that_nobody_knows_is_refused_by_its_name(tmp_path: Path) -> None:
+    with pytest.raises(
+        UsageError, match=r"/usbl is of type collaborative/msg/USBL, which cannot serve as usbl \(only "
+    ):
+        logged(tmp_path, row("collaborative/msg/USBL", {}), toml='[usbl]\ntopic = "/usbl"')
 
 
 def test_sonardynes_points_are_known_by_their_topic(tmp_path: Path) -> None:

@@ -1,0 +1,132 @@
+"""Sentences of acoustic positioning systems that a few makers alone send, by their manuals' own examples."""
+
+import math
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+from usbldr.io.read import read_log
+
+HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
+LAKE = "[map]\norigin_lat_deg = 44.986266\norigin_lon_deg = -93.5761859\n"
+METRES_A_DEGREE = 111132.95 - 559.85 * math.cos(2 * math.radians(44.986))  # of latitude there, by the usual series
+
+
+def sentence(body: str) -> str:
+    """Close a sentence with the checksum that NMEA 0183 defines: all its characters, exclusive or."""
+    return f"${body}*{reduce(lambda a, b: a ^ b, body.encode()):02X}"
+
+
+def heard(tmp_path: Path, *bodies: str, toml: str = HEAD) -> Log:
+    lines = [f"{1600000000 + k} {sentence(body)}" for k, body in enumerate(bodies)]
+    (tmp_path / "ship.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "ship.nmea")
+
+
+def places(log: Log) -> np.ndarray:
+    return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)
+
+
+LOCATOR = (
+    "USRTH,358.5,1.5,2.8,142.8,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16"  # 52.8 from east to the left, 37.2 by compass
+)
+SHALLOW_M = 142.8 * math.cos(math.radians(2.8))
+
+
+@pytest.mark.parametrize("added", ["", ",T,T,1,3313,B,-2,-2", ",T,T,1,3313,B,-2,-2,and,more"])
+def test_a_rov_locator_tells_slant_range_true_bearing_and_elevation(tmp_path: Path, added: str) -> None:
+    place = places(heard(tmp_path, LOCATOR + added))[0]
+
+    bearing = math.radians(37.2)
+    assert place == pytest.approx([100 + SHALLOW_M * math.sin(bearing), 200 + SHALLOW_M * math.cos(bearing)])
+
+
+def test_a_rov_locator_without_a_head_is_no_use(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="/USRTH holds ranges and bearings; state head"):
+        heard(tmp_path, LOCATOR, toml="")
+
+
+def test_a_rov_locator_that_heard_nothing_tells_no_fix(tmp_path: Path) -> None:
+    log = heard(tmp_path, LOCATOR, "USRTH,,,,,,,,-0.6,1.9,178.1,271.9,16")
+
+    assert len(places(log)) == 1
+    assert "1 not a number" in next(f.text for f in log.findings if f.code == "USBL-INVALID")
+
+
+def test_a_locator_with_a_gps_compass_tells_where_and_when_the_vehicle_was(tmp_path: Path) -> None:
+    """On 21 June 2025, a ten-thousandth of a degree north of its own antenna."""
+    head, turned = "1.0,MkIII,A,T,44.98626600,-93.57618590,90.0", "0.993873,0.009705,-0.001716,0.110093"
+    body = f"USTLC,{head},{turned},11.1,0.0,0.0,44.98636600,-93.57618590,34,39,210625 130042.60,"
+
+    log = heard(tmp_path, body, toml=LAKE)
+
+    assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
+    assert log.start_ns == np.datetime64("2025-06-21T13:00:42.600", "ns").astype(int)
+
+
+def test_a_locator_that_cannot_place_the_vehicle_is_left_out(tmp_path: Path) -> None:
+    silent = "USTLC,1.0,MkIII,A,T,44.98626600,-93.57618590,,0.993873,0.009705,-0.001716,0.110093,,,,,,34,39,%s,"
+
+    with pytest.raises(LogError, match=r"all 1 records of /USTLC .usbl. are invalid: 1 not a number"):
+        heard(tmp_path, silent % "210625 130042.60", toml=LAKE)
+
+
+HIPAP, SURER = "PSIMSSB,180554.432,M44,A,,", "log Cartesian coordinates (C) or latitudes and longitudes (R)"
+NOT_READ = {
+    f"{HIPAP}P,N,M,61.3,39.0,34.0,0.1,N,,": "holds polar coordinates, whose order and units are not known here; log Cart",
+    f"{HIPAP}U,E,M,461300.0,5039017.0,34.0,0.1,N,,": f"holds UTM coordinates without their zone; {SURER}",
+    f"{HIPAP}C,G,M,61.3,39.0,34.0,0.1,N,,": "holds Cartesian coordinates in an orientation G",
+    f"{HIPAP}R,E,M,0.785,0.122,34.0,0.1,N,,": "holds radians east-up, of which it is not known here which is",
+    "PSONALL,2401,CRP,133707.52,461300.0,5039017.0,999.9": "holds eastings and northings of a grid that it does not",
+    "PTSAY,#1,124544.4,18,12,2017,1,17.9,-25.5,F,13.1,1,9999.0": "holds offsets along axes that are not known here",
+    "PEVOSSA,122640.00,2,1,N,R,12.5,-30.0,1.0,-30,180,,": "tells angles alone, which are no fix; log PEVOSSB",
+    "PEVOSSB,122640.00,2,1,B,T,R,1.0,2.0,3.0,0.5,-30,180,,": "has a frame that is tilted with the instrument",
+    "PEVOSSB,122640.00,2,1,T,T,R,1.0,2.0,3.0,0.5,-30,180,,": "has a frame that is tilted with the instrument",
+}
+
+
+@pytest.mark.parametrize("body", NOT_READ)
+def test_what_no_manual_settles_is_refused_with_the_reason(tmp_path: Path, body: str) -> None:
+    with pytest.raises(UsageError) as fault:
+        heard(tmp_path, body)
+
+    assert f"cannot serve as usbl: it {NOT_READ[body]}" in str(fault.value)
+    assert str(fault.value).endswith("(--usbl none: do without)")
+
+
+def test_radians_may_be_called_geodetic(tmp_path: Path) -> None:
+    lat, lon = math.radians(44.986366), math.radians(-93.5761859)
+
+    log = heard(tmp_path, f"PSIMSSB,122640.00,B01,A,,R,G,M,{lat:.12f},{lon:.12f},3.0,1.5,N,,", toml=LAKE)
+
+    assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
+
+
+EAST_30_NORTH_40 = {
+    "PSIMSSB,122640.00,B01,A,,C,N,M,40.0,30.0,10.0,0.5,N,,": 0.0,
+    "PSIMSSB,122640.00,B01,A,,C,E,M,30.0,40.0,10.0,0.5,N,,": 0.0,
+    "PSIMSSB,122640.00,B01,A,,C,H,M,-40.0,30.0,10.0,0.5,N,,": 90.0,  # 40 m to port and 30 m ahead of a bow to the east
+    "PEVOSSB,122640.00,2,1,N,T,R,40.0,30.0,10.0,0.5,-30,180,,": 0.0,
+    "PEVOSSB,122640.00,2,1,E,T,R,30.0,40.0,10.0,0.5,-30,180,,": 0.0,
+    "PEVOSSB,122640.00,2,1,H,T,R,30.0,-40.0,10.0,0.5,-30,180,,": 90.0,
+    "PTSAX,#16069,122640.000,13,09,2020,1,30.0,-40.0,F,10.0,1,9999.00": 90.0,
+}
+
+
+@pytest.mark.parametrize("body", EAST_30_NORTH_40)
+def test_every_orientation_of_every_maker_is_turned_to_east_and_north(tmp_path: Path, body: str) -> None:
+    toml = f"[usbl]\nhead = {{ east_m = 100.0, north_m = 200.0, heading_deg = {EAST_30_NORTH_40[body]} }}\n"
+
+    assert places(heard(tmp_path, body, toml=toml))[0] == pytest.approx([130, 240])
+
+
+def test_a_magnetic_heading_by_hdm_stays_magnetic_and_that_is_said(tmp_path: Path) -> None:
+    log = heard(tmp_path, "HCHDM,35.25,M", toml="")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [35.25]
+    assert "HEADING-MAGNETIC" in {finding.code for finding in log.findings}
