@@ -78,7 +78,7 @@ def test_a_locator_that_cannot_place_the_vehicle_is_left_out(tmp_path: Path) -> 
 
 HIPAP, SURER = "PSIMSSB,180554.432,M44,A,,", "log Cartesian coordinates (C) or latitudes and longitudes (R)"
 NOT_READ = {
-    f"{HIPAP}P,N,M,61.3,39.0,34.0,0.1,N,,": "holds polar coordinates, whose order and units are not known here; log Cart",
+    f"{HIPAP}P,N,M,61.3,39.0,34.0,0.1,N,,": "holds polar coordinates, whose order and units are not known here; log",
     f"{HIPAP}U,E,M,461300.0,5039017.0,34.0,0.1,N,,": f"holds UTM coordinates without their zone; {SURER}",
     f"{HIPAP}C,G,M,61.3,39.0,34.0,0.1,N,,": "holds Cartesian coordinates in an orientation G",
     f"{HIPAP}R,E,M,0.785,0.122,34.0,0.1,N,,": "holds radians east-up, of which it is not known here which is",
