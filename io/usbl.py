@@ -180,10 +180,9 @@ def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vect
     parts = ", ".join(f"{np.sum(mask)} by {what}" for what, mask in counts.items() if np.any(mask))
     turn, turn_said = _turn_deg(raw, section, end, frame)
     said = [f"slant to horizontal range: {parts}", *turn_said, *_scaled(section)]
-    causes = {"not a number": ~(np.isfinite(slant) & np.isfinite(bearing))}
     offset = clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
     R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
-    return _from_end(end, frame, Sight(offset, offset, drop, R, causes, said, findings))
+    return _from_end(end, frame, Sight(offset, offset, drop, R, fix_causes(raw), said, findings))
 
 
 def _scaled(section: UsblSection) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dives import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, write_mcap
+from dives import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.read import read_log
@@ -49,6 +49,8 @@ TYPES = {
     "geographic_msgs/msg/GeoPoint": "float64 latitude\nfloat64 longitude\nfloat64 altitude\n",
     "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
     "vehicle_interface/msg/AcousticModemUSBLANGLES": HEADER + "float32 bearing\n",
+    "holoocean_interfaces/msg/AcousticBeaconSensor": "int64 timestamp\nstring msg_type\nint32 from_beacon\n"
+    + "float32 azimuth\nfloat32 elevation\nfloat32 range\nfloat32 z\n",
     "collaborative/msg/USBL": "float32 distance\nfloat32 bearing\n",
     "labust_msgs/msg/AcousticModemRange": HEADER + "float32 range_m\nuint8 id\n",
 }
@@ -179,6 +181,49 @@ def test_a_stonefish_beacon_is_seen_from_the_bow(tmp_path: Path) -> None:
     assert places(logged(tmp_path, row("stonefish_ros2/msg/BeaconInfo", values), toml=toml))[0] == pytest.approx(
         [130, 196]
     )
+
+
+HOLOOCEAN = "holoocean_interfaces/msg/AcousticBeaconSensor"
+ABEAM: Mapping[str, Any] = {  # to port, 30 deg below the horizon, 50 m away
+    "timestamp": T0,
+    "msg_type": "MSG_RESPU",
+    "from_beacon": 1,
+    "azimuth": math.pi / 2,
+    "elevation": -math.pi / 6,
+    "range": 50.0,
+}
+
+
+def test_a_holoocean_beacon_is_seen_from_the_bow_counter_clockwise(tmp_path: Path) -> None:
+    """The bow points to the east, so that port is north."""
+    toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
+
+    log = logged(tmp_path, row(HOLOOCEAN, ABEAM, 0.25), toml=toml)
+
+    assert places(log)[0] == pytest.approx([100, 200 + 50 * math.cos(math.radians(30))], abs=1e-4)
+    assert log.start_ns == T0
+    assert "timed by timestamp" in log.provenance["usbl"].conventions
+
+
+def test_a_holoocean_vehicle_may_hear_a_fixed_beacon_itself(tmp_path: Path) -> None:
+    """It heads east and has the beacon to port, so it lies south of it."""
+    toml = "[usbl]\nbeacon = { east_m = 100.0, north_m = 200.0 }"
+    east = [yaw(T0 + k * SECOND, 0.0) for k in range(-1, 2)]
+
+    log = logged(tmp_path, *east, row(HOLOOCEAN, ABEAM), toml=toml)
+
+    assert places(log)[0] == pytest.approx([100, 200 - 50 * math.cos(math.radians(30))], abs=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["OWAY", "OWAYU", "MSG_REQ", "MSG_RESP", "MSG_REQU", "MSG_REQX", ""])
+def test_only_the_replies_that_tell_a_range_are_fixes(tmp_path: Path, kind: str) -> None:
+    toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
+    told = [{**ABEAM, "timestamp": T0 + k * SECOND, "msg_type": m} for k, m in enumerate(["MSG_RESPX", kind])]
+
+    log = logged(tmp_path, *(row(HOLOOCEAN, values, k) for k, values in enumerate(told)), toml=toml)
+
+    assert len(places(log)) == 1
+    assert "1 of range or angle alone" in codes(log)["USBL-INVALID"]
 
 
 def test_sonardyne_tells_the_age_of_a_position(tmp_path: Path) -> None:
