@@ -19,11 +19,10 @@ from usbldr.filters.assumptions import Assumptions, ProcessNoise, SensorErrors, 
 from usbldr.filters.calibration import AUTO, STATES
 from usbldr.filters.errors import UsageError
 from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
-from usbldr.io.sections import (
+from usbldr.io.model_sections import (
     CalibrateSection,
     CompassContamination,
     CompassNoise,
-    Configuration,
     DvlContamination,
     DvlNoise,
     GaussianNoise,
@@ -34,6 +33,7 @@ from usbldr.io.sections import (
     UsblContamination,
     UsblNoise,
 )
+from usbldr.io.sections import Configuration
 
 Form = TypeVar("Form", bound=Struct)
 

@@ -12,10 +12,11 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Vector
+from usbldr.io.axes import axis_signs
 from usbldr.io.dvl_types import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
 from usbldr.io.log import Finding
 from usbldr.io.messages import Mask, Raw
-from usbldr.io.sections import DepthSection, DvlSection, axis_signs
+from usbldr.io.sections import DepthSection, DvlSection
 from usbldr.io.times import Times, times_of
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # sea water

@@ -24,6 +24,7 @@ from usbldr.filters.scenarios import (
     Usbl,
 )
 from usbldr.io.configuration import checked, family, known_start, process_noise, read_document
+from usbldr.io.model_sections import CompassNoise, DvlNoise, UsblNoise
 from usbldr.io.scenario_sections import (
     AccuracySection,
     CompassSensor,
@@ -34,7 +35,6 @@ from usbldr.io.scenario_sections import (
     SensorSection,
     UsblSensor,
 )
-from usbldr.io.sections import CompassNoise, DvlNoise, UsblNoise
 
 FOLDER = Path(__file__).with_name("scenarios")
 

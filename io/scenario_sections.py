@@ -8,17 +8,8 @@ from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta
 
-from usbldr.io.sections import (
-    CompassNoise,
-    DvlNoise,
-    Lever,
-    NotNegative,
-    Positive,
-    ProcessSection,
-    Section,
-    StartSection,
-    UsblNoise,
-)
+from usbldr.io.model_sections import CompassNoise, DvlNoise, ProcessSection, Section, StartSection, UsblNoise
+from usbldr.io.quantities import Lever, NotNegative, Positive
 
 Part: TypeAlias = Annotated[float, Meta(ge=0, lt=1)]
 Pair: TypeAlias = tuple[float, float]

@@ -6,76 +6,42 @@ readings; declination_deg is added; angles are degrees clockwise. docs/configura
 
 from typing import Annotated, Literal, TypeAlias
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
-Positive: TypeAlias = Annotated[float, Meta(gt=0)]
-NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
-Share: TypeAlias = Annotated[float, Meta(gt=0, lt=1)]
-Latency: TypeAlias = Annotated[float, Meta(ge=-86400, le=86400)]
-Latitude: TypeAlias = Annotated[float, Meta(ge=-90, le=90)]
-Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
-Deviation: TypeAlias = Annotated[float, Meta(ge=-30, le=30)]  # beyond, a reading no longer tells one heading
-Lever: TypeAlias = tuple[float, float, float]  # starboard, forward, up, metres
+from usbldr.io.axes import axis_signs
+from usbldr.io.model_sections import (
+    CalibrateSection,
+    CompassNoise,
+    DvlNoise,
+    ProcessSection,
+    Section,
+    StartSection,
+    UsblNoise,
+)
+from usbldr.io.quantities import (
+    ClockOffset,
+    Degrees,
+    Depth,
+    Deviation,
+    Factor,
+    Gap,
+    Latency,
+    Latitude,
+    Lever,
+    Longitude,
+    Metres,
+    SdDegrees,
+    SdMetres,
+    SdSpeed,
+    SpreadDegrees,
+    SpreadMetres,
+)
+
 Clock: TypeAlias = Literal["header", "log"]
-Per: TypeAlias = Literal["scalar", "record"]
 UsblColumn: TypeAlias = Literal[
     "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m"
 ]
 Time: TypeAlias = Literal["time_ns", "time_unix_s", "time_s", "received_ns", "received_unix_s"]
-
-
-class Section(Struct, frozen=True):
-    """A table of the file. A key that is not listed is refused."""
-
-
-class GaussianNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="gaussian"):
-    """N(0, R)."""
-
-    per: Per | None = None
-
-
-class MixtureNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="mixture"):
-    """N(0, R), with probability ``share`` N(0, variance_ratio R)."""
-
-    share: Share = 0.30
-    variance_ratio: Annotated[float, Meta(gt=1)] = 10.0
-    per: Per | None = None
-
-
-class StudentNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="student-t"):
-    """Student's t."""
-
-    dof: Annotated[float, Meta(ge=2)] = 4.0  # below 2 the tails have no variance to match
-    per: Per | None = None
-
-
-class DvlContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
-    """N(0, R), with probability ``share`` a gross error."""
-
-    share: Share = 0.05
-    sd_mps: Positive
-    per: Per | None = None
-
-
-class CompassContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
-    """N(0, R), with probability ``share`` a gross error."""
-
-    share: Share = 0.05
-    sd_deg: Positive
-    per: Per | None = None
-
-
-class UsblContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
-    """N(0, R), with probability ``share`` a gross error."""
-
-    share: Share = 0.05
-    sd_m: Positive = 10.0
-    per: Per | None = None
-
-
-DvlNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | DvlContamination
-CompassNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | CompassContamination
-UsblNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | UsblContamination
 
 
 class MapSection(Section, frozen=True, kw_only=True):
@@ -91,12 +57,12 @@ class DvlSection(Section, frozen=True, kw_only=True):
     topic: str | None = None
     columns: dict[Time | Literal["x", "y", "z", "sd_mps", "valid"], str] | None = None
     axes: str | None = None
-    mount_deg: float = 0.0
+    mount_deg: Degrees = 0.0
     unit: Literal["m/s", "mm/s"] | None = None
-    scale_error: Annotated[float, Meta(gt=-1)] = 0.0
-    sd_mps: Positive | Literal["message"] | None = None
-    sd_scale: Positive = 1.0
-    min_good_beams: Annotated[int, Meta(ge=0)] | None = None
+    scale_error: Annotated[float, Meta(ge=-0.9, le=10)] = 0.0
+    sd_mps: SdSpeed | Literal["message"] | None = None
+    sd_scale: Factor = 1.0
+    min_good_beams: Annotated[int, Meta(ge=0, le=100)] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
     latency_s: Latency = 0.0
@@ -115,11 +81,11 @@ class CompassSection(Section, frozen=True, kw_only=True):
     columns: dict[Time | Literal["heading", "sd_deg"], str] | None = None
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
-    bias_deg: float = 0.0
+    bias_deg: Degrees = 0.0
     deviation_sin_deg: Deviation = 0.0
     deviation_cos_deg: Deviation = 0.0
-    declination_deg: float | Literal["auto"] | None = None
-    sd_deg: Positive | Literal["message"] | None = None
+    declination_deg: Degrees | Literal["auto"] | None = None
+    sd_deg: SdDegrees | Literal["message"] | None = None
     time: Clock | None = None
     latency_s: Latency = 0.0
     noise: CompassNoise | None = None
@@ -130,18 +96,18 @@ class Head(Section, frozen=True, kw_only=True):
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
-    east_m: float | None = None
-    north_m: float | None = None
-    depth_m: float = 0.0
+    east_m: Metres | None = None
+    north_m: Metres | None = None
+    depth_m: Depth = 0.0
     topic: str | None = None
-    sd_m: NotNegative | None = None
-    heading_deg: float | None = None
+    sd_m: SpreadMetres | None = None
+    heading_deg: Degrees | None = None
     heading_topic: str | None = None
     heading_convention: Literal["ENU", "NED", "compass"] | None = None
-    heading_bias_deg: float = 0.0
-    heading_declination_deg: float | Literal["auto"] | None = None
+    heading_bias_deg: Degrees = 0.0
+    heading_declination_deg: Degrees | Literal["auto"] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
-    max_gap_s: Positive = 3.0
+    max_gap_s: Gap = 3.0
 
     def __post_init__(self) -> None:
         """Refuse a head that is nowhere or in two places, and one that cannot know its heading."""
@@ -161,11 +127,11 @@ class Beacon(Section, frozen=True, kw_only=True):
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
-    east_m: float | None = None
-    north_m: float | None = None
-    depth_m: float = 0.0
-    sd_m: NotNegative = 0.0
-    max_gap_s: Positive = 3.0
+    east_m: Metres | None = None
+    north_m: Metres | None = None
+    depth_m: Depth = 0.0
+    sd_m: SpreadMetres = 0.0
+    max_gap_s: Gap = 3.0
 
     def __post_init__(self) -> None:
         """Refuse a beacon that is nowhere or in two places."""
@@ -193,14 +159,14 @@ class UsblSection(Section, frozen=True, kw_only=True):
     beacon: Beacon | None = None
     target: str | int | None = None
     axes: str | None = None
-    mount_deg: float = 0.0
-    sound_speed_scale: Positive = 1.0
-    sd_m: Positive | Literal["message"] | None = None
-    sd_scale: Positive = 1.0
-    range_sd_m: NotNegative | None = None
-    range_sd_rel: NotNegative | None = None
-    bearing_sd_deg: Positive | None = None
-    heading_sd_deg: NotNegative | None = None
+    mount_deg: Degrees = 0.0
+    sound_speed_scale: Annotated[float, Meta(ge=0.5, le=2)] = 1.0
+    sd_m: SdMetres | Literal["message"] | None = None
+    sd_scale: Factor = 1.0
+    range_sd_m: SpreadMetres | None = None
+    range_sd_rel: Annotated[float, Meta(ge=0, le=10)] | None = None
+    bearing_sd_deg: SdDegrees | None = None
+    heading_sd_deg: SpreadDegrees | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
     latency_s: Latency = 0.0
@@ -235,7 +201,7 @@ class GpsSection(Section, frozen=True, kw_only=True):
     topic: str | None = None
     columns: dict[Time | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
-    sd_m: Positive | Literal["message"] | None = None
+    sd_m: SdMetres | Literal["message"] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
     latency_s: Latency = 0.0
@@ -248,7 +214,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
     topic: str | None = None
     columns: dict[Time | Literal["depth_m", "pressure"], str] | None = None
     unit: Literal["Pa", "hPa", "dbar", "bar", "m"] | None = None
-    surface_pa: NotNegative | None = None
+    surface_pa: Annotated[float, Meta(ge=0, le=1e7)] | None = None
     positive: Literal["down", "up"] | None = None
     time: Clock | None = None
     latency_s: Latency = 0.0
@@ -261,8 +227,8 @@ class TruthSection(Section, frozen=True, kw_only=True):
     file: str | None = None
     kind: Literal["gps", "slam", "simulated", "other"] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
-    skip_rows: Annotated[int, Meta(ge=0)] = 0
-    max_gap_s: Positive = 30.0
+    skip_rows: Annotated[int, Meta(ge=0, le=1_000_000_000)] = 0
+    max_gap_s: Gap = 30.0
     columns: dict[Literal["time_ns", "time_unix_s", "time_s", "x", "y", "sd_m"], str] | None = None
 
     def __post_init__(self) -> None:
@@ -273,48 +239,11 @@ class TruthSection(Section, frozen=True, kw_only=True):
             raise ValueError("columns belong to a file, not to a topic")
 
 
-class ProcessSection(Section, frozen=True, kw_only=True):
-    """Random walks of the motion model: 1-sigma after one second."""
-
-    position_m: NotNegative | None = None
-    heading_deg: NotNegative | None = None
-    velocity_mps: NotNegative | None = None
-    turn_rate_dps: NotNegative | None = None
-    uncalibrated_m: NotNegative | None = None
-
-
-class CalibrateSection(Section, frozen=True, kw_only=True):
-    """Which errors of sensors are estimated, and their 1-sigma before anything is measured."""
-
-    states: (
-        Literal["auto"] | tuple[Literal["scale", "misalignment", "heading", "deviation", "latency", "usbl-bias"], ...]
-    ) = ()
-    scale_sd: Positive | None = None
-    mount_sd_deg: Positive | None = None
-    heading_sd_deg: Positive | None = None
-    heading_walk_deg: NotNegative | None = None  # after one second
-    deviation_sd_deg: Positive | None = None
-    latency_sd_s: Positive | None = None
-    usbl_bias_sd_m: Positive | None = None
-    usbl_bias_time_s: Positive | None = None
-
-
-class StartSection(Section, frozen=True, kw_only=True):
-    """Where the vehicle is known to start, and how far off the first heading and velocity may be."""
-
-    east_m: float
-    north_m: float
-    sd_m: Positive
-    heading_sd_deg: Positive = 5.0
-    velocity_sd_mps: Positive = 0.5
-    turn_rate_sd_dps: Positive = 3.0
-
-
 class FileSection(Section, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Another file of the same dive, or the log itself: its clock minus the clock of the dive."""
 
     path: str
-    clock_offset_s: float = 0.0
+    clock_offset_s: ClockOffset = 0.0
 
 
 class Configuration(Section, frozen=True, kw_only=True):
@@ -344,27 +273,3 @@ class Configuration(Section, frozen=True, kw_only=True):
     def section(self, role: str) -> DvlSection | CompassSection | UsblSection | GpsSection | DepthSection:
         """Return the section of a role."""
         return getattr(self, role)
-
-
-def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:
-    """Return for x, y and z which of (starboard, forward, up) it lies along, and with which sign.
-
-    ``axes`` has one letter for each: F(orward), B(ackward), S(tarboard) or R(ight), P(ort) or L(eft), U(p), D(own).
-    """
-    letters = {
-        "S": (0, 1),
-        "R": (0, 1),
-        "P": (0, -1),
-        "L": (0, -1),
-        "F": (1, 1),
-        "B": (1, -1),
-        "U": (2, 1),
-        "D": (2, -1),
-    }
-    signs = tuple(letters.get(letter, (-1, 0)) for letter in axes.upper())
-    if len(signs) != 3 or {axis for axis, _ in signs} != {0, 1, 2}:
-        raise ValueError(
-            f'axes = "{axes}" is not three directions at right angles; '
-            "name where x, y and z point by one letter each: F or B, S (R) or P (L), U or D"
-        )
-    return signs

@@ -14,12 +14,13 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.types import Array, Vector
+from usbldr.io.axes import axis_signs
 from usbldr.io.conventions import Converted, converted, dropped, kept, stated
 from usbldr.io.heads import KnownEnd, Samples, clockwise, known_end
 from usbldr.io.log import Finding, Origin
 from usbldr.io.messages import Mask, Raw
 from usbldr.io.positions import on_plane
-from usbldr.io.sections import UsblSection, axis_signs
+from usbldr.io.sections import UsblSection
 from usbldr.io.times import times_of
 from usbldr.io.usbl_noise import floored, of_known_end, sensor_covariance, stated_covariance
 from usbldr.io.usbl_records import fix_causes, kind_of_fixes, of_target, told_once
