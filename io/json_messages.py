@@ -1,10 +1,11 @@
-"""JSON messages to values by field path, by the JSON schema that an MCAP file carries.
+"""JSON messages to values by field path, by the JSON schema that an MCAP file carries, else by some of the messages.
 
 A time is an object of seconds and nanoseconds, however these are called, or a text in ISO 8601 that the schema calls
 date-time. A field that is absent or null is NaN (a time: 0, unset; a text: empty).
 """
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, cast
 
@@ -17,6 +18,7 @@ Schema: TypeAlias = Mapping[str, Any]
 SECONDS, NANOSECONDS = ("sec", "secs", "seconds"), ("nsec", "nsecs", "nanosec", "nanos", "nanoseconds")
 KINDS: Mapping[str, Kind] = {"number": "number", "integer": "number", "boolean": "number", "string": "text"}
 UNSET: Mapping[Kind, Any] = {"number": float("nan"), "text": "", "time": 0}
+ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d")
 LEVELS = 8  # of objects in objects; schemas may be recursive
 
 
@@ -43,10 +45,41 @@ class JsonDecoder:
             try:
                 message = json.loads(data)
                 return tuple(getter(message) for getter in getters)
-            except (ValueError, TypeError, OverflowError):
+            except (ValueError, TypeError, OverflowError, RecursionError):
                 return None
 
         return extract
+
+
+def schema_of(samples: Sequence[bytes]) -> bytes:
+    """Return a JSON schema that messages fit which carry none: of all fields that any of them has."""
+    whole: Schema = {}
+    for data in samples:
+        try:
+            whole = _both(whole, _fitting(json.loads(data)))
+        except (ValueError, RecursionError):
+            continue
+    return json.dumps(whole).encode()
+
+
+def _fitting(value: Any) -> Schema:
+    """Return a schema of a value; one without a type for null and for what is empty."""
+    if isinstance(value, dict):
+        return {"properties": {name: _fitting(inner) for name, inner in cast("dict[str, Any]", value).items()}}
+    if isinstance(value, list):
+        row = cast("list[Any]", value)
+        return {"items": _fitting(row[0])} if row else {}
+    if isinstance(value, str):
+        return {"type": "string", "format": "date-time"} if ISO.match(value) else {"type": "string"}
+    return {} if value is None else {"type": "number"}
+
+
+def _both(one: Schema, other: Schema) -> Schema:
+    """Return a schema with the fields of both."""
+    fields, more = _part(one, "properties"), _part(other, "properties")
+    if not fields or not more:
+        return one or other
+    return {"properties": {name: _both(_part(fields, name), _part(more, name)) for name in (*fields, *more)}}
 
 
 def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> Iterator[tuple[str, Kind]]:

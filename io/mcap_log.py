@@ -24,6 +24,7 @@ from usbldr.io.streams import (
     collect,
     decoder_of,
     decoder_without_definition,
+    json_decoder,
 )
 from usbldr.io.streams import Message as Payload
 from usbldr.io.unpacking import or_unknown
@@ -117,8 +118,13 @@ class McapLog:
         if schema is None or not schema.data:
             if schema is not None and encoding == "cdr" and schema.name:
                 return decoder_without_definition(schema.name, self._definitions, self._samples(channel.id))
+            if schema is not None and encoding == "json" and schema.name:
+                return json_decoder(schema.name, self._samples(channel.id))
             return decoder_of(schema.name if schema else "", b"", encoding, "")
-        return decoder_of(schema.name, schema.data, encoding, schema.encoding)
+        decoder = decoder_of(schema.name, schema.data, encoding, schema.encoding)
+        if encoding == "json" and not isinstance(decoder, str) and not decoder.fields:  # a schema of any object at all
+            return json_decoder(schema.name, self._samples(channel.id))
+        return decoder
 
     def _samples(self, channel: int) -> list[bytes]:
         """Return some messages of a channel, none where the index cannot tell."""

@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.cdr import RosDecoder, from_idl, from_msg
 from usbldr.io.decoding import DefinitionError, Extractor, Piece, in_one, one_by_one
 from usbldr.io.definitions import Definitions
-from usbldr.io.json_messages import JsonDecoder
+from usbldr.io.json_messages import JsonDecoder, schema_of
 from usbldr.io.log import Finding
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
@@ -113,6 +113,12 @@ def decoder_without_definition(type_name: str, known: Definitions, samples: Sequ
         right = f"--msg-path DIR names a folder with the right {type_name}.msg"
         return f"{absent}, and its messages do not fit the {tried}; {right}"
     return fitting[0]
+
+
+def json_decoder(type_name: str, samples: Sequence[bytes]) -> Decoder | str:
+    """Return the decoder of JSON messages whose schema tells no field, by some of them, or why there is none."""
+    decoder = JsonDecoder(type_name, schema_of(samples))
+    return decoder if decoder.fields else "no schema tells the fields of its messages (json), nor do the first of them"
 
 
 def chosen_streams(streams: Mapping[Key, Stream], wanted: Iterable[str]) -> set[Key]:

@@ -16,9 +16,10 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import Writer
 
 from dives import SECOND, T0
+from usbldr.filters.errors import LogError
 from usbldr.io.decoding import DefinitionError
 from usbldr.io.detect import open_log
-from usbldr.io.json_messages import JsonDecoder
+from usbldr.io.json_messages import JsonDecoder, schema_of
 from usbldr.io.protobuf import ProtobufDecoder
 from usbldr.io.read import Request, read_log
 
@@ -155,6 +156,45 @@ def test_a_pose_in_json_may_be_a_usbl_fix(tmp_path: Path) -> None:
     table = read_log(write(tmp_path / "dive.mcap", channel, [payload], "/usbl/fix")).tables["usbl"]
 
     assert (table["east_m"].iloc[0], table["north_m"].iloc[0]) == (4.0, 3.0)
+
+
+NO_SCHEMA = [("", b""), ("jsonschema", b""), ("jsonschema", b"{}"), ("jsonschema", b'{"type": "object"}')]
+
+
+@pytest.mark.parametrize(("encoding", "definition"), NO_SCHEMA)
+def test_json_whose_schema_tells_no_field_is_read_by_its_messages(
+    tmp_path: Path, encoding: str, definition: bytes
+) -> None:
+    known = {"position_covariance": (np.eye(3) * 4.0).ravel().tolist(), "position_covariance_type": 2}
+    payloads = [b"no json", in_json(T0, {"heading": None}), in_json(T0 + 7, BERMUDA | known)]
+
+    log = read_log(write(tmp_path / "dive.mcap", ("foxglove.LocationFix", "json", encoding, definition), payloads))
+
+    table = log.tables["gps"]
+    assert table[["lat_deg", "lon_deg", "sd_m"]].to_numpy().tolist() == [[32.25, -64.75, 2.0]]
+    assert log.start_ns == T0 + 7
+
+
+def test_json_without_the_name_of_a_type_is_refused(tmp_path: Path) -> None:
+    with (tmp_path / "dive.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_message(writer.register_channel("location", "json", 0), T0, in_json(T0, BERMUDA), T0)
+        writer.finish()
+
+    with pytest.raises(
+        LogError, match=r"location cannot be read as the gps: its messages \(json\) carry no definition"
+    ):
+        read_log(tmp_path / "dive.mcap", Request(topics={"gps": "location"}))
+
+
+def test_times_in_json_without_schema_are_known_by_their_look() -> None:
+    told = {"stamp": "2020-09-13T12:26:40.5Z", "header": {"stamp": {"sec": 5, "nanosec": 7}}, "name": "B01"}
+    decoder = JsonDecoder("x", schema_of([json.dumps(told).encode()]))
+
+    values = decoder.extractor(["stamp", "header.stamp", "name"])(json.dumps(told).encode())
+
+    assert values == (T0 + SECOND // 2, 5_000_000_007, "B01")
 
 
 @BOTH
