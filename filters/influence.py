@@ -1,16 +1,20 @@
-"""Which fixes the track hangs on: how far each moved it when it came, which is where it would lie without it.
+"""Which fixes the track hangs on: how far each moved it when it came, and what the track would be without it.
 
 A recursive filter that leaves a fix out has, until the next one, the track of before: so the shift at the update is the
 effect of leaving it out (the case deletion of R. D. Cook, "Detection of influential observation in linear regression",
-Technometrics 19(1), 1977, for a filter as it stands at that moment). Later fixes wear it off. Metres, east and north.
+Technometrics 19(1), 1977, for a filter as it stands at that moment). Later fixes wear it off, and how soon they do, or
+whether they are now believed at all, only a run without the fix tells. Metres, east and north.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from usbldr.filters.consistency import worst_fate
-from usbldr.filters.types import Trajectory, Update
+from usbldr.filters.types import Timeline, Trajectory, Update
 
 
 class Influence(NamedTuple):
@@ -30,6 +34,16 @@ class Influence(NamedTuple):
         return math.hypot(self.shift_east_m, self.shift_north_m)
 
 
+class LeftOut(NamedTuple):
+    """What the whole run would have been without one fix."""
+
+    fix: Influence
+    largest_shift_m: float  # of the track: how far it lies elsewhere with the fix
+    largest_at_s: float
+    mean_shift_m: float  # over the whole run
+    error_change_m: float  # of the mean horizontal error, without minus with; NaN where there is no truth
+
+
 def influences(trajectory: Trajectory) -> Mapping[int, Influence]:
     """Return by row every fix that the filter judged; none for a method that tells of no shift."""
     by_fix: dict[int, list[Update]] = {}
@@ -42,6 +56,26 @@ def influences(trajectory: Trajectory) -> Mapping[int, Influence]:
 def influential(trajectory: Trajectory, count: int = 5) -> tuple[Influence, ...]:
     """Return the fixes that moved the track most, the first of them first."""
     return tuple(sorted(influences(trajectory).values(), key=lambda fix: -fix.shift_m)[:count])
+
+
+def without_fix(timeline: Timeline, row: int) -> Timeline:
+    """Return the timeline as if this USBL fix had never come; outages stay those of the log."""
+    kept = np.arange(len(timeline.fix_time_s)) != row
+    return replace(
+        timeline,
+        fix_time_s=timeline.fix_time_s[kept],
+        fix_received_s=timeline.fix_received_s[kept],
+        fix_m=timeline.fix_m[kept],
+        fix_cov_m2=timeline.fix_cov_m2[kept],
+    )
+
+
+def left_out(fix: Influence, whole: Trajectory, without: Trajectory, error_change_m: float = math.nan) -> LeftOut:
+    """Compare the track with that of a run without the fix, epoch by epoch."""
+    shift_m = np.hypot(*(whole.position_m - without.position_m).T)
+    largest = int(np.argmax(shift_m))
+    at_s, mean_m = float(whole.time_s[largest]), float(shift_m.mean())
+    return LeftOut(fix, float(shift_m[largest]), at_s, mean_m, error_change_m)
 
 
 def innovation_m(updates: Iterable[Update]) -> tuple[float, float]:

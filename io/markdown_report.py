@@ -5,7 +5,17 @@ from pathlib import Path
 
 from usbldr.io.reader import utc
 from usbldr.io.reports import Run
-from usbldr.io.summary import INFLUENCE, Table, context, error_table, health, influence_table, method_table
+from usbldr.io.summary import (
+    INFLUENCE,
+    LEFT_OUT,
+    Table,
+    context,
+    error_table,
+    health,
+    influence_table,
+    left_out_table,
+    method_table,
+)
 
 Picture = tuple[str, str]  # file name, caption
 
@@ -23,6 +33,8 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
         parts += ["## Health", _pairs(told)]
     if len((fixes := influence_table(run)).rows):
         parts += ["## Influential fixes", INFLUENCE, _table(fixes)]
+    if run.left_out:
+        parts += ["## Fixes left out", LEFT_OUT, _table(left_out_table(run))]
     if run.warnings:
         parts += ["## Warnings", _bullets(run.warnings)]
     if pictures:

@@ -16,7 +16,7 @@ from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.calibration import found
 from usbldr.filters.consistency import DOF, consistency_verdict, worst_fate
 from usbldr.filters.evaluation import ErrorReport
-from usbldr.filters.influence import influences, influential, innovation_m
+from usbldr.filters.influence import Influence, LeftOut, influences, influential, innovation_m
 from usbldr.filters.metrics import METRICS
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.filters.verdict import verdict
@@ -47,6 +47,7 @@ class Run:
     seed: int = 0
     options: Mapping[str, object] = field(default_factory=dict[str, object])  # as the user gave them
     configuration: Mapping[str, object] | None = None  # content of the configuration file
+    left_out: tuple[LeftOut, ...] = ()  # runs without one fix, where the user asked for them
 
     @property
     def filter(self) -> str:
@@ -192,7 +193,8 @@ def describe(run: Run) -> dict[str, Any]:
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
         "assumptions": _assumptions(log.assumptions),
         "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in found(trajectory)},
-        "influential_fixes": [{**fix._asdict(), "shift_m": fix.shift_m} for fix in influential(trajectory)],
+        "influential_fixes": [_influence(fix) for fix in influential(trajectory)],
+        "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.left_out],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
         "sensors": log.provenance,
         "findings": log.findings,
@@ -203,6 +205,10 @@ def describe(run: Run) -> dict[str, Any]:
         "warnings": run.warnings,
         "verdict": run.verdict,
     }
+
+
+def _influence(fix: Influence) -> dict[str, Any]:
+    return {**fix._asdict(), "shift_m": fix.shift_m}
 
 
 def _assumptions(assumptions: Assumptions) -> dict[str, Any]:

@@ -134,6 +134,30 @@ def influence_table(run: Run) -> Table:
     return Table("fix", heads, tuple(rows))
 
 
+LEFT_OUT = (
+    "The whole dive filtered again, each time without one of the fixes that moved the track most when they came; noise "
+    "and calibrated errors stay those that the whole log told. The shift is how far the two tracks lie apart; the "
+    "error's change is without minus with: below 0 the track is better without the fix."
+)
+
+
+def left_out_table(run: Run) -> Table:
+    """Return what the track would have been without each of some fixes, the largest effect first."""
+    heads = ("time [s]", "largest shift [m]", "at [s]", "mean shift [m]", "mean error changes by [m]")
+    rows = [
+        (
+            f"{one.fix.row}",
+            f"{one.fix.time_s:.1f}",
+            f"{one.largest_shift_m:.2f}",
+            f"{one.largest_at_s:.1f}",
+            f"{one.mean_shift_m:.3f}",
+            "" if math.isnan(one.error_change_m) else f"{one.error_change_m:+.3f}",
+        )
+        for one in sorted(run.left_out, key=lambda one: -one.largest_shift_m)
+    ]
+    return Table("without fix", heads, tuple(rows))
+
+
 def _towards(east_m: float, north_m: float) -> str:
     """Return the compass point of a shift."""
     return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]

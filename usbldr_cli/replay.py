@@ -1,6 +1,7 @@
 """``usbldr replay``: log in, filter over it, errors against the truth, run directory out."""
 
 import json
+import math
 import sys
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -15,9 +16,12 @@ from usbldr_cli.run_options import RunChoices, run_options
 from usbldr_cli.scoring import needed, score
 
 if TYPE_CHECKING:
+    from usbldr.filters.influence import LeftOut
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
     from usbldr.io.reports import Run, Scored
+
+MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
 
 
 @click.command()
@@ -35,6 +39,12 @@ if TYPE_CHECKING:
 @click.option("--force", is_flag=True, help="Replace a run directory that is there already.")
 @click.option("--json", "json_to", is_flag=False, flag_value="-", help="Report as JSON: to a file, or alone to stdout.")
 @click.option("--write-calibration", metavar="FILE", help="Configuration for the next dive, with the errors found.")
+@click.option(
+    "--leave-one-out",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Run again without each of the N fixes that moved the track most: N times the time.",
+)
 @click.option("--strict", is_flag=True, help="Write nothing when a part of LOG could not be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
 def replay(
@@ -44,6 +54,7 @@ def replay(
     force: bool,
     json_to: str | None,
     write_calibration: str | None,
+    leave_one_out: int | None,
     strict: bool,
     quiet: bool,
     **where: Any,
@@ -83,9 +94,13 @@ def replay(
     log = replace(log, findings=(*log.findings, *doubts))
     if write_calibration is not None:
         _refuse_without_errors(method, log)
+    if leave_one_out is not None:
+        _refuse_without_shifts(method, choices, line)
     target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
     with run_directory(target, force) as folder:
         run = _run(method, log, line, choices, content)
+        if leave_one_out is not None:
+            run = _with_left_out(method, run, choices, leave_one_out)
         _write(folder, run)
         if write_calibration is not None:
             _write_calibration(Path(write_calibration), run)
@@ -118,6 +133,17 @@ def _refuse_without_errors(method: str, log: "Log") -> None:
         raise UsageError(f"--write-calibration: no errors of sensors are estimated; {hint}")
 
 
+def _refuse_without_shifts(method: str, choices: RunChoices, line: "Timeline") -> None:
+    """Refuse --leave-one-out where no fix is told of, or where the filter does not tell what a fix did to it."""
+    from usbldr.filters.run import SMOOTHED_BY
+
+    if method not in SMOOTHED_BY or choices.form == "literal":
+        told = ", ".join(SMOOTHED_BY)
+        raise UsageError(f"--leave-one-out: {method} does not tell what each fix did to it (those that do: {told})")
+    if not len(line.fix_time_s):
+        raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
+
+
 def _check_file(option: str, file: Path, log: Path, force: bool) -> None:
     """Refuse a file for an option that is the log itself, a folder, or there already."""
     if file.is_dir() or (file.exists() and log.exists() and file.samefile(log)):
@@ -139,6 +165,25 @@ def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content
         with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
             baselines.append(score(name, log, line, choices, anchor))
     return Run(log, line, scored, tuple(baselines), choices.order, choices.seed, asdict(choices), content)
+
+
+def _with_left_out(method: str, run: "Run", choices: RunChoices, count: int) -> "Run":
+    """Return the run with what it would have been without each of the most influential fixes."""
+    from usbldr.filters.influence import influential, left_out, without_fix
+
+    log, line, (whole, report) = run.log, run.timeline, run.scored
+    anchor = choices.anchor(log, line)
+    found: list[LeftOut] = []
+    for fix in influential(whole, count):
+        try:
+            other = score(method, log, without_fix(line, fix.row), choices, anchor)
+        except LogError as err:
+            raise LogError(f"--leave-one-out, without the fix at {fix.time_s:.1f} s: {err}") from err
+        change_m = math.nan
+        if report is not None and other.report is not None:
+            change_m = other.report.metrics[MEAN_ERROR] - report.metrics[MEAN_ERROR]
+        found.append(left_out(fix, whole, other.trajectory, change_m))
+    return replace(run, left_out=tuple(found))
 
 
 def _write(folder: Path, run: "Run") -> None:

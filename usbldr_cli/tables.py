@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 
 from usbldr.io.reports import Run
-from usbldr.io.summary import Table, context, error_table, health, method_table
+from usbldr.io.summary import Table, context, error_table, health, left_out_table, method_table
 
 WIDTH = 100
 LABEL = 13  # columns that the longest label needs, with its gap
@@ -17,6 +17,8 @@ def render(run: Run, colour: bool = False) -> str:
         blocks += ["", aligned(error_table(run.scored.report)), "", aligned(method_table(run))]
     if told := health(run):
         blocks += ["", pairs(told)]
+    if run.left_out:
+        blocks += ["", aligned(left_out_table(run))]
     if run.warnings:
         blocks += ["", *(wrapped("warning", text) for text in run.warnings)]
     blocks += ["", _title(run.verdict, colour)]
