@@ -6,7 +6,7 @@ USBLDR ?= $(BIN)/usbldr
 SAMPLES ?= sample_logs
 SEEDS ?= 20
 
-.PHONY: demo test fuzz lint check sample_logs paper field clean
+.PHONY: demo test fuzz lint check sample_logs paper field logs clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -40,6 +40,10 @@ paper: $(VENV)/installed
 # docs/field.md with its tables and pictures; third-party logs in USBLDR_FIELD_LOGS, finished runs in field-runs
 field: $(VENV)/installed
 	$(BIN)/python benchmarks/field_study.py $(HELD_BACK)
+
+# docs/logs.md: what info, doctor, init and replay say of each of the same logs, and the numbers others measured on them
+logs: $(VENV)/installed
+	$(BIN)/python benchmarks/log_survey.py $(HELD_BACK)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

@@ -1,0 +1,77 @@
+"""Make docs/logs.md: what info, doctor, init and replay say of every log at hand, and the numbers that others measured.
+
+    python benchmarks/log_survey.py
+
+The logs are third-party: USBLDR_FIELD_LOGS names their folder. Errors of the logs that are held back are neither kept
+nor shown unless they are asked for. Exit code 1 where a command broke, or a finding or number is not what it has to be.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import log_survey_tables as tables
+from field_logs import field_folder
+from log_survey_runs import Said, Surveyed, field_logs, other_files, survey
+from paper import filled, minutes
+from usbldr.filters.errors import UsbldrError
+from usbldr_cli.unit_store import write_whole
+
+ROOT = Path(__file__).resolve().parents[1]
+TEXT = Path(__file__).with_name("log_survey_text.md")
+
+
+def main() -> int:
+    asked = arguments()
+    began = time.monotonic()
+    try:
+        folder = field_folder()
+        with TemporaryDirectory() as scratch:
+            logs = (*field_logs(), *other_files(folder))
+            heard = survey(logs, folder, Path(scratch), asked.jobs, asked.held_back)
+    except UsbldrError as fault:
+        print(f"log_survey.py: {fault}", file=sys.stderr)
+        return fault.exit_code
+    asked.output.mkdir(parents=True, exist_ok=True)
+    write_whole(asked.output / "logs.md", document(heard).encode())
+    wrong = [
+        *(
+            f"{log.name}: {said.command} broke: {said.err}"
+            for log, all_of in heard.items()
+            for said in all_of
+            if said.broke
+        ),
+        *(f"{row.log}: doctor does not say {row.code}" for row in tables.WANTED if not tables.quote(row, heard)),
+    ]
+    print(*wrong, f"{asked.output / 'logs.md'}: {minutes(began)}", sep="\n")
+    return 1 if wrong else 0
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--jobs", type=int, default=2, help="logs at a time")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs", help="folder of logs.md")
+    parser.add_argument("--held-back", action="store_true", help="errors of the logs that judge the defaults, too")
+    return parser.parse_args()
+
+
+def document(heard: Mapping[Surveyed, tuple[Said, ...]]) -> str:
+    """Return docs/logs.md: the text with every table in its place."""
+    field = {log: said for log, said in heard.items() if log in field_logs()}
+    other = {log: said for log, said in heard.items() if log not in field}
+    parts = {
+        "made": f"usbldr {version('usbldr')}",
+        "summary": tables.summary(heard),
+        "findings": tables.findings(heard),
+        "field": tables.sections(field),
+        "other": tables.others(other),
+    }
+    return filled(TEXT.read_text(encoding="utf-8"), parts)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
