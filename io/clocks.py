@@ -19,7 +19,7 @@ LEAST = 0.01  # the share of records that may seem to have arrived even sooner
 
 def on_one_clock(raws: Mapping[str, Raw], by_log: frozenset[str]) -> tuple[dict[str, Raw], list[Finding]]:
     """Return the raws on one clock, and what was moved; roles in ``by_log`` are timed without stamps."""
-    delay_ns = {role: 0 if role in by_log else _least_delay_ns(raw) for role, raw in raws.items()}
+    delay_ns = {role: 0 if role in by_log else least_delay_ns(raw) for role, raw in raws.items()}
     if not delay_ns or max(delay_ns.values()) - min(delay_ns.values()) <= SAME_CLOCK_NS:
         return dict(raws), []
     moved: dict[str, Raw] = {}
@@ -39,7 +39,7 @@ def on_one_clock(raws: Mapping[str, Raw], by_log: frozenset[str]) -> tuple[dict[
     return moved, findings
 
 
-def _least_delay_ns(raw: Raw) -> int:
+def least_delay_ns(raw: Raw) -> int:
     """Return log time minus stamp where it is least, but for a few; 0 without stamps."""
     if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):  # columns of times are no clock's
         return 0

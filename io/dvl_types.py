@@ -61,6 +61,16 @@ DVL = (
         "by type",
         FRD,
     ),
+    *(  # mavros: what was told to the autopilot
+        Layout(
+            kind,
+            {},
+            recognised="only when named",
+            topic=r"vision_speed",
+            refused="holds velocities in earth axes; record those of the DVL itself",
+        )
+        for kind in ("twiststamped", "twistwithcovariancestamped", "vector3stamped")
+    ),
     Layout("twistwithcovariancestamped", TWIST, TWIST_COVARIANCE),
     Layout("odometry", TWIST, TWIST_COVARIANCE, frame="child_frame_id"),
     Layout("twiststamped", xyz("twist.linear")),

@@ -35,6 +35,7 @@ BESIDE_POSITIONS = (
         scale={"angle": 0.01},
         missing={"angle": (0.0, 65535.0)},
     ),
+    Layout("gpsfix", {"angle": "track"}, refused="tells the course over ground, which is no heading"),  # gps_msgs
     Layout(
         "vector3stamped", {"angle": "vector.z"}, defaults={"unit": "by range"}
     ),  # roll, pitch, yaw by the vendor's own convention

@@ -1,7 +1,7 @@
 """Which NMEA 0183 sentences are understood, and which quantities each tells: degrees and metres.
 
 pynmeagps parses them all; the fields of vendors' own sentences are listed here after their manuals: Kongsberg's HiPAP
-and APOS (PSIMSSB, PSIMSNS), iXblue's GAPS (PTSAG, PTSAX, PTSAH), Sonardyne's Ranger 2 (PSONLLD), EvoLogics (PEVOSSB),
+and APOS (PSIMSSB, PSIMSNS), iXblue's GAPS (PTSAG, PTSAX), Sonardyne's Ranger 2 (PSONLLD), EvoLogics (PEVOSSB),
 Cerulean's ROV Locator (USRTH, USTLC). A sentence that tells different things by one of its fields is of several kinds,
 named with that field: PSIMSSB_C_H is Cartesian and head up, PTSAG_ship tells the place of the ship itself.
 """
@@ -62,6 +62,11 @@ def _gns(m: Any) -> Told:
 
 def _rmc(m: Any) -> Told:
     return _place(m, getattr(m, "status", "A") == "A")
+
+
+def _tll(m: Any) -> Told:
+    tracked = _status(m.status not in ("L", "Q"))  # lost, or still in acquisition
+    return str(m.targetnum), _number(m, "targetlat"), _number(m, "targetlon"), tracked
 
 
 def _hdt(m: Any) -> Told:
@@ -173,6 +178,7 @@ KINDS: Mapping[str, Kind] = {
     "GNS": Kind(PLACE, _gns, time=0),
     "RMC": Kind(PLACE, _rmc, time=0, date=(8,)),
     "GLL": Kind(PLACE, _rmc, time=4),
+    "TLL": Kind(("target", *PLACE), _tll, time=6),
     "ZDA": Kind(time=0, date=(1, 2, 3)),
     "HDT": Kind(("heading_deg",), _hdt),
     "THS": Kind(("heading_deg",), _ths),
@@ -208,7 +214,7 @@ KINDS: Mapping[str, Kind] = {
         fields=f"{GAPS} x:DE y:DE validity z:DE",
     ),
     "PTSAY": Kind(time=1, date=(2, 3, 4)),
-    "PTSAH": Kind(("heading_deg",), _heading, fields="id heading:DE speed:DE"),
+    "PTSAH": Kind(),  # known, but not what its fields are
     "PSONLLD": _ranger_place,
     "PSONLLD_ship": _ranger_place,
     "PSONALL": _timed,

@@ -18,8 +18,6 @@ NMEA_HEADINGS = (
         Layout(kind, {"angle": "magnetic_deg", "is_true": "corrected"}, {}, "by type", COMPASS_DEG)
         for kind in ("hdg", "hdm")
     ),
-    *(
-        Layout(kind, {"angle": "heading_deg"}, {}, "only when named", COMPASS_DEG)  # of the USBL's head, on the ship
-        for kind in ("psimsns", "ptsah")
-    ),
+    Layout("psimsns", {"angle": "heading_deg"}, {}, "only when named", COMPASS_DEG),  # of the USBL's head, on the ship
+    Layout("ptsah", {}, recognised="only when named", refused="has fields that are not known here; log HDT"),
 )

@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.clocks import least_delay_ns
 from usbldr.io.conventions import stated
 from usbldr.io.log import Finding, Origin
 from usbldr.io.messages import Mask, Raw
@@ -13,6 +15,7 @@ from usbldr.io.sections import UsblSection
 
 FULL_FIX = 2  # of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
 RANGED = ("MSG_RESPU", "MSG_RESPX")  # of SeaTrac's kinds of messages, which HoloOcean uses: those that tell a range
+STALE_NS = 9_900 * 1_000_000_000  # COLA2 stamps a fix so long ago where it has none
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
 
 
@@ -23,7 +26,8 @@ def of_target(raw: Raw, target: str | int | None) -> tuple[Raw, list[str], list[
             return raw, [], []
         text = f"{raw.topic.name}: target of the configuration is not used; its records name none"
         return raw, [], [Finding("KEY-UNUSED", text)]
-    names, counts = np.unique(raw.text("target"), return_counts=True)
+    told = _names(raw)
+    names, counts = np.unique(told, return_counts=True)
     listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
     wanted = str(target) if target is not None else str(names[0]) if len(names) == 1 else None
     if wanted is None:
@@ -32,7 +36,14 @@ def of_target(raw: Raw, target: str | int | None) -> tuple[Raw, list[str], list[
     if wanted not in names:
         raise UsageError(f"{raw.log}: [usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
     who = "configuration" if target is not None else "the only one"
-    return _rows(raw, raw.text("target") == wanted), [f"target {wanted} ({who})"], []
+    return _rows(raw, told == wanted), [f"target {wanted} ({who})"], []
+
+
+def _names(raw: Raw) -> NDArray[np.str_]:
+    """Return the targets as texts, (n,); a number that a format has only as 3.0 is 3."""
+    column = raw.values["target"]
+    whole = column.dtype.kind == "f" and bool(np.all(column == np.trunc(column)))
+    return np.asarray(column.astype(np.int64) if whole else column, dtype=np.str_)
 
 
 def told_once(raw: Raw) -> tuple[Raw, list[Finding]]:
@@ -40,7 +51,7 @@ def told_once(raw: Raw) -> tuple[Raw, list[Finding]]:
     again = np.zeros(len(raw.received_ns), dtype=np.bool_)
     if "lat_deg" in raw.layout.required and not raw.topic.type.startswith("usbldr/"):
         columns = [column for path, column in raw.values.items() if not path.startswith("header.")]
-        again[1:] = np.all([column[1:] == column[:-1] for column in columns], axis=0)
+        again[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
     if not again.any():
         return raw, []
     text = f"{raw.topic.name}: {again.sum()} of {len(again)} fixes repeat the one before to the last digit; left out"
@@ -97,9 +108,16 @@ def fix_causes(raw: Raw) -> dict[str, Mask]:
         "flagged invalid": raw.number("valid") == 0,
         "flagged as an outlier by the system itself": raw.number("outlier") == 1,
         "of range or angle alone": (raw.number("fix_kind") < FULL_FIX) | _without_range(raw),
+        "stamped hours before they came": _stale(raw),
         "of negative accuracy": raw.number("sd_m") < 0,
         "exactly at the head": ((x == 0) & (y == 0) & offset) | (slant_m <= 0),
     }
+
+
+def _stale(raw: Raw) -> Mask:
+    if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):
+        return np.zeros(len(raw.received_ns), dtype=np.bool_)
+    return (raw.stamp_ns != 0) & (raw.received_ns - raw.stamp_ns - least_delay_ns(raw) > STALE_NS)
 
 
 def _without_range(raw: Raw) -> Mask:

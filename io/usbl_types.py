@@ -50,8 +50,8 @@ SENTENCES = (
     ),
     # a position of the target, as Water Linked's UGPS sends it: known by the topic's name alone
     *(
-        Layout(kind, own("lat_deg", "lon_deg"), {"status": "fix_status"}, "by type and name", LATLON)
-        for kind in ("gga", "gll")
+        Layout(kind, own("lat_deg", "lon_deg"), own("target") | {"status": "fix_status"}, "by type and name", LATLON)
+        for kind in ("gga", "gll", "tll")
     ),
 )
 """Kinds of NMEA sentences."""
