@@ -37,13 +37,55 @@ def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest
     assert table["sd_mps"].iloc[0] == pytest.approx(0.02)
 
 
-def test_every_type_that_the_page_names_is_known() -> None:
-    table = DOC[DOC.index("## What is read") : DOC.index("NMEA sentences are listed")]
-    named = {name.rpartition("/")[2].rpartition(".")[2] for name in re.findall(r"`([A-Za-z0-9_./]+)`", table)}
-    known = {layout.type for layouts in sensor_types.LAYOUTS.values() for layout in layouts}
+def cells(heading: str, column: int) -> list[str]:
+    """Return one column of the tables under a heading of the page."""
+    part = DOC[DOC.index(heading) :].split("\n## ")[0]
+    rows = [line.strip("| ").split(" | ") for line in part.splitlines() if line.startswith("| ")]
+    return [row[column] for row in rows]
 
-    fields_and_packages = {"velocity_valid", "uuv_sensor_msgs", "rel_alt"}
-    assert {name.lower() for name in named - fields_and_packages} <= known
+
+def names(cell: str) -> set[str]:
+    """Return the types that a cell names, without their packages, in lower case; a name with a suffix is a topic's."""
+    words = re.findall(r"`([A-Za-z0-9_./]+)`", cell)
+    return {word.rpartition("/")[2].rpartition(".")[2].lower() for word in words}
+
+
+def test_every_type_that_the_page_names_is_known() -> None:
+    known = {layout.type for layouts in sensor_types.LAYOUTS.values() for layout in layouts if not layout.refused}
+
+    named = set[str]().union(*map(names, cells("## What is read", 0)))
+    assert named - {"compass_hdg", "rel_alt"} <= known
+
+
+SENSORS = {"DVL": "dvl", "heading": "compass", "USBL": "usbl", "GPS": "gps", "depth": "depth"}
+FOUND = {"by type": "by type", "with a name": "by type and name", "named": "only when named"}
+
+
+def test_each_type_is_found_the_way_that_the_page_says() -> None:
+    role = ""
+    for kind, found in zip(cells("## What is read", 0), cells("## What is read", 1), strict=True):
+        role = SENSORS.get(kind, role)
+        for name in names(kind) - {"compass_hdg"} if found in FOUND else ():
+            ways = {layout.recognised for layout in sensor_types.LAYOUTS[role] if layout.type == name}
+            assert FOUND[found] in ways, f"{role} {name}"
+
+
+def test_every_type_that_is_read_stands_on_the_page() -> None:
+    ours = {*sensor_types.LAYOUTS, "psonlld_ship", "ptsag_ship"}
+    read = {layout.type for layouts in sensor_types.LAYOUTS.values() for layout in layouts if not layout.refused}
+
+    assert read - ours <= set[str]().union(*map(names, cells("## What is read", 0)))
+
+
+def test_every_refusal_stands_on_the_page_and_no_other() -> None:
+    layouts = [layout for layouts in sensor_types.LAYOUTS.values() for layout in layouts if layout.refused]
+    starred = {layout.refused for layout in layouts if layout.recognised == "only when named"}
+    types, sentences = cells("## What is refused", 0)[1:], cells("## What is refused", 1)[1:]  # without the heading
+
+    assert set(sentences) == {layout.refused for layout in layouts}
+    assert {why for kind, why in zip(types, sentences, strict=True) if kind.endswith("*")} == starred
+    for layout in layouts:
+        assert layout.type in names(types[sentences.index(layout.refused)]), layout.type
 
 
 def test_every_file_that_the_page_names_is_there() -> None:
