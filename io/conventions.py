@@ -22,6 +22,7 @@ from usbldr.io.times import Times, times_of
 WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
 SURFACE_PA = 101325.0
 IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
+DEEPEST_M = 12_000.0  # no sea is deeper
 PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
 
 
@@ -84,7 +85,7 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
 
     Raises LogError where all are invalid, or where so many are too fast that the unit must be another.
     """
-    by_frame = "FRD" if "ned" in raw.frame_id.lower() or "frd" in raw.frame_id.lower() else "FLU"
+    by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
     axes, who, findings = stated(raw, "axes", section.axes, by_frame)
     who = f'by frame_id "{raw.frame_id}"' if who == "default" else who
     unit, unit_who, more = stated(raw, "unit", section.unit, "m/s")
@@ -152,8 +153,8 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
         pressure = raw.number("pressure") * PASCALS[unit]
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
         said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
-        if section.unit is None and section.surface_pa is None and np.nanmedian(pressure) < 5e4:
-            median = np.nanmedian(pressure)
+        median = float(np.median(pressure[known])) if (known := np.isfinite(pressure)).any() else SURFACE_PA
+        if section.unit is None and section.surface_pa is None and median < 5e4:
             text = f"{raw.topic.name}: not used as depth: a median of {median:g} cannot be Pa; state unit under [depth]"
             return Finding("DEPTH-UNIT", text)
         value = (pressure - surface) / WATER_PA_PER_M
@@ -161,7 +162,7 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
     else:
         _refuse(None if section.surface_pa is None else "", "surface_pa", "depths", raw)
         height = "height" in raw.values
-        usual = "up" if height and not re.search("ned|frd", raw.frame_id.lower()) else "down"
+        usual = "up" if height and not named_frd(raw.frame_id) else "down"
         if unit != "m":
             raise UsageError(f'{raw.log}: [depth] unit = "{unit}": {raw.topic.name} holds depths in m')
         sign, sign_who, more = stated(raw, "positive", section.positive, usual)
@@ -176,7 +177,8 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
                 f'if it counts the other way, state positive = "{"up" if sign == "down" else "down"}" under [depth]'
             )
             findings.append(Finding("DEPTH-SIGN", text))
-    good, invalid = dropped(raw, {"not a number": ~np.isfinite(value)}, "depth", "left out")
+    causes = {"not a number": ~np.isfinite(value), f"beyond {DEEPEST_M / 1000:.0f} km": np.abs(value) > DEEPEST_M}
+    good, invalid = dropped(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
     return kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
 

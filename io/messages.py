@@ -19,6 +19,8 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 Mask: TypeAlias = NDArray[np.bool_]  # (n,)
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
+MOST = 1e12  # in any unit: beyond, a number is a driver's way to say none, or another field's bytes
+
 
 @dataclass(frozen=True, slots=True)
 class Layout:
@@ -61,12 +63,13 @@ class Raw:
     def number(self, quantity: str) -> Vector:
         """Return a quantity as floats in its own unit, (n,).
 
-        NaN where it is no finite number or one that means no data, and where the messages have no such field.
+        NaN where it is no finite number, one beyond MOST or one that means no data, and where the messages have no such
+        field.
         """
         if quantity not in self.values:
             return np.full(len(self.received_ns), np.nan)
         values = np.asarray(self.values[quantity], dtype=np.float64)
-        known = np.isfinite(values) & ~np.isin(values, self.layout.missing.get(quantity, ()))
+        known = (np.abs(values) <= MOST) & ~np.isin(values, self.layout.missing.get(quantity, ()))
         return np.where(known, values * self.layout.scale.get(quantity, 1.0), np.nan)
 
     def text(self, quantity: str) -> NDArray[np.str_]:

@@ -15,6 +15,8 @@ from usbldr.io.sections import GpsSection
 from usbldr.io.times import times_of
 
 UNDERWATER_M = 1.0
+MOST_M = 2e7  # half around the earth
+MOST_SD_M = 1e6  # an error that is said to be larger is unknown
 SD_OF_95_PERCENT = 1 / 2.4477  # a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
@@ -45,7 +47,8 @@ def place_causes(raw: Raw) -> dict[str, Mask]:
         causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (raw.number("fix_type") < 2) | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
-    return causes
+        return causes
+    return causes | off_the_plane(a, b)
 
 
 def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vector]:
@@ -66,6 +69,11 @@ def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vecto
     return to_plane(origin, x, y)
 
 
+def off_the_plane(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
+    """Return as a cause which places (n,) lie on no map of this earth."""
+    return {f"beyond {MOST_M / 1000:.0f} km": np.fmax(np.abs(east_m), np.abs(north_m)) > MOST_M}
+
+
 def message_covariance(raw: Raw, frame: str) -> Array:
     """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none."""
     if "sd_m" in raw.values:
@@ -80,19 +88,21 @@ def message_covariance(raw: Raw, frame: str) -> Array:
         if frame == "NED":
             ee, nn = nn, ee
     R = np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
-    unknown = ~((ee > 0) & (nn > 0) & np.isfinite(en)) | (raw.number("covariance_type") == 0)
+    least, most = np.fmin(ee, nn), np.fmax(ee, nn)
+    unknown = ~((least > 0) & (most <= MOST_SD_M**2) & np.isfinite(ee + nn + en)) | (raw.number("covariance_type") == 0)
     return np.where(unknown[:, None, None], _round(raw.number("error_95_m") * SD_OF_95_PERCENT), R)
 
 
 def _round(sd_m: Vector) -> Array:
-    """Return covariances without a direction, (n, 2, 2); NaN where the sd is no positive number."""
-    return np.eye(2) * np.where(sd_m > 0, sd_m, np.nan)[:, None, None] ** 2
+    """Return covariances without a direction, (n, 2, 2); NaN where the sd is no number between 0 and MOST_SD_M."""
+    known = (sd_m > 0) & (sd_m <= MOST_SD_M)
+    return np.eye(2) * np.where(known, sd_m, np.nan)[:, None, None] ** 2
 
 
 def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
     """Turn GPS fixes, or another reference's positions, to east and north; fixes without validity are left out."""
     latlon = "lat_deg" in raw.layout.required
-    frame, who, findings = stated(raw, "frame", section.frame, "NED" if "ned" in raw.frame_id.lower() else "ENU")
+    frame, who, findings = stated(raw, "frame", section.frame, "NED" if named_ned(raw.frame_id) else "ENU")
     if latlon != (frame == "latlon") and latlon:
         raise UsageError(f'{raw.log}: frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
     good, invalid = dropped(raw, place_causes(raw), "gps", "left out")

@@ -19,7 +19,7 @@ from usbldr.io.conventions import Converted, converted, dropped, kept, stated
 from usbldr.io.heads import KnownEnd, Samples, clockwise, known_end
 from usbldr.io.log import Finding, Origin
 from usbldr.io.messages import Mask, Raw
-from usbldr.io.positions import on_plane
+from usbldr.io.positions import off_the_plane, on_plane
 from usbldr.io.sections import UsblSection
 from usbldr.io.times import times_of
 from usbldr.io.usbl_noise import floored, of_known_end, sensor_covariance, stated_covariance
@@ -76,7 +76,8 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) 
         )
         findings.append(Finding("MAP-UNKNOWN", text))
 
-    good, invalid = dropped(raw, sight.causes, "usbl", "left out")
+    causes = {**sight.causes, **off_the_plane(*sight.position_m.T)}
+    good, invalid = dropped(raw, causes, "usbl", "left out")
     line = sight.position_m - (end.place_m if end else np.nan)
     own, sd_said = sensor_covariance(section, sight.stated_m2, line, sight.drop_m)
     R = floored(own + of_known_end(end, sight.turned_m) if end is not None and sight.from_end else own)
@@ -99,7 +100,7 @@ def _by_latitude(raw: Raw, origin: Origin | None, drop_m: Vector) -> Sight:
 
 def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: KnownEnd | None, drop_m: Vector) -> Sight:
     """Place offsets from the head or beacon, and positions on the map."""
-    by_frame = "NED" if "ned" in raw.frame_id.lower() else "ENU"
+    by_frame = "NED" if named_ned(raw.frame_id) else "ENU"
     frame, who, findings = stated(raw, "frame", section.frame, by_frame)
     relative, relative_who, more = stated(raw, "relative_to", section.relative_to, "head" if end else "map")
     relative = "head" if frame == "body" else relative
@@ -130,7 +131,7 @@ def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: Kno
 
 def _along_axes(raw: Raw, section: UsblSection) -> tuple[Array, Array, str, list[Finding]]:
     """Return starboard and forward of the instrument, (n, 2), and those two of its axes x and y, (2, 2)."""
-    by_frame = "FRD" if "ned" in raw.frame_id.lower() or "frd" in raw.frame_id.lower() else "FLU"
+    by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
     names, who, findings = stated(raw, "axes", section.axes, by_frame)
     along, axes = np.zeros((len(raw.received_ns), 3)), np.zeros((3, 2))
     for column, (name, (axis, sign)) in enumerate(zip("xyz", axis_signs(names), strict=True)):

@@ -1,10 +1,12 @@
-"""Shared fixtures: where the field logs lie."""
+"""Shared fixtures: where the field logs lie, and runs that draw nothing."""
 
 import os
 import signal
 from pathlib import Path
 
 import pytest
+
+import usbldr_cli.figures
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -21,3 +23,9 @@ def field_logs() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no field logs at {folder} (set USBLDR_FIELD_LOGS)")
     return folder
+
+
+@pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the pictures, which take longer than all the rest."""
+    monkeypatch.setattr(usbldr_cli.figures, "write_figures", lambda *_: [])

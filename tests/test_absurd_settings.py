@@ -14,7 +14,6 @@ import pytest
 from click.testing import CliRunner, Result
 from msgspec import Struct
 
-import usbldr_cli.figures
 from dives import PRESSURE, SECOND, T0, fix, write_mcap, yaw
 from test_doctor import dive
 from usbldr.filters.errors import UsageError, UsbldrError
@@ -160,11 +159,6 @@ def check_sentence(done: Result, key: str) -> None:
         assert "settings.toml: [" in str(done.exception)
         assert f"[{section}" in str(done.exception)
         assert name in str(done.exception)
-
-
-@pytest.fixture
-def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(usbldr_cli.figures, "write_figures", lambda *_: [])
 
 
 def test_every_key_that_holds_a_number_is_among_those_tried() -> None:
