@@ -1,4 +1,6 @@
-"""The letters that say where the x, y and z axis of an instrument point."""
+"""Where the x, y and z axis of an instrument point: by letters that a user states, or by the name of their frame."""
+
+import re
 
 
 def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:
@@ -23,3 +25,22 @@ def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:
             "name where x, y and z point by one letter each: F or B, S (R) or P (L), U or D"
         )
     return signs
+
+
+def _word(word: str) -> re.Pattern[str]:
+    """Match a word in a name like world_ned, worldNed or NED; not within another, as in imu_aligned."""
+    alone, inside, loud = f"(?<![A-Za-z])(?i:{word})", f"(?<=[a-z]){word.title()}", f"(?<![A-Z]){word.upper()}"
+    return re.compile(f"({alone}|{inside}|{loud})(?![a-z])")
+
+
+NED, FRD = _word("ned"), _word("frd")
+
+
+def named_ned(frame_id: str) -> bool:
+    """Tell whether a frame's name says that it counts north, east, down."""
+    return NED.search(frame_id) is not None
+
+
+def named_frd(frame_id: str) -> bool:
+    """Tell whether a frame's name says forward, starboard, down: that of a body in a world of north, east, down."""
+    return named_ned(frame_id) or FRD.search(frame_id) is not None

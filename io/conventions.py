@@ -3,7 +3,6 @@
 An error of a sensor that the configuration states is subtracted here. Angles are degrees clockwise.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Vector
-from usbldr.io.axes import axis_signs
+from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.dvl_types import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
 from usbldr.io.log import Finding
 from usbldr.io.messages import Mask, Raw

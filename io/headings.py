@@ -10,6 +10,7 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.types import Vector
+from usbldr.io.axes import named_ned
 from usbldr.io.conventions import Converted, converted, dropped, kept, stated
 from usbldr.io.log import Finding, Origin
 from usbldr.io.messages import Mask, Raw
@@ -58,7 +59,7 @@ def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
 
 def _clockwise(raw: Raw, section: CompassSection) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
     """Return headings clockwise from whatever north, degrees (n,); by cause which are invalid; what was assumed."""
-    by_frame = "NED" if "ned" in raw.frame_id.lower() else None
+    by_frame = "NED" if named_ned(raw.frame_id) else None
     convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
     who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
     said = [f"convention {convention} ({who})"]

@@ -7,6 +7,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Array, Vector
+from usbldr.io.axes import named_ned
 from usbldr.io.conventions import Converted, converted, dropped, stated
 from usbldr.io.geodesy import to_geodetic, to_plane
 from usbldr.io.log import Origin

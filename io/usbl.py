@@ -14,7 +14,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.types import Array, Vector
-from usbldr.io.axes import axis_signs
+from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions import Converted, converted, dropped, kept, stated
 from usbldr.io.heads import KnownEnd, Samples, clockwise, known_end
 from usbldr.io.log import Finding, Origin

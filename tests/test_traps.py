@@ -265,6 +265,24 @@ def test_a_bearing_and_an_offset_of_one_target_agree(tmp_path: Path) -> None:
     assert places[0] == pytest.approx(places[1], abs=1e-5)
 
 
+@pytest.mark.parametrize("frame", ["world_ned", "NED", "nav/ned", "worldNed", "map_NED_1"])
+def test_a_frame_that_is_called_ned_counts_north_first(tmp_path: Path, frame: str) -> None:
+    log_ns, topic, kind, values = point(T0, 3.0, 4.0)
+
+    log = logged(tmp_path, (log_ns, topic, kind, {**values, "header.frame_id": frame}))
+
+    assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[4.0, 3.0]]
+
+
+@pytest.mark.parametrize("frame", ["map_aligned", "tuned", "needle", "planned_map", "ALIGNED", "map"])
+def test_a_word_that_ends_in_ned_is_no_frame(tmp_path: Path, frame: str) -> None:
+    log_ns, topic, kind, values = point(T0, 3.0, 4.0)
+
+    log = logged(tmp_path, (log_ns, topic, kind, {**values, "header.frame_id": frame}))
+
+    assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[3.0, 4.0]]
+
+
 def test_points_and_twists_without_any_frame_count_by_rep_103(tmp_path: Path) -> None:
     log = logged(tmp_path, point(T0, 3.0, 4.0), twist(T0, 1.0, 0.5))
 
