@@ -4,18 +4,27 @@ This is the only difference between ekf, ckf and ukf. A Function is affine in al
 ``curved``; sigma points in the other directions would only repeat the affine part, so they are summed in closed form.
 With the curved states first in the Cholesky root the result equals the full set of 2n points (tests/test_rules.py).
 
+Points see a function between them. Once the yaw is known so badly that they lie more than a quarter turn off, they see
+another side of the circle: what they say of the displacement is small whatever the truth, and a vehicle without a
+compass would seem to know where it is. There every rule is linearised, which overstates what a turn can do.
+
 I. Arasaratnam and S. Haykin, "Cubature Kalman Filters", IEEE Trans. Automatic Control 54(6), 2009,
 doi:10.1109/TAC.2009.2019800; S. Julier and J. Uhlmann, "Unscented filtering and nonlinear estimation", Proc. IEEE
 92(3), 2004, doi:10.1109/JPROC.2003.823141.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from usbldr.filters.layout import Layout
 from usbldr.filters.types import Array
+
+YAW = Layout().index("psi")  # in every layout
+FARTHEST_RAD = math.pi / 2  # of a point from the mean
 
 
 class Function(Protocol):
@@ -85,20 +94,32 @@ class Unscented:
         base = g.predict(m)
         if not g.curved:
             return Moments(base, *_affine(P, g.affine, g.jacobian(m)))
-        n = len(m)
-        scale = 3.0 if self.kappa is None else n + self.kappa  # n + kappa
-        root, rest = _partial_root(P, g.curved)
-        step = np.sqrt(scale) * root  # (n, c, N)
-        cov, cross = _affine(rest, g.affine, g.jacobian(m)[:, len(g.curved) :])
-        shift = np.zeros_like(base)
-        for j in range(len(g.curved)):
-            ahead = g.residual(g.predict(m + step[:, j]), base)
-            behind = g.residual(g.predict(m - step[:, j]), base)
-            shift += ahead + behind
-            cov += (ahead[:, None] * ahead[None] + behind[:, None] * behind[None]) / (2 * scale)
-            cross += step[:, j, None] * (ahead - behind)[None] / (2 * scale)
-        shift /= 2 * scale
-        return Moments(base + shift, cov - shift[:, None] * shift[None], cross)
+        scale = 3.0 if self.kappa is None else len(m) + self.kappa  # n + kappa
+        if YAW not in g.curved:
+            return _by_points(g, m, P, base, scale)
+        lost = scale * P[YAW, YAW] > FARTHEST_RAD**2
+        if not lost.any():
+            return _by_points(g, m, P, base, scale)
+        if lost.all():
+            return linearised(g, m, P)
+        both = zip(linearised(g, m, P), _by_points(g, m, P, base, scale), strict=True)
+        return Moments(*(np.where(lost, straight, bent) for straight, bent in both))
+
+
+def _by_points(g: Function, m: Array, P: Array, base: Array, scale: float) -> Moments:
+    """Return the moments by points at sqrt(scale) sigma about the mean, where g is ``base``."""
+    root, rest = _partial_root(P, g.curved)
+    step = np.sqrt(scale) * root  # (n, c, N)
+    cov, cross = _affine(rest, g.affine, g.jacobian(m)[:, len(g.curved) :])
+    shift = np.zeros_like(base)
+    for j in range(len(g.curved)):
+        ahead = g.residual(g.predict(m + step[:, j]), base)
+        behind = g.residual(g.predict(m - step[:, j]), base)
+        shift += ahead + behind
+        cov += (ahead[:, None] * ahead[None] + behind[:, None] * behind[None]) / (2 * scale)
+        cross += step[:, j, None] * (ahead - behind)[None] / (2 * scale)
+    shift /= 2 * scale
+    return Moments(base + shift, cov - shift[:, None] * shift[None], cross)
 
 
 cubature: Rule = Unscented(kappa=0.0)

@@ -135,6 +135,33 @@ def test_a_state_without_variance_has_no_points() -> None:
     assert not cross.any()
 
 
+def test_a_yaw_that_is_hardly_known_does_not_make_the_way_known() -> None:
+    """Points at a whole turn would find the vehicle going straight on: the way across would have no variance."""
+    m, P = np.array([[0.3, 0.0, 1.2, 0.0, 0.0, 0.0]]).T, np.zeros((6, 6, 1))
+    for sd_rad in (0.7, 1.0, 2 * np.pi / np.sqrt(6), 5.0, 20.0):
+        P[0, 0] = sd_rad**2
+        for rule in (cubature, Unscented()):
+            moved = rule(FUNCTIONS["move"], m, P)
+
+            across = np.array([np.cos(0.3), np.sin(0.3)])
+            sd_m = np.sqrt(across @ moved.cov[:, :, 0] @ across)
+            assert sd_m > 0.6 * 1.2 * 0.7 * min(sd_rad, 1.0)  # what a Gaussian yaw of 1 rad leaves of speed and time
+            assert np.hypot(*moved.mean[:, 0]) > 0.6 * 1.2 * 0.7
+
+
+def test_of_a_bank_only_the_members_that_lost_their_yaw_are_linearised() -> None:
+    rng = np.random.default_rng(6)
+    members = [random_gaussian(rng, 6) for _ in range(4)]
+    m, P = np.stack([a for a, _ in members], -1), np.stack([b for _, b in members], -1)
+    P[0, 0, 2] += 9.0
+
+    told = cubature(FUNCTIONS["move"], m, P)
+
+    for got, straight in zip(told, linearised(FUNCTIONS["move"], m, P), strict=True):
+        np.testing.assert_array_equal(got[..., 2], straight[..., 2])
+        assert not np.allclose(got[..., 1], straight[..., 1], atol=1e-6)
+
+
 def test_a_fix_of_the_epoch_is_no_special_case() -> None:
     m, P = random_gaussian(np.random.default_rng(5))
     picked = cubature(UsblFix(LAYOUT, 0.0), m[:, None], P[:, :, None])
