@@ -14,8 +14,11 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import log_number_tables as number_tables
 import log_survey_tables as tables
-from field_logs import field_folder
+from field_logs import CASES, field_folder
+from log_expected import EXPLAINED, compared, expected
+from log_measured import measured
 from log_survey_runs import Said, Surveyed, field_logs, other_files, survey
 from paper import filled, minutes
 from usbldr.filters.errors import UsbldrError
@@ -33,11 +36,12 @@ def main() -> int:
         with TemporaryDirectory() as scratch:
             logs = (*field_logs(), *other_files(folder))
             heard = survey(logs, folder, Path(scratch), asked.jobs, asked.held_back)
+        numbers = measure(folder, asked.held_back)
     except UsbldrError as fault:
         print(f"log_survey.py: {fault}", file=sys.stderr)
         return fault.exit_code
     asked.output.mkdir(parents=True, exist_ok=True)
-    write_whole(asked.output / "logs.md", document(heard).encode())
+    write_whole(asked.output / "logs.md", document(heard, numbers).encode())
     wrong = [
         *(
             f"{log.name}: {said.command} broke: {said.err}"
@@ -46,6 +50,12 @@ def main() -> int:
             if said.broke
         ),
         *(f"{row.log}: doctor does not say {row.code}" for row in tables.WANTED if not tables.quote(row, heard)),
+        *(
+            f"{one.log}: {one.key} is {one.ours}, not {one.theirs}"
+            for of_log in numbers.values()
+            for one in of_log
+            if not (one.met or one.held_back or (one.log, one.key) in EXPLAINED)
+        ),
     ]
     print(*wrong, f"{asked.output / 'logs.md'}: {minutes(began)}", sep="\n")
     return 1 if wrong else 0
@@ -59,7 +69,18 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def document(heard: Mapping[Surveyed, tuple[Said, ...]]) -> str:
+def measure(folder: Path, held_back: bool) -> number_tables.Numbers:
+    """Hold our numbers beside those of each log's collectors."""
+    return {
+        name: compared(
+            name, expected(folder / case.folder, name), measured(folder, name, held_back or not case.held_back)
+        )
+        for name, case in CASES.items()
+        if case.folder
+    }
+
+
+def document(heard: Mapping[Surveyed, tuple[Said, ...]], numbers: number_tables.Numbers) -> str:
     """Return docs/logs.md: the text with every table in its place."""
     field = {log: said for log, said in heard.items() if log in field_logs()}
     other = {log: said for log, said in heard.items() if log not in field}
@@ -68,6 +89,8 @@ def document(heard: Mapping[Surveyed, tuple[Said, ...]]) -> str:
         "summary": tables.summary(heard),
         "findings": tables.findings(heard),
         "field": tables.sections(field),
+        "numbers": number_tables.summary(numbers),
+        "measured": number_tables.sections(numbers),
         "other": tables.others(other),
     }
     return filled(TEXT.read_text(encoding="utf-8"), parts)

@@ -70,10 +70,7 @@ def sections(heard: Heard) -> str:
         if new:
             parts += [table(header, new), ""]
         if len(new) < len(rows):
-            parts += [
-                f"{'The other' if new else 'All'} {len(rows) - len(new)} commands say what they say of {known}.",
-                "",
-            ]
+            parts += [f"{'The rest' if new else 'All'} is word for word as of {known}.", ""]
         already.update(rows)
     return "\n".join(parts).rstrip()
 
