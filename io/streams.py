@@ -90,7 +90,7 @@ def decoder_of(type_name: str, definition: bytes, encoding: str, definition_enco
     if make is None and not definition:
         return f"its messages ({encoding or 'unknown encoding'}) carry no definition"
     if make is None:
-        can = " and ".join(f"{message} with {text}" for message, text in DECODERS)
+        can = ", ".join(message if message == text else f"{message} with {text}" for message, text in DECODERS)
         return f"encoding {encoding} with {definition_encoding} definitions is not supported, only {can}"
     try:
         return make(type_name, definition)

@@ -7,7 +7,7 @@ from pathlib import Path
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.log import Finding, Log
 from usbldr.io.opening import Request, open_configured
-from usbldr.io.read import read, roles_of
+from usbldr.io.read import read, require, roles_of
 from usbldr.io.reader import TopicInfo
 
 
@@ -22,7 +22,7 @@ class Survey:
     roles: Mapping[str, str]  # role -> topic
     findings: tuple[Finding, ...]
     log: Log | None  # None: fault says why
-    fault: str
+    fault: str  # why it cannot be replayed as it stands; a log without any sensor needs no reason
 
     @property
     def complete(self) -> bool:
@@ -39,6 +39,8 @@ def survey(path: Path, request: Request) -> Survey:
     log, fault = None, ""
     try:
         log = read(opened, request)
+        if roles:
+            require(log, ("dvl", "compass"))  # without fixes there is still dead reckoning
     except UsbldrError as err:
         fault = str(err).removeprefix(f"{path}: ")
     return Survey(

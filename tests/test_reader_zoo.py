@@ -86,6 +86,13 @@ def test_replay_refuses_each_odd_file_in_one_sentence(zoo: Path, tmp_path: Path,
     assert not list(tmp_path.iterdir())
 
 
+def test_info_says_which_sensor_a_replay_would_miss(zoo: Path) -> None:
+    result = CliRunner().invoke(cli, ["info", str(zoo / "29_test1.bag")], standalone_mode=False)
+
+    assert result.return_value == 0
+    assert "not to be replayed as it stands: no dvl data (sensors in this log: compass, gps)" in result.stdout
+
+
 def test_a_bad_definition_leaves_the_other_topics_readable(zoo: Path) -> None:
     log = open_log(zoo / "08_test_bad_schema.mcap")
     readable = [topic for topic in log.topics() if not topic.problem]
