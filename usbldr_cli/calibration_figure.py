@@ -9,7 +9,7 @@ import numpy as np
 
 from usbldr.filters.calibration import Found, assumed_sd, found
 from usbldr.io.reports import Run
-from usbldr_cli.canvas import TRUTH_COLOUR, Axes, Figure, canvas, colour, legend_below, shade_outages
+from usbldr_cli.canvas import TRUTH_COLOUR, Axes, Figure, canvas, colour, legend_below, shade_outages, time_axis
 
 SETTLING = 0.05  # share of the run in which a sigma may still be as wide as before, and sets no scale
 PRIOR_COLOUR = "#bbbbbb"
@@ -25,8 +25,7 @@ def calibration_figure(run: Run) -> Figure | None:
     assumed = assumed_sd(run.log.assumptions.errors)
     for axes, error in zip(panels[:, 0], errors, strict=True):
         _draw(axes, run, error, assumed[error.name])
-    panels[-1, 0].set_xlabel("time since the log's start [s]")
-    panels[-1, 0].set_xlim(run.timeline.time_s[0], run.timeline.time_s[-1])
+    time_axis(panels[-1, 0], run.timeline.time_s)
     legend_below(figure, (panels[0, 0],))
     return figure
 

@@ -134,6 +134,13 @@ def others(run: Run) -> list[Scored]:
     return [other for other in run.baselines if other.trajectory.filter != run.filter]
 
 
+def time_axis(axes: Axes, *times_s: Vector) -> None:
+    """Name the axis of time, and let it span these times: of a run of one moment, a second."""
+    first, last = min(t[0] for t in times_s), max(t[-1] for t in times_s)
+    axes.set_xlabel("time since the log's start [s]")
+    axes.set_xlim(first, last if last > first else first + 1.0)
+
+
 def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vector, Array]:
     """Return a line that is not drawn across times further apart than ``longest_s``."""
     cuts = np.flatnonzero(np.diff(time_s) > longest_s) + 1

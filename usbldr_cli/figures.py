@@ -22,6 +22,7 @@ from usbldr_cli.canvas import (
     others,
     save,
     shade_outages,
+    time_axis,
 )
 from usbldr_cli.health_figures import innovation_figure, particle_figure
 from usbldr_cli.track_figure import track_figure
@@ -75,8 +76,7 @@ def error_figure(run: Run) -> Figure | None:
         axes.set_ylim(-half, half)
         axes.set_ylabel(f"{axis} error [m]")
         axes.set_title(_error_title(report, k))
-    panels[1].set_xlabel("time since the log's start [s]")
-    panels[1].set_xlim(run.timeline.time_s[0], run.timeline.time_s[-1])
+    time_axis(panels[1], run.timeline.time_s)
     legend_below(figure, (panels[0],))
     return figure
 

@@ -19,6 +19,7 @@ from usbldr_cli.canvas import (
     colour,
     legend_below,
     shade_outages,
+    time_axis,
 )
 
 DENSE = 3000  # points: more of them are drawn smaller
@@ -72,8 +73,7 @@ def innovation_figure(run: Run) -> Figure | None:
     for axes, sensor in zip(tall[:, 0], sensors, strict=True):
         _draw_nis(axes, run, [update for update in updates if update.sensor == sensor], sensor)
     for axes in (rows[-1, 0], tall[-1, 0]):
-        axes.set_xlabel("time since the log's start [s]")
-        axes.set_xlim(run.timeline.time_s[0], run.timeline.time_s[-1])
+        time_axis(axes, run.timeline.time_s)
     legend_below(figure, (rows[0, 0], tall[0, 0]), 8)
     return figure
 
@@ -189,7 +189,6 @@ def particle_figure(run: Run) -> Figure | None:
         low.set_ylim(0, 1.02)
         low.set_ylabel("accepted share")
         low.set_title(f"accepted moves of resampled particles: mean {np.nanmean(trajectory.acceptance):.2f}")
-    panels[-1, 0].set_xlabel("time since the log's start [s]")
-    panels[-1, 0].set_xlim(t[0], t[-1])
+    time_axis(panels[-1, 0], t)
     legend_below(figure, (top,))
     return figure

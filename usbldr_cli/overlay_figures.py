@@ -8,7 +8,7 @@ import numpy as np
 
 from usbldr.filters.types import Array, Vector
 from usbldr.io.summary import TRUTHS
-from usbldr_cli.canvas import TRUTH_COLOUR, Axes, Figure, broken_at_gaps, colour, legend_below, titled
+from usbldr_cli.canvas import TRUTH_COLOUR, Axes, Figure, broken_at_gaps, colour, legend_below, time_axis, titled
 from usbldr_cli.comparison import Row
 from usbldr_cli.unit_store import Trace, read_trace
 
@@ -40,8 +40,7 @@ def error_figure(rows: Sequence[Row]) -> Figure | None:
         leaving = f"   ({', '.join(beyond)} beyond the frame)" if beyond else ""
         axes.set_title(f"{axis}: mean |error| {means} m{leaving}")
         axes.set_ylabel(f"{axis} error [m]")
-    panels[1].set_xlabel("time since the log's start [s]")
-    panels[1].set_xlim(min(t.time_s[0] for t in traces.values()), max(t.time_s[-1] for t in traces.values()))
+    time_axis(panels[1], *(t.time_s for t in traces.values()))
     legend_below(figure, (panels[0],), 8)
     return figure
 
