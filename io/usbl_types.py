@@ -69,7 +69,7 @@ MODEMS = (
         ENU_OF_HEAD,
     ),
     *(  # USBLLONG: evologics_ros_sync, vehicle_interface, nanoauv_localization_msgs; ROS 1 has capitals
-        Layout(kind, {"x": e, "y": n}, {"z": u} | ACCURATE | AGE, "by type", ENU_OF_HEAD)
+        Layout(kind, {"x": e, "y": n, "z": u}, ACCURATE | AGE, "by type", ENU_OF_HEAD)
         for kind in ("evologicsusbllong", "acousticmodemusbllong")
         for e, n, u in ("enu", "ENU", "END")
     ),

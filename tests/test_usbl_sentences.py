@@ -107,6 +107,37 @@ def test_radians_may_be_called_geodetic(tmp_path: Path) -> None:
     assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
 
 
+GEODETIC = {
+    "PSIMSSB,122640.00,B01,A,,D,G,M,4459.181960,N,09334.571154,W,3.0,1.5,N,,": "usbl",
+    "PEVOSSB,122640.00,2,1,G,T,R,44.986366,-93.5761859,-3.0,1.5,-30,180,,": "usbl",
+    "INGNS,122640.00,4459.181960,N,09334.571154,W,AN,8,0.9,1.0,48.0,,": "gps",
+    "INGLL,4459.181960,N,09334.571154,W,122640.00,A,A": "gps",
+}
+
+
+@pytest.mark.parametrize("body", GEODETIC)
+def test_latitudes_are_read_in_whatever_way_they_are_written(tmp_path: Path, body: str) -> None:
+    table = heard(tmp_path, body, toml=LAKE).tables[GEODETIC[body]]
+
+    assert table[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
+
+
+SHIPS = {
+    "PTSAG,#1,122640.000,13,09,2020,0,4459.181960,N,09334.571154,W,F,2.9,1,9999.0": "/PTSAG_ship",
+    "PSONLLD,122640.00,Ship 1,A,44.986366,-93.5761859,0.0,0.1,0.1,0.0,0.1,,,,": "/PSONLLD_ship",
+}
+
+
+@pytest.mark.parametrize("body", SHIPS)
+def test_a_ship_among_the_targets_is_where_the_head_is(tmp_path: Path, body: str) -> None:
+    """A HiPAP's target 40 m to the north of it."""
+    head = f'{LAKE}[usbl]\nhead = {{ topic = "{SHIPS[body]}" }}\n'
+
+    log = heard(tmp_path, body, "PSIMSSB,122640.00,B01,A,,C,N,M,40.0,0.0,10.0,0.5,N,,", toml=head)
+
+    assert places(log)[0] == pytest.approx([0, 40 + 1e-4 * METRES_A_DEGREE], abs=1e-3)
+
+
 EAST_30_NORTH_40 = {
     "PSIMSSB,122640.00,B01,A,,C,N,M,40.0,30.0,10.0,0.5,N,,": 0.0,
     "PSIMSSB,122640.00,B01,A,,C,E,M,30.0,40.0,10.0,0.5,N,,": 0.0,
