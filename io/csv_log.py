@@ -17,6 +17,9 @@ from usbldr.io.csv_text import nanoseconds, numbers, raw_header, read_texts, sec
 from usbldr.io.log import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
+WORDS = frozenset({"header.frame_id", "name", "lat_dir", "lon_dir", "fixtype", "bi_status"})
+"""Fields of messages that are texts."""
+
 
 @dataclass(frozen=True, slots=True)
 class Source:
@@ -159,7 +162,7 @@ class CsvLog:
             return self._times(source, sheet.stamp)
         name, rows = sheet.columns[path], self._rows(source)
         texts = [self._texts(source.file)[name][row] for row in rows]
-        return np.array(texts) if path == "header.frame_id" else numbers(texts, name, source.file, rows)
+        return np.array(texts) if path in WORDS else numbers(texts, name, source.file, rows)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report nothing: what cannot be read here is an error."""

@@ -144,3 +144,56 @@ def test_a_broken_number_of_a_long_file_is_told_with_its_line(tmp_path: Path) ->
         read_log(file)
 
     assert str(fault.value) == f'{file}: line 5: forward_mps is "fast", not a number'
+
+
+RECORDED: dict[str, tuple[str, str, str, tuple[float, ...]]] = {  # type: its columns, a row of them, what is made of it
+    "mUSBLFix": (
+        "relative_position.x relative_position.y relative_position.z source_id type",
+        "30 40 -1 3 2",
+        "usbl",
+        (30, 40),
+    ),
+    "BeaconInfo": (
+        "relative_position.x relative_position.y relative_position.z beacon_id",
+        "40 30 1 3",
+        "usbl",
+        (30, 40),
+    ),
+    "AcousticModemUSBLLONG": ("X Y Z E N U propagation_time remote_address", "1 2 3 30 40 -1 620 3", "usbl", (30, 40)),
+    "EvologicsUsbllong": ("x y z e n u propagation_time accuracy", "1 2 3 30 40 -1 620 1.5", "usbl", (30, 40)),
+    "Position": ("name latitude longitude depth age", "AUV 45 7 10 0.5", "usbl", (0, 0)),
+    "AcousticLocalization": ("sender_address latitude longitude accuracy", "3 45 7 2", "usbl", (0, 0)),
+    "GeoPointStamped": ("position.latitude position.longitude position.altitude", "45 7 -3", "usbl", (0, 0)),
+    "GPSData": ("latitude longitude fix_quality heading", "45 7 1 0", "gps", (45, 7)),
+    "UbloxNav": ("latitude longitude accuracy_horz fixtype", "45 7 0.5 3D", "gps", (45, 7)),
+    "Gpgga": ("lat lon lat_dir lon_dir gps_qual", "4500.0 700.0 S W 1", "gps", (-45, -7)),
+    "Azimuth": ("azimuth variance unit orientation reference", "90 1 1 1 1", "compass", (90,)),
+    "Compass": ("heading heading_covar is_true_heading", "90 1 True", "compass", (90,)),
+    "QuaternionStamped": ("quaternion.x quaternion.y quaternion.z quaternion.w", "0 0 0 1", "compass", (0,)),
+    "LinkquestDvl": ("velocityInst0 velocityInst1 velocityInst2 velocityInstFlag", "-2 -1 0 1", "dvl", (1, 2)),
+    "TeledyneExplorerDvl": ("bi_x_axis bi_y_axis bi_z_axis bi_status", "2 1 0 A", "dvl", (1, 2)),
+    "DepthPressure": ("depth pressure pressure_raw", "12.5 13 13", "depth", (12.5,)),
+    "Depth": ("depth variance", "12.5 0.1", "depth", (12.5,)),
+}
+MADE = {
+    "usbl": ["east_m", "north_m"],
+    "gps": ["lat_deg", "lon_deg"],
+    "compass": ["heading_deg"],
+    "dvl": ["starboard_mps", "forward_mps"],
+    "depth": ["depth_m"],
+}
+
+
+@pytest.mark.parametrize("kind", RECORDED)
+def test_messages_of_ros_1_are_known_by_their_columns_and_read_as_such(tmp_path: Path, kind: str) -> None:
+    names, row, sensor, want = RECORDED[kind]
+    columns = ",".join(f"field.{name}" for name in names.split())
+    text = f"{HEADER},{columns}\n{T0},1,{T0},f,{','.join(row.split())}"
+    folder = write_csv(tmp_path / "dive", **{"ranger__positions__auv" if sensor == "usbl" else sensor: text})
+    head = "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0, heading_deg = 0.0 }\n"
+    (folder / "usbldr.toml").write_text(head, encoding="utf-8")
+
+    log = read_log(folder)
+
+    assert log.provenance[sensor].type.endswith(f"/{kind}")
+    assert log.tables[sensor][MADE[sensor]].to_numpy()[0] == pytest.approx(np.array(want), abs=1e-6)
