@@ -20,6 +20,7 @@ from usbldr.io.times import Times, times_of
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
 SURFACE_PA = 101325.0
+LEAST_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
 DEEPEST_M = 12_000.0  # no sea is deeper
 PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
@@ -152,10 +153,8 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
         pressure = raw.number("pressure") * PASCALS[unit]
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
         said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
-        median = float(np.median(pressure[known])) if (known := np.isfinite(pressure)).any() else SURFACE_PA
-        if section.unit is None and section.surface_pa is None and median < 5e4:
-            text = f"{raw.topic.name}: not used as depth: a median of {median:g} cannot be Pa; state unit under [depth]"
-            return Finding("DEPTH-UNIT", text)
+        if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
+            return Finding("DEPTH-UNIT", f"{raw.topic.name}: not used as depth: {fault} under [depth]")
         value = (pressure - surface) / WATER_PA_PER_M
         _refuse(section.positive, "positive", "pressures", raw)
     else:
@@ -180,6 +179,19 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
     good, invalid = dropped(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
     return kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
+
+
+def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
+    """Return why pressures (n,) cannot be absolute ones in pascals, and what to state; empty where they can."""
+    known = pressure_pa[np.isfinite(pressure_pa)]
+    if not len(known):
+        return ""
+    low, median = np.quantile(known, [0.05, 0.5])
+    if median < LEAST_PA and unit is None:
+        return f"a median of {median:g} cannot be Pa; state unit"
+    if low < LEAST_PA:
+        return f"{low:g} Pa is less than the air's: gauge pressures need surface_pa = 0"
+    return ""
 
 
 def _refuse(value: str | None, key: str, what: str, raw: Raw) -> None:

@@ -18,6 +18,7 @@ Schema: TypeAlias = Mapping[str, Any]
 SECONDS, NANOSECONDS = ("sec", "secs", "seconds"), ("nsec", "nsecs", "nanosec", "nanos", "nanoseconds")
 KINDS: Mapping[str, Kind] = {"number": "number", "integer": "number", "boolean": "number", "string": "text"}
 UNSET: Mapping[Kind, Any] = {"number": float("nan"), "text": "", "time": 0}
+WHOLE = re.compile(r"-?\d{1,19}", re.ASCII)
 ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d")
 LEVELS = 8  # of objects in objects; schemas may be recursive
 
@@ -150,13 +151,18 @@ def _value(value: Any, kind: Kind) -> Any:
     if kind == "text":
         return str(value)
     if kind == "number":
-        return float(value) if isinstance(value, str) else value + 0  # 64-bit integers and NaN may come as text
+        return _spelt(value) if isinstance(value, str) else value + 0
     if isinstance(value, str):
         return int(np.datetime64(value.removesuffix("Z").removesuffix("+00:00"), "ns").astype(np.int64))
     names = _time_names(_object(value))
     if names is None:
         raise ValueError("no time")
     return int(value[names[0]]) * 1_000_000_000 + int(value[names[1]])
+
+
+def _spelt(text: str) -> int | float:
+    """Return a number that comes as text, as integers of 64 bits and NaN do; raise ValueError where it is none."""
+    return int(text) if WHOLE.fullmatch(text) else float(text)
 
 
 def _object(value: Any) -> Mapping[str, Any]:

@@ -50,7 +50,7 @@ def told_once(raw: Raw) -> tuple[Raw, list[Finding]]:
     """Leave out latitudes and longitudes that repeat the fix before: its source is asked more often than it pings."""
     again = np.zeros(len(raw.received_ns), dtype=np.bool_)
     if "lat_deg" in raw.layout.required and not raw.topic.type.startswith("usbldr/"):
-        columns = [column for path, column in raw.values.items() if not path.startswith("header.")]
+        columns = [column for name, column in raw.values.items() if name != "age_s" and not name.startswith("header.")]
         again[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
     if not again.any():
         return raw, []

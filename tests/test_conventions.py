@@ -359,6 +359,22 @@ def test_pressures_that_cannot_be_pascals_are_not_used(tmp_path: Path) -> None:
     )
 
 
+def test_gauge_pressures_are_not_taken_for_absolute_ones(tmp_path: Path) -> None:
+    """From the surface down to 19.9 m: all but the first ten metres could be absolute pressures."""
+    rows = [
+        (T0 + k, "/pressure", PRESSURE, {"header.stamp": T0 + k, "fluid_pressure": k * 1025 * 9.80665 / 10})
+        for k in range(200)
+    ]
+
+    unsaid, said = logged(tmp_path, rows), logged(tmp_path, rows, "[depth]\nsurface_pa = 0")
+
+    assert "depth" not in unsaid.tables
+    assert codes(unsaid)["DEPTH-UNIT"].endswith(
+        "is less than the air's: gauge pressures need surface_pa = 0 under [depth]"
+    )
+    assert said.tables["depth"]["depth_m"].to_numpy() == pytest.approx(np.arange(200) / 10)
+
+
 def test_depth_may_be_a_number_that_grows_upwards(tmp_path: Path) -> None:
     log = logged(tmp_path, [(T0, "/depth", HEADING, {"data": -4.0})], '[depth]\npositive = "up"')
 

@@ -260,6 +260,13 @@ def test_times_in_json_have_many_spellings(value: object, names: set[str] | None
     assert decoder.extractor(["header.stamp"])(json.dumps({"header": {"stamp": value}}).encode()) == (5_000_000_007,)
 
 
+def test_integers_of_64_bits_keep_all_their_digits_as_text() -> None:
+    decoder = JsonDecoder("x", b'{"properties": {"a": {"type": "integer"}, "b": {"type": "number"}}}')
+
+    assert decoder.extractor(["a", "b"])(b'{"a": "1600000000123456789", "b": "1.5"}') == (1600000000123456789, 1.5)
+    assert decoder.extractor(["a"])(b'{"a": "many"}') is None
+
+
 def test_json_schemas_may_refer_to_their_own_parts() -> None:
     part = {"type": "object", "properties": {"x": {"type": "number"}, "again": {"$ref": "#/definitions/v"}}}
     schema = {"properties": {"twist": {"$ref": "#/definitions/v"}}, "definitions": {"v": part}}

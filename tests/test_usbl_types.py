@@ -238,6 +238,18 @@ def test_sonardyne_tells_the_age_of_a_position(tmp_path: Path) -> None:
     assert any("stamps moved back by their age" in said for said in log.provenance["usbl"].conventions)
 
 
+def test_a_position_that_only_grew_older_is_the_same_position(tmp_path: Path) -> None:
+    kind = "sonardyne_msgs/msg/Position"
+    rows = [
+        row(kind, {"name": "AUV", "latitude": 45.0 + 1e-5 * (k // 3), "longitude": 7.0, "age": 0.3 * (k % 3)}, 0.3 * k)
+        for k in range(6)
+    ]
+
+    log = logged(tmp_path, *rows, toml=MAP)
+
+    assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0.0, 0.9])
+
+
 def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accuracy(tmp_path: Path) -> None:
     kind = "vehicle_interface/msg/AcousticLocalization"
     fix = {"sender_address": 3, "latitude": 45.0009, "longitude": 7.0, "measurement_time": 12.0}
