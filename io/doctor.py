@@ -15,7 +15,7 @@ from usbldr.filters.types import Timeline, Vector
 from usbldr.io.crosscheck import CrossCheck, cross_check
 from usbldr.io.diagnosis import Diagnosis, diagnosis, of_finding
 from usbldr.io.evidence import raws_of, sources_of
-from usbldr.io.log import Log
+from usbldr.io.log import Log, lacking
 from usbldr.io.messages import Raw
 from usbldr.io.opening import Opened, Request, open_configured
 from usbldr.io.positions import depths_of, under_water
@@ -92,8 +92,7 @@ def _of_log(log: Log, found: list[Diagnosis], sources: tuple[Source, ...], chose
     found = found + [of_finding(f) for f in log.findings if f.code not in told]
     for role in NEEDED:
         if role not in log.tables:
-            have = ", ".join(log.tables) or "none"
-            found.append(diagnosis("SENSOR-MISSING", f"no {role} data (sensors in this log: {have})"))
+            found.append(diagnosis("SENSOR-MISSING", lacking(log, role)))
     line = None
     try:
         line = timeline(log)

@@ -37,9 +37,7 @@ def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
     log = found.log
     hopeless = [d for d in found.diagnoses if d.code in ("UNUSABLE", "SENSOR-MISSING")]
     if log is None or hopeless:
-        raise LogError(
-            f"{found.path}: {hopeless[0].text.removeprefix(f'{found.path}: ')}; no configuration can mend that"
-        )
+        raise LogError(f"{found.path}: {hopeless[0].text.removeprefix(f'{found.path}: ')}")
     sections: dict[str, list[Line]] = {"map": _map(found, log)}
     for role in ROLES:
         sections[role] = _topic(found, log, role)

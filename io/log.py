@@ -64,3 +64,12 @@ class Log:
     truth: Truth | None = None
     configuration: Path | None = None  # which usbldr.toml was read
     findings: tuple[Finding, ...] = field(default=())
+
+
+def lacking(log: Log, role: str) -> str:
+    """Say that a log holds no records of a sensor, which ones it holds, and how to give them."""
+    have = ", ".join(log.tables) or "none"
+    return (
+        f"no {role} data (sensors in this log: {have}); name its topic by --{role} TOPIC, "
+        "or add the file that holds it by --with FILE"
+    )

@@ -15,7 +15,7 @@ from usbldr.io.clocks import on_one_clock
 from usbldr.io.configuration import assumptions
 from usbldr.io.conventions import Converted
 from usbldr.io.heads import SHIP, SHIP_HEADING, samples, ship_choices
-from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance
+from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance, lacking
 from usbldr.io.messages import Raw, raw, wanted_paths
 from usbldr.io.opening import AS_IT_LIES, Opened, Request, digest_paths, open_configured
 from usbldr.io.reader import Reader, TopicInfo, utc
@@ -37,10 +37,9 @@ def read_log(path: Path, request: Request = AS_IT_LIES) -> Log:
 
 def require(log: Log, roles: Sequence[str]) -> None:
     """Raise LogError that says what is there if the log lacks one of the sensors."""
-    have = ", ".join(log.tables) or "none"
     for role in roles:
         if role not in log.tables:
-            raise LogError(f"{log.path}: no {role} data (sensors in this log: {have})")
+            raise LogError(f"{log.path}: {lacking(log, role)}")
 
 
 def configured_topics(configuration: Configuration) -> dict[str, str]:

@@ -13,7 +13,7 @@ import pandas as pd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.noise import robust_sd
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
-from usbldr.io.log import COLUMNS, Log
+from usbldr.io.log import COLUMNS, Log, lacking
 
 LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
@@ -140,7 +140,7 @@ def _gps(log: Log) -> Array:
 
 def _sorted(log: Log, sensor: str) -> pd.DataFrame:
     if sensor not in log.tables or log.tables[sensor].empty:
-        raise LogError(f"{log.path}: no {sensor} data (sensors in this log: {', '.join(log.tables) or 'none'})")
+        raise LogError(f"{log.path}: {lacking(log, sensor)}")
     table = log.tables[sensor]
     return table[np.isfinite(table["time_s"])].sort_values("time_s", kind="stable")
 

@@ -52,7 +52,10 @@ def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> N
     with pytest.raises(LogError) as fault:
         require(log, ("dvl", "compass"))
 
-    assert str(fault.value) == f"{file}: no dvl data (sensors in this log: compass, usbl)"
+    assert str(fault.value) == (
+        f"{file}: no dvl data (sensors in this log: compass, usbl); name its topic by --dvl TOPIC, "
+        "or add the file that holds it by --with FILE"
+    )
 
 
 def test_a_log_without_messages_says_so(tmp_path: Path) -> None:

@@ -261,7 +261,9 @@ def test_gps_keeps_its_native_times_and_loses_records_without_a_position() -> No
 
 
 def test_a_missing_sensor_is_named_with_those_that_are_there() -> None:
-    with pytest.raises(LogError, match=r"^dive\.mcap: no compass data \(sensors in this log: dvl\)$"):
+    with pytest.raises(
+        LogError, match=r"^dive\.mcap: no compass data \(sensors in this log: dvl\); name its topic by --compass"
+    ):
         timeline(log(dvl=dvl_table([0.0])))
     with pytest.raises(LogError, match=r"none of the 2 dvl records is valid"):
         timeline(log(dvl=dvl_table([0.0, 1.0], valid=False), compass=compass_table([0.0])))
