@@ -65,6 +65,12 @@ GEODETIC = (
         stamp="fixes.0.timestamp",
         frame="fixes.0.frame_id",
     ),
+    Layout(
+        "locationfixes",
+        {},
+        recognised="only when named",
+        refused="holds messages within messages, which are read from protobuf and JSON alone; log LocationFix",
+    ),
     Layout("latlonstamped", NAVSAT, {}, "by type", LATLON),  # smarc_msgs
     *(
         Layout(kind, {"lat_deg": f"{place}.latitude", "lon_deg": f"{place}.longitude"}, defaults=LATLON)

@@ -31,6 +31,12 @@ from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 
 HEADER = "std_msgs/Header header\n"
+define(
+    {
+        "some_foxglove_msgs/msg/LocationFix": "float64 latitude\nfloat64 longitude\n",
+        "some_foxglove_msgs/msg/LocationFixes": "some_foxglove_msgs/LocationFix[1] fixes\n",
+    }
+)
 define({"gps_only_msgs/msg/GPSFix": HEADER + "float64 latitude\nfloat64 longitude\nfloat64 track\nfloat64 err_horz\n"})
 MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
@@ -153,6 +159,15 @@ def test_a_heading_sentence_of_unknown_fields_is_refused(tmp_path: Path) -> None
 
     with pytest.raises(UsageError, match=r"/PTSAH .* cannot serve as compass: it has fields that are not known here"):
         heard(tmp_path, f"1600000000 {line}", topics={"compass": "/PTSAH"})
+
+
+def test_fixes_within_a_message_of_ros_are_refused_by_what_they_are(tmp_path: Path) -> None:
+    row = (T0, "/gps", "some_foxglove_msgs/msg/LocationFixes", {})
+
+    with pytest.raises(
+        UsageError, match="it holds messages within messages, which are read from protobuf and JSON alone"
+    ):
+        logged(tmp_path, row, topics={"gps": "/gps"})
 
 
 def test_a_course_is_no_heading(tmp_path: Path) -> None:
