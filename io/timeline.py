@@ -19,6 +19,7 @@ LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and h
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
 LEAST_DVL_SD_MPS = 1e-3  # the resolution of a DVL: a quiet, rounded record repeats itself and would claim 0
 COMPASS_SD_DEG = 0.3  # where a log does not say
+LEAST_HZ, MOST_HZ = 1e-3, 1e9  # so that epochs can be counted
 MOST_EPOCHS = 20_000_000  # 46 days at 5 Hz
 LONGEST_LOG_S = 30 * 86400.0  # a span beyond is a wrong stamp, and a grid over it would fill the memory
 
@@ -77,8 +78,9 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
 
 
 def _epochs_per_slow(fast_hz: float, slow_hz: float) -> int:
-    if not (fast_hz > 0 and slow_hz > 0 and math.isfinite(fast_hz / slow_hz)):
-        raise UsageError(f"rates must be above 0 Hz (fast {fast_hz:g}, slow {slow_hz:g})")
+    if not (LEAST_HZ <= slow_hz <= MOST_HZ and LEAST_HZ <= fast_hz <= MOST_HZ):
+        least, most = f"{LEAST_HZ:g}", f"{MOST_HZ:g} Hz"
+        raise UsageError(f"rates must be between {least} and {most} (fast {fast_hz:g}, slow {slow_hz:g})")
     every = round(fast_hz / slow_hz)
     if every < 1 or not math.isclose(every * slow_hz, fast_hz, rel_tol=1e-9):
         raise UsageError(f"the fast rate must be a multiple of the slow one (fast {fast_hz:g} Hz, slow {slow_hz:g} Hz)")

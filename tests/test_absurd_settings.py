@@ -192,3 +192,40 @@ def test_several_odd_values_at_once_are_a_run_or_a_sentence(log: Path) -> None:
     for _ in range(150):
         values = {key.split(".")[0]: (key, rng.choice(PLAUSIBLE)) for key in rng.sample(list(KEYS), 6)}
         replay_with(log, dict(values.values()), "--filter", rng.choice(["ekf", "adf"]), *rng.choice(choices))
+
+
+NUMBERED = {
+    "--gate": "ekf --gate V",
+    "--seed": "cpf --seed V",
+    "--start": "ekf --start V",
+    "--end": "ekf --end V",
+    "--dr-from latitude": "dr --dr-from V,7",
+    "--dr-from longitude": "dr --dr-from 45,V",
+    "--fast-hz": "ekf --fast-hz V",
+    "--slow-hz": "ekf --slow-hz V",
+    "both rates": "ekf --slow-hz V --fast-hz V",
+    "--aid from": "ekf --aid gps@V:60",
+    "--aid to": "ekf --aid gps@0:V",
+    **{
+        f"--noise {sensor}={kind}": f"adf --noise {sensor}={kind}:V"
+        for sensor in ("dvl", "compass", "usbl", "gps")
+        for kind in ("mixture", "mixture:0.3", "student-t", "contamination", "contamination:0.1")
+    },
+}
+MOMENTS = ["", "x", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59Z", "2020-09-13T12:27:00Z"]
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("option", NUMBERED)
+def test_an_absurd_number_of_an_option_is_a_run_or_a_sentence(log: Path, option: str) -> None:
+    rng = random.Random(option)
+
+    for value in rng.sample(ABSURD + MOMENTS, 3):
+        words = ["replay", str(log), "-q", "--force", "--output", str(log.with_name("run")), "--filter"]
+        run(*words, *(word.replace("V", str(value)) for word in NUMBERED[option].split()))
+
+
+@pytest.mark.parametrize("option", ["--start", "--end"])
+def test_an_export_from_or_to_no_moment_is_a_sentence(log: Path, option: str) -> None:
+    for value in (*ABSURD, *MOMENTS):
+        run("export", str(log), "--force", "--output", str(log.with_name("out.mcap")), option, str(value))

@@ -86,7 +86,7 @@ def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
     ("options", "sentence"),
     [
         (("--fast-hz", "1e9"), "1e+09 Hz over 1000 s are 1e+12 epochs; take a lower --fast-hz"),
-        (("--fast-hz", "0"), "rates must be above 0 Hz"),
+        (("--fast-hz", "0"), "rates must be between 0.001 and 1e+09 Hz (fast 0, slow 1)"),
         (("--dr-from", "91,0"), "--dr-from 91,0 is no place"),
         (("--dr-from", "here"), "--dr-from here is neither LAT,LON in degrees nor one of"),
         (("--start", "5", "--end", "4"), "--start 5 does not lie before --end 4"),

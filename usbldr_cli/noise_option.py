@@ -19,6 +19,9 @@ KINDS: Mapping[str, tuple[Callable[..., Family], tuple[str, ...]]] = {
 """Each family with the numbers that may follow; sd is in m/s, degrees or m."""
 
 
+BOUNDS = {"share": (0.0, 1.0), "variance ratio": (0.0, 1e9), "degrees of freedom": (2.0, 1e6), "sd": (0.0, 1e6)}
+
+
 def noise_family(text: str) -> tuple[str, NoiseFamily]:
     """Return sensor and family; raise UsageError for what is neither."""
     sensor, _, said = text.partition("=")
@@ -39,14 +42,13 @@ def noise_family(text: str) -> tuple[str, NoiseFamily]:
 
 
 def _number(text: str, name: str, word: str) -> float:
-    least, most = {"share": (0.0, 1.0), "degrees of freedom": (2.0, math.inf)}.get(name, (0.0, math.inf))
+    least, most = BOUNDS[name]
     try:
         value = float(word)
     except ValueError as err:
         raise UsageError(f"--noise {text}: {word!r} is no number for the {name}") from err
     if not least < value < most:
-        bounds = f"above {least:g}" + ("" if math.isinf(most) else f" and below {most:g}")
-        raise UsageError(f"--noise {text}: the {name} has to be {bounds}")
+        raise UsageError(f"--noise {text}: the {name} has to be above {least:g} and below {most:g}")
     return value
 
 
