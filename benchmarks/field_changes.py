@@ -4,6 +4,7 @@ Every change has a name, by which runs, tables and processes know it.
 """
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
@@ -86,6 +87,8 @@ def _ablations() -> Iterator[tuple[str, Change]]:
     for key in STATES:
         if key != "misalignment":
             yield f"without {key}", _without(key)
+    yield "noise not asked of the log", Change(observing={"LONGER": (1.0,), "MORE_OUTLIERS": (1.0,)})
+    yield "without guard", Change(options={"guard": False})
     yield "every state by its default", Change(after=_everything)
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
     yield "start at the plain median", Change(before=_plain_start)
@@ -139,6 +142,7 @@ def _sensitivity() -> Iterator[tuple[str, Change]]:
         for name in ("NARROWED", "WIDE_LATENCY_S", "LEAST_TURN_RAD"):
             value = factor * getattr(observability, name)
             yield f"observability.{name} {label}", Change(observing={name: value})
+        yield f"observability.STRONG {label}", Change(observing={"STRONG": observability.STRONG + math.log(factor)})
     yield f"observability.SHARED {HALF}", Change(observing={"SHARED": COARSE})
     yield f"observability.SHARED {TWICE}", Change(observing={"SHARED": FINE})
 
@@ -148,7 +152,6 @@ SENSITIVITY: Mapping[str, Change] = dict(_sensitivity())
 CHANGES: Mapping[str, Change] = {
     "": Change(),
     "tuned": Change(options={"tune": True}),
-    "guarded": Change(options={"guard": True}),
     **dict(_records()),
     **ABLATIONS,
     **SENSITIVITY,

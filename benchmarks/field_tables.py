@@ -166,7 +166,6 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
         ("no state (--calibrate none)", lambda way: (replace(way, calibrate="none"), "")),
         *((name, lambda way, name=name: (way, name)) for name in ABLATIONS),
         ("(added: noise tuned on the log)", lambda way: (way, "tuned")),
-        ("(added: the guard)", lambda way: (way, "guarded")),
     )
     body = []
     for label, changed in features:

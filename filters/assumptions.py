@@ -76,6 +76,14 @@ class Tuned(NamedTuple):
     told: bool  # False: the log hardly knows it, so it stays as it was
 
 
+class Settled(NamedTuple):
+    """A number of the noise that a log contradicted, see observability.py."""
+
+    name: str  # with its unit
+    before: float
+    after: float
+
+
 @dataclass(frozen=True, slots=True)
 class Assumptions:
     """The model side of a run, the same for every filter."""
@@ -90,6 +98,7 @@ class Assumptions:
     calibrate: tuple[str, ...] = ()  # keys of calibration.STATES, or AUTO until the log has been asked
     errors: SensorErrors = SensorErrors()
     observed: tuple[Observed, ...] = ()  # why these are calibrated, where the log was asked
+    settled: tuple[Settled, ...] = ()  # what it said of the fixes' noise then
     gps: NoiseFamily = Contamination()  # where it aids
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     aid: tuple[Span, ...] = ()  # windows in which GPS fixes are measurements and no truth

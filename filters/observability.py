@@ -1,9 +1,9 @@
 """Which errors of its sensors a log can tell: those whose sigma its readings narrow down. The truth has no part in it.
 
 One pass over the fixes (fix_noise.py) with all states tells how far each is narrowed; what stays as wide as it was
-assumed is left out. The same pass settles by the predictive likelihood of the readings what a sigma cannot tell: the
-sigma that is stated of the fixes is taken for their whole error, and the share of it that neighbouring fixes have in
-common is chosen; and whether their stamps may be trusted to the third of a second or not.
+assumed is left out. The predictive likelihood of the readings settles what a sigma cannot tell: what share of their
+stated variance neighbouring fixes have in common, for how long they err alike, how many are outliers, and whether their
+stamps may be trusted to the third of a second. Each stays as assumed unless the log speaks strongly against it.
 
 R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(430), 1995, doi:10.2307/2291091, call
 20 strong. Misalignment of the DVL is left to the user: on the track it does what a bias of the heading does.
@@ -12,21 +12,33 @@ R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(
 import itertools
 import math
 from dataclasses import replace
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.assumptions import Assumptions, Observed
+from usbldr.filters.assumptions import Assumptions, Observed, Settled
 from usbldr.filters.calibration import NARROWED, STATES, prior_sd
 from usbldr.filters.fix_noise import fix_likelihoods, fix_log
+from usbldr.filters.noise import Contamination
 from usbldr.filters.types import Timeline
 
-ROUNDS = 2  # of linearising the latency
 CANDIDATES = ("scale", "heading", "deviation", "latency", "usbl-bias")
 WIDE_LATENCY_S = 1.0  # of stamps that are not to be trusted
-STRONG = math.log(20)  # the Bayes factor that it takes to say so of stamps
+STRONG = math.log(20)  # the Bayes factor that it takes to depart from what is assumed
 SHARED = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95)  # of the fixes' variance; the middle serves as reference
+LONGER = (0.5, 1.0, 2.0, 4.0)  # times as long as assumed do fixes err alike
+MORE_OUTLIERS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times as many as assumed
+MOST_OUTLIERS = 0.5  # of the fixes
 TURNING = ("deviation", "latency")  # what a straight track at constant speed cannot tell
 LEAST_TURN_RAD = math.radians(45)
+
+
+class _Choice(NamedTuple):
+    """One way to see the log's noise."""
+
+    assumptions: Assumptions
+    departs: int = 0  # in so many things from what is assumed
 
 
 def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
@@ -38,34 +50,73 @@ def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
         nothing = tuple(Observed(key, 1.0, "not observable") for key in CANDIDATES)
         return replace(assumptions, calibrate=(), observed=nothing)
     every = replace(assumptions, calibrate=CANDIDATES)
-    latencies_s = (assumptions.errors.latency_s, max(assumptions.errors.latency_s, WIDE_LATENCY_S))
     sd_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
-    members = [_shared(every, sd_m, *choice) for choice in itertools.product(SHARED, latencies_s)]
-    middle = members[len(members) // 2]
-    latency_s = 0.0
-    for _ in range(ROUNDS - 1):
-        latency_s = fix_likelihoods(fix_log(timeline, middle, latency_s), [middle]).latency_s
-    found = fix_likelihoods(fix_log(timeline, middle, latency_s), members)
-    doubt = np.array([STRONG * (member.errors.latency_s > latencies_s[0]) for member in members])
-    best = int(np.argmax(found.log_likelihood - doubt))
-    settled, before = members[best], prior_sd(members[best].errors)
+    settled = _shared(every, every, sd_m, SHARED[len(SHARED) // 2], every.errors.latency_s)
+    latency_s = fix_likelihoods(fix_log(timeline, settled), [settled]).latency_s  # linearised once more about it
+    for choices in (_shares, _wanderings, _shares):  # the first choice was made under what the second may have changed
+        among = choices(settled, every, sd_m)
+        told = fix_likelihoods(fix_log(timeline, settled, latency_s), [choice.assumptions for choice in among])
+        doubt = np.array([STRONG * choice.departs for choice in among])
+        best = int(np.argmax(told.log_likelihood - doubt))
+        settled = among[best].assumptions
+    before = prior_sd(settled.errors)
     straight = float(np.ptp(timeline.dr_yaw_rad)) < LEAST_TURN_RAD
     observed: list[Observed] = []
     for key in CANDIDATES:
-        narrowed = min(float(found.sd[name][best]) / before[name] if before[name] else 1.0 for name in STATES[key])
+        narrowed = min(float(told.sd[name][best]) / before[name] if before[name] else 1.0 for name in STATES[key])
         seen = settled.errors.usbl_bias_m > 0 if key == "usbl-bias" else narrowed < NARROWED
         hidden = "only in turns" if straight and key in TURNING else "not observable"
         observed.append(Observed(key, narrowed, "observable" if seen else hidden))
     kept = tuple(told.key for told in observed if told.verdict == "observable")
-    return replace(settled, calibrate=kept, observed=tuple(observed))
+    return replace(settled, calibrate=kept, observed=tuple(observed), settled=_changed(assumptions, settled))
 
 
-def _shared(assumptions: Assumptions, sd_m: float, share: float, latency_s: float) -> Assumptions:
+def _changed(given: Assumptions, settled: Assumptions) -> tuple[Settled, ...]:
+    """Tell which numbers of the fixes' noise are no longer as they were."""
+    numbers = {
+        "usbl_sd_scale": attrgetter("usbl_sd_scale"),
+        "usbl_bias_sd_m": attrgetter("errors.usbl_bias_m"),
+        "usbl_bias_time_s": attrgetter("errors.usbl_bias_s"),
+        "usbl_outlier_share": attrgetter("usbl.share"),
+        "usbl_latency_sd_s": attrgetter("errors.latency_s"),
+    }
+    shared = settled.errors.usbl_bias_m > 0  # else there is no bias, whose numbers would mean nothing
+    found = [
+        Settled(name, number(given), number(settled))
+        for name, number in numbers.items()
+        if (shared or "bias" not in name) and (name != "usbl_outlier_share" or isinstance(given.usbl, Contamination))
+    ]
+    return tuple(one for one in found if one.after != one.before)
+
+
+def _shares(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choice]:
+    """Return what may be common to neighbouring fixes, under stamps to be trusted or not."""
+    trusted_s = given.errors.latency_s
+    stamps_s = (trusted_s, max(trusted_s, WIDE_LATENCY_S))
+    return [
+        _Choice(_shared(settled, given, sd_m, share, latency_s), int(share > 0) + int(latency_s > trusted_s))
+        for share, latency_s in itertools.product(SHARED, stamps_s)
+    ]
+
+
+def _wanderings(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choice]:
+    """Return for how long fixes may err alike, and how many may be outliers."""
+    found: list[_Choice] = []
+    for longer, more in itertools.product(LONGER, MORE_OUTLIERS):
+        choice = replace(settled, errors=replace(settled.errors, usbl_bias_s=longer * given.errors.usbl_bias_s))
+        if more != 1:
+            if not isinstance(given.usbl, Contamination) or more * given.usbl.share > MOST_OUTLIERS:
+                continue
+            choice = replace(choice, usbl=replace(given.usbl, share=more * given.usbl.share))
+        found.append(_Choice(choice, int(longer != 1) + int(more != 1)))
+    return found
+
+
+def _shared(settled: Assumptions, given: Assumptions, sd_m: float, share: float, latency_s: float) -> Assumptions:
     """Return assumptions under which the fixes share so much of the variance of their error."""
-    errors = assumptions.errors
-    total = assumptions.usbl_sd_scale
+    total = given.usbl_sd_scale
     return replace(
-        assumptions,
-        errors=replace(errors, latency_s=latency_s, usbl_bias_m=math.sqrt(share) * total * sd_m),
+        settled,
+        errors=replace(settled.errors, latency_s=latency_s, usbl_bias_m=math.sqrt(share) * total * sd_m),
         usbl_sd_scale=total * math.sqrt(1 - share),
     )

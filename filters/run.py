@@ -37,7 +37,7 @@ class Settings:
     form: str = "mixture"  # of cpf and upf, see FORMS
     smooth: bool = False  # estimate each epoch from the whole dive, not from what came before it
     order: str = "validity"  # of late fixes, see orders.ORDERS
-    guard: bool = False  # against clusters of false fixes, where the filter is one of GUARDED
+    guard: bool | None = None  # against clusters of false fixes; None: as the filter is by itself, see WARY
 
 
 def _kalman(rule: rules.Rule) -> "Build":
@@ -95,6 +95,7 @@ SMOOTHED_BY: Mapping[str, rules.Rule] = {
 
 GATED = ("ekf", "ckf", "ukf")
 GUARDED = ("ekf", "ckf", "ukf", "adf", "cpf", "upf")
+WARY = ("adf", "cpf", "upf")  # guarded unless told otherwise; the others stay what textbooks call by their name
 SAMPLED = ("cpf", "upf", "pf", "pf-wekf")
 FORMED = ("cpf", "upf")
 MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
@@ -133,7 +134,8 @@ def run(
         raise UsageError("pf samples the yaw, which fixes every error of the compass: calibrate those with cpf or adf")
     motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
     estimator = FILTERS[name](motion, settings)
-    if settings.guard and name in GUARDED and settings.form != "literal":
+    wary = name in WARY and settings.form == "mixture" if settings.guard is None else settings.guard
+    if wary and name in GUARDED and settings.form != "literal":
         estimator = Guarded(estimator, motion)
     began = time.perf_counter()
     count = len(timeline.time_s)

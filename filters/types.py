@@ -92,6 +92,18 @@ class Reacquisition(NamedTuple):
     believed: bool  # the track went where the fixes told
 
 
+class Return(NamedTuple):
+    """The end of a silence of the USBL, what its first fixes said of the track, and what they did to it."""
+
+    start_s: float  # of the silence
+    end_s: float
+    sd_start_m: float  # 1-sigma of the position in its worst direction, when the silence began
+    sd_end_m: float  # when it ended
+    off_m: float  # how far the first fixes lay from where the track then was, by their median
+    sigmas: float  # the same in terms of what track and fixes claim together
+    moved_m: float  # how far they moved the track
+
+
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """An estimated track of T epochs in n states, and the story of its measurements.
@@ -112,6 +124,7 @@ class Trajectory:
     warnings: tuple[str, ...] = ()
     seconds: float = float("nan")  # wall time that the filter took
     reacquisitions: tuple[Reacquisition, ...] = ()
+    returns: tuple[Return, ...] = ()
 
     @property
     def position_m(self) -> Array:

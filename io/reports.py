@@ -217,6 +217,7 @@ def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
     for sensor in ("dvl", "compass", "usbl", "gps"):
         told[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **told[sensor]}
     told["tuned"] = [number._asdict() for number in assumptions.tuned]
+    told["settled"] = [number._asdict() for number in assumptions.settled]
     return told
 
 

@@ -190,6 +190,8 @@ def health(run: Run) -> list[tuple[str, str]]:
             lines.append(("calibrated", ", ".join(_error_found(error) for error in calibrated)))
         if observed := run.log.assumptions.observed:
             lines.append(("observed", _observed(observed)))
+        if settled := run.log.assumptions.settled:
+            lines.append(("by the log", ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in settled)))
         if "surfacing_error_m" in m:
             way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
             many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
-from usbldr.filters.noise import Gaussian
+from usbldr.filters.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.observability import CANDIDATES, NARROWED, observe
 from usbldr.filters.run import run
+from usbldr.filters.types import Timeline
 from weaving import SD_M, Faults, dive
 
 ASSUMED = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
@@ -89,3 +90,42 @@ def test_without_fixes_nothing_is_told() -> None:
 
     assert told.calibrate == ()
     assert set(verdicts(told).values()) == {"not observable"}
+
+
+def test_fixes_that_err_alike_for_long_are_taken_for_such_and_the_run_says_so() -> None:
+    """A first-order Gauss-Markov error of 240 s; the usual 60 s are kept where they are right."""
+    rng = np.random.default_rng(4)
+
+    def wandering(line: Timeline, time_s: float) -> Timeline:
+        fade = float(np.exp(-1.0 / time_s))  # a fix each second
+        error = np.zeros((len(line.fix_time_s), 2))
+        for k in range(1, len(error)):
+            error[k] = fade * error[k - 1] + np.sqrt(1 - fade**2) * rng.normal(0.0, SD_M, 2)
+        return replace(line, fix_m=line.fix_m + error, fix_cov_m2=2 * line.fix_cov_m2)
+
+    long, usual = (observe(wandering(dive(Faults()), time_s), ASSUMED) for time_s in (240.0, 60.0))
+
+    assert long.errors.usbl_bias_s > 60.0
+    assert ("usbl_bias_time_s", 60.0, long.errors.usbl_bias_s) in long.settled
+    assert usual.errors.usbl_bias_s == 60.0
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.05, 0.05), (0.3, 0.2)])
+def test_the_log_says_how_many_of_its_fixes_are_outliers_where_it_speaks_strongly(
+    share: float, expected: float
+) -> None:
+    rng = np.random.default_rng(5)
+    line = dive(Faults())
+    gross = rng.random(len(line.fix_time_s)) < share
+    lying = replace(line, fix_m=line.fix_m + gross[:, None] * rng.normal(0.0, 10.0, (len(gross), 2)))
+
+    told = observe(lying, replace(ASSUMED, usbl=Contamination()))
+
+    assert isinstance(told.usbl, Contamination)
+    assert told.usbl.share == pytest.approx(expected) if share == 0.05 else told.usbl.share >= expected
+
+
+def test_a_stated_family_of_noise_is_kept() -> None:
+    mixture = Mixture(0.3, 100.0)
+
+    assert observe(dive(Faults()), replace(ASSUMED, usbl=mixture)).usbl == mixture

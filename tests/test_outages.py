@@ -178,3 +178,42 @@ def test_a_silence_is_found_in_the_log(sensor: str) -> None:
     assert outage.sensor == sensor
     assert 89 <= outage.start_s <= 90
     assert 150 <= outage.end_s <= 151
+
+
+def test_the_return_of_the_fixes_is_told_with_what_it_did_to_the_track() -> None:
+    for dive in dives(scenario(("usbl",), 90.0, 60.0), "adf", 12):
+        (one,) = dive.track.returns
+        assert (one.start_s, one.end_s) == (89.0, 150.0)
+        assert one.sd_end_m > one.sd_start_m
+        assert one.sd_end_m == pytest.approx(dive.sd_m[150 * HZ - 1] / np.sqrt(2), rel=0.01)
+        assert one.off_m < 3.7 * np.hypot(one.sd_end_m, 0.8)
+        assert not dive.track.warnings
+
+
+@pytest.mark.parametrize(("scale", "believed"), [(0.03, True), (0.06, False)])
+def test_a_vehicle_that_drifted_unseen_is_told_of_when_the_fixes_come_back(scale: float, believed: bool) -> None:
+    """A robust likelihood follows a small error and takes the fixes for outliers where it is large: told either way."""
+    scene = scenario(("usbl",), 90.0, 60.0)
+    scene = replace(scene, dvl=replace(scene.dvl, scale_error=scale))
+    for dive in dives(scene, "adf", 3):
+        (one,) = dive.track.returns
+        (said,) = [text for text in dive.track.warnings if "came back" in text]
+
+        assert one.off_m == pytest.approx(np.hypot(*dive.error_m[150 * HZ - 1]), abs=1.5)
+        assert (one.moved_m > 0.4) == believed
+        assert said.startswith("adf: the USBL came back at 150.0 s after 61 s and its fixes lay ")
+
+
+def test_a_smoothed_track_tells_the_same_return_as_the_filter_behind_it() -> None:
+    log = simulated_log(scenario(("usbl",), 90.0, 60.0), 0)
+    line = timeline(log)
+
+    smoothed = run("adf", line, log.assumptions, Settings(smooth=True))
+
+    assert smoothed.returns == run("adf", line, log.assumptions).returns
+
+
+def test_a_silence_until_the_end_has_no_return() -> None:
+    scene = replace(scenario(("usbl",), 90.0, 60.0), duration_s=140.0)
+
+    assert not dives(scene, "adf", 1)[0].track.returns

@@ -41,7 +41,7 @@ class RunChoices:
     aid: str | None = None
     order: str = "validity"
     tune: bool = False
-    guard: bool = False
+    guard: bool | None = None
 
     @property
     def settings(self) -> "Settings":
@@ -169,7 +169,11 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--tune", is_flag=True, help="Find the noise of DVL and USBL in the log itself, never in the truth."
         ),
-        click.option("--guard", is_flag=True, help="Doubt fixes that agree with each other, but not with the past."),
+        click.option(
+            "--guard/--no-guard",
+            default=None,
+            help="Doubt fixes that agree with each other, but not with the past: adf, cpf and upf do by default.",
+        ),
         click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
         click.option(
             "--aid",
