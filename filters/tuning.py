@@ -6,6 +6,9 @@ with a weak log-normal prior around what was assumed before, in two searches (se
 itself (velocity_noise.py), then what the fixes tell against dead reckoning (fix_noise.py). A number that the log hardly
 knows stays as it was assumed. Nothing is left to chance.
 
+The DVL is never trusted more than is stated: from record to record only the white part of its error shows, and the rest
+stays when the records agree with each other.
+
 How much a compass error may wander is not among them: it does to a track what a wandering bias of the fixes does, and
 a log cannot tell one from the other. Taking it in put the NEES of a field log from 2 to 9.
 """
@@ -54,7 +57,7 @@ class Parameter(NamedTuple):
         return 1 / (1 + math.exp(-z)) if self.share else self.above + math.exp(z)
 
 
-DVL = (
+DVL = (  # the sigma first
     Parameter("dvl_sd_scale", ("dvl_sd_scale",)),
     Parameter("velocity_walk_mps", ("process", "velocity_mps")),
 )
@@ -82,7 +85,7 @@ def tune(timeline: Timeline, assumptions: Assumptions) -> Tuning:
 
     A log without fixes tells of the DVL alone. Raises LogError where there is nothing to start from.
     """
-    heard = _search(lambda members: velocity_likelihoods(timeline, members), assumptions, DVL)
+    heard = _hear(timeline, assumptions)
     if not len(timeline.fix_time_s):
         return heard
     log = fix_log(timeline, heard.assumptions)
@@ -90,6 +93,16 @@ def tune(timeline: Timeline, assumptions: Assumptions) -> Tuning:
         log = fix_log(timeline, heard.assumptions, fix_likelihoods(log, [heard.assumptions]).latency_s)
     seen = _search(lambda members: fix_likelihoods(log, members).log_likelihood, heard.assumptions, USBL)
     return Tuning(seen.assumptions, heard.passes + seen.passes, heard.converged and seen.converged)
+
+
+def _hear(timeline: Timeline, given: Assumptions) -> Tuning:
+    """Ask the DVL's records, whose sigma may grow but not shrink."""
+
+    def ask(among: Sequence[Parameter]) -> Tuning:
+        return _search(lambda members: velocity_likelihoods(timeline, members), given, among)
+
+    heard = ask(DVL)
+    return heard if heard.assumptions.dvl_sd_scale >= given.dvl_sd_scale else ask(DVL[1:])
 
 
 def _search(judge: Callable[[Sequence[Assumptions]], Vector], given: Assumptions, among: Sequence[Parameter]) -> Tuning:

@@ -146,6 +146,19 @@ def test_the_walk_and_the_noise_of_a_velocity_come_out_as_closely_as_the_widths_
     assert 0.32 < float(np.mean(np.square(errors))) < 2.1
 
 
+def test_a_dvl_is_never_trusted_more_than_stated() -> None:
+    line = without_fixes(dive(Faults(), seconds=200))
+    rng = np.random.default_rng(2)
+    walk = np.cumsum(0.03 * np.sqrt(0.2) * rng.standard_normal((len(line.time_s), 2)), axis=0)
+    quiet = walk + 0.005 * rng.standard_normal(walk.shape)
+    seen = replace(line, dvl_mps=quiet, dvl_sd_mps=np.full(len(walk), 0.02))
+
+    made = tune(seen, PLAIN).assumptions
+
+    assert made.dvl_sd_scale == 1.0
+    assert set(by_name(made)) == {"velocity_walk_mps"}
+
+
 def test_gross_errors_come_out_with_their_share_and_size() -> None:
     line = dive(Faults(), seconds=1000)
     rng = np.random.default_rng(3)
@@ -186,4 +199,4 @@ def test_the_truth_tells_nothing_and_the_same_log_tells_the_same() -> None:
 def test_a_log_without_fixes_tells_of_its_dvl() -> None:
     found = tune(without_fixes(dive(Faults())), PLAIN).assumptions
 
-    assert set(by_name(found)) == {"dvl_sd_scale", "velocity_walk_mps"}
+    assert set(by_name(found)) == {"velocity_walk_mps"}
