@@ -23,6 +23,7 @@ from usbldr.filters.layout import Layout
 from usbldr.filters.motion import MotionModel, VehicleMotion
 from usbldr.filters.orders import MEMORY_S, ORDERS, too_late
 from usbldr.filters.readings import Readings
+from usbldr.filters.returns import return_warning, returned
 from usbldr.filters.smoothing import smooth
 from usbldr.filters.types import Array, Reacquisition, Timeline, Trajectory, Update, Vector
 
@@ -152,6 +153,7 @@ def run(
         if k % 100 == 0:
             progress(k, count)
     progress(count, count)
+    returns = returned(timeline, assumptions, layout, mean, cov)
     if settings.smooth:
         mean, cov = smooth(mean, cov, inflation, timeline.time_s, motion, SMOOTHED_BY[name])
     done = tuple(update for k in sorted(by_epoch) for update in by_epoch[k])
@@ -169,9 +171,11 @@ def run(
         particles,
         acceptance if sampled else None,
         _warnings(name, settings, ess, done, late)
-        + tuple(f"{name}: {reacquisition_text(one)}" for one in reacquisitions),
+        + tuple(f"{name}: {reacquisition_text(one)}" for one in reacquisitions)
+        + tuple(f"{name}: {said}" for one in returns if (said := return_warning(one)) is not None),
         time.perf_counter() - began,
         reacquisitions,
+        returns,
     )
 
 

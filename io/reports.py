@@ -196,6 +196,7 @@ def describe(run: Run) -> dict[str, Any]:
         "influential_fixes": [_influence(fix) for fix in influential(trajectory)],
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.left_out],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
+        "returns": [one._asdict() for one in trajectory.returns],
         "sensors": log.provenance,
         "findings": log.findings,
         "outages": run.timeline.outages,

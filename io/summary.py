@@ -14,6 +14,7 @@ from usbldr.filters.consistency import EXPECTED_INSIDE, FATES, consistency_verdi
 from usbldr.filters.evaluation import ErrorReport, Window
 from usbldr.filters.influence import influential
 from usbldr.filters.metrics import SURFACING_GAP_S
+from usbldr.filters.types import Return
 from usbldr.io.reports import Run
 from usbldr.io.tuned import tuned_text
 
@@ -209,6 +210,8 @@ def health(run: Run) -> list[tuple[str, str]]:
             break
     if run.timeline.outages:
         lines.append(("outages", _outages(run)))
+    if returns := run.scored.trajectory.returns:
+        lines.append(("usbl back", _returns(returns)))
     return lines
 
 
@@ -247,6 +250,17 @@ def _outages(run: Run) -> str:
         span = f"{longest.end_s - longest.start_s:.1f} s at {longest.start_s:.0f} s"
         said.append(f"{sensor} {len(mine)}, the longest {span}" if len(mine) > 1 else f"{sensor} {span}")
     return "; ".join(said)
+
+
+def _returns(returns: Sequence[Return]) -> str:
+    """Tell of the return of the USBL that lay farthest from the track."""
+    one = max(returns, key=lambda one: one.sigmas)
+    said = (
+        f"after {one.end_s - one.start_s:.1f} s at {one.end_s:.0f} s the fixes lay {one.off_m:.2f} m from the track, "
+        f"{one.sigmas:.1f} sigma, and moved it {one.moved_m:.2f} m; its sigma had grown from {one.sd_start_m:.2f} to "
+        f"{one.sd_end_m:.2f} m"
+    )
+    return said if len(returns) == 1 else f"{len(returns)} times; at worst {said}"
 
 
 def metres(report: ErrorReport, name: str) -> str:
