@@ -1,6 +1,6 @@
 """A usbldr.toml for a log that has none: what the log itself tells, each line with where its value comes from.
 
-Nothing in it is fitted to GPS or another truth; what no log can tell is there to be filled in.
+No key in it is fitted to GPS or another truth; what no log can tell is there to be filled in.
 """
 
 import math
@@ -17,6 +17,7 @@ from usbldr.io.configuration import check
 from usbldr.io.crosscheck import clear_latency, clear_offset, clear_scale, wrapped
 from usbldr.io.doctor import Examination
 from usbldr.io.log import Log
+from usbldr.io.map_origin import BESIDE_S, propose_origin
 from usbldr.io.readings import Verdict, convention
 from usbldr.io.topics import ROLES
 
@@ -46,7 +47,7 @@ def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
     sections["usbl"] += _usbl(found, log)
     sections["truth"] = _truth(log)
     lines = [
-        f"# Settings for {found.path.name}, written by usbldr init from the log alone; nothing was fitted to GPS.",
+        f"# Settings for {found.path.name}, written by usbldr init from the log alone; no key was fitted to GPS.",
         "# Signs: docs/configuration.md. Lines that start with # say what no log can tell, or what is only a guess.",
         *_fit(found),
         "schema = 1",
@@ -93,12 +94,25 @@ def _map(found: Examination, log: Log) -> list[Line]:
         return [("# origin_lat_deg = 0.0", "unknown: no latitude in the log"), ("# origin_lon_deg = 0.0", "")]
     who = log.origin.source
     comment = ""
-    if any(d.code == "MAP-UNKNOWN" for d in found.diagnoses):
-        comment, who = "# ", f"a guess ({who}): nobody says where the fixes' map begins"
+    lat_deg, lon_deg = log.origin.lat_deg, log.origin.lon_deg
+    if map_unknown(found):
+        comment, who = "# ", f"a guess ({who}); CHECK: state where the fixes' map begins, or head under [usbl]"
+        guess = propose_origin(log, found.timeline, found.check.verdict if found.check else None)
+        if guess is not None:
+            lat_deg, lon_deg = guess.lat_deg, guess.lon_deg
+            who = (
+                f"CHECK: a guess; there the fixes meet the GPS ({guess.pairs} within {BESIDE_S:g} s of each other, "
+                f"+-{guess.sd_m:.1f} m). Fitted to GPS: not for a run that GPS judges"
+            )
     return [
-        (f"{comment}origin_lat_deg = {log.origin.lat_deg:.9f}", who),
-        (f"{comment}origin_lon_deg = {log.origin.lon_deg:.9f}", who),
+        (f"{comment}origin_lat_deg = {lat_deg:.9f}", who),
+        (f"{comment}origin_lon_deg = {lon_deg:.9f}", "" if comment else who),
     ]
+
+
+def map_unknown(found: Examination) -> bool:
+    """Tell whether the fixes are local positions and nobody states where their map begins."""
+    return any(d.code == "MAP-UNKNOWN" for d in found.diagnoses)
 
 
 def _topic(found: Examination, log: Log, role: str) -> list[Line]:

@@ -5,6 +5,7 @@ An error of the compass that the configuration states is subtracted.
 """
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,16 +27,28 @@ MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
 MANY = 100  # records without any change make one wonder
 
 
-def compass(raw: Raw, section: CompassSection, place: Origin | None) -> Converted:
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """How sentences call the keys that would mend a heading."""
+
+    declination: str = "declination_deg under [compass]"
+    radians: str = 'state [compass] unit = "rad"'
+
+
+OF_COMPASS = Keys()
+OF_HEAD = Keys("heading_declination_deg in head of [usbl]", "name another heading_topic in head of [usbl]")
+
+
+def compass(raw: Raw, section: CompassSection, place: Origin | None, keys: Keys = OF_COMPASS) -> Converted:
     """Turn headings to degrees clockwise from true north, 0 to 360; invalid records are left out.
 
     ``place`` is where declination is taken. Raises LogError where all records are invalid, UsageError where a
     declination is asked for that nobody can know.
     """
     times = times_of(raw, section.time, section.latency_s)
-    heading, causes, said, findings = _clockwise(raw, section)
+    heading, causes, said, findings = _clockwise(raw, section, keys)
     good, invalid = dropped(raw, causes, "compass", "left out")
-    added, more_said, more = _declination(raw, section, place, int(times.time_ns[good][0]))
+    added, more_said, more = _declination(raw, section, place, int(times.time_ns[good][0]), keys)
     said, findings = [*said, *more_said], [*findings, *more, *invalid, *_constant(raw, heading[good])]
     heading = heading - section.bias_deg + added
     said += [f"bias {section.bias_deg:g} deg subtracted (configuration)"] if section.bias_deg else []
@@ -57,7 +70,9 @@ def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
     return heading
 
 
-def _clockwise(raw: Raw, section: CompassSection) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
+def _clockwise(
+    raw: Raw, section: CompassSection, keys: Keys
+) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
     """Return headings clockwise from whatever north, degrees (n,); by cause which are invalid; what was assumed."""
     by_frame = "NED" if named_ned(raw.frame_id) else None
     convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
@@ -77,7 +92,7 @@ def _clockwise(raw: Raw, section: CompassSection) -> tuple[Vector, dict[str, Mas
     from_east = raw.number("sense_code") != CLOCKWISE if convention.startswith("as") else convention == "ENU"
     angle = np.where(in_degrees, angle, np.degrees(angle))
     if unit_who == "default" and largest < 6.3:
-        text = f'{raw.topic.name}: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
+        text = f"{raw.topic.name}: no value is above 6.3; if they are radians, {keys.radians}"
         findings = [*findings, Finding("HEADING-UNIT", text)]
     causes = {
         "not a number": ~np.isfinite(angle),
@@ -120,7 +135,7 @@ def _magnetic(raw: Raw) -> Mask | None:
 
 
 def _declination(
-    raw: Raw, section: CompassSection, place: Origin | None, time_ns: int
+    raw: Raw, section: CompassSection, place: Origin | None, time_ns: int, keys: Keys
 ) -> tuple[Vector, list[str], list[Finding]]:
     """Return the degrees to add to each record, (n,), how they came about, and what a user ought to know."""
     magnetic, stated_deg = _magnetic(raw), section.declination_deg
@@ -128,14 +143,15 @@ def _declination(
     if magnetic is not None and not magnetic.any():
         if not stated_deg:
             return nothing, ["from true north (by its records)"], []
-        text = f"{raw.topic.name}: declination_deg of the configuration is not used; its records count from true north"
+        key = keys.declination.split()[0]
+        text = f"{raw.topic.name}: {key} of the configuration is not used; its records count from true north"
         return nothing, ["from true north (by its records)"], [Finding("KEY-UNUSED", text)]
     if stated_deg is None and magnetic is None:
         if not MAGNETIC_NAME.search(raw.topic.name.lower()):
             return nothing, [], []
         text = (
             f"{raw.topic.name}: taken for headings from true north, but its name says magnetic; state "
-            'declination_deg = "auto" or a number under [compass], 0 if they are true'
+            f'{keys.declination}: "auto" or a number, 0 if they are true'
         )
         return nothing, [], [Finding("HEADING-MAGNETIC", text)]
     if isinstance(stated_deg, float):
@@ -149,13 +165,13 @@ def _declination(
             raise UsageError(f"{raw.log}: {raw.topic.name}: {err}") from err
     elif stated_deg == "auto":
         raise UsageError(
-            f'{raw.log}: [compass] declination_deg = "auto": no position is known; '
+            f'{raw.log}: {keys.declination} = "auto": no position is known; '
             "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
         )
     else:
         text = (
             f"{raw.topic.name}: headings are magnetic by their own account and stay so, for no position is known; "
-            "state declination_deg under [compass], or origin_lat_deg and origin_lon_deg under [map]"
+            f"state {keys.declination}, or origin_lat_deg and origin_lon_deg under [map]"
         )
         return nothing, ["from magnetic north (by its records)"], [Finding("HEADING-MAGNETIC", text)]
     whom = "" if magnetic is None or magnetic.all() else f" to {np.sum(magnetic)} magnetic records"

@@ -115,7 +115,8 @@ def known_end(
         turning = Turning(np.full(len(time_ns), head.heading_deg), np.full(len(time_ns), section.heading_sd_deg or 0.0))
         turning = replace(turning, said=(f"head turned by {head.heading_deg:g} deg (configuration)",))
     else:
-        turned = headings.compass(raws[SHIP_HEADING], _gyro(head), origin) if SHIP_HEADING in raws else None
+        gyro = raws.get(SHIP_HEADING)
+        turned = headings.compass(gyro, _gyro(head), origin, headings.OF_HEAD) if gyro else None
         turning = _turning(turned, section, head.max_gap_s, time_ns)
         if turned is not None:
             how = f"heading of the head by {raws[SHIP_HEADING].topic.name}: {'; '.join(turned.conventions)}"

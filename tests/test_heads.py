@@ -159,6 +159,17 @@ def test_the_ships_first_fix_is_the_origin_where_there_is_no_other(tmp_path: Pat
     assert "MAP-UNKNOWN" not in codes(log)
 
 
+def test_what_would_mend_a_ships_heading_is_a_key_of_the_head(tmp_path: Path) -> None:
+    seconds = [T0 + k * SECOND for k in range(4)]
+    rows = [ship(t, 0.0, 0.0) for t in seconds] + [point(T0 + SECOND, 3.0, 4.0)]
+    rows += [(t, "/ship/hdm", HEADING, {"data": 3.0}) for t in seconds]
+
+    log = logged(tmp_path, sorted(rows, key=lambda row: row[0]), ON_SHIP.replace("/ship/heading", "/ship/hdm") % "")
+
+    assert "state heading_declination_deg in head of [usbl]" in codes(log)["HEADING-MAGNETIC"]
+    assert "[compass]" not in codes(log)["HEADING-UNIT"]
+
+
 def test_a_wrong_gyro_spreads_a_fix_across_the_line_of_sight(tmp_path: Path) -> None:
     """1 deg at 200 m is 3.49 m across; the ship's receiver adds 0.5 m in any direction; 0.7 m is the sensor's own."""
     bearing = math.radians(30)

@@ -1,5 +1,6 @@
 """usbldr init: what it writes is what the log was made by, and replay accepts it unchanged."""
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ def test_the_file_says_how_the_log_was_made(log: Path, tmp_path: Path) -> None:
     done = run("init", str(log), "--output", str(target))
 
     assert done.exception is None, done.exception
-    assert done.output == f"{target}: written\n"
+    assert done.output.startswith(f"{target}: written; 1 line marked CHECK wants a decision\n")
     found = tomllib.loads(target.read_text(encoding="utf-8"))
     assert found["dvl"]["topic"] == "/dvl"
     assert found["dvl"]["axes"] == "FRD"
@@ -82,6 +83,22 @@ def test_the_file_stands_where_replay_looks_and_is_not_overwritten(log: Path, tm
     assert untouched == "schema = 1\n# mine\n"
     assert forced.exception is None
     assert "# mine" not in place.read_text(encoding="utf-8")
+
+
+def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_only(tmp_path: Path) -> None:
+    """The dive's map begins at 45 north, 7 east, which no message says; the first GPS fix lies 10 s from it."""
+    rows = [row for row in dive(gps=True) if row[1] != "/gps/fix" or row[0] % (60 * SECOND) < 3 * SECOND]
+    log = write_mcap(tmp_path / "dive.mcap", rows)
+
+    done = run("init", str(log))
+
+    assert "state origin_lat_deg and origin_lon_deg under [map] if it is known, or head under [usbl]" in done.output
+    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
+    assert "map" not in tomllib.loads(text)
+    place = re.search(r"# origin_lat_deg = (\S+) +# CHECK: .* meet the GPS .*\n# origin_lon_deg = (\S+)", text)
+    assert place
+    assert float(place[1]) == pytest.approx(45.0, abs=1e-5)
+    assert float(place[2]) == pytest.approx(7.0, abs=1e-5)
 
 
 def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     $ usbldr init dive.mcap
     """
     from usbldr.io.doctor import examine
-    from usbldr.io.draft import configuration_beside, draft
+    from usbldr.io.draft import configuration_beside, draft, map_unknown
 
     path = Path(log)
     if not path.exists():
@@ -36,7 +36,8 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     if target.is_dir() or (target.exists() and not force):
         raise UsageError(f"{target} exists already: choose another file with --output, or --force")
     selection["config"] = "none"
-    text = draft(examine(path, request(**selection)), selection["joined"])
+    found = examine(path, request(**selection))
+    text = draft(found, selection["joined"])
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as err:
@@ -44,3 +45,8 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     checks = text.count("# CHECK")
     wanted = f"; {checks} line{'s' if checks > 1 else ''} marked CHECK want{'' if checks > 1 else 's'} a decision"
     click.echo(f"{target}: written" + (wanted if checks else ""))
+    if map_unknown(found):
+        click.echo(
+            "where the fixes' map begins is unknown, so errors against latitudes may hold one shift in common: state "
+            "origin_lat_deg and origin_lon_deg under [map] if it is known, or head under [usbl]"
+        )
