@@ -5,6 +5,7 @@ is one of the whole file.
 """
 
 import random
+import resource
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from dives import SECOND, T0, Row, point, short_dive, twist, write_csv, write_mcap, yaw
 from recordings import write_bag, write_rosbag2
+from test_absurd_settings import run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.detect import open_log
 from usbldr.io.log import Log
@@ -148,3 +150,54 @@ def test_odd_files_that_others_made_may_be_damaged_too(field_logs: Path, tmp_pat
             damaged.write_bytes(bent)
             read_whatever(damaged)
     assert len(files) > 25
+
+
+def damaged(whole: bytes, rng: random.Random) -> bytes:
+    """Cut a file, bend some of its bits, or overwrite a stretch of it."""
+    bent = bytearray(whole)
+    how = rng.choice(["cut", "bits", "stretch"])
+    if how == "cut":
+        return bytes(bent[: rng.randrange(len(whole))])
+    if how == "bits":
+        for _ in range(rng.choice([1, 5, 50])):
+            bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
+        return bytes(bent)
+    at, length = rng.randrange(len(whole)), rng.choice([4, 64, 3000])
+    return whole[:at] + rng.choice([rng.randbytes(length), bytes(length), b"\xff" * length]) + whole[at + length :]
+
+
+def every_command(log: Path, out: Path) -> None:
+    """Run what reads a log: exit code 0 or 1 and a page, else one sentence with the code of its class."""
+    replayed = ["replay", str(log), "--filter", "ekf", "--force", "--quiet", "--output", str(out / "run")]
+    init = ["init", str(log), "--force", "--output", str(out / "found.toml")]
+    for command in (["info", str(log)], ["doctor", str(log)], init, replayed):
+        done = run(*command)
+        if isinstance(done.exception, UsbldrError):
+            assert done.exception.exit_code in (2, 3), done.exception
+        else:
+            assert done.return_value in (None, 0, 1, 3), (command, done.return_value)
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("kind", WRITERS)
+def test_every_command_bears_a_damaged_file(tmp_path: Path, kind: str) -> None:
+    file = WRITERS[kind](tmp_path)
+    path = file.parent if file.name == "metadata.yaml" else file
+    whole, rng = file.read_bytes(), random.Random(kind)
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    for _ in range(12):
+        file.write_bytes(damaged(whole, rng))
+        every_command(path, tmp_path)
+
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 400_000
+
+
+@pytest.mark.parametrize("kind", ["mcap zstd", "bag bz2", "db3", "nmea"])
+def test_pictures_of_a_damaged_file_are_drawn_or_it_is_refused(tmp_path: Path, kind: str) -> None:
+    file = WRITERS[kind](tmp_path)
+    whole, rng = file.read_bytes(), random.Random(kind)
+
+    for _ in range(4):
+        file.write_bytes(damaged(whole, rng))
+        run("replay", str(file), "--filter", "dr", "--force", "--quiet", "--output", str(tmp_path / "run"))
