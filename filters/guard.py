@@ -74,7 +74,8 @@ class Guarded:
     motion: MotionModel
     false: Contamination = Contamination()  # how often fixes are false, and how far off
     lasts_s: float = 3.0  # how long a cluster of false fixes is, on average
-    displaced: float = 0.05  # how often a vehicle is where dead reckoning cannot have brought it
+    displaced: float = 0.05  # how often a vehicle is where dead reckoning cannot have brought it, after a long silence
+    silence_s: float = 60.0  # which is so long; in a shorter one, in proportion, less can have happened
     odds: float = 20.0  # at which a rival that moves the track takes over
     forgotten: float = 1e-4  # share of the likeliest one's weight below which a rival is dropped
 
@@ -93,7 +94,8 @@ class Guarded:
         doubt = belief.doubt or Doubt(step.t1_s, silent_s, step.t1_s)
         goes_on = math.exp(-silent_s / self.lasts_s)
         rivals = self._weighed(belief.rivals, seen, goes_on, doubt.believers, step, chance)
-        if new := self._challengers(belief.rivals, seen, step, chance):
+        displaced = self.displaced * min(1.0, silent_s / self.silence_s)
+        if new := self._challengers(belief.rivals, seen, displaced, step, chance):
             doubt = doubt._replace(believers=(*doubt.believers, "moved" if new[-1].kind == "moved" else "usual"))
         if any(rival.kind == "held" for rival in new):  # that its fix is false is from here on the other's story
             alone = belief.rivals[0].log_weight + seen[0].modelled
@@ -156,15 +158,15 @@ class Guarded:
         return after + resumed
 
     def _challengers(
-        self, rivals: Sequence[Rival], seen: Sequence[Evidence], step: Step, chance: Chance
+        self, rivals: Sequence[Rival], seen: Sequence[Evidence], displaced: float, step: Step, chance: Chance
     ) -> list[Rival]:
         """Return the new rivals, after the step, that its fixes give cause for.
 
-        Fixes far from what any belief expected: one that holds and one that has moved. Fixes that the only belief
-        would follow, being unsure: one that holds.
+        Fixes far from what any belief expected: one that holds and one that has moved, which happens with the
+        probability ``displaced``. Fixes that the only belief would follow, being unsure: one that holds.
         """
         leader, told = rivals[0], seen[0]
-        far = all(math.log(self.displaced) + other.displaced > other.genuine for other in seen)
+        far = all(_log(displaced) + other.displaced > other.genuine for other in seen)
         far = far and all(rival.kind != "moved" for rival in rivals)
         if not far and not (told.telling and len(rivals) == 1):
             return []
@@ -175,7 +177,7 @@ class Guarded:
         if far:
             mean, cov = leader.estimate.mean, leader.estimate.cov.copy()
             cov[POSITION, POSITION] += told.excess_m2
-            weight = leader.log_weight + math.log(self.displaced) + told.displaced
+            weight = leader.log_weight + _log(displaced) + told.displaced
             moved = Rival("moved", self.filter.start(Prior(mean, cov)), leader.estimate, weight)
             new.append(self._taking(moved, step, chance))
         return new

@@ -18,6 +18,9 @@ from usbldr.filters.orders import by_validity
 from usbldr.filters.readings import Readings
 from usbldr.filters.run import FILTERS, Settings, prior, run
 from usbldr.filters.types import Reacquisition, Timeline
+from usbldr.io.scenario import simulated_log
+from usbldr.io.scenario_library import find_scenario
+from usbldr.io.timeline import timeline
 
 RATE_HZ = 5
 SILENT = (60, 210)  # seconds without a fix
@@ -289,3 +292,18 @@ def test_the_guard_knows_at_each_epoch_what_had_arrived() -> None:
     np.testing.assert_array_equal(online.mean[-1], offline.mean[-1])
     assert len(online.reacquisitions) == 1
     assert online.reacquisitions == offline.reacquisitions
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_clusters_between_good_fixes_do_not_move_the_track(seed: int) -> None:
+    """Echoes for up to 14 s, 4 to 7 m off: nothing can have carried the vehicle there from one second to the next."""
+    log = simulated_log(find_scenario("multipath"), seed)
+    line = timeline(log)
+    assert log.truth is not None
+    truth = np.column_stack([np.interp(line.time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T])
+    alone, guarded = (
+        float(np.hypot(*(run("adf", line, log.assumptions, Settings(guard=on)).position_m - truth).T).max())
+        for on in (False, True)
+    )
+
+    assert guarded < 1.2 * alone
