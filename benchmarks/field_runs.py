@@ -85,7 +85,7 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
     with constants(observability, change.observing), constants(run, change.running):
-        assumptions = _choices(cell, seed).applied(before, line).assumptions
+        assumptions = _choices(cell, seed).applied(before, line, cell.way.method).assumptions
     return line, change.after(assumptions, line)
 
 

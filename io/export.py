@@ -4,6 +4,7 @@ Conventions, mounts and offsets of the original have been applied; a latency is 
 them the epochs of a replay, stay what they were.
 """
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,6 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from usbldr.filters.assumptions import ProcessNoise
+from usbldr.filters.calibration import AUTO
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.noise import NoiseFamily
 from usbldr.filters.types import Truth
@@ -124,6 +126,7 @@ def _configuration(
         "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, degrees(process.turn_rate_radps)),
         "uncalibrated_m": (process.uncalibrated_m, default.uncalibrated_m, process.uncalibrated_m),
     }
+    sections["calibrate"] = {"states": '"auto"' if known.calibrate == (AUTO,) else json.dumps(known.calibrate)}
     sections["process"] = {key: repr(value) for key, (own, usual, value) in walks.items() if own != usual}
     start = known.start
     if start is not None and not math.isnan(start.east_m):

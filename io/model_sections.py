@@ -92,7 +92,7 @@ class CalibrateSection(Section, frozen=True, kw_only=True):
 
     states: (
         Literal["auto"] | tuple[Literal["scale", "misalignment", "heading", "deviation", "latency", "usbl-bias"], ...]
-    ) = ()
+    ) = "auto"
     scale_sd: Annotated[float, Meta(ge=1e-6, le=1)] | None = None
     mount_sd_deg: SdDegrees | None = None
     heading_sd_deg: SdDegrees | None = None

@@ -100,6 +100,7 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
             "turn_rate_dps": f"{degrees(process.turn_rate_radps)!r}",
             **({"uncalibrated_m": f"{process.uncalibrated_m!r}"} if process.uncalibrated_m else {}),
         },
+        "calibrate": {"states": "[]"},
     }
     if scenario.start is not None:
         start = scenario.start

@@ -129,7 +129,10 @@ def test_an_absent_configuration_is_a_usage_error(tmp_path: Path) -> None:
 
 
 def test_without_keys_a_run_has_the_default_assumptions(tmp_path: Path) -> None:
-    assert assumptions(read_configuration(written(tmp_path, ""))) == Assumptions()
+    """And the log is asked which errors of its sensors it can tell."""
+    assert assumptions(read_configuration(written(tmp_path, ""))) == Assumptions(calibrate=("auto",))
+    none = written(tmp_path, "[calibrate]\nstates = []")
+    assert assumptions(read_configuration(none)) == Assumptions()
 
 
 def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:

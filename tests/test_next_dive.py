@@ -178,7 +178,7 @@ def test_a_key_replaces_its_line_or_ends_its_section_or_begins_one() -> None:
     ("options", "sentence"),
     [
         (("-f", "dr"), "dr is no filter, so it finds no errors of sensors to write"),
-        (("-f", "adf"), "no errors of sensors are estimated; ask for --calibrate auto"),
+        (("-f", "adf", "--calibrate", "none"), "no errors of sensors are estimated; ask for --calibrate auto"),
     ],
 )
 def test_without_an_error_to_write_it_says_so_before_it_runs(

@@ -87,7 +87,7 @@ def replay(
     require(log, needed(method))
     _refuse_for_tracks(method, choices)
     line = timeline(log, choices.fast_hz, choices.slow_hz)
-    log = choices.applied(log, line)
+    log = choices.applied(log, line, method)
     doubts = better_readings(log, line)
     for finding in doubts:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)

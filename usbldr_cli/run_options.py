@@ -62,15 +62,24 @@ class RunChoices:
             stated["calibrate"] = _keys(self.calibrate)
         return stated
 
-    def applied(self, log: "Log", line: "Timeline") -> "Log":
-        """Return the log with the assumptions that the user states, or that the log itself tells."""
+    def applied(self, log: "Log", line: "Timeline", method: str) -> "Log":
+        """Return the log with the assumptions that the user states, or that the log itself tells.
+
+        Where nobody asked for the errors of sensors, a method that cannot carry one goes without.
+        """
         from usbldr.filters.calibration import AUTO
         from usbldr.filters.observability import observe
         from usbldr.filters.tuning import tune
 
         assumptions = replace(log.assumptions, **self.overrides())
+        able = _carried(method, self.form)
+        if assumptions.calibrate == (AUTO,) and not able:
+            assumptions = replace(assumptions, calibrate=())
         if assumptions.calibrate == (AUTO,):
             assumptions = observe(line, assumptions)
+            if self.calibrate is None:
+                kept = tuple(key for key in assumptions.calibrate if key in able)
+                assumptions = replace(assumptions, calibrate=kept)
         if self.tune:
             assumptions = tune(line, assumptions).assumptions
         return replace(log, assumptions=assumptions)
@@ -151,7 +160,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--calibrate",
             metavar="LIST",
             help="Errors of sensors to estimate, as in scale,misalignment; auto: those that the log can tell; none.  "
-            "[default: as configured, else none]",
+            "[default: as configured, else auto]",
         ),
         click.option(
             "--noise",
@@ -186,6 +195,16 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         packed = option(packed)
     return packed
+
+
+def _carried(method: str, form: str) -> frozenset[str]:
+    """Return the errors of sensors that a method can estimate beside the track."""
+    from usbldr.filters.calibration import STATES
+    from usbldr.filters.run import FILTERS
+
+    if method not in FILTERS or form == "literal":
+        return frozenset()
+    return frozenset(STATES) - ({"heading", "deviation"} if method == "pf" else set())
 
 
 def _keys(text: str) -> tuple[str, ...]:

@@ -184,7 +184,7 @@ def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, 
     from usbldr_cli.scoring import needed, score
 
     require(source.log, needed(method))
-    log, line = choices.applied(source.log, source.line), source.line
+    log, line = choices.applied(source.log, source.line, method), source.line
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
     anchor = choices.anchor(log, line) if method == "dr" else None
