@@ -90,7 +90,7 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
 
 
 def _choices(cell: Cell, seed: int) -> RunChoices:
-    options = CHANGES[cell.change].options
+    options = {"calibrate": cell.way.calibrate, **CHANGES[cell.change].options}
     return replace(fitted(cell.way.method, cell.way.choices(seed)), **options)
 
 

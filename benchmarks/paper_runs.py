@@ -62,7 +62,7 @@ class Way:
             dr_from="start",
             fast_hz=5.0,
             slow_hz=1.0,
-            calibrate=self.calibrate,
+            calibrate=None if self.calibrate == "none" else self.calibrate,  # simulated dives state none
             smooth=self.smooth,
             order=self.order,
         )
