@@ -17,6 +17,7 @@ from usbldr.io.csv_text import nanoseconds, numbers, raw_header, read_texts, sec
 from usbldr.io.log import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
+UNFIT = "its columns fit no sensor; name them by columns under the sensor's section in usbldr.toml"
 WORDS = frozenset({"header.frame_id", "name", "lat_dir", "lon_dir", "fixtype", "bi_status"})
 """Fields of messages that are texts."""
 
@@ -116,7 +117,7 @@ class CsvLog:
     def _info(self, topic: str, source: Source) -> TopicInfo:
         sheet = self._sheets[topic]
         if sheet is None:
-            return TopicInfo(topic, "", "csv", 0, None, None, problem="its columns fit no sensor")
+            return TopicInfo(topic, "", "csv", 0, None, None, problem=UNFIT)
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         times, problem = np.empty(0, dtype=np.int64), f"{source.file.name} {sheet.problem}"
         if sheet.received is not None:
@@ -151,7 +152,7 @@ class CsvLog:
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         source, sheet = self._sources[topic], self._sheets[topic]
         if sheet is None or sheet.received is None:
-            raise LogError(f"{self.path}: {topic} cannot be read: its columns fit no sensor")
+            raise LogError(f"{self.path}: {topic} cannot be read: {UNFIT}")
         received = self._times(source, sheet.received)
         columns = {path: self._column(source, sheet, path) for path in paths}
         order = np.argsort(received, kind="stable")

@@ -16,6 +16,7 @@ FOREIGN: Mapping[bytes, str] = {
     b"BZh": "compressed with bzip2; unpack it first (bunzip2)",
     b"\xfd7zXZ": "compressed with xz; unpack it first (unxz)",
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
+    b"\x7f\x7f": "a PD0 file as ADCPs write it; convert it to CSV or a bag first",
 }
 """What people hand over instead, by its first bytes, and what to do about it."""
 

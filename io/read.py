@@ -114,6 +114,10 @@ def read(opened: Opened, request: Request) -> Log:
 
 def _without_messages(reader: Reader) -> LogError:
     lost = "; ".join(finding.text for finding in reader.findings())
+    unread = [f"{topic.name}: {topic.problem}" for topic in reader.topics() if topic.problem]
+    if unread and not lost:
+        more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
+        return LogError(f"{reader.path}: no topic can be read: {unread[0]}{more}")
     return LogError(f"{reader.path}: holds no messages" + (f" ({lost})" if lost else ""))
 
 

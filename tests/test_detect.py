@@ -35,6 +35,7 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"\x28\xb5\x2f\xfdrest", "is compressed with zstd; unpack it first (zstd -d)"),
         (b"\x1f\x8brest", "is compressed with gzip; unpack it first (gunzip)"),
         (b"PK\x03\x04rest", "is a zip archive; unpack it first (unzip)"),
+        (b"\x7f\x7frest", "is a PD0 file as ADCPs write it; convert it to CSV or a bag first"),
     ],
 )  # fmt: skip
 def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) -> None:
