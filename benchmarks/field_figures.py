@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter
 from PIL import Image
 
 from field_changes import CHANGES
@@ -129,6 +130,9 @@ def _draw_nees(left: Axes, right: Axes, way: Way, label: str, time_s: Vector, va
 def _dress(left: Axes, right: Axes) -> None:
     left.axhline(DOF, color="#000000", lw=0.9)
     left.set_yscale("log")
+    left.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    left.yaxis.set_major_formatter("{x:g}")
+    left.yaxis.set_minor_formatter(NullFormatter())
     left.set_xlabel("time since the log's start [s]")
     left.set_ylabel("NEES")
     shares = np.linspace(0.005, 0.995, 200)
@@ -136,8 +140,9 @@ def _dress(left: Axes, right: Axes) -> None:
     right.plot(chi, 100 * shares, color="#000000", lw=0.9, label="right sigmas")
     right.axvline(chi_square_quantile(0.95, DOF), color="#999999", lw=0.8, ls=":")
     right.set_xscale("log")
+    right.xaxis.set_major_formatter("{x:g}")
     right.set_xlim(0.05, 50)
-    right.set_xlabel("NEES of an epoch (dotted: 95 % of them should lie below)")
+    right.set_xlabel("NEES of an epoch (dotted: 95 % belong below)")
     right.set_ylabel("share of the epochs [%]")
 
 
