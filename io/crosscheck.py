@@ -20,6 +20,21 @@ DELAY_S = 0.3
 SCALE = 0.02
 SIGMAS = 4.0  # an error is claimed beyond as many of its standard deviations
 GROSS_M = 3.0  # and no residual below is called gross
+FAR_S = tuple(float(s) for s in range(-60, 61, 2) if abs(s) > 4)  # offsets of a clock, beyond the fixes' usual delays
+FAR_BETTER = 0.5  # another clock is claimed where less than this share of the residual is left
+LEAP_SECONDS = 18.0  # GPS time minus UTC since 2017
+
+
+WORTH_A_WARNING = (
+    "DVL-AXES",
+    "HEADING-CONVENTION",
+    "MAP-FRAME",
+    "HEADING-RADIANS",
+    "DVL-MOUNT",
+    "HEADING-BIAS",
+    "CLOCK-OFFSET",
+)
+"""What replay says, too: it would compute with a wrong axis, frame, unit or clock."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +52,57 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) ->
     if verdict is None:
         text = "too few fixes beside valid dead reckoning to check conventions against the data"
         return CrossCheck((diagnosis("CONVENTION-UNOBSERVABLE", text, _topic(log, "usbl")),))
+    far_s, verdict, timeline = _on_the_dvls_clock(log, timeline, verdict, sources)
     found = [*convention_findings(log, verdict), *_offset(log, verdict), *_unit(log, timeline, verdict)]
     calibration = calibrate(reread(log, timeline, verdict.best.flips), verdict.best.turn.rotation_rad)
+    late_s = far_s + (calibration.latency_s if calibration is not None else verdict.best.turn.latency_s)
+    found += _clock(log, late_s) if far_s else ()
     if calibration is None or not verdict.trusted:
         return CrossCheck(tuple(found), verdict)
-    found += [*_delays(log, calibration), *_scale(log, calibration), *_fixes(log, timeline, calibration)]
-    return CrossCheck(tuple(found), verdict, calibration)
+    if not far_s:
+        found += _delays(log, calibration)
+    found += [*_scale(log, calibration), *_fixes(log, timeline, calibration)]
+    return CrossCheck(tuple(found), verdict, calibration if not far_s else replace(calibration, latency_s=late_s))
 
 
 def better_readings(log: Log, timeline: Timeline) -> list[Finding]:
-    """Return a finding for each convention of the log that another one clearly beats; nothing is changed by it."""
+    """Return a finding for each convention, mounting or clock that another clearly beats; nothing is changed by it."""
     verdict = judge(log, timeline) if len(timeline.fix_time_s) else None
-    found = convention_findings(log, verdict) if verdict else []
-    return [Finding(d.code, d.text) for d in found if d.code in ("DVL-AXES", "HEADING-CONVENTION", "MAP-FRAME")]
+    if verdict is None:
+        return []
+    far_s, verdict, line = _on_the_dvls_clock(log, timeline, verdict, ())
+    found = [*convention_findings(log, verdict), *_offset(log, verdict), *_unit(log, line, verdict)]
+    found += _clock(log, far_s + verdict.best.turn.latency_s) if far_s else ()
+    return [Finding(d.code, d.text) for d in found if d.code in WORTH_A_WARNING]
+
+
+def _on_the_dvls_clock(
+    log: Log, timeline: Timeline, verdict: Verdict, sources: Sequence[Source]
+) -> tuple[float, Verdict, Timeline]:
+    """Return how far the fixes' clock is off, 0 unless beyond doubt, with verdict and timeline once that is taken off.
+
+    A clock that is off by more than any sound takes is no latency: as it stands, it passes for a turned DVL.
+    """
+    group = groups(timeline, timeline.fix_time_s)
+    lines = [reread(log, timeline, flips) for flips in {verdict.best.flips, verdict.read.flips}]
+    far = min((fit_turn(line, group, FAR_S) for line in lines), key=lambda turn: turn.rms_m)
+    moved = replace(timeline, fix_time_s=timeline.fix_time_s - far.latency_s)
+    again = judge(log, moved, sources) if far.rms_m < verdict.best.residual_m else None
+    if again is None or again.best.residual_m > FAR_BETTER * verdict.best.residual_m:
+        return 0.0, verdict, timeline
+    return far.latency_s, again, moved
+
+
+def _clock(log: Log, late_s: float) -> list[Diagnosis]:
+    """Say that the fixes' clock is off by more than a delay could be."""
+    usbl = _topic(log, "usbl")
+    leap = f" (GPS time and UTC are {LEAP_SECONDS:g} s apart)" if abs(abs(late_s) - LEAP_SECONDS) < 1.5 else ""
+    stated = configuration_of(log).usbl.latency_s
+    text = (
+        f"{usbl}: fixes fit dead reckoning far better where their stamps lie {_late(late_s)} the time at which they "
+        f"were true, by the DVL's clock{leap}; if that is right, state latency_s = {stated + late_s:.2f} under [usbl]"
+    )
+    return [diagnosis("CLOCK-OFFSET", text, usbl, None, late_s, "s")]
 
 
 def convention_findings(log: Log, verdict: Verdict) -> list[Diagnosis]:
@@ -166,7 +219,8 @@ def _delays(log: Log, c: Calibration) -> list[Diagnosis]:
         text = (
             f"{usbl}: fixes fit dead reckoning best where their stamps lie {_late(c.latency_s)} the time at which they "
             f"were true (+-{c.latency_sd_s:.2f} s), by the DVL's clock; if that is so, state latency_s = "
-            f"{stated + c.latency_s:.2f} under [usbl]"
+            f"{stated + c.latency_s:.2f} under [usbl]; a transponder ahead or astern of the vehicle's "
+            "middle looks alike (lever_arm_m)"
         )
         found.append(diagnosis("USBL-LATENCY", text, usbl, None, c.latency_s, "s"))
     clear = abs(c.heading_delay_s) > max(DELAY_S, SIGMAS * c.heading_delay_sd_s)

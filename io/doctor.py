@@ -28,6 +28,7 @@ SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)  # 16-bit integers of a DVL wit
 NEEDED = ("dvl", "compass", "usbl")
 SAME_CLOCK_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
 SAME_EPOCH_S = 3600.0
+MOST_LAG_S = 5.0  # from measuring to logging
 MOST_TRIES = 12  # combinations of topics, where several roles are undecided
 LATE_S = 0.2  # a fix that arrives later is worth a word
 
@@ -154,18 +155,25 @@ def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
             continue
         lag_s[role] = float(np.median(lags))
     if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < SAME_EPOCH_S:
-        stated_s = settings.compass.latency_s
-        apart_s = lag_s["compass"] + stated_s - lag_s["dvl"] - settings.dvl.latency_s
+        stated_s = {"dvl": settings.dvl.latency_s, "compass": settings.compass.latency_s}
+        after_s = {role: lag_s[role] + stated_s[role] for role in lag_s}
+        wrong, right = ("dvl", "compass") if _strange(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
+        apart_s = after_s[wrong] - after_s[right]
         if abs(apart_s) > SAME_CLOCK_S:
-            dvl, compass = raws["dvl"].topic.name, raws["compass"].topic.name
-            headless = " (it has no stamps)" if raws["compass"].stamp_ns is None else ""
+            topic = raws[wrong].topic.name
+            headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
             text = (
-                f"{compass}: logged {lag_s['compass'] + stated_s:.2f} s after the time it is used for{headless}, {dvl} "
-                f"{lag_s['dvl'] + settings.dvl.latency_s:.2f} s after its own; if both are logged at once, state "
-                f"latency_s = {stated_s - apart_s:.2f} under [compass]"
+                f"{topic}: logged {after_s[wrong]:.2f} s after the time it is used for{headless}, "
+                f"{raws[right].topic.name} {after_s[right]:.2f} s after its own; if both are logged at once, state "
+                f"latency_s = {stated_s[wrong] - apart_s:.2f} under [{wrong}]"
             )
-            found.append(diagnosis("CLOCK-OFFSET", text, compass, None, apart_s, "s"))
+            found.append(diagnosis("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
     return found
+
+
+def _strange(lag_s: float, other_s: float) -> bool:
+    """Tell whether a delay from stamp to log is none that a driver makes, while the other sensor's may be one."""
+    return (lag_s < -SAME_CLOCK_S or lag_s > MOST_LAG_S) and abs(other_s) < abs(lag_s)
 
 
 def _invalid(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:

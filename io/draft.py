@@ -158,7 +158,8 @@ def _compass(found: Examination, log: Log) -> list[Line]:
     else:
         lines.append(("# declination_deg = 0.0", "needed if the heading is magnetic; not known from the log"))
     lines.append(_sd("compass", "sd_deg", log, float(np.nanmedian(log.tables["compass"]["sd_deg"]))))
-    offset = [d for d in found.diagnoses if d.code == "CLOCK-OFFSET"]
+    topic = log.provenance["compass"].topic
+    offset = [d for d in found.diagnoses if d.code == "CLOCK-OFFSET" and d.topic == topic]
     if offset and offset[0].worst is not None:
         headless = any(s.startswith("timed by log time") for s in log.provenance["compass"].conventions)
         said_s = "log time against the DVL's" + (

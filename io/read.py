@@ -264,7 +264,8 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     }
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
         said = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
-        raise LogError(f'{path}: the sensors do not overlap in time: {said}; if a clock is wrong, try time = "log"')
+        hint = 'if a clock is wrong, try time = "log" or state latency_s'
+        raise LogError(f"{path}: the sensors do not overlap in time: {said}; {hint}")
 
 
 def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:

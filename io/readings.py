@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from usbldr.filters.crossfit import LEAST_FIXES, Points, Turn, as_points, fit_turn, groups, reckoned, turn_sd_rad
-from usbldr.filters.types import Indices, Timeline, Vector
+from usbldr.filters.types import Array, Indices, Timeline, Vector
 from usbldr.io.configuration import read_configuration
 from usbldr.io.log import Log
 from usbldr.io.sections import Configuration
@@ -148,7 +148,21 @@ def reread(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Time
     if yaw:  # heading' = 90 - heading, with bias and declination on the same side as before
         psi = -psi - np.radians(90.0 + 2 * _added_deg(log))
     fixes = timeline.fix_m[:, ::-1] if world else timeline.fix_m
-    return replace(timeline, dr_mps=np.column_stack([u, v]), dr_yaw_rad=psi, fix_m=fixes)
+    velocity, fixes = _of_reference(log, timeline, np.column_stack([u, v]), psi, fixes)
+    return replace(timeline, dr_mps=velocity, dr_yaw_rad=psi, fix_m=fixes)
+
+
+def _of_reference(log: Log, timeline: Timeline, velocity: Array, psi: Vector, fixes: Array) -> tuple[Array, Array]:
+    """Return velocity and fixes of the vehicle's reference point, where the configuration states lever arms."""
+    dvl, transponder = (np.asarray(arm[:2]) for arm in (log.assumptions.dvl_lever_m, log.assumptions.usbl_lever_m))
+    if dvl.any() and len(psi) > 1:
+        rate: Vector = np.gradient(psi, timeline.time_s)
+        velocity = velocity - rate[:, None] * np.array([-dvl[1], dvl[0]])
+    if transponder.any():
+        yaw = np.interp(timeline.fix_time_s, timeline.time_s, psi)
+        ahead = np.exp(1j * yaw) * complex(*transponder)
+        fixes = fixes - np.column_stack([ahead.real, ahead.imag])
+    return velocity, fixes
 
 
 def convention(log: Log, role: str, name: str) -> tuple[str, str]:

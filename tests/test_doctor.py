@@ -309,3 +309,111 @@ def test_a_scenario_is_examined_without_a_file() -> None:
     done = doctor("paper")
     assert done.return_value == 0, done.output
     assert "0 errors" in done.output
+
+
+def late(rows: list[Row], topic: str, by_s: float) -> list[Row]:
+    """Return the dive with a topic's stamps on a clock that is ahead; log times stay."""
+    field = "header.stamp"
+    return [(*r[:3], dict(r[3]) | {field: r[3][field] + round(by_s * SECOND)}) if r[1] == topic else r for r in rows]
+
+
+def replayed(log: Path, *options: str) -> str:
+    """Return what replay says on stderr."""
+    target = str(log.with_name("run"))
+    return CliRunner().invoke(cli, ["replay", str(log), "-f", "dr", "-q", "--force", "-o", target, *options]).stderr
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("ahead_s", [18.0, -18.0, 37.0])
+def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float) -> None:
+    """GPS time is 18 s ahead of UTC."""
+    log = write_mcap(tmp_path / "dive.mcap", late(dive(gps=True), "/usbl", ahead_s))
+    cure = tmp_path / "cure.toml"
+    cure.write_text(f"[usbl]\nlatency_s = {ahead_s}\n")
+
+    ill, cured = findings(log), findings(log, "--config", str(cure))
+
+    assert ill["CLOCK-OFFSET"]["worst"] == pytest.approx(ahead_s, abs=0.2)
+    assert ("GPS time and UTC" in ill["CLOCK-OFFSET"]["text"]) == (abs(ahead_s) == 18.0)
+    assert {"DVL-MOUNT", "USBL-LATENCY", "HEADING-CONVENTION", "MAP-FRAME"}.isdisjoint(ill)
+    assert "CLOCK-OFFSET" in replayed(log)
+    assert {"CLOCK-OFFSET", "DVL-MOUNT", "USBL-LATENCY"}.isdisjoint(cured)
+    assert "CLOCK-OFFSET" not in replayed(log, "--config", str(cure))
+
+
+@pytest.mark.parametrize(("topic", "section"), [("/dvl", "dvl"), ("/imu", "compass")])
+@pytest.mark.parametrize("ahead_s", [18.0, -18.0])
+def test_the_clock_that_no_driver_explains_is_the_wrong_one(
+    tmp_path: Path, topic: str, section: str, ahead_s: float
+) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", late(dive(gps=True), topic, ahead_s))
+    cure = tmp_path / "cure.toml"
+    cure.write_text(f"[{section}]\nlatency_s = {ahead_s}\n")
+
+    ill, cured = findings(log), findings(log, "--config", str(cure))
+
+    assert ill["CLOCK-OFFSET"]["topic"] == topic
+    assert f"state latency_s = {ahead_s:.2f} under [{section}]" in ill["CLOCK-OFFSET"]["text"]
+    assert {"CLOCK-OFFSET", "DVL-MOUNT", "HEADING-DELAY"}.isdisjoint(cured)
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize(("first", "second", "sign"), [("x", "y", -1.0), ("y", "x", 1.0)])
+def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
+    tmp_path: Path, first: str, second: str, sign: float
+) -> None:
+    rows = [
+        (*r[:3], dict(r[3]) | {
+            "twist.linear.x": sign * r[3][f"twist.linear.{first}"],
+            "twist.linear.y": sign * r[3][f"twist.linear.{second}"],
+        }) if r[1] == "/dvl" else r
+        for r in dive(gps=True)
+    ]  # fmt: skip
+    log = write_mcap(tmp_path / "dive.mcap", rows)
+    cure = tmp_path / "cure.toml"
+    cure.write_text("[dvl]\nmount_deg = 180.0\n" if first == "x" else '[dvl]\naxes = "FRD"\nmount_deg = -90.0\n')
+
+    said, cured = replayed(log), replayed(log, "--config", str(cure))
+
+    assert "[DVL-MOUNT]" in said
+    assert ("[DVL-AXES]" in said) == (first == "y")
+    assert "[DVL-" not in cured
+
+
+def test_a_transponder_ahead_passes_for_a_latency_until_its_lever_arm_is_stated(tmp_path: Path) -> None:
+    rows = dive(gps=True)
+    yaws = [(r[0], 2 * np.arctan2(r[3]["orientation.z"], r[3]["orientation.w"])) for r in rows if r[1] == "/imu"]
+    stamps, angles = np.array([t for t, _ in yaws]), np.unwrap([angle for _, angle in yaws])
+    ahead: list[Row] = []
+    for row in rows:
+        if row[1] == "/usbl":
+            angle = np.interp(row[3]["header.stamp"], stamps, angles)  # counter-clockwise from east: forward
+            moved = {"point.x": row[3]["point.x"] + 3 * np.cos(angle), "point.y": row[3]["point.y"] + 3 * np.sin(angle)}
+            row = (*row[:3], dict(row[3]) | moved)
+        ahead.append(row)
+    log = write_mcap(tmp_path / "dive.mcap", ahead)
+    cure = tmp_path / "cure.toml"
+    cure.write_text("[usbl]\nlever_arm_m = [0.0, 3.0, 0.0]\n")
+
+    ill, cured = findings(log), findings(log, "--config", str(cure))
+
+    assert "lever_arm_m" in ill["USBL-LATENCY"]["text"]
+    assert {"USBL-LATENCY", "HEADING-DELAY"}.isdisjoint(cured)
+
+
+def test_a_magnetic_heading_is_found_as_a_turn_that_the_declination_takes_off(tmp_path: Path) -> None:
+    """At 12 degrees of declination, east positive, a magnetic compass reads 12 degrees less."""
+    rows = [(*r[:2], *yaw_turned(r, 12.0)) if r[1] == "/imu" else r for r in dive(gps=True)]
+    log = write_mcap(tmp_path / "dive.mcap", rows)
+    cure = tmp_path / "cure.toml"
+    cure.write_text("[compass]\ndeclination_deg = 12.0\n")
+
+    assert findings(log)["DVL-MOUNT"]["worst"] == pytest.approx(12.0, abs=1.0)
+    assert "HEADING-CHECKED" in findings(log, "--config", str(cure))
+
+
+def yaw_turned(row: Row, by_deg: float) -> tuple[str, Mapping[str, Any]]:
+    """Return type and values of an Imu that is turned counter-clockwise."""
+    angle = np.degrees(2 * np.arctan2(row[3]["orientation.z"], row[3]["orientation.w"]))
+    turned = yaw(row[0], float(angle) + by_deg)
+    return turned[2], turned[3]
