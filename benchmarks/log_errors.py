@@ -74,6 +74,13 @@ def anchored(truth: Truth, track: tuple[Vector, Array], clockwise_deg: float) ->
     return np.hypot(*(turned - turned[0] - there + there[0]).T)
 
 
+def turn_deg(truth: Truth, track: tuple[Vector, Array]) -> float:
+    """Return by how much a track that starts on the truth has to be turned clockwise to lie on it as well as it can."""
+    there, moved = (points - points[0] for points in together(truth, track))
+    across = np.sum(moved[:, 0] * there[:, 1] - moved[:, 1] * there[:, 0])
+    return -math.degrees(math.atan2(across, np.sum(moved * there)))
+
+
 def together(truth: Truth, track: tuple[Vector, Array]) -> tuple[Array, Array]:
     """Return the truth and the track at the times of the truth that the track spans, (n, 2) each."""
     time_s, position_m = track

@@ -27,6 +27,7 @@ from log_errors import (
     reckoned,
     statistics,
     truth_of,
+    turn_deg,
 )
 from log_expected import OURS
 from usbldr.io.geodesy import to_geodetic, to_plane
@@ -37,6 +38,7 @@ from usbldr.io.timeline import timeline
 
 UIB = '[dvl]\naxes = "FLU"\n[compass]\nconvention = "NED"\n[gps]\ntopic = "none"\n'
 TRUTHS = {"uib_field": '"/slam/graph_vertices"\nskip_rows = 2', "uib_simulation": '"/ground_truth"'}
+COMPASS_LATE_S = {"mhkit_riverpro": 0.31, "tanana_002": 0.18, "tanana_003": 0.18}  # the ensemble's end to its middle
 STOPS_S = 2.0  # "a velocity is used for at most 2 s"
 
 
@@ -151,7 +153,7 @@ def stpere(path: Path) -> Measured:
 
 def river(path: Path, name: str, errors: bool) -> Measured:
     """Measure on a transect of the river."""
-    log = read_as(path, "")
+    log = read_as(path, f"[compass]\nlatency_s = {COMPASS_LATE_S[name]}\n")
     dvl, gps = log.tables["dvl"], log.tables["gps"][["east_m", "north_m"]].to_numpy()
     locked = dvl[dvl["valid"]]["time_s"].to_numpy()
     assert log.origin is not None
@@ -167,8 +169,9 @@ def river(path: Path, name: str, errors: bool) -> Measured:
     if not errors:
         return found | {key: value for key, value in usbl.items() if "error" not in key}
     for key, longest_s in (("hold", math.inf), ("stop_after_2_s", STOPS_S)):
-        off_m, alignment = fitted(truth_of(log), euler(log, longest_s))
-        numbers = statistics(off_m) | {"heading_offset_deg": clockwise_deg(alignment)}
+        track = euler(log, longest_s)
+        offset_deg = turn_deg(truth_of(log), track)
+        numbers = statistics(anchored(truth_of(log), track, offset_deg)) | {"heading_offset_deg": offset_deg}
         found |= prefixed(f"dead_reckoning_{key}", numbers)
     return found | usbl
 
