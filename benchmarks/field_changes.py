@@ -16,7 +16,7 @@ import numpy as np
 from field_logs import cut, stamped_at_arrival, thinned
 from usbldr.filters import observability
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions, Start
-from usbldr.filters.baselines import start_from_fixes
+from usbldr.filters.baselines import start_from
 from usbldr.filters.calibration import STATES
 from usbldr.filters.types import Timeline
 
@@ -113,9 +113,9 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 def _scaled_start(name: str, factor: float) -> Change:
     """Scale what is assumed of a start that nobody states."""
     if name == "count":
-        return Change(running={"start_from_fixes": partial(start_from_fixes, count=round(5 * factor))})
+        return Change(running={"start_from": partial(start_from, count=round(5 * factor))})
     if name == "least_sd_m":
-        return Change(running={"start_from_fixes": partial(start_from_fixes, least_sd_m=3.0 * factor)})
+        return Change(running={"start_from": partial(start_from, least_sd_m=3.0 * factor)})
     other = replace(UNKNOWN_START, **{name: factor * getattr(UNKNOWN_START, name)})
     return Change(running={"UNKNOWN_START": other})
 
