@@ -87,7 +87,8 @@ def _ablations() -> Iterator[tuple[str, Change]]:
     for key in STATES:
         if key != "misalignment":
             yield f"without {key}", _without(key)
-    yield "noise not asked of the log", Change(observing={"LONGER": (1.0,), "MORE_OUTLIERS": (1.0,)})
+    as_assumed = {"LONGER": (1.0,), "MORE_OUTLIERS": (1.0,), "FURTHER": (1.0,)}
+    yield "noise not asked of the log", Change(observing=as_assumed)
     yield "without guard", Change(options={"guard": False})
     yield "every state by its default", Change(after=_everything)
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)

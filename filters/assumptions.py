@@ -76,6 +76,9 @@ class Tuned(NamedTuple):
     told: bool  # False: the log hardly knows it, so it stays as it was
 
 
+DRIFT = "position_walk_m"  # the name under which ProcessNoise.position_m is settled
+
+
 class Settled(NamedTuple):
     """A number of the noise that a log contradicted, see observability.py."""
 
@@ -98,7 +101,7 @@ class Assumptions:
     calibrate: tuple[str, ...] = ()  # keys of calibration.STATES, or AUTO until the log has been asked
     errors: SensorErrors = SensorErrors()
     observed: tuple[Observed, ...] = ()  # why these are calibrated, where the log was asked
-    settled: tuple[Settled, ...] = ()  # what it said of the fixes' noise then
+    settled: tuple[Settled, ...] = ()  # what it said of the noise then
     gps: NoiseFamily = Contamination()  # where it aids
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     aid: tuple[Span, ...] = ()  # windows in which GPS fixes are measurements and no truth

@@ -43,16 +43,6 @@ def usbl(timeline: Timeline) -> Trajectory:
     return Trajectory("usbl", ("x", "y"), timeline.fix_time_s, timeline.fix_m, cov=None)
 
 
-def start_from_fixes(timeline: Timeline, count: int = 5, least_sd_m: float = 3.0) -> tuple[Vector, float]:
-    """Return the position at time 0 that the first USBL fixes tell, (2,), and its 1-sigma per axis, as `start_from`.
-
-    Raises LogError where there is no fix.
-    """
-    if not len(timeline.fix_time_s):
-        raise LogError("the log has no USBL fix to start from")
-    return start_from(timeline, timeline.fix_time_s, timeline.fix_m, count, least_sd_m)
-
-
 def start_from(
     timeline: Timeline, time_s: Vector, fix_m: Array, count: int = 5, least_sd_m: float = 3.0
 ) -> tuple[Vector, float]:

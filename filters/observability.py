@@ -2,8 +2,10 @@
 
 One pass over the fixes (fix_noise.py) with all states tells how far each is narrowed; what stays as wide as it was
 assumed is left out. The predictive likelihood of the readings settles what a sigma cannot tell: what share of their
-stated variance neighbouring fixes have in common, for how long they err alike, how many are outliers, and whether their
-stamps may be trusted to the third of a second. Each stays as assumed unless the log speaks strongly against it.
+stated variance neighbouring fixes have in common, for how long they err alike, how many are outliers, whether their
+stamps may be trusted to the third of a second, and whether dead reckoning reckons at all: without bottom lock, or with
+the wrong mounting or heading, it does not, and a filter that trusts it takes the fixes for outliers. Each stays as
+assumed unless the log speaks strongly against it.
 
 R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(430), 1995, doi:10.2307/2291091, call
 20 strong. Misalignment of the DVL is left to the user: on the track it does what a bias of the heading does.
@@ -17,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.assumptions import Assumptions, Observed, Settled
+from usbldr.filters.assumptions import DRIFT, Assumptions, Observed, Settled
 from usbldr.filters.calibration import NARROWED, STATES, prior_sd
 from usbldr.filters.fix_noise import fix_likelihoods, fix_log
 from usbldr.filters.noise import Contamination
@@ -29,6 +31,7 @@ STRONG = math.log(20)  # the Bayes factor that it takes to depart from what is a
 SHARED = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95)  # of the fixes' variance; the middle serves as reference
 LONGER = (0.5, 1.0, 2.0, 4.0)  # times as long as assumed do fixes err alike
 MORE_OUTLIERS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times as many as assumed
+FURTHER = (1.0, 25.0, 125.0)  # times as far as assumed does dead reckoning walk; coarse, as it is for those that fail
 MOST_OUTLIERS = 0.5  # of the fixes
 TURNING = ("deviation", "latency")  # what a straight track at constant speed cannot tell
 LEAST_TURN_RAD = math.radians(45)
@@ -72,13 +75,14 @@ def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
 
 
 def _changed(given: Assumptions, settled: Assumptions) -> tuple[Settled, ...]:
-    """Tell which numbers of the fixes' noise are no longer as they were."""
+    """Tell which numbers of the noise are no longer as they were."""
     numbers = {
         "usbl_sd_scale": attrgetter("usbl_sd_scale"),
         "usbl_bias_sd_m": attrgetter("errors.usbl_bias_m"),
         "usbl_bias_time_s": attrgetter("errors.usbl_bias_s"),
         "usbl_outlier_share": attrgetter("usbl.share"),
         "usbl_latency_sd_s": attrgetter("errors.latency_s"),
+        DRIFT: attrgetter("process.position_m"),
     }
     shared = settled.errors.usbl_bias_m > 0  # else there is no bias, whose numbers would mean nothing
     found = [
@@ -100,15 +104,19 @@ def _shares(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choi
 
 
 def _wanderings(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choice]:
-    """Return for how long fixes may err alike, and how many may be outliers."""
+    """Return for how long fixes may err alike, how many may be outliers, and how far dead reckoning may walk."""
     found: list[_Choice] = []
-    for longer, more in itertools.product(LONGER, MORE_OUTLIERS):
-        choice = replace(settled, errors=replace(settled.errors, usbl_bias_s=longer * given.errors.usbl_bias_s))
+    for longer, more, further in itertools.product(LONGER, MORE_OUTLIERS, FURTHER):
+        choice = replace(
+            settled,
+            errors=replace(settled.errors, usbl_bias_s=longer * given.errors.usbl_bias_s),
+            process=replace(settled.process, position_m=further * given.process.position_m),
+        )
         if more != 1:
             if not isinstance(given.usbl, Contamination) or more * given.usbl.share > MOST_OUTLIERS:
                 continue
             choice = replace(choice, usbl=replace(given.usbl, share=more * given.usbl.share))
-        found.append(_Choice(choice, int(longer != 1) + int(more != 1)))
+        found.append(_Choice(choice, sum(factor != 1 for factor in (longer, more, further))))
     return found
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, weighted_ekf
 from usbldr.filters.aiding import gps_fixes, usbl_fixes
-from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
+from usbldr.filters.assumptions import DRIFT, UNKNOWN_START, Assumptions
 from usbldr.filters.baselines import carried_back, start_from
 from usbldr.filters.calibration import layout_for, prior_sd
 from usbldr.filters.errors import LogError, UsageError
@@ -170,7 +170,7 @@ def run(
         ess if sampled else None,
         particles,
         acceptance if sampled else None,
-        _warnings(name, settings, ess, done, late)
+        _warnings(name, settings, assumptions, ess, done, late)
         + tuple(f"{name}: {reacquisition_text(one)}" for one in reacquisitions)
         + tuple(f"{name}: {said}" for one in returns if (said := return_warning(one)) is not None),
         time.perf_counter() - began,
@@ -241,8 +241,15 @@ def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector
     return first.time_s, first.position_m
 
 
-def _warnings(name: str, settings: Settings, ess: Vector, updates: Sequence[Update], late: int) -> tuple[str, ...]:
+def _warnings(
+    name: str, settings: Settings, assumptions: Assumptions, ess: Vector, updates: Sequence[Update], late: int
+) -> tuple[str, ...]:
     said: list[str] = []
+    if any(number.name == DRIFT for number in assumptions.settled):
+        said.append(
+            f"{name}: the fixes contradict dead reckoning, so that it may walk {assumptions.process.position_m:g} m in "
+            "a second and the track follows them: check the DVL's bottom lock, its axes and mounting, and the compass"
+        )
     if late:
         said.append(f"{name}: {late} fixes came more than {MEMORY_S:g} s late, or after the end, and were not used")
     fixes = {update.row for update in updates if update.sensor == "usbl"}

@@ -13,7 +13,7 @@ from usbldr.filters import baselines
 from usbldr.filters.errors import LogError
 from usbldr.filters.scenarios import Leg, Scenario
 from usbldr.filters.simulation import simulate
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Timeline, Vector
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.scenario import simulated_log
@@ -167,13 +167,17 @@ def test_raw_fixes_keep_their_own_times() -> None:
     assert track.names == ("x", "y")
 
 
+def _start(line: Timeline) -> tuple[Vector, float]:
+    return baselines.start_from(line, line.fix_time_s, line.fix_m)
+
+
 def test_the_start_is_where_the_fixes_say_less_the_way_since() -> None:
     line = _line(EXACT)
     truth = simulate(EXACT, 0).truth.position_m[::5]
     moved = truth[20:30] + np.array([40.0, -60.0])
     line = dataclasses.replace(line, fix_time_s=np.arange(20.0, 30.0), fix_m=moved)
 
-    start, sd_m = baselines.start_from_fixes(line)
+    start, sd_m = _start(line)
 
     np.testing.assert_allclose(start, [40.0, -60.0], atol=1e-6)
     assert sd_m == 3.0
@@ -182,7 +186,7 @@ def test_the_start_is_where_the_fixes_say_less_the_way_since() -> None:
 def test_two_gross_errors_in_five_neither_move_the_start_nor_widen_it() -> None:
     still = dataclasses.replace(EXACT, legs=(Leg(1000.0, 0.0, 0.0),))
 
-    start, sd_m = baselines.start_from_fixes(_with_fixes(_line(still), [0.1, 50.0, 0.0, 80.0, -0.1]))
+    start, sd_m = _start(_with_fixes(_line(still), [0.1, 50.0, 0.0, 80.0, -0.1]))
 
     np.testing.assert_allclose(start, [0.1, 0.0], atol=1e-6)
     assert sd_m == 3.0
@@ -191,7 +195,7 @@ def test_two_gross_errors_in_five_neither_move_the_start_nor_widen_it() -> None:
 def test_fixes_that_all_disagree_widen_the_start() -> None:
     still = dataclasses.replace(EXACT, legs=(Leg(1000.0, 0.0, 0.0),))
 
-    _, sd_m = baselines.start_from_fixes(_with_fixes(_line(still), [-40.0, -10.0, 0.0, 20.0, 50.0]))
+    _, sd_m = _start(_with_fixes(_line(still), [-40.0, -10.0, 0.0, 20.0, 50.0]))
 
     assert sd_m == pytest.approx(1.4826 * 20.0)
 
@@ -200,7 +204,7 @@ def test_gps_is_no_part_of_the_start() -> None:
     line = _line(EXACT)
     moved = dataclasses.replace(line, gps_m=line.gps_m + 1000.0)
 
-    np.testing.assert_array_equal(baselines.start_from_fixes(moved)[0], baselines.start_from_fixes(line)[0])
+    np.testing.assert_array_equal(_start(moved)[0], _start(line)[0])
 
 
 def test_without_fixes_there_is_one_sentence() -> None:
@@ -208,8 +212,6 @@ def test_without_fixes_there_is_one_sentence() -> None:
 
     with pytest.raises(LogError, match="no USBL fix"):
         baselines.usbl(line)
-    with pytest.raises(LogError, match="no USBL fix"):
-        baselines.start_from_fixes(line)
 
 
 def test_nudged_dead_reckoning_meets_every_fix_and_keeps_its_shape_between() -> None:

@@ -25,6 +25,7 @@ def test_on_a_weaving_dive_every_constant_error_is_observable_even_where_it_is_0
     assert verdicts(told) == {**dict.fromkeys(CANDIDATES, "observable"), "usbl-bias": "not observable"}
     assert told.calibrate == ("scale", "heading", "deviation", "latency")
     assert told.usbl_sd_scale == 1.0
+    assert told.process == ASSUMED.process
 
 
 def test_a_straight_dive_at_constant_speed_tells_scale_and_heading_alone() -> None:
@@ -123,6 +124,32 @@ def test_the_log_says_how_many_of_its_fixes_are_outliers_where_it_speaks_strongl
 
     assert isinstance(told.usbl, Contamination)
     assert told.usbl.share == pytest.approx(expected) if share == 0.05 else told.usbl.share >= expected
+
+
+def test_dead_reckoning_that_does_not_reckon_is_no_longer_trusted() -> None:
+    """A DVL that hears the water below it and not the ground: for half of the dive the vehicle seems to lie still."""
+    line = dive(Faults())
+    deaf = replace(line, dvl_mps=line.dvl_mps.copy())
+    deaf.dvl_mps[len(line.time_s) // 2 :] = 0.0
+    deaf = replace(deaf, dr_mps=deaf.dvl_mps)
+    assumed = replace(ASSUMED, usbl=Contamination())
+    clean = run("adf", line, assumed)
+
+    told = observe(deaf, assumed)
+    trusting = replace(told, process=assumed.process, settled=())
+    tracks = [run("adf", deaf, one) for one in (told, trusting)]
+
+    last = np.searchsorted(line.fix_time_s, line.time_s, side="right") - 1  # fix at each epoch: what is left to know
+    late = line.time_s > line.time_s[-1] / 2
+    held_m, told_m, trusting_m = (
+        float(np.hypot(*(position - clean.position_m)[late].T).mean())
+        for position in (line.fix_m[last], *(track.position_m for track in tracks))
+    )
+    assert ("position_walk_m", assumed.process.position_m, told.process.position_m) in told.settled
+    assert told_m < 1.1 * held_m
+    assert trusting_m > 10 * held_m
+    assert any("bottom lock" in said for said in tracks[0].warnings)
+    assert not any("bottom lock" in said for said in tracks[1].warnings)
 
 
 def test_a_stated_family_of_noise_is_kept() -> None:
