@@ -44,7 +44,7 @@ class Change:
     after: Callable[[Assumptions, Timeline], Assumptions] = _same
     observing: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of observability.py meanwhile
     options: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of RunChoices
-    running: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of run.py all the while
+    starting: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of start.py all the while
 
 
 @contextmanager
@@ -114,11 +114,11 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 def _scaled_start(name: str, factor: float) -> Change:
     """Scale what is assumed of a start that nobody states."""
     if name == "count":
-        return Change(running={"start_from": partial(start_from, count=round(5 * factor))})
+        return Change(starting={"start_from": partial(start_from, count=round(5 * factor))})
     if name == "least_sd_m":
-        return Change(running={"start_from": partial(start_from, least_sd_m=3.0 * factor)})
+        return Change(starting={"start_from": partial(start_from, least_sd_m=3.0 * factor)})
     other = replace(UNKNOWN_START, **{name: factor * getattr(UNKNOWN_START, name)})
-    return Change(running={"UNKNOWN_START": other})
+    return Change(starting={"UNKNOWN_START": other})
 
 
 def _sensitivity() -> Iterator[tuple[str, Change]]:

@@ -18,7 +18,7 @@ from field_changes import CHANGES, constants
 from field_logs import CASES, Case, Dive, dive, truth_for
 from field_plan import Cell, Plan, Rows
 from paper_runs import Way
-from usbldr.filters import observability, run
+from usbldr.filters import observability, start
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.calibration import found
 from usbldr.filters.consistency import worst_fate
@@ -70,7 +70,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[Outcome]:
         if all(kept):
             return [one for one in kept if one is not None]
         anchor = anchor_at("start", line, assumptions, None)
-        with constants(run, CHANGES[cell.change].running):
+        with constants(start, CHANGES[cell.change].starting):
             made = track(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor)
         return [
             Store(store).write(name, *_judged(case, k, made, given, line, assumptions)) for k, name in enumerate(names)
@@ -84,7 +84,7 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
     change = CHANGES[cell.change]
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
-    with constants(observability, change.observing), constants(run, change.running):
+    with constants(observability, change.observing), constants(start, change.starting):
         assumptions = _choices(cell, seed).applied(before, line, cell.way.method).assumptions
     return line, change.after(assumptions, line)
 
@@ -136,8 +136,8 @@ def refusals(made: Trajectory) -> dict[str, float]:
 
 def _key(line: Timeline, given: Dive, assumptions: Assumptions, cell: Cell, seed: int) -> str:
     """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
-    settings, running = _choices(cell, seed).settings, cell.change if CHANGES[cell.change].running else ""
-    parts = (line, given.truth, replace(assumptions, observed=()), cell.way.method, settings, running)
+    settings, starting = _choices(cell, seed).settings, cell.change if CHANGES[cell.change].starting else ""
+    parts = (line, given.truth, replace(assumptions, observed=()), cell.way.method, settings, starting)
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 
 

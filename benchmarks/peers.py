@@ -28,8 +28,9 @@ from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import Noise
 from usbldr.filters.readings import steps
-from usbldr.filters.run import Settings, prior, run
+from usbldr.filters.run import Settings, run
 from usbldr.filters.simulation import motion as true_motion
+from usbldr.filters.start import prior
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
 from usbldr.io.scenario import simulated_log

@@ -13,8 +13,8 @@ from usbldr.filters.calibration import layout_for
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.readings import steps
-from usbldr.filters.run import prior
 from usbldr.filters.simulation import Simulated
+from usbldr.filters.start import prior
 from usbldr.filters.types import Array, Timeline, Vector
 
 

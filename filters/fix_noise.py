@@ -15,26 +15,26 @@ import numpy as np
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.bank import Gaussians, Projection, equal_weights
 from usbldr.filters.baselines import at_times, displacement_m, drift_rates, integrated, velocity_mps
-from usbldr.filters.calibration import layout_for
+from usbldr.filters.calibration import STATES, layout_for
 from usbldr.filters.dives import turned
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import NoiseOfMembers
 from usbldr.filters.policies import collapse
-from usbldr.filters.run import prior
+from usbldr.filters.start import prior
 from usbldr.filters.types import Array, Timeline, Vector
 
 MOST_FIXES = 3600  # an hour of one a second: they tell the noise, and the rest of a longer log would only cost time
 STEERED = ("psi", "u", "v", "r")  # dead reckoning takes them from compass and DVL
-BIAS = ("usbl_bias_east", "usbl_bias_north")
+BIAS = STATES["usbl-bias"]
 
 
 @dataclass(frozen=True, slots=True)
 class FixLog:
-    """F fixes against dead reckoning, in n states: the layout without STEERED."""
+    """F fixes against dead reckoning, in n states: those of the layout in ``rows``, which leaves STEERED out."""
 
     timeline: Timeline
-    layout: Layout
+    layout: Layout  # of the filter
     dt_s: Vector  # (F,) since the fix before; the first since the start
     moved: Array  # (F, 2, n) displacement since then by each state
     seen_m: Array  # (F, 2) fix minus dead reckoning
@@ -42,6 +42,11 @@ class FixLog:
     cov_m2: Array  # (F, 2, 2) as the log states it
     record_m2: Vector  # (F,) what the DVL's stated noise has added to dead reckoning since the fix before
     blind_s3: Vector  # (F,) the same of a velocity that walks 1 m/s in 1 s while there is no record
+
+    @property
+    def rows(self) -> list[int]:
+        """The states of the layout that are in question here, (n,)."""
+        return [row for row, name in enumerate(self.layout.names) if name not in STEERED]
 
 
 class FixLikelihoods(NamedTuple):
@@ -71,10 +76,11 @@ def fix_log(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0
     for row in kept.present("usbl_latency"):
         read[:, :, row] = -V_at
     heard = np.flatnonzero(timeline.dvl_count)
-    spacing_s = np.diff(timeline.time_s[heard], append=timeline.time_s[-1])
+    edges_s = np.append(timeline.time_s[heard], timeline.time_s[-1])  # each record holds from its time to the next
+    spacing_s = np.diff(edges_s)
     R = timeline.dvl_sd_mps[heard] ** 2 / timeline.dvl_count[heard]
-    opened: list[Array] = [np.cumsum(R * spacing_s**2), np.cumsum(spacing_s**3 / 3)]
-    record_m2, blind_s3 = (np.diff(np.interp(t, timeline.time_s[heard], column), prepend=0.0) for column in opened)
+    opened = [np.append(0.0, np.cumsum(each)) for each in (R * spacing_s**2, spacing_s**3 / 3)]
+    record_m2, blind_s3 = (np.diff(np.interp(t, edges_s, column), prepend=0.0) for column in opened)
     return FixLog(
         timeline,
         layout,
@@ -90,7 +96,7 @@ def fix_log(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0
 
 def fix_likelihoods(log: FixLog, members: Sequence[Assumptions]) -> FixLikelihoods:
     """Run adf over the fixes, for each member by its own assumptions; all calibrate the same."""
-    rows = [row for row, name in enumerate(log.layout.names) if name not in STEERED]
+    rows = log.rows
     starts = [prior(log.timeline, member, log.layout) for member in members]
     bank = Gaussians(
         np.stack([start.mean[rows] for start in starts], axis=1),
@@ -123,7 +129,7 @@ def fix_likelihoods(log: FixLog, members: Sequence[Assumptions]) -> FixLikelihoo
 
 def _between_fixes(log: FixLog, members: Sequence[Assumptions]) -> tuple[Array, Array]:
     """Return what remains of each state from fix to fix and the variance that it gains, (F, n, N) both."""
-    rows = [row for row, name in enumerate(log.layout.names) if name not in STEERED]
+    rows = log.rows
     walks = np.stack([VehicleMotion(log.layout, m.process, m.errors).noise(0.0, 1.0)[rows] for m in members], axis=1)
     fade, added = np.ones((len(log.dt_s), *walks.shape)), log.dt_s[:, None, None] * walks
     heard_share = [float(m.dvl.modes(np.ones((1, 1))).matched[0, 0]) * m.dvl_sd_scale**2 for m in members]

@@ -6,9 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters import baselines
+from usbldr.filters.aiding import usbl_fixes
 from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.errors import LogError
-from usbldr.filters.run import FILTERS, Settings, run, starting_fixes
+from usbldr.filters.layout import Layout
+from usbldr.filters.run import FILTERS, Settings, run
+from usbldr.filters.start import starting_fixes, vehicle_m
 from usbldr.filters.types import Timeline, Trajectory, Truth, Vector
 
 METHODS = (*FILTERS, "nudge", "dr", "usbl")
@@ -54,7 +57,10 @@ def anchor_at(where: str, timeline: Timeline, assumptions: Assumptions, truth: T
         start = assumptions.start
         return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
     if where in ("start", "first-fix"):
-        fixes = (timeline.fix_time_s, timeline.fix_m) if where == "first-fix" else starting_fixes(timeline, assumptions)
+        usbl = usbl_fixes(timeline, assumptions, Layout())
+        fixes = (
+            (usbl.time_s, vehicle_m(timeline, usbl)) if where == "first-fix" else starting_fixes(timeline, assumptions)
+        )
         if not len(fixes[0]):
             return None
         return Anchor(baselines.start_from(timeline, *fixes)[0], 0.0, "the first five fixes")

@@ -3,7 +3,6 @@
 The driver (orders.py, readings.py) alone knows grids, fixes and their times of validity; a filter only sees Steps.
 """
 
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, weighted_ekf
-from usbldr.filters.aiding import gps_fixes, usbl_fixes
-from usbldr.filters.assumptions import DRIFT, UNKNOWN_START, Assumptions
-from usbldr.filters.baselines import carried_back, start_from
-from usbldr.filters.calibration import layout_for, prior_sd
-from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.filter import Filter, Prior
+from usbldr.filters.assumptions import DRIFT, Assumptions
+from usbldr.filters.calibration import STATES, layout_for
+from usbldr.filters.errors import UsageError
+from usbldr.filters.filter import Filter
 from usbldr.filters.guard import Guarded, reacquisition_text
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import MotionModel, VehicleMotion
@@ -25,7 +22,8 @@ from usbldr.filters.orders import MEMORY_S, ORDERS, too_late
 from usbldr.filters.readings import Readings
 from usbldr.filters.returns import return_warning, returned
 from usbldr.filters.smoothing import smooth
-from usbldr.filters.types import Array, Reacquisition, Timeline, Trajectory, Update, Vector
+from usbldr.filters.start import prior
+from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Update, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +98,6 @@ WARY = ("adf", "cpf", "upf")  # guarded unless told otherwise; the others stay w
 SAMPLED = ("cpf", "upf", "pf", "pf-wekf")
 FORMED = ("cpf", "upf")
 MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
-NO_START = (
-    "no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or let GPS aid "
-    "it where the vehicle is at the surface (--aid gps@FROM:TO)"
-)
 TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior
 
 
@@ -116,27 +110,14 @@ def run(
 ) -> Trajectory:
     """Run a filter of FILTERS over the timeline and return its estimate at every epoch.
 
-    Raises UsageError for an unknown filter or a gate on one that has none, LogError without anything to start from.
+    Raises UsageError for an unknown filter and for settings that do not fit it, LogError where nothing tells the start.
     """
-    if name not in FILTERS:
-        raise UsageError(f"there is no filter {name!r} (filters: {', '.join(FILTERS)})")
-    if settings.gate is not None and name not in GATED:
-        raise UsageError(f"{name} weighs outliers and takes no gate (filters with a gate: {', '.join(GATED)})")
-    if settings.form not in FORMS or (settings.form != "mixture" and name not in FORMED):
-        raise UsageError(f"{name} has no form {settings.form!r} (forms of {', '.join(FORMED)}: {', '.join(FORMS)})")
-    if settings.smooth and (name not in SMOOTHED_BY or settings.form == "literal"):
-        raise UsageError(f"{name} is too far from a Gaussian to be smoothed (smoothed: {', '.join(SMOOTHED_BY)})")
-    if settings.smooth and settings.order == "arrival":
-        raise UsageError("a smoothed track knows the whole dive: leave --order at validity, or --smooth out")
     layout = layout_for(assumptions.calibrate)
-    if settings.form == "literal" and assumptions.calibrate:
-        raise UsageError("the literal form loses every constant state: leave --calibrate at none, or take another form")
-    if name == "pf" and {"heading", "deviation"} & set(assumptions.calibrate):
-        raise UsageError("pf samples the yaw, which fixes every error of the compass: calibrate those with cpf or adf")
+    _require_a_fit(name, settings, layout)
     motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
     estimator = FILTERS[name](motion, settings)
     wary = name in WARY and settings.form == "mixture" if settings.guard is None else settings.guard
-    if wary and name in GUARDED and settings.form != "literal":
+    if wary:
         estimator = Guarded(estimator, motion)
     began = time.perf_counter()
     count = len(timeline.time_s)
@@ -179,66 +160,36 @@ def run(
     )
 
 
+def _require_a_fit(name: str, settings: Settings, layout: Layout) -> None:
+    """Raise UsageError for an unknown filter, and for what this one cannot do."""
+    if name not in FILTERS:
+        raise UsageError(f"there is no filter {name!r} (filters: {', '.join(FILTERS)})")
+    if settings.gate is not None and name not in GATED:
+        raise UsageError(f"{name} weighs outliers and takes no gate (filters with a gate: {', '.join(GATED)})")
+    if settings.form not in FORMS or (settings.form != "mixture" and name not in FORMED):
+        raise UsageError(f"{name} has no form {settings.form!r} (forms of {', '.join(FORMED)}: {', '.join(FORMS)})")
+    if settings.smooth and (name not in SMOOTHED_BY or settings.form == "literal"):
+        raise UsageError(f"{name} is too far from a Gaussian to be smoothed (smoothed: {', '.join(SMOOTHED_BY)})")
+    if settings.smooth and settings.order == "arrival":
+        raise UsageError("a smoothed track knows the whole dive: leave --order at validity, or --smooth out")
+    if settings.order not in ORDERS:
+        raise UsageError(f"there is no order {settings.order!r} (orders: {', '.join(ORDERS)})")
+    if settings.guard and (name not in GUARDED or settings.form == "literal"):
+        raise UsageError(f"{name} takes no guard (guarded: {', '.join(GUARDED)}, and no literal form)")
+    if settings.form == "gaussian" and settings.particles <= len(layout):
+        raise UsageError(
+            f"the gaussian form of {name} makes a covariance of its particles: for {len(layout)} states it takes more "
+            f"than {len(layout)} of them (--particles)"
+        )
+    if settings.form == "literal" and len(layout) > len(Layout()):
+        raise UsageError("the literal form loses every constant state: leave --calibrate at none, or take another form")
+    if name == "pf" and layout.present(*STATES["heading"], *STATES["deviation"]):
+        raise UsageError("pf samples the yaw, which fixes every error of the compass: calibrate those with cpf or adf")
+
+
 def called(name: str, settings: Settings) -> str:
     """Return what to call a filter's track."""
     return f"{name} smoothed" if settings.smooth and name in SMOOTHED_BY else name
-
-
-def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior:
-    """Return the belief at the first epoch: a stated start, or what the first fixes say.
-
-    Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again. A
-    compass that errs tells only the sum of yaw and its errors, so the prior ties them to each other; so it does with
-    the position where fixes are carried back by sensors that err.
-    """
-    carried = np.zeros((2, len(layout)))  # what carrying the fixes back makes of each error of the sensors
-    if assumptions.start is not None:
-        position = np.array([assumptions.start.east_m, assumptions.start.north_m])
-        position_sd_m = assumptions.start.sd_m
-    else:
-        time_s, fix_m = starting_fixes(timeline, assumptions)
-        if not len(time_s):
-            raise LogError(NO_START)
-        position, position_sd_m = start_from(timeline, time_s, fix_m)
-        carried = carried_back(timeline, time_s, layout.names)
-        motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
-        walked_m2 = float(motion.noise(0.0, max(0.0, float(time_s[0])))[layout.index("x")])
-        position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
-    start = assumptions.start or UNKNOWN_START
-    yaw_rad = float(timeline.dr_yaw_rad[0])
-    known: dict[str, tuple[float, float]] = {
-        "psi": (yaw_rad, start.sd_yaw_rad),
-        "u": (float(timeline.dr_mps[0, 0]), start.sd_mps),
-        "v": (float(timeline.dr_mps[0, 1]), start.sd_mps),
-        "r": (0.0, start.sd_radps),
-        "x": (float(position[0]), position_sd_m),
-        "y": (float(position[1]), position_sd_m),
-    }
-    known |= {name: (0.0, sd) for name, sd in prior_sd(assumptions.errors).items()}
-    mean, sd = np.array([known[name] for name in layout.names]).T
-    P = np.diag(sd**2)
-    h = {"heading_bias": 1.0, "deviation_sin": math.sin(yaw_rad), "deviation_cos": math.cos(yaw_rad)}
-    seen = {layout.index(name): share for name, share in h.items() if name in layout.names}
-    if seen:
-        psi, rows, share = layout.index("psi"), list(seen), np.array(list(seen.values()))
-        P[psi, psi] = float(timeline.yaw_sd_rad[0]) ** 2 + share**2 @ sd[rows] ** 2
-        P[psi, rows] = P[rows, psi] = -share * sd[rows] ** 2
-    place = list(layout.rows("x", "y"))
-    tied = carried @ P
-    P[place] += tied
-    P[:, place] += tied.T
-    P[np.ix_(place, place)] += tied @ carried.T
-    return Prior(mean, P)
-
-
-def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector, Array]:
-    """Return times and places of the fixes that tell where a filter starts: USBL, or GPS that aids before it; or none.
-
-    (F,) and (F, 2).
-    """
-    usbl, gps = usbl_fixes(timeline, assumptions, Layout()), gps_fixes(timeline, assumptions)
-    first = min((usbl, gps), key=lambda fixes: float(fixes.time_s[0]) if len(fixes.time_s) else math.inf)
-    return first.time_s, first.position_m
 
 
 def _warnings(

@@ -10,7 +10,8 @@ from usbldr.filters.calibration import BORDER, STATES, found, layout_for
 from usbldr.filters.errors import UsageError
 from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import Gaussian
-from usbldr.filters.run import FILTERS, Settings, prior, run
+from usbldr.filters.run import FILTERS, Settings, run
+from usbldr.filters.start import prior
 from usbldr.filters.types import Timeline
 from weaving import SD_RAD, Faults, dive
 

@@ -206,7 +206,7 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
             continue
         changed_line = change.records(line) if name != "cut" else None
         told = change.after(change.before(given, line), line)
-        assert changed_line is not line or told != given or change.observing or change.running, name
+        assert changed_line is not line or told != given or change.observing or change.starting, name
 
 
 def test_a_constant_is_another_only_for_a_while() -> None:

@@ -1,6 +1,7 @@
 """The driver: which measurement enters which step, and what comes out at the end."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.layout import Layout
 from usbldr.filters.noise import Contamination, Mixture
 from usbldr.filters.readings import steps
-from usbldr.filters.run import FILTERS, Settings, prior, run
+from usbldr.filters.run import FILTERS, Settings, run
 from usbldr.filters.sensors import UsblFix
+from usbldr.filters.start import prior
 from usbldr.filters.types import Timeline
 
 
@@ -124,10 +126,32 @@ def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_i
         prior(timeline(fixes=()), Assumptions(), Layout())
 
 
+def test_a_transponder_beside_the_reference_point_does_not_shift_the_start() -> None:
+    line = timeline()
+    arm_m = (2.0, 7.0, -1.0)  # starboard, forward, up of a vehicle that heads north
+    off = replace(line, fix_m=line.fix_m + np.array(arm_m[:2]))
+
+    plain, beside = prior(line, Assumptions(), Layout()), prior(off, Assumptions(usbl_lever_m=arm_m), Layout())
+
+    np.testing.assert_allclose(beside.mean, plain.mean, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "said"),
+    [
+        ("ekf", Settings(order="backwards"), "there is no order 'backwards'"),
+        ("pf", Settings(guard=True), "pf takes no guard"),
+        ("cpf", Settings(guard=True, form="literal"), "takes no guard"),
+        ("cpf", Settings(particles=6, form="gaussian"), "for 6 states it takes more than 6"),
+    ],
+)
+def test_settings_that_do_not_fit_the_filter_are_a_sentence(name: str, settings: Settings, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        run(name, timeline(), Assumptions(), settings)
+
+
 def test_gps_never_reaches_a_filter() -> None:
     """The track is the same to the bit whatever GPS says."""
-    from dataclasses import replace
-
     line = timeline()
     lying = replace(line, gps_time_s=line.time_s, gps_m=np.full((len(line.time_s), 2), 1e3))
     a, b = (run("cpf", x, Assumptions(), Settings(20)) for x in (line, lying))

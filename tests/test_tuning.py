@@ -200,3 +200,22 @@ def test_a_log_without_fixes_tells_of_its_dvl() -> None:
     found = tune(without_fixes(dive(Faults())), PLAIN).assumptions
 
     assert set(by_name(found)) == {"velocity_walk_mps"}
+
+
+def test_what_a_silent_dvl_leaves_open_grows_while_it_is_silent_and_not_before() -> None:
+    line = dive(Faults())
+    silent = (line.time_s > 100.0) & (line.time_s < 160.0)
+    log = fix_log(replace(line, dvl_count=np.where(silent, 0, line.dvl_count)), PLAIN)
+
+    within = (line.fix_time_s > 100.0) & (line.fix_time_s <= 160.0)
+    assert log.blind_s3[within].sum() == pytest.approx(60.0**3 / 3)  # a velocity that walks 1 m/s in 1 s
+    assert log.blind_s3[~within].max() < 0.1
+    assert log.record_m2[within].sum() == pytest.approx((line.dvl_sd_mps[0] * 60.0) ** 2)
+
+
+def test_a_log_whose_dvl_never_speaks_is_no_fault() -> None:
+    line = dive(Faults())
+
+    log = fix_log(replace(line, dvl_count=np.zeros_like(line.dvl_count)), PLAIN)
+
+    assert log.record_m2.tolist() == [0.0] * len(line.fix_time_s)

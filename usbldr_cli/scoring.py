@@ -32,7 +32,8 @@ def score(
     from usbldr.filters.aiding import require_gps
     from usbldr.filters.evaluation import evaluate
     from usbldr.filters.methods import track
-    from usbldr.filters.run import FILTERS, NO_START, starting_fixes
+    from usbldr.filters.run import FILTERS
+    from usbldr.filters.start import NO_START, starting_fixes
     from usbldr.io.reports import Scored
 
     aid = log.assumptions.aid

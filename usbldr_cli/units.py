@@ -61,12 +61,13 @@ class _Done(NamedTuple):
 
 def fitted(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
-    from usbldr.filters.run import FILTERS, FORMED, GATED, SAMPLED, SMOOTHED_BY
+    from usbldr.filters.run import FILTERS, FORMED, GATED, GUARDED, SAMPLED, SMOOTHED_BY
 
     return replace(
         choices,
         particles=choices.particles if method in SAMPLED else 2,
         gate=choices.gate if method in GATED else None,
+        guard=choices.guard if method in GUARDED else None,
         form=choices.form if method in FORMED else "mixture",
         smooth=choices.smooth and method in SMOOTHED_BY,
         tune=choices.tune and method in FILTERS,
