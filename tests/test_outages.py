@@ -218,3 +218,21 @@ def test_a_silence_until_the_end_has_no_return() -> None:
     scene = replace(scenario(("usbl",), 90.0, 60.0), duration_s=140.0)
 
     assert not dives(scene, "adf", 1)[0].track.returns
+
+
+def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
+    log = simulated_log(scenario(("usbl",), 90.0, 60.0), 0)
+    line = timeline(log)
+    kept = (line.fix_time_s < 151.5) | (line.fix_time_s > 164.5)  # two fixes between the silences
+    line = replace(
+        line,
+        fix_time_s=line.fix_time_s[kept],
+        fix_received_s=line.fix_received_s[kept],
+        fix_m=line.fix_m[kept],
+        fix_cov_m2=line.fix_cov_m2[kept],
+        outages=(*line.outages, Outage("usbl", 151.0, 165.0)),
+    )
+
+    (one,) = run("adf", line, log.assumptions).returns
+
+    assert (one.start_s, one.end_s) == (151.0, 165.0)
