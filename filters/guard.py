@@ -24,15 +24,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usbldr.filters.bank import Gaussians, copies, predict, project
-from usbldr.filters.filter import Chance, Estimate, Filter, Prior, Step, record
+from usbldr.filters.filter import Chance, Estimate, Filter, Prior, Step, moved, record
 from usbldr.filters.fix_evidence import SENSOR, Evidence, evidence, whole_fixes, without_fixes
-from usbldr.filters.layout import Layout
+from usbldr.filters.layout import POSITION
 from usbldr.filters.motion import MotionModel
 from usbldr.filters.noise import Contamination
 from usbldr.filters.rules import linearised
 from usbldr.filters.types import Reacquisition, Vector
 
-POSITION = list(Layout().rows("x", "y"))  # every layout begins with the states of the motion
 EVEN = 2 * math.log(2)  # median of chi-square for two
 CLUSTER = 2  # fixes: a single one that is refused is an outlier, and no news
 
@@ -111,7 +110,7 @@ class Guarded:
             return GuardedBelief(tuple(rivals), doubt, step.t1_s, told)
         last = rivals[0]
         if doubt.jump_m or (last.kind == "resumed" and doubt.refused >= CLUSTER):
-            told = (*told, Reacquisition(*doubt[:-1], believed=last.kind == "moved"))
+            told = (*told, Reacquisition(*doubt[:-1], believed=last.kind in doubt.believers))
         return GuardedBelief((last._replace(kind="usual", log_weight=0.0),), None, step.t1_s, told)
 
     def estimate(self, belief: GuardedBelief) -> Estimate:
@@ -119,8 +118,11 @@ class Guarded:
 
         A leader that expected the fixes and is far ahead stands alone: that they might be false is then as ever.
         """
-        first = belief.rivals[0].estimate._replace(reacquisitions=belief.reacquisitions)
-        ahead = math.exp(belief.rivals[0].log_weight) > 1 - 1 / self.odds
+        told, leader = belief.reacquisitions, belief.rivals[0]
+        if belief.doubt is not None and leader.kind == "held" and belief.doubt.refused >= CLUSTER:  # as it stands
+            told = (*told, Reacquisition(*belief.doubt[:-1], believed=False))
+        first = leader.estimate._replace(reacquisitions=told)
+        ahead = math.exp(leader.log_weight) > 1 - 1 / self.odds
         if belief.doubt is None or (ahead and belief.doubt.believers == ("usual",)):
             return first
         cov = np.zeros_like(first.cov)
@@ -211,7 +213,7 @@ class Guarded:
         """Return the rival after the step, its fixes refused."""
         bank = self._predicted(rival.estimate, step)
         refused = [
-            record(measurement, project(bank, measurement, linearised), np.ones(1), rejected=True)
+            moved(record(measurement, project(bank, measurement, linearised), np.ones(1), rejected=True), bank, bank)
             for measurement in step.measurements
             if measurement.sensor == SENSOR
         ]

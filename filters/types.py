@@ -76,7 +76,7 @@ class Update(NamedTuple):
     innovation_sd: tuple[float, ...]  # 1-sigma of the innovation by the filter's own account
     nis: float  # innovation squared, normalised by its covariance under the whole noise model
     dof: int  # what nis should be on average
-    fate: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate)
+    fate: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate or guard)
     nominal_share: float  # posterior probability of the nominal noise mode
     shift: tuple[float, ...] | None = None  # by which it moved each state; None where it told no position
 

@@ -115,7 +115,7 @@ def _fate(updates: list[Update], judges: bool) -> tuple[float, float, float, int
     why = {
         "used": "",
         "down-weighted": f"more likely an outlier: probability {nominal:.2f} of the nominal noise",
-        "rejected": f"outside the gate: NIS {nis:.1f} where {dof} is right",
+        "rejected": f"refused by the gate or the guard: NIS {nis:.1f} where {dof} is right",
     }[fate]
     return *innovation_m(updates), nis, dof, fate, why
 

@@ -16,7 +16,8 @@ from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import Contamination, Mixture, NoiseFamily
 from usbldr.filters.orders import by_validity
 from usbldr.filters.readings import Readings
-from usbldr.filters.run import FILTERS, Settings, prior, run
+from usbldr.filters.run import FILTERS, Settings, run
+from usbldr.filters.start import prior
 from usbldr.filters.types import Reacquisition, Timeline
 from usbldr.io.scenario import simulated_log
 from usbldr.io.scenario_library import find_scenario
@@ -270,6 +271,26 @@ def test_a_run_with_the_guard_tells_what_it_decided() -> None:
     assert guarded.warnings[-1].startswith(
         "adf: USBL fixes from 210.0 s on after 151 s without any agreed with each other, but not with those before"
     )
+
+
+def test_a_log_that_ends_while_fixes_are_refused_says_so() -> None:
+    line, _ = dive(1, 5, 50.0)
+    kept = line.fix_time_s < SILENT[1] + 5  # the false ones are the last
+    ended = replace(
+        line,
+        fix_time_s=line.fix_time_s[kept],
+        fix_received_s=line.fix_received_s[kept],
+        fix_m=line.fix_m[kept],
+        fix_cov_m2=line.fix_cov_m2[kept],
+    )
+
+    track = run("adf", ended, Assumptions(process=UNSURE), Settings(guard=True))
+
+    (one,) = track.reacquisitions
+    refused = [update for update in track.updates if update.fate == "rejected" and update.sensor == "usbl"]
+    assert (one.refused, one.believed) == (5, False)
+    assert len({update.row for update in refused}) == 5
+    assert all(update.shift is not None and not any(update.shift) for update in refused)
 
 
 def test_the_guard_knows_at_each_epoch_what_had_arrived() -> None:
