@@ -58,8 +58,8 @@ class Calibration:
     latency_sd_s: float
     heading_delay_s: float  # stamp of a heading minus the time at which it was true, both by the DVL's clock
     heading_delay_sd_s: float
-    residual_m: Vector  # (F,)
-    sd_m: float  # per axis, of fixes that are not gross
+    residual_m: Vector  # (F,) with headings at the time at which they were true; NaN outside of all stretches
+    sd_m: float  # per axis, of those that are not gross
     sd_without_delay_m: float  # the same where headings are taken at their stamps
     stretches: int
 
@@ -161,7 +161,7 @@ def calibrate(timeline: Timeline, rotation_rad: float = 0.0) -> Calibration | No
     whole = _regress(timeline, first.values, 4, group)
     sd = [*_jackknife_sd(timeline, first, 3, group), _jackknife_sd(timeline, whole, 4, group)[3]]
     residual = np.full(len(group), np.nan)
-    residual[used] = first.residual_m
+    residual[used] = whole.residual_m
     return Calibration(
         *(float(number) for pair in zip([*first.values[:3], whole.values[3]], sd, strict=True) for number in pair),
         residual_m=residual,
@@ -195,7 +195,8 @@ def _jackknife_sd(timeline: Timeline, full: _Regression, free: int, group: Indic
     used = group[group >= 0]
     slopes, y = _linear(timeline, full.values, free, group)
     off: list[Vector] = []
-    for part in np.array_split(np.unique(used), BLOCKS):
+    stretches = np.unique(used)
+    for part in np.array_split(stretches, min(BLOCKS, len(stretches))):
         kept = ~np.isin(used, part)
         found = _settle(slopes[kept], y[kept], np.ones(int(kept.sum())), used[kept], full.values[:free])
         off.append(found.step)

@@ -2,8 +2,8 @@
 
 psi += r dt/2; x += (u cos psi - v sin psi) dt, y += (u sin psi + v cos psi) dt; psi += r dt/2. The two half turns are
 linear and exact; only the move is non-linear, and only in psi. u, v and r are random walks. Of the calibration states
-the correlated error of the USBL decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), and the others stay.
-Each part is the *increment* of a few rows, so a rule need not look at the rest of the state.
+the correlated error of the USBL decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias wanders,
+and the others stay. Each part is the *increment* of a few rows, so a rule need not look at the rest of the state.
 """
 
 import math

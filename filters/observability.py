@@ -45,9 +45,10 @@ class _Choice(NamedTuple):
 
 
 def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
-    """Return the assumptions with the states that the log can tell.
+    """Return the assumptions with the states that the log can tell, and with the noise that it speaks strongly for.
 
-    Their field ``observed`` says how far each was narrowed. A log without fixes tells nothing.
+    Their field ``observed`` says how far each state was narrowed, ``settled`` which numbers of the noise are other than
+    assumed. A log without fixes tells nothing. Raises LogError where nothing tells where it starts.
     """
     if not len(timeline.fix_time_s):
         nothing = tuple(Observed(key, 1.0, "not observable") for key in CANDIDATES)

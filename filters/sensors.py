@@ -23,7 +23,7 @@ class Measurement(NamedTuple):
     z: Vector  # (k,)
     model: Function
     noise: Noise
-    sensor: str  # "dvl", "compass", "usbl"
+    sensor: str  # "dvl", "compass", "usbl", "gps"
     axis: str  # which scalar of the record, see types.Update
     row: int  # which record, see types.Update
     time_s: float  # time of validity

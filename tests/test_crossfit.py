@@ -99,6 +99,7 @@ def test_calibration_finds_a_heading_that_is_stamped_late_or_early(delay_s: floa
     assert found is not None
     assert found.heading_delay_s == pytest.approx(delay_s, abs=max(0.1, 4 * found.heading_delay_sd_s))
     assert found.sd_m < 0.5 * found.sd_without_delay_m
+    assert not len(found.gross)
 
 
 def test_at_constant_speed_a_late_heading_is_not_told_from_a_late_fix() -> None:
