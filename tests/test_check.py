@@ -250,6 +250,17 @@ def test_a_scenario_with_seeds_has_standard_errors(tmp_path: Path) -> None:
     assert 0 < se < mean
 
 
+def test_a_folder_of_definitions_is_looked_for_beside_the_baseline(gate: Path) -> None:
+    definition = gate.parent / "msgs" / "our_msgs" / "msg" / "Compass.msg"
+    definition.parent.mkdir(parents=True)
+    definition.write_text("float64 heading\n")
+    _spoil(gate, 'filter = "dr"', 'filter = "dr"\nmsg_path = "msgs"')
+
+    run = _check(gate)
+
+    assert (run.returncode, run.stderr) == (0, ""), run.stdout
+
+
 def _copy_of_the_package(folder: Path) -> Path:
     for part, place in (("usbldr_cli", "usbldr_cli"), ("filters", "usbldr/filters"), ("io", "usbldr/io")):
         shutil.copytree(ROOT / part, folder / place, ignore=shutil.ignore_patterns("__pycache__"))

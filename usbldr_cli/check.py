@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from usbldr_cli.unit_store import Outcome
     from usbldr_cli.units import Unit
 
-FILES = ("config", "truth", "with")  # options whose value may be a file, relative to the baseline's folder
+FILES = ("config", "truth", "with", "msg_path")  # options whose value may be a file or folder beside the baseline
 
 
 @click.command()
@@ -115,7 +115,7 @@ def _stated(folder: Path, options: "Mapping[str, Option]") -> "list[tuple[str, O
     for name, stated in options.items():
         for value in stated if isinstance(stated, list) else [stated]:
             beside = folder / str(value)
-            found.append((name, str(beside) if name in FILES and beside.exists() else value))
+            found.append((name, str(beside) if name.replace("-", "_") in FILES and beside.exists() else value))
     return found
 
 
