@@ -3,6 +3,8 @@ import dataclasses
 import pytest
 
 from usbldr.filters.errors import UsageError
+from usbldr.filters.evaluation import Window
+from usbldr.io.summary import window_text
 from usbldr_cli.compare_tables import markdown, render
 from usbldr_cli.comparison import Row, described, difference, numbers, overall, refuse_unlike, verdict
 from usbldr_cli.tables import WIDTH
@@ -120,6 +122,16 @@ def test_the_tables_fit_the_terminal_and_mark_what_is_not_significant() -> None:
     assert cpf.endswith("*")
     assert not pf.endswith("*")
     assert r"\|east\|" in markdown(rows, [])
+
+
+def test_a_window_is_told_as_replay_tells_it() -> None:
+    told = dataclasses.replace(outcome(1.0), judged=dataclasses.replace(JUDGED, window_end_s=20.0))
+
+    text = render([Row("dive", "ekf", "ekf", (0,), (told,))])
+
+    assert window_text(Window(end_s=20.0)) == "truth rows from the start to 20 s of the log"
+    assert window_text(Window(end_s=20.0)) in " ".join(text.split())
+    assert "window" not in render([row("ekf", 1.0)])
 
 
 def test_runs_against_another_truth_window_or_alignment_are_refused() -> None:

@@ -100,10 +100,8 @@ def subtitle(run: Run) -> str:
     report = run.scored.report
     if report is None:
         return f"no truth; fixes {ORDERS[run.order]}"
-    file = Path(report.truth_source)
-    source = file.name if file.suffix else report.truth_source  # a topic has no suffix and is told whole
     parts = [
-        f"truth: {TRUTHS.get(report.truth_kind, report.truth_kind)} ({source})",
+        truth_text(report.truth_kind, report.truth_source),
         f"fixes {ORDERS[run.order]}",
         ALIGNMENTS[report.alignment.name],
     ]
@@ -112,6 +110,12 @@ def subtitle(run: Run) -> str:
     if report.window != (-np.inf, np.inf):
         parts.append(window_text(report.window))
     return "; ".join(parts)
+
+
+def truth_text(kind: str, source: str) -> str:
+    """Say what errors are taken against: a file by its name, a topic, which has no suffix, whole."""
+    file = Path(source)
+    return f"truth: {TRUTHS.get(kind, kind)} ({file.name if file.suffix else source})"
 
 
 def save(figure: Figure, path: Path) -> None:

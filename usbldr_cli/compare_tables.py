@@ -4,7 +4,8 @@ import re
 import textwrap
 from collections.abc import Sequence
 
-from usbldr.io.summary import ORDERS, TRUTHS, Table, aid_text
+from usbldr.filters.evaluation import Window
+from usbldr.io.summary import ORDERS, TRUTHS, Table, aid_text, window_text
 from usbldr_cli.comparison import Row, difference, grouped, numbers, overall, trust, verdict
 from usbldr_cli.tables import WIDTH, aligned, pairs
 
@@ -66,10 +67,8 @@ def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
     if judged.configuration:
         lines.append(("settings", judged.configuration))
     lines.append(("truth", f"{TRUTHS.get(judged.truth_kind, judged.truth_kind)}: {judged.truth_source}"))
-    if judged.window_start_s is not None or judged.window_end_s is not None:
-        start = "the start" if judged.window_start_s is None else f"{judged.window_start_s:g} s"
-        end = "the end" if judged.window_end_s is None else f"{judged.window_end_s:g} s"
-        lines.append(("window", f"truth rows from {start} to {end} of the log"))
+    if judged.window != Window():
+        lines.append(("window", window_text(judged.window)))
     if judged.aid:
         lines.append(("aid", aid_text(judged.aid)))
     orders = {row.label: ORDERS[row.judged.order] for row in rows if row.judged is not None}

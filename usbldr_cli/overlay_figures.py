@@ -1,14 +1,22 @@
 """Every method over the same dive, in its own colour: errors over time, and tracks over the truth."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from usbldr.filters.types import Array, Vector
-from usbldr.io.summary import TRUTHS
-from usbldr_cli.canvas import TRUTH_COLOUR, Axes, Figure, broken_at_gaps, colour, legend_below, time_axis, titled
+from usbldr_cli.canvas import (
+    TRUTH_COLOUR,
+    Axes,
+    Figure,
+    broken_at_gaps,
+    colour,
+    legend_below,
+    time_axis,
+    titled,
+    truth_text,
+)
 from usbldr_cli.comparison import Row
 from usbldr_cli.unit_store import Trace, read_trace
 
@@ -85,9 +93,7 @@ def overlay_canvas(rows: Sequence[Row], what: str, more: str, width_in: float, h
     judged = rows[0].judged
     parts = [more]
     if judged is not None:
-        file = Path(judged.truth_source)
-        source = file.name if file.suffix else judged.truth_source  # a topic has no suffix and is told whole
-        parts.append(f"truth: {TRUTHS.get(judged.truth_kind, judged.truth_kind)} ({source})")
+        parts.append(truth_text(judged.truth_kind, judged.truth_source))
         parts.append("no alignment" if judged.align == "none" else f"alignment {judged.align}")
     return titled(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
 

@@ -5,6 +5,7 @@ Metres and seconds, east and north, as everywhere.
 
 import io
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
+    from usbldr.filters.evaluation import Window
     from usbldr.filters.types import Array, Vector
 
 SCHEMA = 2
@@ -33,6 +35,14 @@ class Judged:
     aid: tuple[tuple[float, float], ...] = ()  # windows in which GPS aided the filters and nothing is scored
     order: str = "validity"  # in which the filters came to know of late fixes
     lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
+
+    @property
+    def window(self) -> "Window":
+        """Which truth rows were chosen."""
+        from usbldr.filters.evaluation import Window
+
+        first_s, last_s = self.window_start_s, self.window_end_s
+        return Window(-math.inf if first_s is None else first_s, math.inf if last_s is None else last_s)
 
 
 @dataclass(frozen=True, slots=True)
