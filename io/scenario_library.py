@@ -44,12 +44,6 @@ def scenario_names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in FOLDER.glob("*.toml")))
 
 
-def is_scenario(name: str) -> bool:
-    """Tell whether this names a scenario: a TOML file, or where there is nothing of that name, a shipped one."""
-    path = Path(name)
-    return path.is_file() if path.suffix == ".toml" else not path.exists() and name in scenario_names()
-
-
 def find_scenario(name: str) -> Scenario:
     """Return a shipped scenario, or that of a file NAME.toml; raise UsageError that lists the names."""
     if Path(name).suffix == ".toml":

@@ -13,12 +13,12 @@ import pandas as pd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.noise import robust_sd
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
+from usbldr.io.headings import COMPASS_SD_DEG
 from usbldr.io.log import COLUMNS, Log, lacking
 
 LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
 LEAST_DVL_SD_MPS = 1e-3  # the resolution of a DVL: a quiet, rounded record repeats itself and would claim 0
-COMPASS_SD_DEG = 0.3  # where a log does not say
 LEAST_HZ, MOST_HZ = 1e-3, 1e9  # so that epochs can be counted
 MOST_EPOCHS = 20_000_000  # 46 days at 5 Hz
 LONGEST_LOG_S = 30 * 86400.0  # a span beyond is a wrong stamp, and a grid over it would fill the memory
