@@ -33,12 +33,17 @@ def _word(word: str) -> re.Pattern[str]:
     return re.compile(f"({alone}|{inside}|{loud})(?![a-z])")
 
 
-NED, FRD = _word("ned"), _word("frd")
+NED, ENU, FRD = _word("ned"), _word("enu"), _word("frd")
 
 
 def named_ned(frame_id: str) -> bool:
     """Tell whether a frame's name says that it counts north, east, down."""
     return NED.search(frame_id) is not None
+
+
+def named_enu(frame_id: str) -> bool:
+    """Tell whether a frame's name says that it counts east, north, up."""
+    return ENU.search(frame_id) is not None
 
 
 def named_frd(frame_id: str) -> bool:

@@ -167,13 +167,18 @@ def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, Choice], judge: st
             )
 
 
-def _raws(reader: Reader, choices: Mapping[str, Choice]) -> dict[str, Raw]:
-    """Read the topics chosen, each once."""
+def wanted_of(choices: Mapping[str, Choice]) -> dict[str, list[str]]:
+    """Return topic -> the field paths that its roles want, each once."""
     wanted: dict[str, list[str]] = {}
     for choice in choices.values():
         paths = wanted.setdefault(choice.topic.name, [])
         paths += [p for p in wanted_paths(choice.topic, choice.layout).values() if p not in paths]
-    records = reader.read(wanted)
+    return wanted
+
+
+def _raws(reader: Reader, choices: Mapping[str, Choice]) -> dict[str, Raw]:
+    """Read the topics chosen, each once."""
+    records = reader.read(wanted_of(choices))
     for role, choice in choices.items():
         if not len(records[choice.topic.name].received_ns):
             why = "; ".join(finding.text for finding in reader.findings()) or "none fits its definition"
