@@ -32,13 +32,18 @@ def geodetic(raw: Raw) -> tuple[Vector, Vector]:
     return np.where(south, -np.abs(lat), lat), np.where(west, -np.abs(lon), lon)
 
 
-def place_causes(raw: Raw) -> dict[str, Mask]:
-    """Return by cause which positions (n,) are invalid by themselves."""
-    if latlon := "lat_deg" in raw.layout.required:
-        a, b = geodetic(raw)
-    else:
-        names = ("east_m", "north_m") if "east_m" in raw.layout.required else ("x", "y")
-        a, b = (raw.number(name) for name in names)
+def _pair(raw: Raw) -> tuple[Vector, Vector]:
+    """Return the two numbers of each place, (n,): latitude and longitude, east and north, or x and y."""
+    if "lat_deg" in raw.layout.required:
+        return geodetic(raw)
+    names = ("east_m", "north_m") if "east_m" in raw.layout.required else ("x", "y")
+    return raw.number(names[0]), raw.number(names[1])
+
+
+def place_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
+    """Return by cause which positions (n,) are invalid by themselves; in the frame latlon, x and y are degrees."""
+    a, b = _pair(raw)
+    latlon = frame == "latlon" or "lat_deg" in raw.layout.required
     causes = {
         "not a number": ~(np.isfinite(a) & np.isfinite(b)),
         "without fix (status below 0)": raw.number("status") < 0,
@@ -57,9 +62,9 @@ def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vecto
 
     Raises LogError where latitudes are to be placed and the plane has no origin.
     """
+    x, y = _pair(raw)
     if "east_m" in raw.layout.required:
-        return raw.number("east_m"), raw.number("north_m")
-    x, y = geodetic(raw) if "lat_deg" in raw.layout.required else (raw.number("x"), raw.number("y"))
+        return x, y
     if frame != "latlon":
         return (y, x) if frame == "NED" else (x, y)
     if origin is None:
@@ -76,7 +81,10 @@ def off_the_plane(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
 
 
 def message_covariance(raw: Raw, frame: str) -> Array:
-    """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none."""
+    """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none.
+
+    Of a pose in the frame latlon, x is the latitude: its variance is that of north.
+    """
     if "sd_m" in raw.values:
         return _round(raw.number("sd_m"))
     if "sd_east_m" in raw.values:
@@ -86,7 +94,7 @@ def message_covariance(raw: Raw, frame: str) -> Array:
         ee, en, nn = (raw.number(f"cov_{axes}_m2") for axes in ("ee", "en", "nn"))
     else:
         ee, en, nn = (raw.number(f"cov_{axes}") for axes in ("xx", "xy", "yy"))
-        if frame == "NED":
+        if frame == "NED" or (frame == "latlon" and "lat_deg" not in raw.layout.required):
             ee, nn = nn, ee
     R = np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
     least, most = np.fmin(ee, nn), np.fmax(ee, nn)
@@ -106,7 +114,7 @@ def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
     frame, who, findings = stated(raw, "frame", section.frame, "NED" if named_ned(raw.frame_id) else "ENU")
     if latlon != (frame == "latlon") and latlon:
         raise UsageError(f'{raw.log}: frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
-    good, invalid = dropped(raw, place_causes(raw), "gps", "left out")
+    good, invalid = dropped(raw, place_causes(raw, frame), "gps", "left out")
     east, north = on_plane(raw, frame, origin)
     covariance = message_covariance(raw, frame)
     sd = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)

@@ -56,8 +56,8 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) 
     Raises LogError where none is left or where latitudes have no plane, UsageError where the section does not fit.
     """
     raw, target_said, findings = of_target(raw, section.target)
-    raw, more = told_once(raw)
     kind, kind_who, unused = kind_of_fixes(raw, section, origin)
+    raw, more = told_once(raw, kind)
     times = times_of(raw, section.time, section.latency_s)
     end = known_end(section, beside.raws, beside.compass, origin, times.time_ns)
     depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]
@@ -94,8 +94,8 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) 
 
 def _by_latitude(raw: Raw, origin: Origin | None, drop_m: Vector) -> Sight:
     position = np.column_stack(on_plane(raw, "latlon", origin))
-    R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(position)))
-    return Sight(position, np.zeros_like(position), drop_m, R, fix_causes(raw), [], [])
+    R = stated_covariance(raw, "latlon", np.eye(2), np.zeros(len(position)))
+    return Sight(position, np.zeros_like(position), drop_m, R, fix_causes(raw, "latlon"), [], [])
 
 
 def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: KnownEnd | None, drop_m: Vector) -> Sight:

@@ -46,10 +46,10 @@ def _names(raw: Raw) -> NDArray[np.str_]:
     return np.asarray(column.astype(np.int64) if whole else column, dtype=np.str_)
 
 
-def told_once(raw: Raw) -> tuple[Raw, list[Finding]]:
+def told_once(raw: Raw, kind: str) -> tuple[Raw, list[Finding]]:
     """Leave out latitudes and longitudes that repeat the fix before: its source is asked more often than it pings."""
     again = np.zeros(len(raw.received_ns), dtype=np.bool_)
-    if "lat_deg" in raw.layout.required and not raw.topic.type.startswith("usbldr/"):
+    if kind == "latlon" and not raw.topic.type.startswith("usbldr/"):
         columns = [column for name, column in raw.values.items() if name != "age_s" and not name.startswith("header.")]
         again[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
     if not again.any():
@@ -90,21 +90,26 @@ def kind_of_fixes(raw: Raw, section: UsblSection, origin: Origin | None) -> tupl
 
 def _like_latitudes(raw: Raw, origin: Origin | None) -> bool:
     """Tell whether a pose's x and y are degrees, as COLA2 fills them: near the origin, or hardly changing at all."""
-    x, y = (v[np.isfinite(v)] for v in (raw.number("x"), raw.number("y")))
-    if len(x) < 3 or not len(y) or max(np.abs(x).max(), np.abs(y).max() / 2) > 90:
+    x, y = raw.number("x"), raw.number("y")
+    known = np.isfinite(x) & np.isfinite(y) & ((x != 0) | (y != 0))  # (0, 0) is a position that was never filled in
+    x, y = x[known], y[known]
+    if len(x) < 3 or max(np.abs(x).max(), np.abs(y).max() / 2) > 90:
         return False
     if origin is not None:
         return bool(np.abs(x - origin.lat_deg).max() < SPREAD_DEG and np.abs(y - origin.lon_deg).max() < SPREAD_DEG)
     return bool(0 < np.ptp(x) < SPREAD_DEG and np.ptp(y) < SPREAD_DEG and np.hypot(x, y).min() > 1)
 
 
-def fix_causes(raw: Raw) -> dict[str, Mask]:
-    """Return by cause which fixes (n,) are none, by their places and by what their makers say of them."""
+def fix_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
+    """Return by cause which fixes (n,) are none, by their places and by what their makers say of them.
+
+    In the frame latlon, x and y are degrees.
+    """
     x, y, slant_m = raw.number("x"), raw.number("y"), raw.number("slant_range_m")
     by_range = "slant_range_m" in raw.layout.required
     offset = "relative_to" in raw.layout.defaults
     unknown = {"not a number": ~(np.isfinite(slant_m) & np.isfinite(raw.number("bearing_deg")))}
-    return (unknown if by_range else place_causes(raw)) | {
+    return (unknown if by_range else place_causes(raw, frame)) | {
         "flagged invalid": raw.number("valid") == 0,
         "flagged as an outlier by the system itself": raw.number("outlier") == 1,
         "of range or angle alone": (raw.number("fix_kind") < FULL_FIX) | _without_range(raw),

@@ -319,6 +319,37 @@ def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:
     assert 'state kind = "position"' in codes(log)["USBL-LATLON"]
 
 
+def test_the_first_variance_of_a_pose_of_degrees_is_norths(tmp_path: Path) -> None:
+    covariance = np.zeros(36)
+    covariance[[0, 7]] = 9.0, 4.0
+    fixes = [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)]
+
+    log = logged(tmp_path, *((*f[:3], dict(f[3]) | {"pose.covariance": covariance}) for f in fixes), toml=MAP)
+
+    assert log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy()[0] == pytest.approx([4.0, 9.0])
+
+
+@pytest.mark.parametrize("said", ["", '[usbl]\nkind = "latlon"'])
+def test_a_pose_of_degrees_that_was_never_filled_in_is_no_fix(tmp_path: Path, said: str) -> None:
+    fixes = [cola2(0.0, 0.0, 0), *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(1, 5))]
+
+    log = logged(tmp_path, *fixes, toml=MAP + said)
+
+    assert places(log)[:, 1] == pytest.approx(1e-5 * 111132 * np.arange(1, 5), abs=0.01)
+    assert "1 at latitude and longitude 0" in codes(log)["USBL-INVALID"]
+
+
+def test_a_pose_of_degrees_polled_again_is_one_fix_and_metres_are_each_their_own(tmp_path: Path) -> None:
+    fixes = [cola2(45.0 + 1e-5 * (k // 5), 7.0, k) for k in range(15)]
+
+    log = logged(tmp_path, *fixes, toml=MAP)
+    metres = logged(tmp_path, *fixes, toml=f'{MAP}[usbl]\nkind = "position"')
+
+    assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 5, 10])
+    assert codes(log)["USBL-REPEATED"].startswith("/usbl: 12 of 15 fixes repeat the one before")
+    assert len(metres.tables["usbl"]) == 15
+
+
 @pytest.mark.parametrize("said", ['kind = "position"', 'frame = "NED"', "head = { east_m = 0.0, north_m = 0.0 }"])
 def test_whoever_speaks_of_metres_is_believed(tmp_path: Path, said: str) -> None:
     log = logged(tmp_path, *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)), toml=f"{MAP}[usbl]\n{said}")
