@@ -134,7 +134,7 @@ def _decide(opened: Opened, request: Request) -> tuple[dict[str, str], dict[str,
     faults = {role: str(fault).removeprefix(f"{path}: ") for role, fault in roles.unclear.items()}
     tied: dict[str, list[str]] = {}
     for role, fault in roles.unclear.items():
-        free = [topic for topic in candidates(role, topics) if topic.name not in taken]
+        free = candidates(role, topics, taken).best
         if isinstance(fault, UsageError) and len(free) > 1:
             tied[role] = [topic.name for topic in sorted(free, key=lambda topic: -topic.count)]
     return faults, {role: "none" for role in faults if role not in tied}, tied

@@ -108,7 +108,7 @@ def read(opened: Opened, request: Request) -> Log:
         origin=origin,
         truth=truth,
         configuration=opened.file,
-        findings=(*reader.findings(), *moved, *findings),
+        findings=(*reader.findings(), *roles.findings, *moved, *findings),
     )
 
 

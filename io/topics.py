@@ -2,11 +2,13 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.log import Finding
 from usbldr.io.messages import Layout
 from usbldr.io.reader import TopicInfo
 from usbldr.io.sensor_types import LAYOUTS, layout_of
@@ -23,9 +25,9 @@ HINTS: Mapping[str, str] = {
 """Words of topic names that speak for a role."""
 
 NO_SENSOR = re.compile(
-    r"(^|[/_])(filtered|odometry|odom|ekf|ukf|estimate|estimated|ground_?truth|truth|gt|setpoint|cmd|cmd_vel)($|[/_])"
+    r"(^|[/_])(filtered|odometry|odom|ekf|ukf|estimate|estimated|ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
 )
-"""Words of topic names that speak of something computed."""
+"""Words of topic names that speak of something computed, or simulated beside the sensors."""
 
 SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
 """Ends of topic names that come after all others: an Imu without orientation; what mavros made of GPS and the rest."""
@@ -38,6 +40,14 @@ class Choice:
     topic: TopicInfo
     layout: Layout
     chosen_by: str  # "option", "configuration", "type and name"
+    behind: tuple[TopicInfo, ...] = ()  # what could be the role, too, and comes after it by its type
+
+
+class Candidates(NamedTuple):
+    """The topics that could be a role."""
+
+    best: list[TopicInfo]  # of several, the user has to choose
+    behind: list[TopicInfo]  # those that come after one of them by their types
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +56,11 @@ class Roles:
 
     chosen: Mapping[str, Choice]
     unclear: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Say which topics stand behind those chosen."""
+        return tuple(_preferred(role, choice) for role, choice in self.chosen.items() if choice.behind)
 
 
 def choose_roles(
@@ -64,13 +79,13 @@ def choose_roles(
     for role in ROLES:
         if role not in options and role not in configured:
             taken = {choice.topic.name for choice in chosen.values()}
-            found = [topic for topic in candidates(role, topics) if topic.name not in taken]
+            found, behind = candidates(role, topics, taken)
             if len(found) > 1:
                 unclear[role] = UsageError(_which(log, role, found))
             elif found:
                 layout = layout_of(role, found[0])
                 assert layout is not None, "a candidate has a layout"
-                chosen[role] = Choice(found[0], layout, "type and name")
+                chosen[role] = Choice(found[0], layout, "type and name", tuple(behind))
             elif broken := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
                 unclear[role] = _unreadable(log, role, broken[0])
             elif useless := [topic for topic in topics if topic.count and _useless(role, topic)]:
@@ -109,8 +124,11 @@ def find(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
     return found[0] if found else None
 
 
-def candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
-    """Return the topics that could be the role: those that a hint in the name speaks for before the others."""
+def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = ()) -> Candidates:
+    """Return the topics that could be the role: those that a hint in the name speaks for before the others.
+
+    Of these, without those that are ``taken``, the types that stand first in their sensor's order of preference.
+    """
     fitting: list[tuple[bool, TopicInfo]] = []
     for topic in topics:
         layout = layout_of(role, topic)
@@ -128,7 +146,49 @@ def candidates(role: str, topics: Sequence[TopicInfo]) -> list[TopicInfo]:
         if by_type or (layout.recognised == "by type and name" and role in hints):
             fitting.append((role in hints, topic))
     best = [topic for hinted, topic in fitting if hinted] or [topic for _, topic in fitting]
-    return [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
+    best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
+    ranks = {topic: _rank(role, topic) for topic in best if topic.name not in taken}
+    first = min((rank for rank in ranks.values() if rank is not None), default=None)
+    behind = [topic for topic, rank in ranks.items() if rank != first and rank is not None]
+    return Candidates([topic for topic in ranks if topic not in behind], behind)
+
+
+def _rank(role: str, topic: TopicInfo) -> int | None:
+    """Return where a type stands in its sensor's order of preference, 0 first; None where it is not compared.
+
+    DVL: the messages of its driver come before twists that were made of them, those with a flag of validity before
+    those without. Heading: of an autopilot's number there is no doubt which way it counts. USBL: what needs no head
+    comes before what needs its place, and that before what needs its heading, too.
+    """
+    layout = layout_of(role, topic)
+    if layout is None:
+        return None
+    paths, says = layout.required.values(), layout.defaults
+    order = {
+        "dvl": (
+            {"velocity_valid", "report.velocity_valid"} & set(paths),  # Water Linked's
+            "velocity_covar.0" in paths,  # marine_acoustic_msgs, ds_sensor_msgs
+            "velocity_covariance.0" in paths,  # the simulators'
+            layout.type in ("twiststamped", "twistwithcovariancestamped"),
+            layout.type == "odometry",
+        ),
+        "compass": (topic.name.endswith("compass_hdg"), layout.type == "imu"),
+        "usbl": (
+            says.get("kind") == "latlon",
+            says.get("kind") == "position" and says["frame"] != "body",
+            says.get("kind") == "position" and says["frame"] == "body",
+        ),
+    }
+    return next((rank for rank, mine in enumerate(order.get(role, ())) if mine), None)
+
+
+def _preferred(role: str, choice: Choice) -> Finding:
+    others = "; ".join(f"{topic.name} ({topic.type}, {topic.count} messages)" for topic in choice.behind)
+    text = (
+        f"{choice.topic.name}: taken for the {role}, for by its type it comes before {others}; "
+        f"choose another with --{role} TOPIC or with topic under [{role}]"
+    )
+    return Finding("ROLE-PREFERRED", text)
 
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from dives import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, yaw
+from dives import HEADING, SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import COLUMNS
 from usbldr.io.read import Request, read_log, require
@@ -185,3 +185,13 @@ def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Pat
         writer.finish()
 
     assert dict(read_log(file).tables) == {}
+
+
+def test_a_topic_that_was_passed_over_is_told(tmp_path: Path) -> None:
+    number = [(T0 + k * SECOND, "/compass_hdg", HEADING, {"data": 90.0}) for k in range(11)]
+
+    log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), *number]))
+
+    assert log.provenance["compass"].topic == "/compass_hdg"
+    (said,) = [finding.text for finding in log.findings if finding.code == "ROLE-PREFERRED"]
+    assert "it comes before /imu (sensor_msgs/msg/Imu, 11 messages)" in said

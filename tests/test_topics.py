@@ -37,7 +37,9 @@ def test_the_usual_topics_are_recognised() -> None:
     assert roles.unclear == {}
 
 
-@pytest.mark.parametrize("name", ["/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel", "/twist"])
+@pytest.mark.parametrize(
+    "name", ["/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel", "/twist", "/sim/dvl/usbl"]
+)
 def test_what_is_computed_or_nameless_is_no_sensor(name: str) -> None:
     topics = [topic(name, DVL.type, TWIST), topic(name, USBL.type, POINT)]
 
@@ -71,6 +73,81 @@ def test_raw_imu_data_come_after_those_with_orientation() -> None:
     raw = topic("/imu/data_raw", IMU_DATA.type, IMU)
 
     assert taken(choose_roles(LOG, [raw, IMU_DATA], {}, {})) == {"compass": "/imu/data"}
+
+
+HDG = topic("/mavros/global_position/compass_hdg", "std_msgs/msg/Float64", ("data",))
+MAVROS_IMU = topic("/mavros/imu/data", IMU_DATA.type, IMU)
+
+
+def test_an_ordinary_log_of_mavros_has_its_heading_without_a_choice() -> None:
+    raw = topic("/mavros/imu/data_raw", IMU_DATA.type, IMU)
+
+    roles = choose_roles(LOG, [raw, MAVROS_IMU, HDG], {}, {})
+
+    assert taken(roles) == {"compass": "/mavros/global_position/compass_hdg"}
+    assert roles.unclear == {}
+    (said,) = roles.findings
+    assert (said.code, said.text) == (
+        "ROLE-PREFERRED",
+        "/mavros/global_position/compass_hdg: taken for the compass, for by its type it comes before /mavros/imu/data "
+        "(sensor_msgs/msg/Imu, 10 messages); choose another with --compass TOPIC or with topic under [compass]",
+    )
+
+
+def test_a_heading_that_nobody_ranks_is_a_choice_for_the_user() -> None:
+    gyro = topic("/gyro", "ds_sensor_msgs/msg/Compass", ("header.stamp", "heading", "is_true_heading"))
+
+    for topics in ([gyro, HDG], [gyro, MAVROS_IMU], [HDG, topic("/b/compass_hdg", HDG.type, HDG.fields)]):
+        roles = choose_roles(LOG, topics, {}, {})
+        assert taken(roles) == {}
+        assert "2 topics could be the compass" in str(roles.unclear["compass"])
+        assert roles.findings == ()
+
+
+HEAD = ("header.stamp", "header.frame_id")
+VELOCITY = (*HEAD, "velocity.x", "velocity.y", "velocity.z")
+TWISTS = (*HEAD, *(f"twist.twist.linear.{axis}" for axis in "xyz"), "twist.covariance")
+ONE_AFTER_THE_OTHER = [
+    topic("/dvl/data", "dvl_msgs/msg/DVL", (*VELOCITY, "velocity_valid")),
+    topic("/dvl/marine", "marine_acoustic_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "num_good_beams")),
+    topic("/dvl/cola", "cola2_msgs/msg/DVL", (*VELOCITY, "velocity_covariance")),
+    topic("/dvl/covered", "geometry_msgs/msg/TwistWithCovarianceStamped", TWISTS),
+    topic("/dvl/local_position", "nav_msgs/msg/Odometry", TWISTS),
+]
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_messages_of_the_dvl_come_before_what_was_made_of_them(first: int) -> None:
+    topics = ONE_AFTER_THE_OTHER[first:]
+
+    roles = choose_roles(LOG, topics[::-1], {}, {})
+
+    assert taken(roles) == {"dvl": topics[0].name}
+    assert {topic.name for topic in roles.chosen["dvl"].behind} == {topic.name for topic in topics[1:]}
+
+
+def test_two_of_the_first_rank_are_a_choice_whatever_stands_behind() -> None:
+    other = topic("/dvl/other", ONE_AFTER_THE_OTHER[0].type, ONE_AFTER_THE_OTHER[0].fields)
+
+    roles = choose_roles(LOG, [*ONE_AFTER_THE_OTHER, other], {}, {})
+
+    assert str(roles.unclear["dvl"]).startswith("dive.mcap: 2 topics could be the dvl: /dvl/data (")
+
+
+def test_a_type_that_is_taken_elsewhere_leaves_the_role_to_the_next() -> None:
+    roles = choose_roles(LOG, [HDG, MAVROS_IMU], {"depth": HDG.name}, {})
+
+    assert taken(roles) == {"compass": MAVROS_IMU.name, "depth": HDG.name}
+    assert roles.findings == ()
+
+
+def test_latitudes_come_before_offsets_and_these_before_those_along_the_bow() -> None:
+    fields = ("x", "y", "target", "fix_status")
+    offset, bow = (topic(f"/{kind}", f"nmea/{kind}", fields) for kind in ("PEVOSSB_E", "PTSAX"))
+    degrees = topic("/PTSAG", "nmea/PTSAG", ("lat_deg", "lon_deg", "target", "fix_status"))
+
+    assert taken(choose_roles(LOG, [bow, offset, degrees], {}, {})) == {"usbl": "/PTSAG"}
+    assert taken(choose_roles(LOG, [bow, offset], {}, {})) == {"usbl": "/PEVOSSB_E"}
 
 
 def test_the_imu_in_the_usbl_head_is_not_the_compass() -> None:
