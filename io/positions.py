@@ -16,6 +16,7 @@ from usbldr.io.sections import GpsSection
 from usbldr.io.times import times_of
 
 UNDERWATER_M = 1.0
+LONGEST_STILL_S = 5.0  # a receiver that says the same to the last digit for longer has no new fix
 MOST_M = 2e7  # half around the earth
 MOST_SD_M = 1e6  # an error that is said to be larger is unknown
 SD_OF_95_PERCENT = 1 / 2.4477  # a circle of 2.4477 sigma holds 95 % of a round normal distribution
@@ -146,4 +147,26 @@ def under_water(topic: str, depth_m: Vector) -> str:
     return (
         f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {np.nanmax(depth_m):.1f} m: "
         "they may be acoustic positions or repeats; do not take them for truth"
+    )
+
+
+def standing_still(topic: str, table: pd.DataFrame, start_ns: int) -> str:
+    """Return a sentence where latitudes and longitudes are the same to the last digit for long: empty where none are.
+
+    ``table`` is in order of time_ns. Under water a receiver repeats its last fix, with new stamps.
+    """
+    time_ns = table["time_ns"].to_numpy()
+    places = table[["lat_deg", "lon_deg"]].to_numpy(dtype=float)
+    first = np.flatnonzero(np.append(True, np.any(places[1:] != places[:-1], axis=1)))  # of each run
+    last = np.append(first[1:], len(table)) - 1
+    length_s = (time_ns[last] - time_ns[first]) / 1e9
+    still = length_s > LONGEST_STILL_S
+    if not still.any():
+        return ""
+    longest = int(np.argmax(length_s))
+    return (
+        f"{topic}: {np.sum((last - first)[still])} of {len(table)} fixes repeat the one before to the last digit for "
+        f"more than {LONGEST_STILL_S:g} s, in {still.sum()} stretches, the longest of {length_s[longest]:.1f} s from "
+        f"{(time_ns[first[longest]] - start_ns) / 1e9:.1f} s on: so does a receiver under water, whose last fix is no "
+        "truth"
     )

@@ -95,6 +95,8 @@ def read(opened: Opened, request: Request) -> Log:
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
     findings += _truth_apart(truth, tables, start_ns)
+    if truth_table is not None:
+        findings += _standing_still(truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns)
     if truth is not None and truth.kind == "gps":
         findings += _truth_under_water(truth, provenance, tables)
     return Log(
@@ -292,6 +294,12 @@ def _truth_under_water(
     depth_m = positions.depths_of(tables["gps"], tables["depth"], "time_ns")
     text = positions.under_water(truth.source, depth_m)
     return [Finding("GPS-UNDERWATER", text)] if text else []
+
+
+def _standing_still(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:
+    degrees = "lat_deg" in table and any(said.startswith("frame latlon") for said in of.conventions)
+    text = positions.standing_still(of.topic, table, start_ns) if degrees else ""
+    return [Finding("GPS-REPEATED", text)] if text else []
 
 
 def _kind(source: TruthSource) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dives import HEADING, ODOMETRY, POSE_COVARIANCE, T0, Row, define, fix, stamp, write_mcap
+from dives import HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp, write_mcap
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 
@@ -183,3 +183,41 @@ def test_depths_above_the_water_are_pointed_out(tmp_path: Path) -> None:
         "/sensor: a median depth of -4.0 m, above the water; "
         'if it counts the other way, state positive = "up" under [depth]'
     )
+
+
+def still(log: Log) -> list[str]:
+    return [finding.text for finding in log.findings if finding.code == "GPS-REPEATED"]
+
+
+def test_a_receiver_that_repeats_its_last_fix_is_found_without_a_depth_sensor(tmp_path: Path) -> None:
+    """Fifteen seconds at the surface, twenty under it, and then again."""
+    surface = [k if k < 15 else 14 if k < 35 else k for k in range(50)]
+    rows = [fix(T0 + k * SECOND, 32.25 + 1e-6 * place, -64.75) for k, place in enumerate(surface)]
+
+    log = logged(tmp_path, rows)
+
+    (said,) = still(log)
+    assert said.startswith(
+        "/gps/fix: 20 of 50 fixes repeat the one before to the last digit for more than 5 s, in 1 stretches, "
+        "the longest of 20.0 s from 14.0 s on"
+    )
+    assert still(read_log(tmp_path / "dive.mcap", Request(truth="none"))) == []
+
+
+@pytest.mark.parametrize("drift_deg", [1e-13, 0.0])
+def test_a_receiver_at_rest_for_a_moment_is_none_that_repeats(tmp_path: Path, drift_deg: float) -> None:
+    """It moves by less than any receiver tells, or not at all for five seconds."""
+    seconds = 60 if drift_deg else 6
+    rows = [fix(T0 + k * SECOND, 32.25 + k * drift_deg, -64.75) for k in range(seconds)]
+
+    assert still(logged(tmp_path, rows)) == []
+
+
+def test_local_positions_may_stand_still(tmp_path: Path) -> None:
+    rows = [(T0 + k * SECOND, "/gps", ODOMETRY, {"header.stamp": T0 + k * SECOND}) for k in range(60)]
+    origin = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
+
+    log = logged(tmp_path, rows, origin, {"gps": "/gps"})
+
+    assert log.truth is not None
+    assert still(log) == []
