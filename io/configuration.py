@@ -49,9 +49,13 @@ def find_configuration(log: Path, asked: str | None) -> Path | None:
         if not Path(asked).is_file():
             raise UsageError(f"{asked}: no such configuration file")
         return Path(asked)
-    named = log.parent / f"{log.stem if log.is_file() else log.name}.usbldr.toml"
-    places = [log / "usbldr.toml"] if log.is_dir() else []
-    return next((place for place in [*places, named, log.parent / "usbldr.toml"] if place.is_file()), None)
+    return next((place for place in configuration_places(log, log.is_dir()) if place.is_file()), None)
+
+
+def configuration_places(log: Path, folder: bool) -> tuple[Path, ...]:
+    """Return where the configuration of a log, a folder or a file, is sought: its own place first."""
+    own = [log / "usbldr.toml"] if folder else []
+    return (*own, log.parent / f"{log.name if folder else log.stem}.usbldr.toml", log.parent / "usbldr.toml")
 
 
 def read_configuration(file: Path) -> Configuration:

@@ -6,7 +6,7 @@ them the epochs of a replay, stay what they were.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,9 +17,10 @@ from usbldr.filters.calibration import AUTO
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.noise import NoiseFamily
 from usbldr.filters.types import Truth
-from usbldr.io.configuration import read_configuration
+from usbldr.io.configuration import configuration_places, read_configuration
+from usbldr.io.inputs import refuse_inputs
 from usbldr.io.log import Log
-from usbldr.io.log_files import configuration_place, conventions_of, form_of, write_records, write_whole
+from usbldr.io.log_files import WRITTEN_BY, configuration_place, conventions_of, form_of, write_records, write_whole
 from usbldr.io.scenario import degrees, noise_text, toml_text
 from usbldr.io.topics import ROLES
 
@@ -49,13 +50,16 @@ def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | Non
     return replace(truth, time_s=truth.time_s[kept], position_m=truth.position_m[kept], sd_m=truth.sd_m[kept])
 
 
-def export(log: Log, out: Path, force: bool = False, stated: str | None = None) -> tuple[Log, Path]:
-    """Write a log to ``out``, in the stated form or the one of its name.
+def export(
+    log: Log, out: Path, force: bool = False, stated: str | None = None, read: Sequence[Path] = ()
+) -> tuple[Log, Path]:
+    """Write a log to ``out``, in the stated form or the one of its name; ``read``: what it was read from, if known.
 
-    Return what was written, as tables, and the configuration's path. Raises UsageError as log_files.write_whole does.
+    Return what was written, as tables, and the configuration's path. Raises UsageError as log_files.write_whole does,
+    and where that would touch what was read.
     """
     form = form_of(out, stated)
-    _refuse_own(log, out, configuration_place(out, form))
+    _refuse_own(log, out, configuration_place(out, form), read)
     latencies = _latencies(log)
     written = _restamped(_with_truth(log), latencies)
     configuration = _configuration(log, written, conventions_of(written, form, exported=True), latencies)
@@ -66,14 +70,15 @@ def export(log: Log, out: Path, force: bool = False, stated: str | None = None) 
     return written, write_whole(out, form, configuration, make, force)
 
 
-def _refuse_own(log: Log, out: Path, place: Path) -> None:
-    """Refuse to write over the log, and to put beside it a configuration that it would then be read by."""
+def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
+    """Refuse to write over what was read, and to put beside the log a configuration that it would then be read by."""
+    simulated = log.format == "simulated"  # its path is but a name
+    known = read if simulated else [log.path, *read, *([log.configuration] if log.configuration else [])]
+    refuse_inputs(out, known)
     own = log.path.resolve()
-    if out.resolve() == own:
-        raise UsageError(f"{out}: is the log itself; choose another name")
-    beside = own.with_name(f"{own.stem if own.is_file() else own.name}.usbldr.toml")
-    if place.resolve() in (beside, log.configuration and log.configuration.resolve()):
+    if not simulated and place.resolve() in configuration_places(own, own.is_dir()):
         raise UsageError(f"{out}: its configuration {place.name} would also be that of {log.path}; choose another name")
+    refuse_inputs(place, known)
 
 
 def _latencies(log: Log) -> dict[str, float]:
@@ -139,7 +144,7 @@ def _configuration(
             "turn_rate_sd_dps": repr(degrees(start.sd_radps)),
         }
     title = (
-        f"Written by: usbldr export {log.path.name}",
+        f"{WRITTEN_BY} export {log.path.name}",
         "Mounts, offsets and signs of the original have been applied to the records.",
     )
     return toml_text(title, sections, conventions)

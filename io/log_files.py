@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.log import Log
+from usbldr.io.configuration import configuration_places
+from usbldr.io.log import COLUMNS, Log
 
 Form: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
 FORMS: Mapping[str, Form] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
 OTHER_FORMATS = (".csv", ".json", ".txt", ".zip")  # a folder would not be called so
-OURS = (".csv", ".db3")  # what a folder of ours holds, beside its configuration and metadata
+FOLDERS: tuple[Form, ...] = ("csv", "rosbag2")
+OURS = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # in a folder; and *.db3
+WRITTEN_BY = "Written by: usbldr"  # how the configuration of every log that we write begins
 
 
 def form_of(out: Path, stated: str | None = None) -> Form:
@@ -34,7 +37,7 @@ def form_of(out: Path, stated: str | None = None) -> Form:
 
 def configuration_place(out: Path, form: Form) -> Path:
     """Return where the configuration of a written log stands."""
-    return out / "usbldr.toml" if form in ("csv", "rosbag2") else out.with_name(f"{out.stem}.usbldr.toml")
+    return configuration_places(out, form in FOLDERS)[0]
 
 
 def write_whole(out: Path, form: Form, configuration: str, make: Callable[[Path], None], force: bool) -> Path:
@@ -43,7 +46,7 @@ def write_whole(out: Path, form: Form, configuration: str, make: Callable[[Path]
     Everything is made in a hidden sibling and then renamed, so that an interrupted run leaves nothing under the name.
     Raises UsageError where something is there already (and ``force`` is not set), or where nothing can be written.
     """
-    folder, place = form in ("csv", "rosbag2"), configuration_place(out, form)
+    folder, place = form in FOLDERS, configuration_place(out, form)
     for path in [out] if folder else [out, place]:
         if path.exists() and not force:
             raise UsageError(f"{path}: exists already; choose another name, or overwrite it with --force")
@@ -115,10 +118,21 @@ def conventions_of(log: Log, form: Form, exported: bool) -> dict[str, dict[str, 
 
 
 def _refuse_foreign(folder: Path) -> None:
-    """Even with --force a folder is only replaced if it holds nothing but what we write."""
+    """Even with --force a folder is only replaced if it is empty, or a log that we wrote and nothing else."""
     if not folder.is_dir():
         raise UsageError(f"{folder}: is a file; name a file NAME.mcap, NAME.bag or NAME.db3, or another folder")
-    own = ("usbldr.toml", "metadata.yaml")
-    foreign = [f.name for f in sorted(folder.iterdir()) if f.suffix not in OURS and f.name not in own]
+    held = sorted(file.name for file in folder.iterdir())
+    foreign = [name for name in held if name not in OURS and not name.endswith(".db3")]
     if foreign:
         raise UsageError(f"{folder}: holds {foreign[0]}, which is no part of a written log; choose another folder")
+    if held and not _is_ours(folder):
+        raise UsageError(f"{folder}: is no log that usbldr wrote, so it is not replaced; choose another folder")
+
+
+def _is_ours(folder: Path) -> bool:
+    """Tell whether the configuration in a folder says that we wrote it."""
+    try:
+        text = (folder / "usbldr.toml").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return text.startswith(f"# {WRITTEN_BY} ")

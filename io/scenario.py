@@ -20,6 +20,7 @@ from usbldr.filters.scenarios import Scenario
 from usbldr.filters.simulation import simulate
 from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.log import COLUMNS, Log, Origin, Provenance
+from usbldr.io.log_files import WRITTEN_BY
 from usbldr.io.reader import Column
 from usbldr.io.usbl_noise import floored
 
@@ -113,7 +114,7 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
             "turn_rate_sd_dps": f"{degrees(start.sd_radps)!r}",
         }
     title = (
-        f"Written by: usbldr simulate {scenario.name} --seed {seed}",
+        f"{WRITTEN_BY} simulate {scenario.name} --seed {seed}",
         "What a careful user knows: noise, start and conventions; never a true bias, scale or latency.",
     )
     return toml_text(title, sections, conventions)

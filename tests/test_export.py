@@ -193,6 +193,58 @@ def test_the_log_and_its_configuration_are_never_written_over(tmp_path: Path, ou
     assert (tmp_path / "dive.mcap").read_bytes() == before
 
 
+def test_an_input_is_never_replaced_by_the_folder_that_holds_it_nor_written_into(tmp_path: Path) -> None:
+    """Of one dive: a recording, a file joined to it, the truth and the configuration, each in a folder of its own."""
+    rows = short_dive()
+    places = {name: tmp_path / name for name in ("log", "joined", "stated", "truth", "settings")}
+    for place in places.values():
+        place.mkdir()
+    log = write_mcap(places["log"] / "dive.mcap", [row for row in rows if row[1] == "/dvl"])
+    joined = write_mcap(places["joined"] / "usbl.mcap", [row for row in rows if row[1] == "/usbl"])
+    write_mcap(places["stated"] / "imu.mcap", [row for row in rows if row[1] == "/imu"])
+    (places["truth"] / "dvl.csv").write_text(f"time_ns,east_m,north_m\n{T0},0,0\n", encoding="utf-8")
+    settings = places["settings"] / "usbldr.toml"
+    stated = '# Written by: usbldr export\n[truth]\nfile = "../truth/dvl.csv"\n[[file]]\npath = "../stated/imu.mcap"\n'
+    settings.write_text(stated, encoding="utf-8")
+    asked = ["export", str(log), "--with", str(joined), "--config", str(settings), "--force", "-o"]
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+
+    for out in (log, *places.values(), tmp_path):
+        done = CliRunner().invoke(cli, [*asked, str(out)], standalone_mode=False)
+        assert isinstance(done.exception, UsageError), out
+        assert str(done.exception).startswith(f"{out}: "), out
+        assert "is the log" in str(done.exception) or "which is read here" in str(done.exception), out
+
+    assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
+
+
+def test_nothing_is_exported_into_the_folder_of_the_log(tmp_path: Path) -> None:
+    log = read_log(every_kind_of_record(tmp_path))
+
+    for out in ("new.mcap", "new"):
+        with pytest.raises(UsageError, match=r"lies in .*dive, which is read here"):
+            export(log, log.path / out)
+
+
+def test_force_replaces_a_folder_that_says_that_it_was_written_by_us_and_no_other(tmp_path: Path) -> None:
+    log = read_log(every_kind_of_record(tmp_path))
+    field = write_csv(tmp_path / "field", dvl="time_ns,forward_mps\n1,2")
+    (field / "usbldr.toml").write_text("schema = 1\n", encoding="utf-8")
+    written = write_csv(tmp_path / "written", notes="remark,by\nfine,me")
+    (tmp_path / "empty").mkdir()
+
+    export(log, tmp_path / "again")
+    for name in ("again", "empty"):
+        export(log, tmp_path / name, force=True)
+    with pytest.raises(UsageError, match="field: is no log that usbldr wrote"):
+        export(log, field, force=True)
+    with pytest.raises(UsageError, match=r"written: holds notes\.csv, which is no part of a written log"):
+        export(log, written, force=True)
+
+    assert sorted(f.name for f in field.iterdir()) == ["dvl.csv", "usbldr.toml"]
+    assert (field / "dvl.csv").read_text(encoding="utf-8") == "time_ns,forward_mps\n1,2\n"
+
+
 def test_the_command_writes_and_says_what(tmp_path: Path) -> None:
     log, out = write_mcap(tmp_path / "dive.mcap", short_dive()), tmp_path / "cut"
     asked = ["export", str(log), "-o", str(out), "--format", "rosbag2", "--start", "2", "--end", "2020-09-13T12:26:45Z"]
@@ -216,6 +268,14 @@ def test_an_export_of_a_damaged_log_is_written_and_said_to_be_partial(tmp_path: 
     assert done.return_value == 3
     assert "TRUNCATED: the file is cut or broken" in done.stdout
     assert read_log(tmp_path / "new.bag").tables
+
+
+def test_an_export_may_have_the_name_of_its_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    for out in ("paper.mcap", "paper"):
+        done = CliRunner().invoke(cli, ["export", "paper", "-o", out, "--end", "20"])
+        assert done.exit_code == 0, done.output
 
 
 def test_a_scenario_can_be_exported(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options import format_option, log_options, open_log
+from usbldr_cli.options import format_option, inputs, log_options, open_log
 from usbldr_cli.run_options import seconds_of_log
 
 
@@ -37,7 +37,7 @@ def export(output: Path | None, form: str | None, start: str | None, end: str | 
     lost = [finding for finding in log.findings if finding.lost_data]
     from_s = -math.inf if start is None else seconds_of_log("--start", start, log.start_ns)
     to_s = math.inf if end is None else seconds_of_log("--end", end, log.start_ns)
-    written, configuration = export(cut(log, from_s, to_s), output, force, form)
+    written, configuration = export(cut(log, from_s, to_s), output, force, form, inputs(**where))
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in written.tables.items())
     click.echo(f"{output}: records: {counts}")
     click.echo(f"{configuration}: noise, start and conventions")

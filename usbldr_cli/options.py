@@ -84,6 +84,15 @@ def is_simulated(log: str) -> bool:
     return not Path(log).exists() or (Path(log).suffix == ".toml" and Path(log).is_file())
 
 
+def inputs(log: str, **selection: Any) -> tuple[Path, ...]:
+    """Return what open_log reads, LOG first: nothing may be written there. A scenario that is shipped is no file."""
+    from usbldr.io.inputs import inputs
+
+    if not is_simulated(log):
+        return inputs(Path(log), request(**selection))
+    return (Path(log),) if Path(log).exists() else ()
+
+
 def _scenario(name: str, seed: int, selected: bool) -> "Log":
     from usbldr.io.scenario import simulated_log
     from usbldr.io.scenario_library import find_scenario, scenario_names

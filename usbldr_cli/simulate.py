@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from usbldr.filters.errors import UsageError
-from usbldr_cli.options import format_option
+from usbldr_cli.options import format_option, inputs
 
 
 @click.command()
@@ -42,8 +42,12 @@ def simulate(
     if output is None:
         raise UsageError("say where to write with -o NAME.mcap, or -o FOLDER for CSV files")
 
+    from usbldr.io.inputs import refuse_inputs
+    from usbldr.io.log_files import configuration_place, form_of
     from usbldr.io.scenario_files import write_scenario
 
+    for place in (output, configuration_place(output, form_of(output, form))):
+        refuse_inputs(place, inputs(scenario))
     log, configuration = write_scenario(chosen, seed, output, force, form)
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in log.tables.items())
     click.echo(f"{output}: scenario {chosen.name}, seed {seed}, {chosen.duration_s:g} s, records: {counts}")

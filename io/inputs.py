@@ -1,0 +1,51 @@
+"""Which files and folders a log is read from, so that nothing is ever written over them."""
+
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.configuration import find_configuration, read_configuration
+from usbldr.io.opening import Request
+from usbldr.io.sections import Configuration
+from usbldr.io.truth import find_file
+
+
+def inputs(log: Path, request: Request) -> tuple[Path, ...]:
+    """Return the log, its configuration, the files joined to it and its truth file.
+
+    A configuration that cannot be read names no files: reading the log tells what is wrong with it.
+    """
+    found, configuration = [log, *map(Path, request.joined)], Configuration()
+    with suppress(UsageError):
+        file = find_configuration(log, request.configuration)
+        found += [file] if file else []
+        configuration = read_configuration(file) if file else configuration
+    found += [log.resolve().parent / stated.path for stated in configuration.file]
+    truth = configuration.truth.file if request.truth is None else request.truth
+    judge = find_file(truth, log, from_option=request.truth is not None) if truth else None
+    return (*found, *([judge] if judge else []))
+
+
+def conflict(place: Path, read: Iterable[Path], inside: bool) -> str | None:
+    """Say why a place cannot be written: it is the first input or a later one, or holds one; None if it may be.
+
+    With ``inside``, it may not lie in an input that is a folder, either.
+    """
+    target = place.resolve()
+    for k, path in enumerate(read):
+        own = path.resolve()
+        if target == own or (os.path.exists(target) and os.path.exists(own) and os.path.samefile(target, own)):
+            return "is the log" if k == 0 else "is read here, too"
+        if target in own.parents:
+            return f"holds {path}, which is read here"
+        if inside and own in target.parents:
+            return f"lies in {path}, which is read here"
+    return None
+
+
+def refuse_inputs(place: Path, read: Iterable[Path]) -> None:
+    """Raise UsageError for a place that is, holds, or lies in what is read."""
+    if what := conflict(place, read, inside=True):
+        raise UsageError(f"{place}: {what}; choose another name")
