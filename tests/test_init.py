@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from dives import SECOND, T0, point, write_mcap
-from test_doctor import dive, findings
+from test_doctor import dive, findings, in_radians
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.main import cli
 
@@ -79,7 +79,7 @@ def test_the_file_stands_where_replay_looks_and_is_not_overwritten(log: Path, tm
 
     assert first.exception is None
     assert isinstance(refused.exception, UsageError)
-    assert str(refused.exception) == f"{place} exists already: choose another file with --output, or --force"
+    assert str(refused.exception) == f"{place} exists already: choose another file for --output, or --force"
     assert untouched == "schema = 1\n# mine\n"
     assert forced.exception is None
     assert "# mine" not in place.read_text(encoding="utf-8")
@@ -99,6 +99,20 @@ def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_o
     assert place
     assert float(place[1]) == pytest.approx(45.0, abs=1e-5)
     assert float(place[2]) == pytest.approx(7.0, abs=1e-5)
+
+
+def test_headings_that_the_fixes_show_to_be_radians_are_written_as_such(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", in_radians(dive(gps=True)))
+
+    run("init", str(log))
+
+    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
+    assert re.search(r'^unit = "rad" +# by the fixes, instead of deg \(default\)$', text, re.MULTILINE)
+    assert "headings were read as degrees, but are radians" in text
+    assert tomllib.loads(text)["dvl"]["mount_deg"] == 0.0
+    cured = findings(log)
+    assert {"HEADING-RADIANS", "DVL-MOUNT"}.isdisjoint(cured)
+    assert all(one["level"] != "error" for one in cured.values())
 
 
 def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:

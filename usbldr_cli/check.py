@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError, LogError, UsageError
-from usbldr_cli.options import selection_options
+from usbldr_cli.options import inputs, selection_options
+from usbldr_cli.output_files import refuse_file, write_file
 from usbldr_cli.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
@@ -51,31 +52,40 @@ def check(
     from usbldr.io.baseline_file import read_baseline
     from usbldr_cli.check_verdicts import as_json, markdown
 
-    for target in (json_to, markdown_to):
-        if target not in (None, "-") and not force and _holds_something(Path(str(target))):
-            raise UsageError(f"{target} exists already: choose another file, or --force")
     wanted = read_baseline(baseline)
-    checked = _checked(wanted, jobs or os.cpu_count() or 1)
+    units = {row.name: _units(wanted.file, row) for row in wanted.rows}
+    for option, target in (("--json", json_to), ("--markdown", markdown_to)):
+        if target is not None and (option, target) != ("--json", "-"):
+            _refuse(option, Path(target), force, wanted, units)
+    checked = _checked(wanted, units, jobs or os.cpu_count() or 1)
     failed = not all(one.passed for one in checked)
     code = max(one.exit_code for one in checked) or (CheckError.exit_code if failed else 0)
     if markdown_to is not None:
-        _write(markdown_to, markdown(baseline.name, checked))
+        write_file("--markdown", Path(markdown_to), markdown(baseline.name, checked))
     if json_to is not None:
         text = json.dumps(as_json(baseline.name, checked, code), indent=1, allow_nan=False, ensure_ascii=False)
         if json_to == "-":
             click.echo(text)
         else:
-            _write(json_to, text + "\n")
+            write_file("--json", Path(json_to), text + "\n")
     if json_to != "-":
         _tell(checked, quiet, update)
     return _update(wanted, checked, told=json_to != "-") if update else code
 
 
-def _checked(baseline: "Baseline", jobs: int) -> "list[Checked]":
+def _refuse(option: str, file: Path, force: bool, baseline: "Baseline", units: "Mapping[str, Sequence[Unit]]") -> None:
+    """Refuse a file that is the baseline or an input of a row, or that holds something."""
+    if file.resolve() == baseline.file.resolve():
+        raise UsageError(f"{file} is the baseline: choose another file for {option}")
+    for unit in {unit.log: unit for cell in units.values() for unit in cell}.values():
+        refuse_file(option, file, force, inputs(unit.log, **unit.selection))
+    refuse_file(option, file, force, ())
+
+
+def _checked(baseline: "Baseline", units: "Mapping[str, Sequence[Unit]]", jobs: int) -> "list[Checked]":
     """Run all rows at once and judge each."""
     from usbldr_cli.units import run_units
 
-    units = {row.name: _units(baseline.file, row) for row in baseline.rows}
     outcomes = iter(run_units([unit for cell in units.values() for unit in cell], jobs))
     found = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
     return [_judged(baseline.file, row, units[row.name], found[row.name]) for row in baseline.rows]
@@ -174,20 +184,7 @@ def _update(baseline: "Baseline", checked: "Sequence[Checked]", told: bool) -> i
         return max(*codes, CheckError.exit_code)
     text = rewritten(baseline, [{c.metric: c.new for c in one.changes if c.new is not None} for one in checked])
     if text != baseline.text:
-        _write(str(baseline.file.resolve()), text)
+        write_file("--update", baseline.file, text)
     if told:
         click.echo(f"{baseline.file}: {'updated' if text != baseline.text else 'is up to date'}")
     return 0
-
-
-def _holds_something(path: Path) -> bool:
-    return path.is_dir() or (path.exists() and path.stat().st_size > 0)
-
-
-def _write(path: str, text: str) -> None:
-    from usbldr_cli.unit_store import write_whole
-
-    try:
-        write_whole(Path(path), text.encode())
-    except OSError as err:
-        raise UsageError(f"{path}: cannot be written ({err.strerror})") from err

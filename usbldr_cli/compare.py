@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr_cli.options import is_simulated, open_log, selection_options
+from usbldr_cli.options import inputs, is_simulated, open_log, selection_options
+from usbldr_cli.output_files import refuse_file, write_file
 from usbldr_cli.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
@@ -52,8 +53,7 @@ def compare(
     from usbldr_cli.compare_directory import UNITS, prepare
     from usbldr_cli.run_reports import is_run
 
-    if json_to not in (None, "-") and Path(str(json_to)).exists() and not force:
-        raise UsageError(f"{json_to} exists already: choose another file for --json, or --force")
+    _refuse_inputs(logs, where, output, json_to, force)
     _refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
         request: dict[str, Any] = {"runs": logs}
@@ -76,6 +76,20 @@ def compare(
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.judged is not None and row.judged.lost for row in rows)
     return max([*codes, LogError.exit_code if lost else 0])
+
+
+def _refuse_inputs(
+    logs: Sequence[str], where: dict[str, Any], output: Path | None, json_to: str | None, force: bool
+) -> None:
+    """Refuse to write where a log is read, or over a file."""
+    from usbldr.io.inputs import conflict
+
+    for log in logs:
+        read = inputs(log, **where)
+        if output is not None and (what := conflict(output, read, inside=False)):
+            raise UsageError(f"{output} {what}: choose another --output")
+        if json_to not in (None, "-"):
+            refuse_file("--json", Path(str(json_to)), force, read, output)
 
 
 def _finished(folders: Sequence[str], filters: str | None) -> "list[Row]":
@@ -204,7 +218,7 @@ def _tell(
         if json_to == "-":
             click.echo(text)
             return
-        Path(json_to).write_text(text + "\n", encoding="utf-8")
+        write_file("--json", Path(json_to), text + "\n")
     if quiet:
         click.echo(overall(rows))
         return

@@ -6,7 +6,8 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options import log_options, request
+from usbldr_cli.options import inputs, log_options, request
+from usbldr_cli.output_files import refuse_file, write_file
 
 
 @click.command()
@@ -33,15 +34,11 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     if selection["config"] not in (None, "none"):
         raise UsageError("init writes a configuration from the log alone; it takes no --config")
     target = Path(output) if output else configuration_beside(path)
-    if target.is_dir() or (target.exists() and not force):
-        raise UsageError(f"{target} exists already: choose another file with --output, or --force")
     selection["config"] = "none"
+    refuse_file("--output", target, force, inputs(log, **selection))
     found = examine(path, request(**selection))
     text = draft(found, selection["joined"])
-    try:
-        target.write_text(text, encoding="utf-8")
-    except OSError as err:
-        raise UsageError(f"{target}: cannot be written ({err.strerror}); choose another file with --output") from err
+    write_file("--output", target, text)
     checks = text.count("# CHECK")
     wanted = f"; {checks} line{'s' if checks > 1 else ''} marked CHECK want{'' if checks > 1 else 's'} a decision"
     click.echo(f"{target}: written" + (wanted if checks else ""))

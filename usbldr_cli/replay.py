@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options import log_options, open_log
+from usbldr_cli.options import inputs, log_options, open_log
+from usbldr_cli.output_files import refuse_file, write_file
 from usbldr_cli.run_options import RunChoices, run_options
 from usbldr_cli.scoring import needed, score
 
@@ -68,16 +69,17 @@ def replay(
     """
     from usbldr.filters.methods import METHODS
     from usbldr.io.crosscheck import better_readings
+    from usbldr.io.inputs import conflict
     from usbldr.io.read import require
     from usbldr.io.run_directory import run_directory
     from usbldr.io.timeline import timeline
 
     if method not in METHODS:
         raise UsageError(f"there is no filter {method!r} (filters: {', '.join(METHODS)})")
-    if json_to not in (None, "-"):
-        _check_file("--json", Path(str(json_to)), Path(str(where["log"])), force)
-    if write_calibration is not None:
-        _check_file("--write-calibration", Path(write_calibration), Path(str(where["log"])), force)
+    read = inputs(**where)
+    for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
+        if file is not None and (option, file) != ("--json", "-"):
+            refuse_file(option, Path(file), force, read, output)
     log, content = open_log(seed=choices.seed, **where)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:
@@ -97,6 +99,8 @@ def replay(
     if leave_one_out is not None:
         _refuse_without_shifts(method, choices, line)
     target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
+    if what := conflict(target, read, inside=False):
+        raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
         run = _run(method, log, line, choices, content)
         if leave_one_out is not None:
@@ -142,14 +146,6 @@ def _refuse_without_shifts(method: str, choices: RunChoices, line: "Timeline") -
         raise UsageError(f"--leave-one-out: {method} does not tell what each fix did to it (those that do: {told})")
     if not len(line.fix_time_s):
         raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
-
-
-def _check_file(option: str, file: Path, log: Path, force: bool) -> None:
-    """Refuse a file for an option that is the log itself, a folder, or there already."""
-    if file.is_dir() or (file.exists() and log.exists() and file.samefile(log)):
-        raise UsageError(f"{file} is {'a folder' if file.is_dir() else 'the log'}: choose another file for {option}")
-    if file.exists() and not force:
-        raise UsageError(f"{file} exists already: choose another file for {option}, or --force")
 
 
 def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content: dict[str, object] | None) -> "Run":
@@ -204,11 +200,7 @@ def _write_calibration(file: Path, run: "Run") -> None:
     """Write the configuration for the next dive."""
     from usbldr.io.next_dive import next_configuration
 
-    text = next_configuration(run.log, run.scored.trajectory)
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as err:
-        raise UsageError(f"{file}: cannot be written ({err.strerror}); choose another --write-calibration") from err
+    write_file("--write-calibration", file, next_configuration(run.log, run.scored.trajectory))
 
 
 def _tell(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
@@ -221,7 +213,7 @@ def _tell(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
         if json_to == "-":
             click.echo(text)
             return
-        Path(json_to).write_text(text + "\n", encoding="utf-8")
+        write_file("--json", Path(json_to), text + "\n")
     if quiet:
         click.echo(run.verdict)
         return
