@@ -125,6 +125,37 @@ class BodyVelocity:
 
 
 @dataclass(frozen=True, slots=True)
+class ScaledVelocity:
+    """What `BodyVelocity` is where the scale alone errs and the DVL sits on the reference point: z = (1 + s) u or v."""
+
+    scale_row: int
+    velocity_row: int
+    rows: slice | None = None
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Bend with the scale."""
+        return (self.scale_row,)
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read the velocity."""
+        return (self.velocity_row,)
+
+    def predict(self, x: Array) -> Array:
+        """Return the reading, (1, N)."""
+        return ((1 + x[self.scale_row]) * x[self.velocity_row])[None]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives by scale and velocity, (1, 2, N)."""
+        return np.stack([x[self.velocity_row], 1 + x[self.scale_row]])[None]
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference."""
+        return a - b
+
+
+@dataclass(frozen=True, slots=True)
 class DeviatingCompass:
     """z = psi + b0 + b_s sin psi + b_c cos psi: a constant bias, and the deviation by iron aboard."""
 
@@ -252,8 +283,8 @@ def dvl(layout: Layout, lever_m: LeverArm) -> tuple[Function, Function]:
     u, v, r = layout.rows("u", "v", "r")
     scale, mount = (next(iter(layout.present(name)), None) for name in ("dvl_scale", "dvl_mount"))
     arm_m = lever_m[:2]
-    if not any(arm_m) and scale is None and mount is None:
-        return State(u), State(v)
+    if not any(arm_m) and mount is None:
+        return (State(u), State(v)) if scale is None else (ScaledVelocity(scale, u), ScaledVelocity(scale, v))
     starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount) for axis in (0, 1))
     return starboard, forward
 

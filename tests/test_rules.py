@@ -8,7 +8,7 @@ from usbldr.filters.calibration import STATES, layout_for
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import Decay, Move, Turn
 from usbldr.filters.rules import Unscented, cubature, linearised
-from usbldr.filters.sensors import State, UsblFix
+from usbldr.filters.sensors import BodyVelocity, State, UsblFix
 
 LAYOUT = Layout()
 ERRING = layout_for(tuple(STATES))  # with every calibration state
@@ -188,3 +188,14 @@ def test_angles_differ_by_the_shorter_way_round() -> None:
     compass = sensors.compass(LAYOUT)
     assert compass.residual(np.array([[3.1]]), np.array([[-3.1]]))[0, 0] == pytest.approx(6.2 - 2 * np.pi)
     assert compass.residual(np.array([[100 * np.pi + 0.1]]), np.array([[0.0]]))[0, 0] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_dvl_whose_scale_alone_errs_reads_what_the_general_one_does(axis: int) -> None:
+    layout = layout_for(("scale",))
+    x = np.random.default_rng(6).normal(size=(len(layout), 5))
+    general = BodyVelocity(layout.rows("u", "v"), layout.index("r"), axis, scale_row=layout.index("dvl_scale"))
+
+    short = sensors.dvl(layout, (0.0, 0.0, -1.0))[axis]
+
+    np.testing.assert_allclose(short.predict(x), general.predict(x))
