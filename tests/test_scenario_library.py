@@ -337,3 +337,12 @@ def test_the_documentation_has_every_scenario_and_every_key() -> None:
     assert len(keys) > 40
     for key in keys:
         assert key in named or re.sub("_(mps|deg|m)$", "_*", key) in text, key
+
+
+def test_the_doctor_examines_a_scenario_of_a_file_like_a_shipped_one(tmp_path: Path) -> None:
+    mine = tmp_path / "paper.toml"
+    mine.write_text('schema = 1\nlike = "paper"\nabout = "mine"\n', encoding="utf-8")
+
+    own, shipped = (CliRunner().invoke(cli, ["doctor", name, "--json"]) for name in (str(mine), "paper"))
+
+    assert (own.exit_code, own.output) == (shipped.exit_code, shipped.output)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError
-from usbldr_cli.options import log_options, open_log, request
+from usbldr_cli.options import is_simulated, log_options, open_log, request
 
 if TYPE_CHECKING:
     from usbldr.io.doctor import Examination
@@ -27,10 +27,10 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
     """
     from usbldr.io.doctor import examine, examine_log
 
-    if Path(log).exists():
-        found = examine(Path(log), request(**selection))
-    else:
+    if is_simulated(log):
         found = examine_log(open_log(log, seed=0, **selection)[0])
+    else:
+        found = examine(Path(log), request(**selection))
     click.echo(json.dumps(_described(found), indent=1, allow_nan=False) if as_json else _text(found))
     return 0 if found.healthy else CheckError.exit_code
 
