@@ -23,6 +23,7 @@ SURFACE_PA = 101325.0
 LEAST_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
 DEEPEST_M = 12_000.0  # no sea is deeper
+TO_MPS: Mapping[str, float] = {"m/s": 1.0, "mm/s": 1e-3}
 PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
 
 
@@ -89,7 +90,7 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
     axes, who, findings = stated(raw, "axes", section.axes, by_frame)
     who = f'by frame_id "{raw.frame_id}"' if who == "default" else who
     unit, unit_who, more = stated(raw, "unit", section.unit, "m/s")
-    to_mps = {"m/s": 1.0, "mm/s": 1e-3}[unit]
+    to_mps = TO_MPS[unit]
     said = [f"axes {axes} ({who})", f"unit {unit} ({unit_who})"]
 
     instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument

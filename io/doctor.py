@@ -12,6 +12,7 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
+from usbldr.io.conventions import TO_MPS, dvl
 from usbldr.io.crosscheck import CrossCheck, cross_check
 from usbldr.io.diagnosis import Diagnosis, diagnosis, of_finding
 from usbldr.io.evidence import raws_of, sources_of
@@ -20,7 +21,7 @@ from usbldr.io.messages import Raw
 from usbldr.io.opening import Opened, Request, open_configured
 from usbldr.io.positions import depths_of, under_water
 from usbldr.io.read import read, roles_of
-from usbldr.io.readings import Source, configuration_of
+from usbldr.io.readings import Source, configuration_of, convention
 from usbldr.io.timeline import timeline
 from usbldr.io.topics import candidates
 
@@ -177,13 +178,15 @@ def _strange(lag_s: float, other_s: float) -> bool:
 
 
 def _invalid(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
-    """Say of the DVL's invalid records what they hold and when they are worst."""
+    """Say of the DVL's invalid records what they hold, and the largest number in one, m/s along its own axes."""
     told = [finding for finding in log.findings if finding.code == "DVL-INVALID"]
     if not told or "dvl" not in log.tables:
         return []
     table = log.tables["dvl"]
     bad = table[~table["valid"]]
-    largest = np.nanmax(np.abs(np.column_stack([np.nan_to_num(raws["dvl"].number(axis)) for axis in "xyz"])), axis=1)
+    invalid = ~dvl(raws["dvl"], configuration_of(log).dvl).table["valid"].to_numpy(dtype=bool)  # (n,) as they arrived
+    xyz_mps = np.column_stack([raws["dvl"].number(axis) for axis in "xyz"]) * TO_MPS[convention(log, "dvl", "unit")[0]]
+    largest = np.max(np.abs(np.nan_to_num(xyz_mps[invalid])), axis=1)
     sentinels = [s for s in SENTINELS_MPS if np.any(np.abs(largest - s) < 5e-4)]
     worst = float(largest.max())
     counts = ", ".join(f"{np.sum(np.abs(largest - s) < 5e-4)} say {s:g} m/s" for s in sentinels)

@@ -7,6 +7,7 @@ import math
 import os
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -39,6 +40,8 @@ def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
     hopeless = [d for d in found.diagnoses if d.code in ("UNUSABLE", "SENSOR-MISSING")]
     if log is None or hopeless:
         raise LogError(f"{found.path}: {hopeless[0].text.removeprefix(f'{found.path}: ')}")
+    if _in_radians(found):
+        found = replace(found, check=None)  # held against the fixes by headings of another unit
     sections: dict[str, list[Line]] = {"map": _map(found, log)}
     for role in ROLES:
         sections[role] = _topic(found, log, role)
@@ -72,7 +75,10 @@ def _fit(found: Examination) -> list[str]:
     """Say how well the conventions fit, and who ruled their mirror image out."""
     verdict = found.check.verdict if found.check else None
     if verdict is None:
-        return ["# CHECK: axes, convention and frame could not be held against fixes: there are too few."]
+        why = "there are too few"
+        if _in_radians(found):
+            why = "headings were read as degrees, but are radians; let doctor examine the log by this file"
+        return [f"# CHECK: axes, convention and frame could not be held against fixes: {why}."]
     best, read = verdict.best, verdict.read
     usual = "" if best == read else f"; as types and names have it, {read.residual_m:.2f} m"
     lies = f"dead reckoning lies {best.residual_m:.2f} m from the fixes"
@@ -150,7 +156,10 @@ def _dvl(found: Examination, log: Log) -> list[Line]:
 
 def _compass(found: Examination, log: Log) -> list[Line]:
     verdict = found.check.verdict if found.check else None
-    lines = [_convention(log, verdict, "compass", "convention"), _as_read(log, "compass", "unit")]
+    unit = _as_read(log, "compass", "unit")
+    if _in_radians(found):
+        unit = ('unit = "rad"', "by the fixes, instead of deg ({1})".format(*convention(log, "compass", "unit")))
+    lines = [_convention(log, verdict, "compass", "convention"), unit]
     lines.append(("bias_deg = 0.0", "not told apart from mount_deg by the log"))
     said = [s for s in log.provenance["compass"].conventions if s.startswith("declination")]
     if said:
@@ -167,6 +176,11 @@ def _compass(found: Examination, log: Log) -> list[Line]:
         )
         lines.append((f"{'' if headless else '# '}latency_s = {-offset[0].worst:.3f}", said_s))
     return [line for line in lines if line[0]]
+
+
+def _in_radians(found: Examination) -> bool:
+    """Tell whether headings that were read as degrees are radians."""
+    return any(d.code == "HEADING-RADIANS" for d in found.diagnoses)
 
 
 def _usbl(found: Examination, log: Log) -> list[Line]:

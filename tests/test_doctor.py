@@ -203,6 +203,26 @@ def test_late_fixes_doubled_records_and_lost_lock_are_found(tmp_path: Path) -> N
     assert found["LOST-LOCK"]["worst"] == pytest.approx(blind_s[-1] - blind_s[0] + 1.0)
 
 
+@pytest.mark.parametrize("unit", ["m/s", "mm/s"])
+def test_the_worst_of_the_invalid_records_is_none_of_the_valid_ones(tmp_path: Path, unit: str) -> None:
+    """The vehicle makes 1.3 m/s where the DVL sees the bottom; of what it says without, 0.25 m/s is the most."""
+    times = {"m/s": 1.0, "mm/s": 1000.0}[unit]
+    text = ["time_ns,x,y,valid", *(f"{T0 + k * SECOND},{times * 1.3},0,1" for k in range(60))]
+    text += [f"{T0 + (60 + k) * SECOND},{times * 0.05 * k},0,0" for k in range(6)]
+    folder = write_csv(
+        tmp_path / "dive",
+        velocity="\n".join(text),
+        compass="\n".join(["time_ns,heading_deg", *(f"{T0 + k * SECOND},0" for k in range(66))]),
+        usbl="\n".join(["time_ns,east_m,north_m", *(f"{T0 + k * SECOND},0,{1.3 * k}" for k in range(66))]),
+    )
+    columns = '{ time_ns = "time_ns", x = "x", y = "y", valid = "valid" }'
+    (folder / "usbldr.toml").write_text(f'[dvl]\ncolumns = {columns}\naxes = "FSD"\nunit = "{unit}"\n')
+
+    found = findings(folder)["DVL-INVALID"]
+
+    assert (found["worst"], found["unit"]) == (pytest.approx(0.25), "m/s")
+
+
 def test_two_topics_for_a_role_are_an_error_and_the_fuller_one_is_examined(tmp_path: Path) -> None:
     rows = dive()
     others = [(*point(T0 + k * SECOND, 0, 0, topic="/usbl/raw"),) for k in range(5)]
@@ -258,15 +278,20 @@ def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
     assert found["worst"] == pytest.approx(0.5)
 
 
-def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) -> None:
-    rows = []
-    for ns, topic, kind, values in dive():
+def in_radians(rows: list[Row]) -> list[Row]:
+    """Return the dive with plain headings clockwise from north, in radians, in place of the Imu."""
+    told: list[Row] = []
+    for ns, topic, kind, values in rows:
         if topic == "/imu":
             angle = 2 * np.arctan2(values["orientation.z"], values["orientation.w"])
-            rows.append((ns, "/heading", "std_msgs/msg/Float64", {"data": float(np.mod(np.pi / 2 - angle, 2 * np.pi))}))
+            told.append((ns, "/heading", "std_msgs/msg/Float64", {"data": float(np.mod(np.pi / 2 - angle, 2 * np.pi))}))
         else:
-            rows.append((ns, topic, kind, values))
-    log = write_mcap(tmp_path / "dive.mcap", rows)
+            told.append((ns, topic, kind, values))
+    return told
+
+
+def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", in_radians(dive()))
     (tmp_path / "usbldr.toml").write_text('[compass]\nunit = "deg"\n')
 
     found = findings(log)
