@@ -16,9 +16,10 @@ from usbldr.io.csv_sheets import Clock, Sheet, configured_sheet, plain, sheet_of
 from usbldr.io.csv_text import nanoseconds, numbers, raw_header, read_texts, seconds, text_files
 from usbldr.io.log import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+from usbldr.io.sensor_types import FRAMES
 
 UNFIT = "its columns fit no sensor; name them by columns under the sensor's section in usbldr.toml"
-WORDS = frozenset({"header.frame_id", "name", "lat_dir", "lon_dir", "fixtype", "bi_status"})
+WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 
 

@@ -27,6 +27,9 @@ Files of our own columns, and those whose columns the configuration names, have 
 STAMPS = frozenset(layout.stamp for layouts in LAYOUTS.values() for layout in layouts)
 """All fields in which some type tells its time."""
 
+FRAMES = frozenset(layout.frame for layouts in LAYOUTS.values() for layout in layouts)
+"""All fields in which some type names its frame."""
+
 
 def layout_of(role: str, topic: TopicInfo) -> Layout | None:
     """Return how the topic serves the role, None if it can't."""

@@ -79,6 +79,17 @@ def test_further_types_are_known_by_their_columns(tmp_path: Path, columns: str, 
     assert topic.type.rpartition("/")[2] == kind
 
 
+def test_a_frame_is_a_text_wherever_its_type_names_it(tmp_path: Path) -> None:
+    linear = ",".join(f"field.twist.twist.linear.{axis}" for axis in "xyz")
+    columns = f"field.child_frame_id,field.pose.pose.position.x,{linear},field.twist.covariance0"
+    text = f"{HEADER},{columns}\n{T0},1,{T0},odom_frame,base_ned,0,1.5,-0.25,0,0.1"
+
+    log = read_log(write_csv(tmp_path / "dive", dvl=text))
+
+    assert log.tables["dvl"][["starboard_mps", "forward_mps"]].to_numpy()[0].tolist() == [-0.25, 1.5]
+    assert 'axes FRD (by frame_id "base_ned")' in log.provenance["dvl"].conventions
+
+
 def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:
     text = f"{HEADER},field.time,field.velocity.x,field.velocity_valid\n{T0 + 5},1,{T0},f,123.5,1,True"
 
