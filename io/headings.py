@@ -74,7 +74,8 @@ def _clockwise(
     raw: Raw, section: CompassSection, keys: Keys
 ) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
     """Return headings clockwise from whatever north, degrees (n,); by cause which are invalid; what was assumed."""
-    by_frame = "NED" if named_ned(raw.frame_id) else None
+    settled = "angle" in raw.values and "convention" in {*raw.layout.defaults, *raw.layout.fixed}
+    by_frame = "NED" if named_ned(raw.frame_id) and not settled else None
     convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
     who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
     said = [f"convention {convention} ({who})"]

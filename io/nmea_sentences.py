@@ -191,4 +191,6 @@ def _counted(source: str, rows: Sequence[_Found], wrong: int, silent: int) -> li
 def unfitting(undecoded: Mapping[str, int]) -> list[Finding]:
     """Say which topics had sentences with fields that are not what their kind has."""
     what = "sentences do not have the fields of their kind; left out"
-    return [Finding("UNDECODED", f"{topic}: {count} {what}") for topic, count in undecoded.items() if count]
+    return [
+        Finding("UNDECODED", f"{topic}: {count} {what}", lost_data=True) for topic, count in undecoded.items() if count
+    ]

@@ -8,7 +8,7 @@ from usbldr.io.log import Finding
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENT = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
-ROWS = re.findall(r"^\| (`[A-Z`, -]+`) \| (\w+) \|", DOCUMENT, re.MULTILINE)
+ROWS = re.findall(r"^\| (`[A-Z`, -]+`) \| (\w+)(?:, or \w+)? \|", DOCUMENT, re.MULTILINE)
 DOCUMENTED = {code: level for codes, level in ROWS for code in re.findall(r"[A-Z-]+", codes)}
 
 

@@ -204,6 +204,19 @@ def test_the_first_gps_fix_may_place_the_compass(tmp_path: Path) -> None:
     assert any("(first gps fix)" in said for said in log.provenance["compass"].conventions)
 
 
+def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Path) -> None:
+    """Counter-clockwise from east, by the message; only of a quaternion does the frame's name tell the sense."""
+    named = {"header.frame_id": "base_ned"}
+    settled = {
+        AZIMUTH: {"azimuth": 30.0, "unit": 1, "orientation": 0, "reference": 1},
+        "ds_sensor_msgs/msg/Gyro": {"heading": 30.0},
+    }
+    for kind, values in settled.items():
+        assert heading(logged(tmp_path, [row(kind, {**named, **values})])) == pytest.approx([60.0])
+
+    assert heading(logged(tmp_path, [row(IMU, {**named, **turned("orientation", 30.0)})])) == pytest.approx([30.0])
+
+
 def test_a_stated_declination_beats_the_model(tmp_path: Path) -> None:
     log = logged(tmp_path, [row(WHOI, {"heading": 0.0})], SEATTLE + "[compass]\ndeclination_deg = 3.0")
 

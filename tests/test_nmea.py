@@ -131,6 +131,17 @@ def test_wrong_checksums_are_dropped_and_counted(tmp_path: Path) -> None:
     assert log.provenance["gps"].messages == 2
 
 
+def test_a_sentence_without_the_fields_of_its_kind_is_lost_and_counted(tmp_path: Path) -> None:
+    log = nmea(tmp_path, *(f"{1600000000 + k} {sentence(f'HEHDT,{h},T')}" for k, h in enumerate(["12.5", "north"])))
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [12.5]
+    (lost,) = [finding for finding in log.findings if finding.lost_data]
+    assert (lost.code, lost.text) == (
+        "UNDECODED",
+        "/HEHDT: 1 sentences do not have the fields of their kind; left out",
+    )
+
+
 def test_a_line_without_checksum_is_believed_and_counted(tmp_path: Path) -> None:
     log = nmea(tmp_path, "1600000000 " + RECORDED_GGA.partition("*")[0])
 
