@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from usbldr.filters.assumptions import ProcessNoise
+from usbldr.filters.assumptions import ProcessNoise, SensorErrors
 from usbldr.filters.calibration import AUTO
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.noise import NoiseFamily
@@ -123,6 +123,8 @@ def _configuration(
         sections["truth"] = {"kind": f'"{log.truth.kind}"', "max_gap_s": repr(float(log.truth.max_gap_s))}
         if "truth" in written.tables and "truth" not in conventions:
             sections["truth"] |= {"topic": '"/truth"'}
+        if "truth" not in written.tables and (skipped := _skipped(log)):
+            sections["truth"] |= {"skip_rows": str(skipped)}
     default = ProcessNoise()
     walks = {
         "position_m": (process.position_m, default.position_m, process.position_m),
@@ -131,7 +133,8 @@ def _configuration(
         "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, degrees(process.turn_rate_radps)),
         "uncalibrated_m": (process.uncalibrated_m, default.uncalibrated_m, process.uncalibrated_m),
     }
-    sections["calibrate"] = {"states": '"auto"' if known.calibrate == (AUTO,) else json.dumps(known.calibrate)}
+    states = '"auto"' if known.calibrate == (AUTO,) else json.dumps(known.calibrate)
+    sections["calibrate"] = {"states": states} | _sizes(known.errors)
     sections["process"] = {key: repr(value) for key, (own, usual, value) in walks.items() if own != usual}
     start = known.start
     if start is not None and not math.isnan(start.east_m):
@@ -148,6 +151,31 @@ def _configuration(
         "Mounts, offsets and signs of the original have been applied to the records.",
     )
     return toml_text(title, sections, conventions)
+
+
+def _skipped(log: Log) -> int:
+    """Return how many GPS rows lie before the truth that is made of them."""
+    if log.truth is None or "gps" not in log.tables:
+        return 0
+    first = (log.truth.time_s[0], *log.truth.position_m[0])
+    same = (log.tables["gps"][["time_s", "east_m", "north_m"]].to_numpy(dtype=float) == first).all(axis=1)
+    return int(same.argmax())
+
+
+def _sizes(errors: SensorErrors) -> dict[str, str]:
+    """Return the sizes of errors that are not the usual ones, by their keys under [calibrate]."""
+    default = SensorErrors()
+    sizes = {
+        "scale_sd": (errors.scale, default.scale, errors.scale),
+        "mount_sd_deg": (errors.misalignment_rad, default.misalignment_rad, degrees(errors.misalignment_rad)),
+        "heading_sd_deg": (errors.heading_rad, default.heading_rad, degrees(errors.heading_rad)),
+        "heading_walk_deg": (errors.heading_walk_rad, default.heading_walk_rad, degrees(errors.heading_walk_rad)),
+        "deviation_sd_deg": (errors.deviation_rad, default.deviation_rad, degrees(errors.deviation_rad)),
+        "latency_sd_s": (errors.latency_s, default.latency_s, errors.latency_s),
+        "usbl_bias_sd_m": (errors.usbl_bias_m, default.usbl_bias_m, errors.usbl_bias_m),
+        "usbl_bias_time_s": (errors.usbl_bias_s, default.usbl_bias_s, errors.usbl_bias_s),
+    }
+    return {key: repr(value) for key, (own, usual, value) in sizes.items() if own != usual}
 
 
 def _of_sensor(noise: NoiseFamily, unit: str, sd_scale: float = 1.0) -> dict[str, str]:

@@ -44,6 +44,16 @@ columns = { time_ns = "t", x = "x", y = "y", sd_m = "sd" }
 frame = "NED"
 [process]
 heading_deg = 0.3
+[calibrate]
+states = ["scale", "misalignment"]
+scale_sd = 0.02
+mount_sd_deg = 3.0
+heading_sd_deg = 1.0
+heading_walk_deg = 0.05
+deviation_sd_deg = 0.7
+latency_sd_s = 0.1
+usbl_bias_sd_m = 2.0
+usbl_bias_time_s = 300.0
 [start]
 east_m = 1.0
 north_m = 2.0
@@ -157,6 +167,27 @@ def test_a_gps_without_a_place_on_earth_stays_on_the_plane(tmp_path: Path) -> No
     for name in NAMES:
         export(log, tmp_path / "new" / name, force=True)
         assert_same(read_log(tmp_path / "new" / name), log)
+
+
+@pytest.mark.parametrize(("start_s", "kept"), [(0.0, 3), (1.5, 3), (3.5, 2)])
+def test_gps_rows_that_are_no_truth_are_none_in_the_export(tmp_path: Path, start_s: float, kept: int) -> None:
+    t = [T0 + k * 10**9 for k in range(6)]
+    rows = "\n".join(f"{time},{k},{k % 2},0.5" for k, time in enumerate(t) if k != 3)
+    folder = write_csv(
+        tmp_path / "dive",
+        compass="time_ns,heading_deg\n" + "\n".join(f"{time},1" for time in t),
+        gps=f"time_ns,east_m,north_m,sd_m\n{rows}",
+    )
+    (folder / "usbldr.toml").write_text("[truth]\nskip_rows = 2\n", encoding="utf-8")
+    log = cut(read_log(folder), start_s, 9.0)
+    assert log.truth is not None
+
+    for name in NAMES:
+        export(log, tmp_path / "new" / name, force=True)
+        back = read_log(tmp_path / "new" / name)
+        assert back.truth is not None
+        assert len(log.truth.time_s) == len(back.truth.time_s) == kept
+        np.testing.assert_array_equal(back.truth.position_m, log.truth.position_m)
 
 
 def test_a_stretch_holds_what_was_valid_in_it(tmp_path: Path) -> None:
