@@ -15,6 +15,8 @@ from usbldr.io.log import Finding, Origin, Provenance
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.sections import TruthSection
 
+FINDINGS = "findings"  # what was noticed of a truth file, as an attribute of its table
+
 
 def find_file(name: str, log: Path, from_option: bool) -> Path | None:
     """Return the truth file of that name: of an option from here, else from the folder that holds the log."""
@@ -31,7 +33,7 @@ def truth_from_table(
     rows = rows[np.isfinite(rows["east_m"]) & np.isfinite(rows["north_m"])]
     rows = rows.sort_values("time_ns", kind="stable")
     again = rows.duplicated(subset="time_ns")
-    findings: list[Finding] = []
+    findings: list[Finding] = list(table.attrs.get(FINDINGS, ()))
     if again.any():
         text = f"{source}: {again.sum()} truth rows have the time of an earlier one and are left out"
         findings.append(Finding("TRUTH-REPEATED", text))
@@ -54,20 +56,28 @@ def read_truth_file(
 ) -> tuple[pd.DataFrame, Provenance]:
     """Return time_ns, east_m, north_m and sd_m of a truth file, and the conventions taken.
 
-    Raises LogError for a missing column, a broken number or an unknown plane; UsageError where the columns are unnamed.
+    Rows that are to be skipped are not read, and hold nothing. Raises LogError for a missing column, a broken number or
+    an unknown plane; UsageError where the columns are unnamed.
     """
     texts = read_texts(file)
     columns, frame = _columns(file, texts, section)
-    time_ns = _times(file, texts, columns, start_ns)
-    x, y = (numbers(column(texts, columns[axis], file), columns[axis], file) for axis in "xy")
-    sd = numbers(texts[columns["sd_m"]], columns["sd_m"], file) if "sd_m" in columns else np.full(len(x), np.nan)
+    whole = len(texts[columns["x"]])
+    rows = range(min(section.skip_rows, whole), whole)
+    cells = {key: texts[name][rows.start :] for key, name in columns.items()}
+    time_ns = _times(file, cells, columns, start_ns, rows)
+    x, y = (numbers(cells[axis], columns[axis], file, rows) for axis in "xy")
+    sd = numbers(cells["sd_m"], columns["sd_m"], file, rows) if "sd_m" in cells else np.full(len(x), np.nan)
     east, north = _on_plane(file, frame, x, y, origin)
     who = "by column names" if section.columns is None else "configuration" if section.frame else "default"
     said = [f"frame {frame} ({who})", "columns " + ", ".join(f"{key} = {name}" for key, name in columns.items())]
     said += [f"first {section.skip_rows} rows left out (configuration)"] if section.skip_rows else []
-    table = pd.DataFrame({"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd})
-    used = max(0, len(table) - section.skip_rows)
-    return table, Provenance(file.name, "file", chosen_by, tuple(said), len(table), used)
+    read = {"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd}
+    fill = {"time_ns": 0, "east_m": np.nan, "north_m": np.nan, "sd_m": np.nan}
+    table = pd.DataFrame({name: np.insert(read[name], 0, [fill[name]] * rows.start) for name in read})
+    if section.columns is None and section.frame not in (None, frame):
+        text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns say {frame}'
+        table.attrs[FINDINGS] = (Finding("KEY-UNUSED", text),)
+    return table, Provenance(file.name, "file", chosen_by, tuple(said), whole, len(rows))
 
 
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
@@ -92,11 +102,13 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
     )
 
 
-def _times(file: Path, texts: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int) -> Nanoseconds:
+def _times(
+    file: Path, cells: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int, rows: Sequence[int]
+) -> Nanoseconds:
     if "time_ns" in columns:
-        return nanoseconds(texts[columns["time_ns"]], columns["time_ns"], file)
+        return nanoseconds(cells["time_ns"], columns["time_ns"], file, rows)
     key = "time_unix_s" if "time_unix_s" in columns else "time_s"
-    times = seconds(texts[columns[key]], columns[key], file)
+    times = seconds(cells[key], columns[key], file, rows)
     return times if key == "time_unix_s" else times + start_ns
 
 

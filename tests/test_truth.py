@@ -60,6 +60,37 @@ def test_skipped_rows_are_the_first_of_the_file(tmp_path: Path) -> None:
     assert len(truth.time_s) == 2
 
 
+def test_skipped_rows_need_hold_no_numbers_and_lines_still_count_from_the_top(tmp_path: Path) -> None:
+    file = tmp_path / "t.csv"
+    rows = ["timestamp,x,y", "s,m,m", "1600000000.1,1,2", "1600000001.1,3,4"]
+    file.write_text("\n".join(rows), encoding="utf-8")
+    request = Request(truth=str(file))
+
+    log = dive(tmp_path, NED_FILE + "skip_rows = 1", request=request)
+    with pytest.raises(LogError, match=r"t\.csv: no truth row is left of 3 \(skip_rows = 9\)"):
+        dive(tmp_path, NED_FILE + "skip_rows = 9", request=request)
+    file.write_text("\n".join([*rows[:3], "1600000001.1,east,4"]), encoding="utf-8")
+    with pytest.raises(LogError, match=r't\.csv: line 4: x is "east", not a number'):
+        dive(tmp_path, NED_FILE + "skip_rows = 1", request=request)
+
+    assert log.truth is not None
+    np.testing.assert_array_equal(log.truth.position_m, [[2, 1], [4, 3]])
+    assert (log.provenance["truth"].messages, log.provenance["truth"].used) == (3, 2)
+
+
+def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text(f"time_ns,east_m,north_m\n{T0 + SECOND},1,2\n", encoding="utf-8")
+
+    said = {
+        frame: [f.text for f in dive(tmp_path, f'[truth]\nfile = "t.csv"\nframe = "{frame}"').findings]
+        for frame in ("NED", "ENU")
+    }
+
+    assert said["ENU"] == []
+    assert said["NED"] == ['t.csv: frame = "NED" of the configuration is not used; its columns say ENU']
+
+
 def test_columns_may_count_seconds_of_the_log(tmp_path: Path) -> None:
     text = "t,lat,lon\n1.25,45.0009,7.0\n"
     toml = """
