@@ -16,11 +16,11 @@ demo: $(VENV)/installed
 	@echo "The pictures are in demo/paper-cpf (track.png, errors.png, error_cdf.png, innovations.png, ess.png)."
 
 test: $(VENV)/installed-dev
-	$(BIN)/pytest -q -m "not slow"
+	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow"
 
 # damaged files of every format by the hundred
 fuzz: $(VENV)/installed-dev
-	$(BIN)/pytest -q -m slow
+	$(BIN)/pytest -q -n auto --dist load -m slow
 
 check: $(VENV)/installed
 	$(USBLDR) check sample_logs/baseline.toml
