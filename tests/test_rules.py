@@ -194,7 +194,8 @@ def test_angles_differ_by_the_shorter_way_round() -> None:
 def test_a_dvl_whose_scale_alone_errs_reads_what_the_general_one_does(axis: int) -> None:
     layout = layout_for(("scale",))
     x = np.random.default_rng(6).normal(size=(len(layout), 5))
-    general = BodyVelocity(layout.rows("u", "v"), layout.index("r"), axis, scale_row=layout.index("dvl_scale"))
+    u, v, r = layout.rows("u", "v", "r")
+    general = BodyVelocity((u, v), r, axis, scale_row=layout.index("dvl_scale"))
 
     short = sensors.dvl(layout, (0.0, 0.0, -1.0))[axis]
 
