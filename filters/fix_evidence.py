@@ -50,13 +50,14 @@ def _of_one(bank: Gaussians, fix: Measurement, false: Contamination) -> Evidence
     k, far_m2 = len(e), false.sd**2
     size_m2 = np.trace(fix.noise.cov, axis1=1, axis2=2) / k
     near = size_m2 <= max(far_m2, size_m2[0])  # wider modes are the noise model's own false fixes
-    genuine = Noise(fix.noise.shares[near], fix.noise.cov[near])
     log_false = math.log(false.share) + _log_t(e, predicted + R + far_m2 * np.eye(k))
-    modelled = float(modes(seen, fix.noise).log_likelihood[0])
+    modelled = genuine = float(modes(seen, fix.noise).log_likelihood[0])
+    if not near.all():
+        genuine = float(modes(seen, Noise(fix.noise.shares[near], fix.noise.cov[near])).log_likelihood[0])
     return Evidence(
         modelled,
         float(np.logaddexp(modelled, log_false)),
-        float(modes(seen, genuine).log_likelihood[0]),
+        genuine,
         _log_t(e, predicted + R),
         log_false,
         max(0.0, float(e @ e - np.trace(predicted + R)) / k),

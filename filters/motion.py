@@ -71,13 +71,13 @@ class Move:
         """Return the displacement east and north, (2, N)."""
         psi, u, v = x[self.curved[0]], x[self.affine[0]], x[self.affine[1]]
         c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
-        return np.stack([u * c - v * s, u * s + v * c])
+        return np.array([u * c - v * s, u * s + v * c])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives by psi, u, v, (2, 3, N)."""
         psi, u, v = x[self.curved[0]], x[self.affine[0]], x[self.affine[1]]
         c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
-        return np.stack([np.stack([-u * s - v * c, c, -s]), np.stack([u * c - v * s, s, c])])
+        return np.array([[-u * s - v * c, c, -s], [u * c - v * s, s, c]])
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference."""

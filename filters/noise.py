@@ -61,7 +61,7 @@ class Mixture:
 
     def modes(self, R: Array) -> Noise:
         """Return the two modes."""
-        return Noise(np.array([1 - self.share, self.share]), np.stack([R, self.variance_ratio * R]))
+        return Noise(np.array([1 - self.share, self.share]), np.array([R, self.variance_ratio * R]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Contamination:
 
     def modes(self, R: Array) -> Noise:
         """Return the two modes."""
-        return Noise(np.array([1 - self.share, self.share]), np.stack([R, R + self.sd**2 * np.eye(len(R))]))
+        return Noise(np.array([1 - self.share, self.share]), np.array([R, R + self.sd**2 * np.eye(len(R))]))
 
 
 @dataclass(frozen=True, slots=True)

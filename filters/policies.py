@@ -18,16 +18,9 @@ class Modes(NamedTuple):
     """The J noise modes in the light of one measurement."""
 
     log_joint: Array  # (J, N) log of eps_j N(e; 0, S_j)
+    log_likelihood: Vector  # (N,) predictive, of the measurement
     inverse: Array  # (J, k, k, N) S_j^-1
     scaled: Array  # (J, k, N) S_j^-1 e
-
-    @property
-    def log_likelihood(self) -> Vector:
-        """Predictive log likelihood of the measurement, (N,)."""
-        if len(self.log_joint) == 1:
-            return self.log_joint[0]
-        top = self.log_joint.max(axis=0)
-        return top + np.log(np.exp(self.log_joint - top).sum(axis=0))
 
     @property
     def probability(self) -> Array:
@@ -46,7 +39,16 @@ def modes(seen: Projection, noise: Noise) -> Modes:
         scaled = np.einsum("jkln,ln->jkn", inverse, seen.innovation)
         distance = np.einsum("jkn,kn->jn", scaled, seen.innovation)
     constant = np.log(noise.shares) - 0.5 * len(seen.innovation) * math.log(2 * math.pi)
-    return Modes(constant.reshape(len(S), -1) - 0.5 * (logdet + distance), inverse, scaled)
+    log_joint = constant.reshape(len(S), -1) - 0.5 * (logdet + distance)
+    return Modes(log_joint, _log_sum(log_joint), inverse, scaled)
+
+
+def _log_sum(logs: Array) -> Vector:
+    """Return the log of the sum over the first axis."""
+    if len(logs) == 1:
+        return logs[0]
+    top = logs.max(axis=0)
+    return top + np.log(np.exp(logs - top).sum(axis=0))
 
 
 class Verdict(NamedTuple):

@@ -109,7 +109,7 @@ class Unscented:
 def _by_points(g: Function, m: Array, P: Array, base: Array, scale: float) -> Moments:
     """Return the moments by points at sqrt(scale) sigma about the mean, where g is ``base``."""
     root, rest = _partial_root(P, g.curved)
-    step = np.sqrt(scale) * root  # (n, c, N)
+    step = math.sqrt(scale) * root  # (n, c, N)
     cov, cross = _affine(rest, g.affine, g.jacobian(m)[:, len(g.curved) :])
     shift = np.zeros_like(base)
     for j in range(len(g.curved)):
@@ -148,7 +148,10 @@ def _partial_root(P: Array, pivots: Sequence[int]) -> tuple[Array, Array]:
     for i in pivots:
         pivot = rest[i, i]
         positive = pivot > 0
-        column = rest[:, i] * np.where(positive, 1 / np.sqrt(np.where(positive, pivot, 1.0)), 0.0)
+        if positive.all():
+            column = rest[:, i] * (1 / np.sqrt(pivot))
+        else:
+            column = rest[:, i] * np.where(positive, 1 / np.sqrt(np.where(positive, pivot, 1.0)), 0.0)
         rest = rest - column[:, None] * column[None]
         columns.append(column)
-    return np.stack(columns, axis=1), rest
+    return np.array(columns).swapaxes(0, 1), rest

@@ -103,7 +103,10 @@ class BodyVelocity:
             by_angle = gain * (along * v - across * u)
             by_state[:0] = [by_angle] if self.mount_row is not None else []
             by_state[:0] = [along * u + across * v] if self.scale_row is not None else []
-        return np.stack(np.broadcast_arrays(*by_state))[None]
+        seen = np.empty((1, len(by_state), x.shape[1]))
+        for column, derivative in enumerate(by_state):
+            seen[0, column] = derivative
+        return seen
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference."""
@@ -148,7 +151,7 @@ class ScaledVelocity:
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives by scale and velocity, (1, 2, N)."""
-        return np.stack([x[self.velocity_row], 1 + x[self.scale_row]])[None]
+        return np.array([[x[self.velocity_row], 1 + x[self.scale_row]]])
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference."""
@@ -190,7 +193,7 @@ class DeviatingCompass:
             c, s = np.cos(x[self.psi_row]), np.sin(x[self.psi_row])
             b_s, b_c = x[list(self.deviation_rows)]
             by_state = [1 + b_s * c - b_c * s, *by_state[1:], s, c]
-        return np.stack(by_state)[None]
+        return np.array([by_state])
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference, the shorter way round."""
@@ -239,7 +242,7 @@ class UsblFix:
             east + (u * c - v * s) * t + starboard * C - forward * S + self.layout.of(x, "usbl_bias_east"),
             north + (u * s + v * c) * t + starboard * S + forward * C + self.layout.of(x, "usbl_bias_north"),
         )
-        return np.stack([both[axis] for axis in self.axes])
+        return np.array([both[axis] for axis in self.axes])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives by the states of curved and affine, (k, 6 to 9, N)."""
@@ -251,7 +254,7 @@ class UsblFix:
         V = (u * c - v * s, u * s + v * c)
         arm = (starboard * C - forward * S, starboard * S + forward * C)
         one, zero = np.ones_like(psi), np.zeros_like(psi)
-        both: list[Array] = []
+        both: list[list[Array]] = []
         for axis in (0, 1):
             turned_V = (-V[1], V[0])[axis] * t  # by the heading of the move
             turned_arm = (-arm[1], arm[0])[axis]  # by the heading of the arm
@@ -261,8 +264,8 @@ class UsblFix:
             by_state += [(c, s)[axis] * t, (-s, c)[axis] * t, *((one, zero), (zero, one))[axis]]
             if self.layout.present("usbl_bias_east"):
                 by_state += ((one, zero), (zero, one))[axis]
-            both.append(np.stack(by_state))
-        return np.stack([both[axis] for axis in self.axes])
+            both.append(by_state)
+        return np.array([both[axis] for axis in self.axes])
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference."""
