@@ -86,7 +86,12 @@ UNFILTERED = (Way("dr"), Way("usbl"))
 
 def few(seeds: int) -> int:
     """Return how many seeds are enough for what needs no sharp number."""
-    return max(2, seeds // 5)
+    return max(2, seeds // 6)
+
+
+def half(seeds: int) -> int:
+    """Return how many seeds are enough beside a goal's row."""
+    return max(2, seeds // 2)
 
 
 def plan(seeds: int, sweeps: Path, unseen: bool) -> Plan:
@@ -99,7 +104,8 @@ def plan(seeds: int, sweeps: Path, unseen: bool) -> Plan:
             wanted[cell] = max(count, wanted.get(cell, 0))
 
     want("paper", UNFILTERED, seeds)
-    want("paper", LEADING, seeds)
+    want("paper", SWEPT, seeds)
+    want("paper", (Way("adf", smooth=True),), half(seeds))
     want("paper", (Way("cpf"), Way("adf"), Way("adf", smooth=True)), seeds, "scale")
     want("paper", (Way("cpf"),), seeds, "scale,misalignment")
     for calibrate in ("scale", "scale,misalignment"):
@@ -113,7 +119,7 @@ def plan(seeds: int, sweeps: Path, unseen: bool) -> Plan:
     want("paper", [Way(name, particles=N) for name in ("cpf", "upf", "pf") for N in COUNTS], few(seeds))
 
     want("paper-drawn", (Way("adf"),), 2 * seeds, "scale")
-    want("paper-drawn", (Way("cpf"), GATED, Way("adf", smooth=True)), seeds, "scale")
+    want("paper-drawn", (Way("cpf"), GATED, Way("adf", smooth=True)), half(seeds), "scale")
     want("paper-drawn", (Way("ekf"),), few(seeds), "scale")
 
     want("paper-range", (Way("cpf"), Way("adf", smooth=True)), seeds, "scale")
