@@ -1,8 +1,7 @@
 """The runs that the study of docs/paper.md rests on: which filter on which scenario, and how often.
 
 Of a scenario each seed is a dive of its own. ``few`` is for what needs no sharp number: ways of running that turn out
-alike, sweeps, and the costly ones. The guard against clusters of false fixes runs where there are some, on the unseen
-dive: elsewhere it takes a tenth of the time and changes no digit (20 seeds of every row, with it and without).
+alike, sweeps, and the costly ones.
 """
 
 from collections.abc import Mapping, Sequence
@@ -185,7 +184,7 @@ def run_plan(wanted: Plan, jobs: int, store: Path) -> Rows:
     logs = list(dict.fromkeys(log for log, _ in wanted))
     runs = [(cell, seed) for cell, count in wanted.items() for seed in range(count)]
     runs.sort(key=lambda run: (logs.index(run[0][0]), run[1]))
-    found = run_units([Unit(log, way.method, _choices(log, way, seed)) for (log, way), seed in runs], jobs, store)
+    found = run_units([Unit(log, way.method, way.choices(seed)) for (log, way), seed in runs], jobs, store)
     outcomes = dict(zip(runs, found, strict=True))
     return {
         (log, way): Row(
@@ -199,7 +198,3 @@ def run_plan(wanted: Plan, jobs: int, store: Path) -> Rows:
         )
         for (log, way), count in wanted.items()
     }
-
-
-def _choices(log: str, way: Way, seed: int) -> RunChoices:
-    return way.choices(seed) if log == UNSEEN else replace(way.choices(seed), guard=False)

@@ -281,9 +281,9 @@ def test_a_broken_sign_in_a_model_turns_the_gate_red(gate: Path, tmp_path: Path)
     assert Path(where.stdout.strip()) == motion
 
     whole = _check(gate, PYTHONPATH=str(package))
-    right = "np.stack([u * c - v * s, u * s + v * c])"
+    right = "np.array([u * c - v * s, u * s + v * c])"
     assert motion.read_text().count(right) == 1
-    motion.write_text(motion.read_text().replace(right, "np.stack([u * c + v * s, u * s + v * c])"))
+    motion.write_text(motion.read_text().replace(right, "np.array([u * c + v * s, u * s + v * c])"))
     broken = _check(gate, PYTHONPATH=str(package))
 
     assert whole.returncode == 0, whole.stdout + whole.stderr
