@@ -13,6 +13,7 @@ R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from operator import attrgetter
 from typing import NamedTuple
@@ -23,7 +24,7 @@ from usbldr.filters.assumptions import DRIFT, Assumptions, Observed, Settled
 from usbldr.filters.calibration import NARROWED, STATES, prior_sd
 from usbldr.filters.fix_noise import fix_likelihoods, fix_log
 from usbldr.filters.noise import Contamination
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Timeline, Vector
 
 CANDIDATES = ("scale", "heading", "deviation", "latency", "usbl-bias")
 WIDE_LATENCY_S = 1.0  # of stamps that are not to be trusted
@@ -32,6 +33,7 @@ SHARED = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95)  # of the fixes' variance; the middle
 LONGER = (0.5, 1.0, 2.0, 4.0)  # times as long as assumed do fixes err alike
 MORE_OUTLIERS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times as many as assumed
 FURTHER = (1.0, 25.0, 125.0)  # times as far as assumed does dead reckoning walk; coarse, as it is for those that fail
+WIDER = (2.0, 4.0)  # times the stated sigma of fixes: scatter that dead reckoning is not to be blamed for
 MOST_OUTLIERS = 0.5  # of the fixes
 TURNING = ("deviation", "latency")  # what a straight track at constant speed cannot tell
 LEAST_TURN_RAD = math.radians(45)
@@ -42,6 +44,8 @@ class _Choice(NamedTuple):
 
     assumptions: Assumptions
     departs: int = 0  # in so many things from what is assumed
+    drifts: bool = False  # dead reckoning walks further than assumed
+    scatters: bool = False  # fixes err more than stated: no choice to be made, but a better story than drift
 
 
 def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
@@ -60,8 +64,7 @@ def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
     for choices in (_shares, _wanderings, _shares):  # the first choice was made under what the second may have changed
         among = choices(settled, every, sd_m)
         told = fix_likelihoods(fix_log(timeline, settled, latency_s), [choice.assumptions for choice in among])
-        doubt = np.array([STRONG * choice.departs for choice in among])
-        best = int(np.argmax(told.log_likelihood - doubt))
+        best = _best(among, told.log_likelihood)
         settled = among[best].assumptions
     before = prior_sd(settled.errors)
     straight = float(np.ptp(timeline.dr_yaw_rad)) < LEAST_TURN_RAD
@@ -73,6 +76,16 @@ def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
         observed.append(Observed(key, narrowed, "observable" if seen else hidden))
     kept = tuple(told.key for told in observed if told.verdict == "observable")
     return replace(settled, calibrate=kept, observed=tuple(observed), settled=_changed(assumptions, settled))
+
+
+def _best(among: Sequence[_Choice], log_likelihood: Vector) -> int:
+    """Return which choice the log speaks for; drift is none where it speaks strongly for wider fixes instead."""
+    spoken = log_likelihood - STRONG * np.array([choice.departs for choice in among])
+    drifts, scatters = (np.array([getattr(choice, name) for choice in among]) for name in ("drifts", "scatters"))
+    if spoken[scatters].max(initial=-np.inf) > spoken[drifts].max(initial=-np.inf) + STRONG:
+        spoken[drifts] = -np.inf
+    spoken[scatters] = -np.inf
+    return int(np.argmax(spoken))
 
 
 def _changed(given: Assumptions, settled: Assumptions) -> tuple[Settled, ...]:
@@ -107,17 +120,20 @@ def _shares(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choi
 def _wanderings(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choice]:
     """Return for how long fixes may err alike, how many may be outliers, and how far dead reckoning may walk."""
     found: list[_Choice] = []
-    for longer, more, further in itertools.product(LONGER, MORE_OUTLIERS, FURTHER):
+    stories = [(further, 1.0) for further in FURTHER] + [(1.0, wider) for wider in WIDER]
+    for longer, more, (further, wider) in itertools.product(LONGER, MORE_OUTLIERS, stories):
         choice = replace(
             settled,
             errors=replace(settled.errors, usbl_bias_s=longer * given.errors.usbl_bias_s),
             process=replace(settled.process, position_m=further * given.process.position_m),
+            usbl_sd_scale=wider * settled.usbl_sd_scale,
         )
         if more != 1:
             if not isinstance(given.usbl, Contamination) or more * given.usbl.share > MOST_OUTLIERS:
                 continue
             choice = replace(choice, usbl=replace(given.usbl, share=more * given.usbl.share))
-        found.append(_Choice(choice, sum(factor != 1 for factor in (longer, more, further))))
+        departs = sum(factor != 1 for factor in (longer, more, further, wider))
+        found.append(_Choice(choice, departs, further != 1, wider != 1))
     return found
 
 

@@ -152,6 +152,15 @@ def test_dead_reckoning_that_does_not_reckon_is_no_longer_trusted() -> None:
     assert not any("bottom lock" in said for said in tracks[1].warnings)
 
 
+def test_fixes_that_scatter_more_than_they_state_are_no_fault_of_dead_reckoning() -> None:
+    line = dive(Faults())
+    boasting = replace(line, fix_cov_m2=line.fix_cov_m2 / 9)
+
+    told = observe(boasting, replace(ASSUMED, usbl=Contamination()))
+
+    assert told.process.position_m == ASSUMED.process.position_m
+
+
 def test_a_stated_family_of_noise_is_kept() -> None:
     mixture = Mixture(0.3, 100.0)
 
