@@ -22,6 +22,10 @@ class UsageError(UsbldrError):
     exit_code = 2
 
 
+class SettingError(UsageError):
+    """A key of the configuration does not fit the log; the sentence begins with the key, and lacks the file."""
+
+
 class LogError(UsbldrError):
     """The log can't be read, is incomplete, or lacks what was asked of it."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, SettingError
 from usbldr.filters.types import Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.dvl_types import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
@@ -104,7 +104,7 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
     forward = -instrument[0] * np.sin(mount) + instrument[1] * np.cos(mount)
 
     if section.min_good_beams is not None and "good_beams" not in raw.values:
-        raise UsageError(f"{raw.log}: [dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
+        raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
     valid, invalid = dropped(raw, causes, "dvl", "not used", dvl_advice(causes, section.unit is not None))
     if unit_who == "default" and in_millimetres(raw, causes):
@@ -150,7 +150,7 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
     said = [f"unit {unit} ({who})"]
     if "pressure" in raw.values:
         if unit == "m":
-            raise UsageError(f'{raw.log}: [depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
+            raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
         pressure = raw.number("pressure") * PASCALS[unit]
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
         said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
@@ -163,7 +163,7 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
         height = "height" in raw.values
         usual = "up" if height and not named_frd(raw.frame_id) else "down"
         if unit != "m":
-            raise UsageError(f'{raw.log}: [depth] unit = "{unit}": {raw.topic.name} holds depths in m')
+            raise SettingError(f'[depth] unit = "{unit}": {raw.topic.name} holds depths in m')
         sign, sign_who, more = stated(raw, "positive", section.positive, usual)
         sign_who = f'by frame_id "{raw.frame_id}"' if height and sign_who == "default" else sign_who
         value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
@@ -197,7 +197,7 @@ def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
 
 def _refuse(value: str | None, key: str, what: str, raw: Raw) -> None:
     if value is not None:
-        raise UsageError(f"{raw.log}: [depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")
+        raise SettingError(f"[depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")
 
 
 def kept(made: Converted, good: Mask) -> Converted:

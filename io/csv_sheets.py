@@ -170,7 +170,7 @@ def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[s
             raise UsageError(f"{file}: has no column {name} ([{sensor}] columns {key}; it has {', '.join(names)})")
     times = [key for key in TIMES if key in wanted]
     if len(times) != 1:
-        raise UsageError(f"[{sensor}] columns must name one of {', '.join(TIMES)}")
+        raise UsageError(f"{file}: [{sensor}] columns must name one of {', '.join(TIMES)}")
     arrivals = [key for key in ("received_ns", "received_unix_s") if key in wanted]
     stamp = Clock(wanted[times[0]], times[0] != "time_ns")
     received = Clock(wanted[arrivals[0]], arrivals[0] != "received_ns") if arrivals else stamp

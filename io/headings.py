@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions import Converted, converted, dropped, kept, stated
@@ -165,8 +165,8 @@ def _declination(
         except UsageError as err:
             raise UsageError(f"{raw.log}: {raw.topic.name}: {err}") from err
     elif stated_deg == "auto":
-        raise UsageError(
-            f'{raw.log}: {keys.declination} = "auto": no position is known; '
+        raise SettingError(
+            f'{keys.declination} = "auto": no position is known; '
             "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
         )
     else:

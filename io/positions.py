@@ -5,7 +5,7 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, SettingError
 from usbldr.filters.types import Array, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions import Converted, converted, dropped, stated
@@ -114,7 +114,7 @@ def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
     latlon = "lat_deg" in raw.layout.required
     frame, who, findings = stated(raw, "frame", section.frame, "NED" if named_ned(raw.frame_id) else "ENU")
     if latlon != (frame == "latlon") and latlon:
-        raise UsageError(f'{raw.log}: frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
+        raise SettingError(f'frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
     good, invalid = dropped(raw, place_causes(raw, frame), "gps", "left out")
     east, north = on_plane(raw, frame, origin)
     covariance = message_covariance(raw, frame)

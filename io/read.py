@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.filters.types import Truth
 from usbldr.io import conventions, headings, positions
 from usbldr.io.clocks import on_one_clock
@@ -74,7 +74,10 @@ def read(opened: Opened, request: Request) -> Log:
     raws, moved = on_one_clock(_raws(reader, choices), _timed_by_log(configuration))
 
     origin = _origin(configuration, raws)
-    made, findings = _converted(configuration, raws, origin, source.chosen_by)
+    try:
+        made, findings = _converted(configuration, raws, origin, source.chosen_by)
+    except SettingError as err:
+        raise UsageError(f"{opened.file or path}: {err}") from err
     tables: dict[str, pd.DataFrame] = {}
     for role, sensor in made.items():
         tables[role], more = in_order(sensor.table, choices[role].topic.name, role)

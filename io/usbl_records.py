@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import SettingError, UsageError
 from usbldr.io.clocks import least_delay_ns
 from usbldr.io.conventions import stated
 from usbldr.io.log import Finding, Origin
@@ -34,7 +34,7 @@ def of_target(raw: Raw, target: str | int | None) -> tuple[Raw, list[str], list[
         say = "choose one with target under [usbl]"
         raise UsageError(f"{raw.log}: {raw.topic.name} holds fixes of {len(names)} targets: {listed}; {say}")
     if wanted not in names:
-        raise UsageError(f"{raw.log}: [usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
+        raise SettingError(f"[usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
     who = "configuration" if target is not None else "the only one"
     return _rows(raw, told == wanted), [f"target {wanted} ({who})"], []
 
@@ -71,7 +71,7 @@ def kind_of_fixes(raw: Raw, section: UsblSection, origin: Origin | None) -> tupl
     have = {"range_bearing"} if "slant_range_m" in raw.layout.required else have
     if kind not in have:
         could = " or ".join(sorted(have))
-        raise UsageError(f'{raw.log}: [usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
+        raise SettingError(f'[usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
     free = (who, section.frame, section.relative_to, section.head, section.beacon) == (
         "default",
         None,

@@ -235,7 +235,7 @@ def test_min_good_beams_without_such_a_field_is_refused(tmp_path: Path) -> None:
         logged(tmp_path, [twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3")
 
     kind = "geometry_msgs/msg/TwistStamped"
-    assert str(fault.value) == f"{tmp_path / 'dive.mcap'}: [dvl] min_good_beams: /dvl ({kind}) has no such field"
+    assert str(fault.value) == f"{tmp_path / 'usbldr.toml'}: [dvl] min_good_beams: /dvl ({kind}) has no such field"
 
 
 def water_linked(time_ns: int, valid: bool = True, kind: str = DVL, more: Mapping[str, Any] | None = None) -> Row:

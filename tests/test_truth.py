@@ -216,7 +216,7 @@ def test_a_local_frame_for_configured_latitudes_is_refused(tmp_path: Path) -> No
     with pytest.raises(UsageError) as fault:
         dive(tmp_path, '[truth]\ntopic = "/gps/fix"\nframe = "NED"', FIXES)
 
-    assert str(fault.value) == f'{tmp_path / "dive.mcap"}: frame = "NED": /gps/fix holds latitudes and longitudes'
+    assert str(fault.value) == f'{tmp_path / "usbldr.toml"}: frame = "NED": /gps/fix holds latitudes and longitudes'
 
 
 FIXES = [fix(T0 + k * SECOND, 45.0 + k * 1e-5, 7.0) for k in range(3)]

@@ -123,7 +123,8 @@ def test_a_kind_that_the_messages_cannot_have_is_refused(tmp_path: Path) -> None
         logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix")], '[usbl]\nkind = "position"')
 
     assert str(fault.value) == (
-        f'{tmp_path / "dive.mcap"}: [usbl] kind = "position": /usbl/fix (sensor_msgs/msg/NavSatFix) can only be latlon'
+        f'{tmp_path / "usbldr.toml"}: [usbl] kind = "position": '
+        "/usbl/fix (sensor_msgs/msg/NavSatFix) can only be latlon"
     )
 
 
