@@ -15,12 +15,13 @@ TWIST_COVARIANCE = {"own_covariance": "twist.covariance.0"}
 SIMULATED = xyz("velocity") | {"own_covariance": "velocity_covariance.0"}  # uuv_simulator: 0 unknown, -1 invalid
 AGES = {"validity_us": "time_of_validity", "transmission_us": "time_of_transmission"}
 
-DVL = (
+DVL = (  # a driver's messages rank before twists made of them, those with a flag of validity before those without
     Layout(
         "dvl",  # ds_sensor_msgs/Dvl (WHOI): in the coordinates that each record names
         xyz("velocity") | {"covariance": "velocity_covar.0", "coordinates": "coordinate_mode"},
         {"mode": "velocity_mode", "good_beams": "num_good_beams"},
         "by type",
+        rank=1,
     ),
     Layout(
         "dvl",  # marine_acoustic_msgs/Dvl: x forward, z where the DVL points; a covariance of -1 is only unknown
@@ -28,6 +29,7 @@ DVL = (
         {"mode": "velocity_mode", "beams_valid": "beam_velocities_valid"},
         "by type",
         FRD,
+        rank=1,
     ),
     Layout(
         "dvl",  # Water Linked's and dvl_msgs/DVL, with and without covariance
@@ -35,6 +37,7 @@ DVL = (
         {"covariance": "covariance.0", "sd": "fom", **AGES},
         "by type",
         FRD,
+        rank=0,
     ),
     Layout(
         "transducerreportstamped",  # waterlinked_dvl (ROS 1): the same report, one level down
@@ -43,9 +46,10 @@ DVL = (
         | {"validity_ns": "report.time_of_validity", "transmission_ns": "report.time_of_transmission"},
         "by type",
         FRD,
+        rank=0,
     ),
-    Layout("dvl", SIMULATED, {}, "by type", FRD, packages=("cola2", "stonefish", "smarc")),  # their bodies are FRD
-    Layout("dvl", SIMULATED, {"mode": "velocity_reference"}, "by type"),  # uuv_sensor_ros_plugins_msgs, uuv_sensor_msgs
+    Layout("dvl", SIMULATED, {}, "by type", FRD, packages=("cola2", "stonefish", "smarc"), rank=2),  # bodies are FRD
+    Layout("dvl", SIMULATED, {"mode": "velocity_reference"}, "by type", rank=2),  # uuv_sensor(_ros_plugins)_msgs
     Layout("dvl", xyz("velocity") | {"sd": "figureOfMerit"}, {}, "by type"),  # nortek_dvl/Dvl
     Layout(
         "linkquestdvl",  # cola2_msgs: the bottom's motion past the instrument, so that every sign is turned
@@ -71,9 +75,9 @@ DVL = (
         )
         for kind in ("twiststamped", "twistwithcovariancestamped", "vector3stamped")
     ),
-    Layout("twistwithcovariancestamped", TWIST, TWIST_COVARIANCE),
-    Layout("odometry", TWIST, TWIST_COVARIANCE, frame="child_frame_id"),
-    Layout("twiststamped", xyz("twist.linear")),
+    Layout("twistwithcovariancestamped", TWIST, TWIST_COVARIANCE, rank=3),
+    Layout("odometry", TWIST, TWIST_COVARIANCE, frame="child_frame_id", rank=4),
+    Layout("twiststamped", xyz("twist.linear"), rank=3),
     Layout(
         "dvl",
         {"x": "starboard_mps", "y": "forward_mps"},

@@ -49,6 +49,7 @@ COMPASS = (
         {"own_covariance": "orientation_covariance.0", "variance_rad2": "orientation_covariance.8"},
         "by type",
         ENU,
+        rank=1,
     ),
     Layout(
         "azimuth",  # compass_msgs, compass_interfaces: each record says its unit, its sense and its north
@@ -76,6 +77,9 @@ COMPASS = (
     Layout("gyro", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # before 2019: "+ turns to stbd"
     Layout("ins", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # ds_sensor_msgs; its quaternion is ENU
     Layout("quaternionstamped", quaternion("quaternion"), defaults=NED),  # nmea_navsat_driver, from HDT as it comes
+    Layout(  # mavros: of an autopilot's number there is no doubt which way it counts
+        "float64", {"angle": "data"}, defaults={"convention": "compass"}, topic=r"compass_hdg$", rank=0
+    ),
     Layout("float64", {"angle": "data"}, defaults={"convention": "compass"}),
     Layout("float32", {"angle": "data"}, defaults={"convention": "compass"}),
     *only_when_named((*ESTIMATES, *BESIDE_POSITIONS)),

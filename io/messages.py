@@ -39,6 +39,7 @@ class Layout:
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, where not 1
     missing: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])  # mean: no data
     refused: str = ""  # why this type, though known, cannot serve: the end of "it ..."
+    rank: int | None = None  # where the type stands in its sensor's order of preference, 0 first; None: not compared
 
     def fits(self, topic: TopicInfo) -> bool:
         """Tell whether a topic has this type and these fields."""

@@ -129,7 +129,8 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
 
     Of these, without those that are ``taken``, the types that stand first in their sensor's order of preference.
     """
-    fitting: list[tuple[bool, TopicInfo]] = []
+    ranks: dict[TopicInfo, int | None] = {}
+    hinted: list[TopicInfo] = []
     for topic in topics:
         layout = layout_of(role, topic)
         if (
@@ -144,42 +145,14 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
         own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
         by_type = layout.recognised == "by type" and (role in hints or not hints or own)
         if by_type or (layout.recognised == "by type and name" and role in hints):
-            fitting.append((role in hints, topic))
-    best = [topic for hinted, topic in fitting if hinted] or [topic for _, topic in fitting]
+            ranks[topic] = layout.rank
+            hinted += [topic] if role in hints else []
+    best = hinted or list(ranks)
     best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
-    ranks = {topic: _rank(role, topic) for topic in best if topic.name not in taken}
-    first = min((rank for rank in ranks.values() if rank is not None), default=None)
-    behind = [topic for topic, rank in ranks.items() if rank != first and rank is not None]
-    return Candidates([topic for topic in ranks if topic not in behind], behind)
-
-
-def _rank(role: str, topic: TopicInfo) -> int | None:
-    """Return where a type stands in its sensor's order of preference, 0 first; None where it is not compared.
-
-    DVL: the messages of its driver come before twists that were made of them, those with a flag of validity before
-    those without. Heading: of an autopilot's number there is no doubt which way it counts. USBL: what needs no head
-    comes before what needs its place, and that before what needs its heading, too.
-    """
-    layout = layout_of(role, topic)
-    if layout is None:
-        return None
-    paths, says = layout.required.values(), layout.defaults
-    order = {
-        "dvl": (
-            {"velocity_valid", "report.velocity_valid"} & set(paths),  # Water Linked's
-            "velocity_covar.0" in paths,  # marine_acoustic_msgs, ds_sensor_msgs
-            "velocity_covariance.0" in paths,  # the simulators'
-            layout.type in ("twiststamped", "twistwithcovariancestamped"),
-            layout.type == "odometry",
-        ),
-        "compass": (topic.name.endswith("compass_hdg"), layout.type == "imu"),
-        "usbl": (
-            says.get("kind") == "latlon",
-            says.get("kind") == "position" and says["frame"] != "body",
-            says.get("kind") == "position" and says["frame"] == "body",
-        ),
-    }
-    return next((rank for rank, mine in enumerate(order.get(role, ())) if mine), None)
+    free = [topic for topic in best if topic.name not in taken]
+    first = min((rank for topic in free if (rank := ranks[topic]) is not None), default=None)
+    behind = [topic for topic in free if ranks[topic] not in (first, None)]
+    return Candidates([topic for topic in free if topic not in behind], behind)
 
 
 def _preferred(role: str, choice: Choice) -> Finding:

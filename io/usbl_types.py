@@ -6,6 +6,7 @@ the configuration turns it.
 """
 
 import math
+from dataclasses import replace
 
 from usbldr.io.messages import Layout, own, plane_covariance, xyz
 from usbldr.io.nmea_kinds import ELLIPSE
@@ -129,7 +130,16 @@ MODEMS = (
 
 TOPSIDE_BOX = "counts along the axes of the topside box from its first fix; take /waterlinked/fix"
 
-USBL = (
+
+def _ranked(layout: Layout) -> Layout:
+    """Rank what needs no head before what needs its place, and that before what needs its heading, too."""
+    kind, frame = (layout.defaults.get(key) for key in ("kind", "frame"))
+    if kind not in ("latlon", "position"):
+        return layout
+    return replace(layout, rank=0 if kind == "latlon" else 2 if frame == "body" else 1)
+
+
+_UNRANKED = (
     Layout(
         "odometry",  # waterlinked_underwater_gps_ros, as is utm
         xyz("pose.pose.position"),
@@ -158,3 +168,5 @@ USBL = (
     *MODEMS,
     *SENTENCES,
 )
+
+USBL = tuple(_ranked(layout) for layout in _UNRANKED)
