@@ -87,7 +87,7 @@ def _ablations() -> Iterator[tuple[str, Change]]:
     for key in STATES:
         if key != "misalignment":
             yield f"without {key}", _without(key)
-    as_assumed = {"LONGER": (1.0,), "MORE_OUTLIERS": (1.0,), "FURTHER": (1.0,)}
+    as_assumed = {"LONGER": (1.0,), "MORE_OUTLIERS": (1.0,), "FURTHER": (1.0,), "WIDER": ()}
     yield "noise not asked of the log", Change(observing=as_assumed)
     yield "without guard", Change(options={"guard": False})
     yield "every state by its default", Change(after=_everything)
@@ -140,8 +140,11 @@ def _sensitivity() -> Iterator[tuple[str, Change]]:
         )
         for name in ("count", "least_sd_m", "sd_yaw_rad", "sd_mps", "sd_radps"):
             yield f"start.{name} {label}", _scaled_start(name, factor)
-        for name in ("NARROWED", "WIDE_LATENCY_S", "LEAST_TURN_RAD"):
+        for name in ("NARROWED", "WIDE_LATENCY_S", "LEAST_TURN_RAD", "MOST_OUTLIERS"):
             value = factor * getattr(observability, name)
+            yield f"observability.{name} {label}", Change(observing={name: value})
+        for name in ("LONGER", "MORE_OUTLIERS", "FURTHER", "WIDER"):
+            value = tuple(m if m == 1 else factor * m for m in getattr(observability, name))
             yield f"observability.{name} {label}", Change(observing={name: value})
         yield f"observability.STRONG {label}", Change(observing={"STRONG": observability.STRONG + math.log(factor)})
     yield f"observability.SHARED {HALF}", Change(observing={"SHARED": COARSE})

@@ -50,8 +50,10 @@ def main() -> int:
     write_figures(
         asked.output / "paper", rows, sweeps, asked.seeds, {"paper-drawn": of_drawn, "paper": of_paper["scale"]}
     )
+    of_range = limits(find_scenario("paper-range"), ("scale",), (0,))
     goals = paper_goals.goals(rows, of_drawn, paper_goals.timed())
-    write_whole(asked.output / "paper.md", document(rows, sweeps, asked.seeds, goals, of_drawn, of_paper).encode())
+    text = document(rows, sweeps, asked.seeds, goals, of_drawn, of_paper, of_range)
+    write_whole(asked.output / "paper.md", text.encode())
     faults = {f"{log}, {way.label}: {row.fault}" for (log, way), row in rows.items() if row.fault}
     print(*sorted(f"failed: {fault}" for fault in faults), f"{asked.output / 'paper.md'}: {minutes(began)}", sep="\n")
     return 1 if faults else 0
@@ -77,6 +79,7 @@ def document(
     goals: list[paper_goals.Goal],
     of_drawn: Limits,
     of_paper: Mapping[str, Limits],
+    of_range: Limits,
 ) -> str:
     """Return docs/paper.md: the text with every table and number in its place."""
     parts = {
@@ -93,6 +96,7 @@ def document(
         "drawn": tables.drawn(rows, of_drawn),
         "assumed": tables.assumed(rows, of_paper),
         "slant": tables.slant(rows),
+        "slant_bound": tables.least(of_range),
         "delays": tables.delays(rows),
         "lake": tables.lake(rows),
         "unseen": tables.unseen(rows),

@@ -84,6 +84,12 @@ def assumed(rows: Rows, limits: Mapping[str, Limits]) -> str:
     return _made(Table("paper", heads, tuple(body)), "assumed", rows, ("paper", Way("adf", "scale", smooth=True)))
 
 
+def least(limit: Limits) -> str:
+    """Return a bound in words, east before north."""
+    forward, smoothed = ("/".join(map(_number, one)) for one in (limit.filter_m, limit.smoother_m))
+    return f"{forward} m for any filter, {smoothed} m for any smoother"
+
+
 def slant(rows: Rows) -> str:
     """Return the other reading of "USBL error 2 %"."""
     ways = [Way("usbl"), Way("ekf", "scale"), Way("adf", "scale"), Way("cpf", "scale")]

@@ -87,7 +87,7 @@ def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Rows, sweeps: Pa
     asked = Asked(rows)
 
     text = paper.document(
-        asked, sweeps, 3, paper_goals.goals(asked, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT)
+        asked, sweeps, 3, paper_goals.goals(asked, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT), LIMIT
     )
 
     assert "{{" not in text
@@ -95,7 +95,9 @@ def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Rows, sweeps: Pa
 
 
 def test_a_table_has_as_many_cells_in_each_line(rows: Rows, sweeps: Path) -> None:
-    text = paper.document(rows, sweeps, 3, paper_goals.goals(rows, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT))
+    text = paper.document(
+        rows, sweeps, 3, paper_goals.goals(rows, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT), LIMIT
+    )
 
     tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
     assert len(tables) == 12
