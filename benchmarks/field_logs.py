@@ -136,23 +136,17 @@ def cut(line: Timeline, spans_s: tuple[tuple[float, float], ...]) -> Timeline:
     cuts = [(line.gps_time_s[0] + start, line.gps_time_s[0] + end) for start, end in spans_s]
     left = ~np.any([(line.fix_time_s >= start) & (line.fix_time_s <= end) for start, end in cuts], axis=0)
     silent = tuple(Outage("usbl", float(start), float(min(end, line.time_s[-1]))) for start, end in cuts)
-    return replace(chosen(line, left), outages=(*line.outages, *silent))
+    return replace(line.with_fixes(left), outages=(*line.outages, *silent))
 
 
 def thinned(line: Timeline, every_s: float) -> Timeline:
     """Return the log with the first fix of each so many seconds."""
     _, first = np.unique(np.floor(line.fix_time_s / every_s), return_index=True)
-    return chosen(line, np.isin(np.arange(len(line.fix_time_s)), first))
+    return line.with_fixes(np.isin(np.arange(len(line.fix_time_s)), first))
 
 
 def stamped_at_arrival(line: Timeline) -> Timeline:
     """Return the log as if its fixes told nothing of when they were true."""
     order = np.argsort(line.fix_received_s, kind="stable")
-    late = chosen(line, order)
+    late = line.with_fixes(order)
     return replace(late, fix_time_s=late.fix_received_s)
-
-
-def chosen(line: Timeline, rows: np.ndarray) -> Timeline:
-    """Return the log with these of its fixes."""
-    names = ("fix_time_s", "fix_received_s", "fix_m", "fix_cov_m2")
-    return replace(line, **{name: getattr(line, name)[rows] for name in names})

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usbldr.filters.aiding import inside, windows_text
 from usbldr.filters.alignment import Alignment, fit_alignment
@@ -17,13 +16,11 @@ from usbldr.filters.assumptions import Span
 from usbldr.filters.consistency import consistency, fixes, innovations, shares_inside, sigmas
 from usbldr.filters.errors import LogError
 from usbldr.filters.metrics import Surfacing, error_metrics, run_metrics, surfacing_metrics, surfacings, travelled
-from usbldr.filters.types import Array, Trajectory, Truth, Vector
+from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
 
 FEW_EPOCHS = 5
 LOW_COVERAGE = 0.8
 LATE_FIRST_S = 5.0  # --align first joins two instants this far apart only with a warning
-
-Mask = NDArray[np.bool_]  # (T,)
 
 
 class Window(NamedTuple):

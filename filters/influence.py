@@ -8,7 +8,6 @@ whether they are now believed at all, only a run without the fix tells. Metres, 
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,13 +60,7 @@ def influential(trajectory: Trajectory, count: int = 5) -> tuple[Influence, ...]
 def without_fix(timeline: Timeline, row: int) -> Timeline:
     """Return the timeline as if this USBL fix had never come; outages stay those of the log."""
     kept = np.arange(len(timeline.fix_time_s)) != row
-    return replace(
-        timeline,
-        fix_time_s=timeline.fix_time_s[kept],
-        fix_received_s=timeline.fix_received_s[kept],
-        fix_m=timeline.fix_m[kept],
-        fix_cov_m2=timeline.fix_cov_m2[kept],
-    )
+    return timeline.with_fixes(kept)
 
 
 def left_out(fix: Influence, whole: Trajectory, without: Trajectory, error_change_m: float = math.nan) -> LeftOut:

@@ -4,7 +4,7 @@ A Timeline goes into a filter, a Trajectory comes out, a Truth judges it. io/ bu
 nothing else of a log.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]  # any shape, named where it is used
 Vector: TypeAlias = NDArray[np.float64]  # (n,)
 Indices: TypeAlias = NDArray[np.intp]  # (n,)
+Mask: TypeAlias = NDArray[np.bool_]  # (n,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,11 @@ class Timeline:
     gps_m: Array  # (G, 2) east, north
     outages: tuple[Outage, ...] = ()
     gps_sd_m: Vector | None = None  # (G,) 1-sigma per axis; NaN, or None at all, where unknown
+
+    def with_fixes(self, rows: Indices | Mask) -> "Timeline":
+        """Return the timeline with these of its fixes alone, in this order; outages stay those of the log."""
+        names = ("fix_time_s", "fix_received_s", "fix_m", "fix_cov_m2")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,6 +58,11 @@ def configuration_places(log: Path, folder: bool) -> tuple[Path, ...]:
     return (*own, log.parent / f"{log.name if folder else log.stem}.usbldr.toml", log.parent / "usbldr.toml")
 
 
+def own_configuration(log: Path, folder: bool) -> Path:
+    """Return where a log's own configuration stands: inside a folder, beside a file."""
+    return configuration_places(log, folder)[0]
+
+
 def read_configuration(file: Path) -> Configuration:
     """Read and check a configuration; raise UsageError with file, key, nearest match and allowed values."""
     return check(read_document(file), file)

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.dvl_types import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
 from usbldr.io.log import Finding
-from usbldr.io.messages import Mask, Raw
+from usbldr.io.messages import Raw
 from usbldr.io.sections import DepthSection, DvlSection
 from usbldr.io.times import Times, times_of
 

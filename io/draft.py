@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.configuration import check
+from usbldr.io.configuration import check, own_configuration
 from usbldr.io.crosscheck import clear_latency, clear_offset, clear_scale, wrapped
 from usbldr.io.doctor import Examination
 from usbldr.io.log import Log
@@ -24,11 +24,6 @@ from usbldr.io.topics import ROLES
 
 Line: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
 COMMENT_COLUMN = 40
-
-
-def configuration_beside(log: Path) -> Path:
-    """Return where a log's own configuration stands: inside a folder, beside a file."""
-    return log / "usbldr.toml" if log.is_dir() else log.with_name(f"{log.stem}.usbldr.toml")
 
 
 def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
@@ -63,7 +58,7 @@ def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
         relative = os.path.relpath(name, found.path.resolve().parent)
         lines += ["", "[[file]]", _row(f'path = "{Path(relative).as_posix()}"', "option --with")]
     text = "\n".join(lines) + "\n"
-    check(tomllib.loads(text), configuration_beside(found.path))  # whatever the log says, this must be accepted
+    check(tomllib.loads(text), own_configuration(log.path, log.path.is_dir()))  # must be accepted, whatever the log
     return text
 
 

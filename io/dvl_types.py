@@ -6,8 +6,8 @@ starboard, z down (docs/dvl/axes.md of waterlinked/docs), and every ROS driver c
 
 import numpy as np
 
-from usbldr.filters.types import Vector
-from usbldr.io.messages import Layout, Mask, Raw, own, xyz
+from usbldr.filters.types import Mask, Vector
+from usbldr.io.messages import Layout, Raw, own, xyz
 
 FRD = {"axes": "FRD"}
 TWIST = xyz("twist.twist.linear")

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.errors import SettingError, UsageError
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions import Converted, converted, dropped, kept, stated
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages import Mask, Raw
+from usbldr.io.messages import Raw
 from usbldr.io.sections import CompassSection
 from usbldr.io.times import times_of
 

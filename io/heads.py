@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io import headings, positions
 from usbldr.io.conventions import Converted
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages import Mask, Raw
+from usbldr.io.messages import Raw
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.sections import Beacon, CompassSection, GpsSection, Head, UsblSection
 from usbldr.io.times import in_order

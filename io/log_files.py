@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.configuration import configuration_places
+from usbldr.io.configuration import own_configuration
 from usbldr.io.log import COLUMNS, Log
 
 Form: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
@@ -37,7 +37,7 @@ def form_of(out: Path, stated: str | None = None) -> Form:
 
 def configuration_place(out: Path, form: Form) -> Path:
     """Return where the configuration of a written log stands."""
-    return configuration_places(out, form in FOLDERS)[0]
+    return own_configuration(out, form in FOLDERS)
 
 
 def write_whole(out: Path, form: Form, configuration: str, make: Callable[[Path], None], force: bool) -> Path:

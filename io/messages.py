@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from usbldr.filters.types import Vector
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
-Mask: TypeAlias = NDArray[np.bool_]  # (n,)
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
 MOST = 1e12  # in any unit: beyond, a number is a driver's way to say none, or another field's bytes

@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions import Converted, converted, dropped, stated
 from usbldr.io.geodesy import to_geodetic, to_plane
 from usbldr.io.log import Origin
-from usbldr.io.messages import Mask, Raw
+from usbldr.io.messages import Raw
 from usbldr.io.sections import GpsSection
 from usbldr.io.times import times_of
 

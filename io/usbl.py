@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions import Converted, converted, dropped, kept, stated
 from usbldr.io.heads import KnownEnd, Samples, clockwise, known_end
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages import Mask, Raw
+from usbldr.io.messages import Raw
 from usbldr.io.positions import off_the_plane, on_plane
 from usbldr.io.sections import UsblSection
 from usbldr.io.times import times_of

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.errors import SettingError, UsageError
+from usbldr.filters.types import Mask
 from usbldr.io.clocks import least_delay_ns
 from usbldr.io.conventions import stated
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages import Mask, Raw
+from usbldr.io.messages import Raw
 from usbldr.io.positions import place_causes
 from usbldr.io.sections import UsblSection
 

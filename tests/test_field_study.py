@@ -15,7 +15,7 @@ import field_tables
 from field_agreement import Likeness, likeness
 from field_changes import ABLATIONS, CHANGES, SENSITIVITY, constants
 from field_figures import nees_over_time
-from field_logs import CASES, Case, chosen, cut, moved_onto_fixes, stamped_at_arrival, thinned
+from field_logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
 from field_plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
 from field_runs import refusals
 from paper_runs import Way
@@ -322,7 +322,7 @@ def test_without_the_logs_the_command_says_so_in_a_sentence(tmp_path: Path) -> N
 
 
 def test_a_held_out_fix_list_keeps_its_columns_together(line: Timeline) -> None:
-    some = chosen(line, np.arange(61) % 2 == 1)
+    some = line.with_fixes(np.arange(61) % 2 == 1)
 
     assert [len(part) for part in (some.fix_time_s, some.fix_received_s, some.fix_m, some.fix_cov_m2)] == [30] * 4
     assert Cell("paper", BEST).change == ""

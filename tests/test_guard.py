@@ -276,13 +276,7 @@ def test_a_run_with_the_guard_tells_what_it_decided() -> None:
 def test_a_log_that_ends_while_fixes_are_refused_says_so() -> None:
     line, _ = dive(1, 5, 50.0)
     kept = line.fix_time_s < SILENT[1] + 5  # the false ones are the last
-    ended = replace(
-        line,
-        fix_time_s=line.fix_time_s[kept],
-        fix_received_s=line.fix_received_s[kept],
-        fix_m=line.fix_m[kept],
-        fix_cov_m2=line.fix_cov_m2[kept],
-    )
+    ended = line.with_fixes(kept)
 
     track = run("adf", ended, Assumptions(process=UNSURE), Settings(guard=True))
 
@@ -298,13 +292,7 @@ def test_the_guard_knows_at_each_epoch_what_had_arrived() -> None:
     line, _ = dive(1, 10, 50.0)
     late = replace(line, fix_received_s=line.fix_time_s + 2.0)
     known = line.fix_time_s <= END_S - 2.0
-    ended = replace(
-        line,
-        fix_time_s=line.fix_time_s[known],
-        fix_received_s=line.fix_received_s[known],
-        fix_m=line.fix_m[known],
-        fix_cov_m2=line.fix_cov_m2[known],
-    )
+    ended = line.with_fixes(known)
     assumed = Assumptions(process=UNSURE)
 
     online = run("adf", late, assumed, Settings(guard=True, order="arrival"))

@@ -1,6 +1,5 @@
 """Before the first fix: the track begins with the log, and its sigmas know how little that is based on."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +14,6 @@ from usbldr.filters.run import FILTERS, Settings, run
 from usbldr.filters.types import Array, Timeline, Trajectory
 from usbldr_cli.main import cli
 from weaving import SD_M, Faults, dive
-
-
-def without_fixes_until(line: Timeline, first_s: float) -> Timeline:
-    late = line.fix_time_s >= first_s
-    return replace(
-        line,
-        fix_time_s=line.fix_time_s[late],
-        fix_received_s=line.fix_received_s[late],
-        fix_m=line.fix_m[late],
-        fix_cov_m2=line.fix_cov_m2[late],
-    )
 
 
 def nees_at_fixes(track: Trajectory, line: Timeline) -> Array:
@@ -43,7 +31,9 @@ def position_cov_m2(track: Trajectory) -> Array:
 @pytest.mark.parametrize("method", [name for name in FILTERS if name != "pf"])
 def test_every_filter_estimates_from_the_start_on_where_the_first_fix_comes_after_a_minute(method: str) -> None:
     whole = dive(Faults(), seconds=90)
-    track = run(method, without_fixes_until(whole, 60.0), Assumptions(usbl=Gaussian()), Settings(particles=50))
+    track = run(
+        method, whole.with_fixes(whole.fix_time_s >= 60.0), Assumptions(usbl=Gaussian()), Settings(particles=50)
+    )
 
     assert track.time_s[0] == 0
     assert np.isfinite(track.mean).all()
@@ -57,7 +47,7 @@ def test_a_start_that_was_carried_back_for_minutes_is_as_doubtful_as_what_carrie
         faults = Faults(dvl_scale=float(rng.normal(0, 0.01)), heading_bias_deg=float(rng.normal(0, 5)))
         whole = dive(faults, seed, seconds=230, weaves=False)
         assumed = Assumptions(usbl=Gaussian(), calibrate=("scale", "heading"))
-        track = run("ekf", without_fixes_until(whole, 200.0), assumed)
+        track = run("ekf", whole.with_fixes(whole.fix_time_s >= 200.0), assumed)
         value = nees_at_fixes(track, whole)
         before.append(value[0])
         after.append(value[(whole.fix_time_s > 205) & (whole.fix_time_s < 220)].mean())

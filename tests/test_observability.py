@@ -84,10 +84,8 @@ def test_what_is_observed_makes_the_track_better() -> None:
 
 def test_without_fixes_nothing_is_told() -> None:
     line = dive(Faults())
-    none = np.empty(0)
-    line = replace(line, fix_time_s=none, fix_received_s=none, fix_m=np.empty((0, 2)), fix_cov_m2=np.empty((0, 2, 2)))
 
-    told = observe(line, replace(ASSUMED, calibrate=("scale",)))
+    told = observe(line.with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
 
     assert told.calibrate == ()
     assert set(verdicts(told).values()) == {"not observable"}

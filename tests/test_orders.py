@@ -24,17 +24,6 @@ def delayed(by_s: np.ndarray | float) -> Timeline:
     return replace(LINE, fix_received_s=LINE.fix_time_s + by_s)
 
 
-def without(line: Timeline, kept: np.ndarray) -> Timeline:
-    """The log with only these fixes."""
-    return replace(
-        line,
-        fix_time_s=line.fix_time_s[kept],
-        fix_received_s=line.fix_received_s[kept],
-        fix_m=line.fix_m[kept],
-        fix_cov_m2=line.fix_cov_m2[kept],
-    )
-
-
 def spread_delays() -> np.ndarray:
     """Up to 6 s, so that fixes overtake each other; none on the grid by chance."""
     return np.random.default_rng(1).uniform(0.05, 6.0, len(LINE.fix_time_s))
@@ -48,7 +37,7 @@ def test_at_each_epoch_only_what_had_arrived_is_known_and_all_of_it(name: str) -
 
     for k in (10, 47, 60, 111, 150):
         arrived = line.fix_received_s <= line.time_s[k]
-        alone = run(name, without(line, arrived), ASSUMED, Settings(particles=20))
+        alone = run(name, line.with_fixes(arrived), ASSUMED, Settings(particles=20))
 
         np.testing.assert_array_equal(known.mean[k], alone.mean[k])
 
@@ -75,7 +64,7 @@ def test_a_fix_older_than_the_memory_is_not_used_and_that_is_said() -> None:
 
     track = run("adf", line, ASSUMED, Settings(order="arrival"))
 
-    rest = run("adf", without(line, line.fix_time_s != 5.0), ASSUMED, Settings(order="arrival"))
+    rest = run("adf", line.with_fixes(line.fix_time_s != 5.0), ASSUMED, Settings(order="arrival"))
     np.testing.assert_array_equal(track.mean, rest.mean)
     assert [text for text in track.warnings if "2 fixes came more than 10 s late, or after the end" in text]
 

@@ -225,11 +225,7 @@ def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
     line = timeline(log)
     kept = (line.fix_time_s < 151.5) | (line.fix_time_s > 164.5)  # two fixes between the silences
     line = replace(
-        line,
-        fix_time_s=line.fix_time_s[kept],
-        fix_received_s=line.fix_received_s[kept],
-        fix_m=line.fix_m[kept],
-        fix_cov_m2=line.fix_cov_m2[kept],
+        line.with_fixes(kept),
         outages=(*line.outages, Outage("usbl", 151.0, 165.0)),
     )
 

@@ -21,9 +21,6 @@ from weaving import Faults, dive
 PLAIN = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
 
 
-FIXES = ("fix_time_s", "fix_received_s", "fix_m", "fix_cov_m2")
-
-
 def by_name(assumptions: Assumptions) -> dict[str, Tuned]:
     return {told.name: told for told in assumptions.tuned}
 
@@ -124,13 +121,9 @@ def test_white_noise_of_fixes_comes_out_whatever_sigma_they_state() -> None:
     assert found["usbl_sd_scale"].after == pytest.approx(1 / 3, rel=0.1)
 
 
-def without_fixes(line: Timeline) -> Timeline:
-    return replace(line, **{name: getattr(line, name)[:0] for name in FIXES})
-
-
 def test_the_walk_and_the_noise_of_a_velocity_come_out_as_closely_as_the_widths_say() -> None:
     """16 errors, each over its width: their mean square is 1, and within 0.32 to 2.1 in 99 of 100 runs."""
-    line = without_fixes(dive(Faults(), seconds=200))
+    line = dive(Faults(), seconds=200).with_fixes(np.arange(0))
     errors: list[float] = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -147,7 +140,7 @@ def test_the_walk_and_the_noise_of_a_velocity_come_out_as_closely_as_the_widths_
 
 
 def test_a_dvl_is_never_trusted_more_than_stated() -> None:
-    line = without_fixes(dive(Faults(), seconds=200))
+    line = dive(Faults(), seconds=200).with_fixes(np.arange(0))
     rng = np.random.default_rng(2)
     walk = np.cumsum(0.03 * np.sqrt(0.2) * rng.standard_normal((len(line.time_s), 2)), axis=0)
     quiet = walk + 0.005 * rng.standard_normal(walk.shape)
@@ -172,9 +165,8 @@ def test_gross_errors_come_out_with_their_share_and_size() -> None:
 
 def test_a_number_that_the_log_hardly_knows_stays_as_it_was() -> None:
     line = dive(Faults())
-    two = {name: getattr(line, name)[:2] for name in FIXES}
     assumed = replace(PLAIN, usbl=Contamination(), calibrate=("usbl-bias",))
-    found = tune(replace(line, **two), assumed).assumptions
+    found = tune(line.with_fixes(np.arange(2)), assumed).assumptions
 
     assert (found.usbl, found.errors) == (assumed.usbl, assumed.errors)
     for name in ("usbl_outlier_share", "usbl_outlier_sd_m", "usbl_bias_time_s"):
@@ -197,7 +189,7 @@ def test_the_truth_tells_nothing_and_the_same_log_tells_the_same() -> None:
 
 
 def test_a_log_without_fixes_tells_of_its_dvl() -> None:
-    found = tune(without_fixes(dive(Faults())), PLAIN).assumptions
+    found = tune(dive(Faults()).with_fixes(np.arange(0)), PLAIN).assumptions
 
     assert set(by_name(found)) == {"velocity_walk_mps"}
 

@@ -25,15 +25,16 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     \b
     $ usbldr init dive.mcap
     """
+    from usbldr.io.configuration import own_configuration
     from usbldr.io.doctor import examine
-    from usbldr.io.draft import configuration_beside, draft, map_unknown
+    from usbldr.io.draft import draft, map_unknown
 
     path = Path(log)
     if not path.exists():
         raise LogError(f"{log}: no such file or folder")
     if selection["config"] not in (None, "none"):
         raise UsageError("init writes a configuration from the log alone; it takes no --config")
-    target = Path(output) if output else configuration_beside(path)
+    target = Path(output) if output else own_configuration(path, path.is_dir())
     selection["config"] = "none"
     refuse_file("--output", target, force, inputs(log, **selection))
     found = examine(path, request(**selection))
