@@ -92,6 +92,9 @@ def read(opened: Opened, request: Request) -> Log:
         )
     else:
         truth_table = tables.pop("truth", None if source.off else tables.get("gps"))
+        if truth_table is not None and source.topic is None and configuration.truth.frame:
+            text = "frame of [truth] is not used: the truth is the log's GPS, which is read by the frame of [gps]"
+            findings.append(Finding("KEY-UNUSED", text))
     truth = None
     if truth_table is not None:
         name, kind = provenance["truth" if "truth" in provenance else "gps"].topic, _kind(source)

@@ -219,6 +219,14 @@ def test_a_local_frame_for_configured_latitudes_is_refused(tmp_path: Path) -> No
     assert str(fault.value) == f'{tmp_path / "usbldr.toml"}: frame = "NED": /gps/fix holds latitudes and longitudes'
 
 
+def test_a_frame_for_the_truth_where_the_gps_is_the_truth_is_said_not_to_be_used(tmp_path: Path) -> None:
+    said = {f.code: f.text for f in dive(tmp_path, '[truth]\nframe = "NED"', FIXES).findings}
+    silent = {f.code for f in dive(tmp_path, '[gps]\nframe = "latlon"', FIXES).findings}
+
+    assert said["KEY-UNUSED"].startswith("frame of [truth] is not used: the truth is the log's GPS")
+    assert "KEY-UNUSED" not in silent
+
+
 FIXES = [fix(T0 + k * SECOND, 45.0 + k * 1e-5, 7.0) for k in range(3)]
 
 
