@@ -8,8 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from usbldr.filters.crossfit import GROSS_SIGMAS, STRETCH_S, Calibration, calibrate, fit_turn, groups
+from usbldr.filters.crossfit import (
+    GROSS_SIGMAS,
+    STRETCH_S,
+    Calibration,
+    calibrate,
+    fit_turn,
+    fix_points,
+    groups,
+    reckoned,
+)
 from usbldr.filters.types import Timeline
+from usbldr.io.conventions import TO_MPS
 from usbldr.io.diagnosis import Diagnosis, diagnosis
 from usbldr.io.log import Finding, Log
 from usbldr.io.readings import CLEARLY, Reading, Source, Verdict, configuration_of, convention, judge, reread
@@ -22,6 +32,11 @@ SIGMAS = 4.0  # an error is claimed beyond as many of its standard deviations
 GROSS_M = 3.0  # and no residual below is called gross
 FAR_S = tuple(float(s) for s in range(-60, 61, 2) if abs(s) > 4)  # offsets of a clock, beyond the fixes' usual delays
 FAR_BETTER = 0.5  # another clock is claimed where less than this share of the residual is left
+MOVE_S = 60.0  # long enough for a vehicle to go further than its fixes scatter
+LEAST_MOVES = 10
+FAR_SCALE = 1.5  # times or parts: nearer to 1, turning and shifting tell the scale
+UNITS = {1.944: "knots", 3.281: "ft/s", 3.6: "km/h", 100.0: "cm/s", 1000.0: "mm/s"}  # of each in 1 m/s
+SURELY = 0.05  # that near to a unit's size it is this unit
 LEAP_SECONDS = 18.0  # GPS time minus UTC since 2017
 
 
@@ -33,6 +48,7 @@ WORTH_A_WARNING = (
     "DVL-MOUNT",
     "HEADING-BIAS",
     "CLOCK-OFFSET",
+    "DVL-UNIT",
 )
 """What replay says, too: it would compute with a wrong axis, frame, unit or clock."""
 
@@ -52,17 +68,20 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) ->
     if verdict is None:
         text = "too few fixes beside valid dead reckoning to check conventions against the data"
         return CrossCheck((diagnosis("CONVENTION-UNOBSERVABLE", text, _topic(log, "usbl")),))
+    times, verdict, timeline = _in_metres_per_second(log, timeline, verdict, sources)
     far_s, verdict, timeline = _on_the_dvls_clock(log, timeline, verdict, sources)
     found = [*convention_findings(log, verdict), *_offset(log, verdict), *_unit(log, timeline, verdict)]
     calibration = calibrate(reread(log, timeline, verdict.best.flips), verdict.best.turn.rotation_rad)
     late_s = far_s + (calibration.latency_s if calibration is not None else verdict.best.turn.latency_s)
     found += _clock(log, late_s) if far_s else ()
+    found += _far_scale(log, times, verdict) if times != 1.0 else ()
     if calibration is None or not verdict.trusted:
         return CrossCheck(tuple(found), verdict)
     if not far_s:
         found += _delays(log, calibration)
     found += [*_scale(log, calibration), *_fixes(log, timeline, calibration)]
-    return CrossCheck(tuple(found), verdict, calibration if not far_s else replace(calibration, latency_s=late_s))
+    scale, latency_s = times * (1 + calibration.scale) - 1, late_s if far_s else calibration.latency_s
+    return CrossCheck(tuple(found), verdict, replace(calibration, scale=scale, latency_s=latency_s))
 
 
 def better_readings(log: Log, timeline: Timeline) -> list[Finding]:
@@ -70,10 +89,62 @@ def better_readings(log: Log, timeline: Timeline) -> list[Finding]:
     verdict = judge(log, timeline) if len(timeline.fix_time_s) else None
     if verdict is None:
         return []
-    far_s, verdict, line = _on_the_dvls_clock(log, timeline, verdict, ())
+    times, verdict, line = _in_metres_per_second(log, timeline, verdict, ())
+    far_s, verdict, line = _on_the_dvls_clock(log, line, verdict, ())
     found = [*convention_findings(log, verdict), *_offset(log, verdict), *_unit(log, line, verdict)]
     found += _clock(log, far_s + verdict.best.turn.latency_s) if far_s else ()
+    found += _far_scale(log, times, verdict) if times != 1.0 else ()
     return [Finding(d.code, d.text) for d in found if d.code in WORTH_A_WARNING]
+
+
+def _in_metres_per_second(
+    log: Log, timeline: Timeline, verdict: Verdict, sources: Sequence[Source]
+) -> tuple[float, Verdict, Timeline]:
+    """Return by how many times the DVL reads too much, 1 unless it is far off beyond doubt, and what is left of that.
+
+    Lengths of moves tell it, whatever is turned or mirrored; without it, no reading of the conventions would fit.
+    """
+    group = groups(timeline, timeline.fix_time_s)
+    later = np.searchsorted(timeline.fix_time_s, timeline.fix_time_s + MOVE_S)
+    first = np.flatnonzero(later < len(group))
+    first = first[(group[first] >= 0) & (group[first] == group[later[first]])]
+    if len(first) < LEAST_MOVES:
+        return 1.0, verdict, timeline
+    track, fixes = reckoned(timeline, timeline.fix_time_s), fix_points(timeline)
+    dr_m, fix_m = (float(np.median(np.abs(p[later[first]] - p[first]))) for p in (track, fixes))
+    if not min(dr_m, fix_m) > 0 or 1 / FAR_SCALE < dr_m / fix_m < FAR_SCALE:
+        return 1.0, verdict, timeline
+    still_m = fit_turn(replace(timeline, dr_mps=np.zeros_like(timeline.dr_mps)), group).rms_m
+    times, slower = dr_m / fix_m, _slower(timeline, dr_m / fix_m)
+    again = judge(log, slower, sources)
+    if again is not None and (c := calibrate(reread(log, slower, again.best.flips), again.best.turn.rotation_rad)):
+        times, slower = times * (1 + c.scale), _slower(slower, 1 + c.scale)
+        again = judge(log, slower, sources)
+    if again is None or again.best.residual_m > FAR_BETTER * min(verdict.best.residual_m, still_m):
+        return 1.0, verdict, timeline
+    return times, again, slower
+
+
+def _slower(timeline: Timeline, times: float) -> Timeline:
+    return replace(timeline, dvl_mps=timeline.dvl_mps / times, dr_mps=timeline.dr_mps / times)
+
+
+def _far_scale(log: Log, times: float, verdict: Verdict) -> list[Diagnosis]:
+    """Say that velocities are far from m/s, and as which unit they were taken, where one explains it."""
+    dvl, stated = _topic(log, "dvl"), configuration_of(log).dvl
+    advice = f"scale_error = {(1 + stated.scale_error) * times - 1:.4g}"
+    unit, like = convention(log, "dvl", "unit"), ""
+    for size, name in UNITS.items():
+        for really, taken, ratio in ((name, "m/s", size), ("m/s", name, 1 / size)):
+            if abs(times / ratio - 1) < SURELY:
+                like = f", as if {really} were taken for {taken}"
+                free = really in TO_MPS and unit[0] == taken and unit[1] != "by column names"
+                advice = f'unit = "{really}"' if free else advice
+    text = (
+        f"{dvl}: reads {times:.3g} times the distance between fixes{like}; with that taken off, dead reckoning lies "
+        f"{verdict.best.residual_m:.2f} m rms from the fixes; state {advice} under [dvl]"
+    )
+    return [diagnosis("DVL-UNIT", text, dvl, None, times, "times")]
 
 
 def _on_the_dvls_clock(

@@ -19,6 +19,7 @@ LEVELS: Mapping[str, Level] = {
     "MAP-FRAME": "error",
     "DVL-AXES": "error",
     "HEADING-RADIANS": "error",
+    "DVL-UNIT": "error",
     "ROLE-PREFERRED": "info",
     "CONVENTION-CHECKED": "info",
     "CONVENTION-UNOBSERVABLE": "info",

@@ -137,7 +137,9 @@ def _dvl(found: Examination, log: Log) -> list[Line]:
     else:
         lines.append(("mount_deg = 0.0", _no_offset(verdict)))
     c = found.check.calibration if found.check else None
-    if c and clear_scale(c):
+    if c and "DVL-UNIT" in {d.code for d in found.diagnoses}:
+        lines.append((f"scale_error = {c.scale:.4g}", f"CHECK: fits the fixes, +-{c.scale_sd:.3f}; another unit?"))
+    elif c and clear_scale(c):
         lines.append((f"# scale_error = {c.scale:.3f}", f"fits the fixes, +-{c.scale_sd:.3f}; calibrate it before use"))
     else:
         known = f"the fixes see none (+-{c.scale_sd:.3f})" if c and math.isfinite(c.scale_sd) else "not seen"

@@ -1,6 +1,7 @@
 """The doctor on dives whose faults are known, because the test put them there."""
 
 import json
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -299,6 +300,55 @@ def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) 
     assert 'state unit = "rad" under [compass]' in found["HEADING-RADIANS"]["text"]
     (tmp_path / "usbldr.toml").write_text('[compass]\nunit = "rad"\n')
     assert "HEADING-RADIANS" not in findings(log)
+
+
+@pytest.mark.parametrize(("times", "like"), [(1.944, "knots were taken for m/s"), (0.01, "m/s were taken for cm/s")])
+def test_velocities_of_another_unit_are_told_by_the_fixes_and_hide_nothing_else(
+    tmp_path: Path, times: float, like: str
+) -> None:
+    rows = dive(gps=True, late_s=1.0, mount_deg=20.0)
+    log = write_mcap(tmp_path / "dive.mcap", [faster(row, times) for row in rows])
+
+    found, right = findings(log), findings(write_mcap(tmp_path / "right.mcap", rows))
+
+    assert found["DVL-UNIT"]["level"] == "error"
+    assert found["DVL-UNIT"]["worst"] == pytest.approx(times, rel=0.01)
+    assert like in found["DVL-UNIT"]["text"]
+    assert set(found) - set(right) == {"DVL-UNIT"}
+    assert found["DVL-MOUNT"]["worst"] == pytest.approx(right["DVL-MOUNT"]["worst"], abs=0.3)
+    assert "[DVL-UNIT]" in replayed(log)
+
+
+def test_the_unit_that_a_dvl_was_read_by_wrongly_is_named(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", dive())
+    (tmp_path / "usbldr.toml").write_text('[dvl]\nunit = "mm/s"\n')
+
+    assert findings(log)["DVL-UNIT"]["text"].endswith('state unit = "m/s" under [dvl]')
+
+
+def test_init_takes_off_what_the_dvl_reads_too_much_and_asks_for_a_look(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", [faster(row, 1.944) for row in dive()])
+    drafted = tmp_path / "drafted.toml"
+
+    CliRunner().invoke(cli, ["init", str(log), "--output", str(drafted)], standalone_mode=False)
+
+    stated = tomllib.loads(drafted.read_text())["dvl"]["scale_error"]
+    assert stated == pytest.approx(0.944, abs=0.01)
+    assert "DVL-UNIT" not in findings(log, "--config", str(drafted))
+
+
+def test_fixes_that_stay_where_they_are_tell_no_unit(tmp_path: Path) -> None:
+    """They move by their noise alone, which no velocity explains, however small."""
+    rng = np.random.default_rng(2)
+    rows = [point(row[0], *rng.normal(0, 0.3, 2)) if row[1] == "/usbl" else row for row in dive()]
+
+    assert "DVL-UNIT" not in findings(write_mcap(tmp_path / "dive.mcap", rows))
+
+
+def faster(row: Row, times: float) -> Row:
+    if row[1] != "/dvl":
+        return row
+    return (*row[:3], {key: times * value if key.startswith("twist") else value for key, value in row[3].items()})
 
 
 def changed(topic: str, **values: float) -> Callable[[Row], Row]:
