@@ -20,7 +20,7 @@ test: $(VENV)/installed-dev
 
 # damaged files of every format by the hundred
 fuzz: $(VENV)/installed-dev
-	$(BIN)/pytest -q -n auto --dist load -m slow
+	$(BIN)/pytest -q -n auto --dist worksteal -m slow
 
 check: $(VENV)/installed
 	$(USBLDR) check sample_logs/baseline.toml

@@ -22,6 +22,8 @@ WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
 SURFACE_PA = 101325.0
 LEAST_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
+ANY_COLUMNS = "docs/configuration.md#any-columns"
+IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
 DEEPEST_M = 12_000.0  # no sea is deeper
 TO_MPS: Mapping[str, float] = {"m/s": 1.0, "mm/s": 1e-3}
 PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
@@ -43,6 +45,7 @@ def stated(raw: Raw, key: str, value: str | None, default: str) -> tuple[str, st
         if value in (None, fixed):
             return fixed, "by column names", []
         text = f'{raw.topic.name}: {key} = "{value}" of the configuration is not used; its columns say {fixed}'
+        text += f"; name them by columns to read them otherwise ({ANY_COLUMNS})"
         return fixed, "by column names", [Finding("KEY-UNUSED", text)]
     if value is not None:
         return value, "configuration", []
@@ -106,7 +109,9 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
     if section.min_good_beams is not None and "good_beams" not in raw.values:
         raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
-    valid, invalid = dropped(raw, causes, "dvl", "not used", dvl_advice(causes, section.unit is not None))
+    free = section.unit is None or unit_who == "by column names"
+    own = IN_MILLIMETRES if unit_who == "by column names" else ""
+    valid, invalid = dropped(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
     if unit_who == "default" and in_millimetres(raw, causes):
         fast = int(np.sum(causes[TOO_FAST]))
         raise LogError(

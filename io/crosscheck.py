@@ -259,9 +259,11 @@ def _unit(log: Log, timeline: Timeline, verdict: Verdict) -> list[Diagnosis]:
     if residual_m > CLEARLY * verdict.read.residual_m:
         return []
     topic = _topic(log, "compass")
+    named = convention(log, "compass", "unit")[1] == "by column names"
+    columns = 'columns = { time_ns = "time_ns", heading = "heading_deg" } and ' if named else ""
     text = (
         f"{topic}: as radians, dead reckoning lies {residual_m:.2f} m rms from the fixes, as degrees "
-        f'{verdict.read.residual_m:.2f} m; state unit = "rad" under [compass]'
+        f'{verdict.read.residual_m:.2f} m; state {columns}unit = "rad" under [compass]'
     )
     return [diagnosis("HEADING-RADIANS", text, topic, None, verdict.read.residual_m, "m")]
 

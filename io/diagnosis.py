@@ -20,6 +20,7 @@ LEVELS: Mapping[str, Level] = {
     "DVL-AXES": "error",
     "HEADING-RADIANS": "error",
     "DVL-UNIT": "error",
+    "PLACES-APART": "error",
     "ROLE-PREFERRED": "info",
     "CONVENTION-CHECKED": "info",
     "CONVENTION-UNOBSERVABLE": "info",

@@ -140,9 +140,12 @@ def in_millimetres(raw: Raw, causes: dict[str, Mask]) -> bool:
     return bool(often and counts.max() <= np.sum(fast) / 2)
 
 
-def dvl_advice(causes: dict[str, Mask], unit_stated: bool) -> str:
-    """Return what to do where no record is good, as the end of a sentence; empty where nothing helps."""
+def dvl_advice(causes: dict[str, Mask], free: bool, columns: str) -> str:
+    """Return what to do where no record is good, as the end of a sentence; empty where nothing helps.
+
+    ``free``: nobody has stated the unit; ``columns``: what has to be stated beside it.
+    """
     if any(np.any(causes[f"in {where} coordinates"]) for where in ("beam", "earth")):
         return NO_COORDINATES
-    fast = np.mean(causes[TOO_FAST]) > 0.5 and not unit_stated
-    return '; if they are mm/s, state unit = "mm/s" under [dvl]' if fast else ""
+    fast = np.mean(causes[TOO_FAST]) > 0.5 and free
+    return f'; if they are mm/s, state {columns}unit = "mm/s" under [dvl]' if fast else ""

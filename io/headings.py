@@ -79,6 +79,9 @@ def _clockwise(
     convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
     who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
     said = [f"convention {convention} ({who})"]
+    if section.unit is not None and "angle" not in raw.values:
+        text = f"{raw.topic.name}: unit of the configuration is not used; it tells no plain angles"
+        findings = [*findings, Finding("KEY-UNUSED", text)]
     if "field_x" in raw.values:
         return _magnetometer(raw, convention, said, findings)
     if "angle" not in raw.values:

@@ -25,6 +25,8 @@ from usbldr.io.topics import ROLES, Choice, Roles, choose_roles, find, named
 from usbldr.io.truth import find_file, read_truth_file, truth_from_table
 from usbldr.io.usbl import Beside, usbl
 
+APART_M = 50_000.0  # no dive goes so far, nor does a plane that touches the earth hold
+
 
 def read_log(path: Path, request: Request = AS_IT_LIES) -> Log:
     """Read a log in any format of detect.FORMATS.
@@ -100,7 +102,7 @@ def read(opened: Opened, request: Request) -> Log:
         name, kind = provenance["truth" if "truth" in provenance else "gps"].topic, _kind(source)
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
-    findings += _truth_apart(truth, tables, start_ns)
+    findings += [*_truth_apart(truth, tables, start_ns), *_places_apart(tables, provenance, origin)]
     if truth_table is not None:
         findings += _standing_still(truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns)
     if truth is not None and truth.kind == "gps":
@@ -290,6 +292,26 @@ def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_
         return []
     span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s, the sensors {first_s:.1f} to {last_s:.1f} s"
     return [Finding("TRUTH-APART", f"{truth.source}: truth and sensors do not overlap in time: it covers {span}")]
+
+
+def _places_apart(
+    tables: Mapping[str, pd.DataFrame], provenance: Mapping[str, Provenance], origin: Origin | None
+) -> list[Finding]:
+    """Say where fixes, GPS and the map's origin cannot be of one dive: no slip of theirs shows in a track's shape."""
+    places = {
+        provenance[role].topic: np.median(tables[role][["east_m", "north_m"]].to_numpy(dtype=float), axis=0)
+        for role in ("usbl", "gps")
+        if role in tables
+    }
+    where = " and ".join(places)
+    if len(places) == 2 and (far_m := float(np.hypot(*np.subtract(*places.values())))) > APART_M:
+        told = "latitude and longitude exchanged, radians for degrees, or the [map] or head of another place"
+        return [Finding("PLACES-APART", f"{where} lie {far_m / 1000:.0f} km apart: {told}")]
+    far_m = max((float(np.hypot(*place)) for place in places.values()), default=0.0)
+    if origin is None or far_m < APART_M:
+        return []
+    text = f"{where}: {far_m / 1000:.0f} km from the map's origin ({origin.source}), where the plane is no map any more"
+    return [Finding("PLACES-APART", f"{text}: state the [map] of this dive")]
 
 
 def _truth_under_water(

@@ -15,11 +15,12 @@ from usbldr.io.sensor_types import LAYOUTS, layout_of
 
 ROLES = ("dvl", "compass", "usbl", "gps", "depth")
 
+GPS_ITSELF = r"gps|gnss|navsat|global_position"
 HINTS: Mapping[str, str] = {
     "dvl": r"dvl|velocity_report|bottom_?track|nortek|a50|a125",
     "compass": r"compass|heading|hdg|hdt|ahrs|imu|gyro",
     "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/",
-    "gps": r"gps|gnss|navsat|global_position|fix",
+    "gps": rf"{GPS_ITSELF}|fix",
     "depth": r"depth|pressure",
 }
 """Words of topic names that speak for a role."""
@@ -141,7 +142,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
             or NO_SENSOR.search(topic.name.lower())
         ):
             continue
-        hints = {r for r, words in HINTS.items() if re.search(words, topic.name.lower())}
+        hints = hints_of(topic.name)
         own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
         by_type = layout.recognised == "by type" and (role in hints or not hints or own)
         if by_type or (layout.recognised == "by type and name" and role in hints):
@@ -153,6 +154,13 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
     first = min((rank for topic in free if (rank := ranks[topic]) is not None), default=None)
     behind = [topic for topic in free if ranks[topic] not in (first, None)]
     return Candidates([topic for topic in free if topic not in behind], behind)
+
+
+def hints_of(name: str) -> set[str]:
+    """Return the sensors that a topic's name speaks for; a "fix" is one of GPS only where nothing says of the USBL."""
+    name = name.lower()
+    hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}
+    return hints - {"gps"} if "usbl" in hints and not re.search(GPS_ITSELF, name) else hints
 
 
 def _preferred(role: str, choice: Choice) -> Finding:

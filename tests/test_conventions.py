@@ -230,6 +230,26 @@ def test_min_good_beams_of_the_configuration_is_taken_at_its_word(tmp_path: Path
     assert list(log.tables["dvl"]["valid"]) == [False, True]
 
 
+def test_a_csv_folder_in_millimetres_or_radians_is_told_how_its_columns_are_named(tmp_path: Path) -> None:
+    rows = "".join(f"{T0 + k * SECOND},{k},1500,200\n" for k in range(5))
+    folder = write_csv(tmp_path / "dive", dvl="time_ns,none,starboard_mps,forward_mps\n" + rows)
+
+    with pytest.raises(LogError) as fault:
+        read_log(folder)
+
+    advice = str(fault.value).partition("state ")[2].removesuffix(" under [dvl]").replace(", axes", "\naxes")
+    (folder / "usbldr.toml").write_text("[dvl]\n" + advice.replace(" and unit", "\nunit"))
+    assert read_log(folder).tables["dvl"]["forward_mps"].tolist() == [0.2] * 5
+
+
+def test_a_unit_for_a_quaternion_is_said_not_to_be_used(tmp_path: Path) -> None:
+    log = logged(tmp_path, [yaw(T0 + k * SECOND, 30.0) for k in range(3)], '[compass]\nunit = "rad"')
+
+    assert [f.text for f in log.findings if f.code == "KEY-UNUSED"] == [
+        "/imu: unit of the configuration is not used; it tells no plain angles"
+    ]
+
+
 def test_min_good_beams_without_such_a_field_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as fault:
         logged(tmp_path, [twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3")
@@ -387,5 +407,8 @@ def test_keys_that_the_column_names_settle_are_said_not_to_act(tmp_path: Path) -
 
     log = read_log(folder)
 
-    assert codes(log) == {"KEY-UNUSED": '/dvl: axes = "FRD" of the configuration is not used; its columns say SFU'}
+    assert codes(log) == {
+        "KEY-UNUSED": '/dvl: axes = "FRD" of the configuration is not used; its columns say SFU; name them by columns '
+        "to read them otherwise (docs/configuration.md#any-columns)"
+    }
     assert body(log.tables["dvl"])[:2] == pytest.approx([1.0, -0.1])

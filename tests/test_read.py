@@ -187,6 +187,53 @@ def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Pat
     assert dict(read_log(file).tables) == {}
 
 
+PLACE = (45.0, 7.0)
+IN_RADIANS = (0.7854, 0.1222)
+MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
+
+
+@pytest.mark.parametrize(
+    ("usbl", "gps", "toml", "said"),
+    [
+        (PLACE, PLACE, "", None),
+        (PLACE[::-1], PLACE, "", "/usbl/fix and /gps/fix lie "),
+        (PLACE, IN_RADIANS, "", "/usbl/fix and /gps/fix lie "),
+        (
+            PLACE,
+            PLACE,
+            "[map]\norigin_lat_deg = 46.0\norigin_lon_deg = 7.0",
+            "/usbl/fix and /gps/fix: 111 km from the map",
+        ),
+        (PLACE, PLACE, "[map]\norigin_lat_deg = 45.3\norigin_lon_deg = 7.0", None),
+    ],
+)
+def test_places_that_cannot_be_of_one_dive_are_told(
+    tmp_path: Path, usbl: tuple[float, float], gps: tuple[float, float], toml: str, said: str | None
+) -> None:
+    fixes = [
+        fix(T0 + k * SECOND, *at, topic=name) for k in range(5) for at, name in ((usbl, "/usbl/fix"), (gps, "/gps/fix"))
+    ]
+    (tmp_path / "usbldr.toml").write_text(toml)
+
+    log = read_log(write_mcap(tmp_path / "dive.mcap", [*(r for r in short_dive() if r[1] != "/usbl"), *fixes]))
+
+    found = [finding.text for finding in log.findings if finding.code == "PLACES-APART"]
+    assert len(found) == (said is not None)
+    assert all(text.startswith(said or "") for text in found)
+
+
+def test_the_fixes_of_a_usbl_do_not_become_the_truth_where_the_gps_serves_as_usbl(tmp_path: Path) -> None:
+    fixes = [fix(T0 + k * SECOND, *PLACE, topic=name) for k in range(5) for name in ("/usbl/fix", "/gps/fix")]
+    log = write_mcap(tmp_path / "dive.mcap", [*(row for row in short_dive() if row[1] != "/usbl"), *fixes])
+    (tmp_path / "usbldr.toml").write_text(MAP.format(45.0))
+
+    right, swapped = read_log(log), read_log(log, Request(topics={"usbl": "/gps/fix"}))
+
+    assert right.truth is not None
+    assert (right.provenance["usbl"].topic, right.truth.source) == ("/usbl/fix", "/gps/fix")
+    assert swapped.truth is None
+
+
 def test_a_topic_that_was_passed_over_is_told(tmp_path: Path) -> None:
     number = [(T0 + k * SECOND, "/compass_hdg", HEADING, {"data": 90.0}) for k in range(11)]
 

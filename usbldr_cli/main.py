@@ -54,6 +54,13 @@ def cli() -> None:
     """
 
 
+def one_line(fault: click.ClickException) -> str:
+    """Return what click says of wrong options as one sentence, with the command whose --help lists the right ones."""
+    said = " ".join(fault.format_message().split())
+    ctx = getattr(fault, "ctx", None)
+    return f"{said.rstrip('.')}; see {ctx.command_path} --help" if ctx else said
+
+
 def main() -> None:
     """Run the command; a fault of log or options is one line on stderr."""
     try:
@@ -61,8 +68,11 @@ def main() -> None:
     except UsbldrError as fault:
         click.echo(f"usbldr: {fault}", err=True)
         sys.exit(fault.exit_code)
-    except click.ClickException as fault:
+    except click.exceptions.NoArgsIsHelpError as fault:
         fault.show()
+        sys.exit(fault.exit_code)
+    except click.ClickException as fault:
+        click.echo(f"usbldr: {one_line(fault)}", err=True)
         sys.exit(fault.exit_code)
     except (click.Abort, KeyboardInterrupt):
         click.echo("usbldr: interrupted", err=True)

@@ -98,7 +98,8 @@ def replay(
         _refuse_without_errors(method, log)
     if leave_one_out is not None:
         _refuse_without_shifts(method, choices, line)
-    target = output or Path(f"{log.path.stem}-{method}{'-smoothed' if choices.smooth else ''}")
+    name = log.path.name if log.path.is_dir() else log.path.stem
+    target = output or Path(f"{name}-{method}{'-smoothed' if choices.smooth else ''}")
     if what := conflict(target, read, inside=False):
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
