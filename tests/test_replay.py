@@ -1,5 +1,6 @@
 """What replay refuses and what it says aside from the table."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -108,3 +109,39 @@ def test_options_that_make_no_sense_are_one_sentence(
     assert said.startswith(f"usbldr: {sentence}")
     assert said.count("\n") == 1
     assert not (dive.parent / "run").exists()
+
+
+@pytest.mark.parametrize("options", [["--smoth"], ["--gate", "99"], ["--seed", "x"]])
+def test_wrong_options_are_one_sentence_that_names_the_help(
+    options: list[str], dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = fault(monkeypatch, capsys, "replay", str(dive), *options)
+
+    assert code == 2
+    assert (said.count("\n"), options[0] in said) == (1, True)
+    assert said.startswith("usbldr: ")
+    assert said.endswith("; see usbldr replay --help\n")
+
+
+def test_a_folder_with_a_dot_in_its_name_gives_its_whole_name_to_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(SAMPLES / "lawnmower_csv", tmp_path / "dive2.1")
+    monkeypatch.chdir(tmp_path)
+
+    CliRunner().invoke(cli, ["replay", "dive2.1", "-f", "usbl", "-q"], standalone_mode=False)
+
+    assert (tmp_path / "dive2.1-usbl" / "report.json").is_file()
+
+
+def test_a_quiet_run_still_warns(tmp_path: Path) -> None:
+    """Of gross fixes and of the compass's bias the sigmas know nothing."""
+    target = tmp_path / "run"
+    words = ["replay", str(SAMPLES / "lawnmower_csv"), "-f", "adf", "--calibrate", "none", "--noise", "usbl=gaussian"]
+
+    done = CliRunner().invoke(cli, [*words, "-q", "-o", str(target)])
+
+    warnings = json.loads((target / "report.json").read_text())["warnings"]
+    assert any("claims to know its place far better than it does" in text for text in warnings)
+    assert all(f"usbldr: {text}\n" in done.stderr for text in warnings)
+    assert done.stdout.count("\n") == 1

@@ -70,7 +70,9 @@ def error_figure(run: Run) -> Figure | None:
         if raw is not None:
             size = 3.5 if len(raw.time_s) < DENSE else 2.2
             style = {"ls": "", "marker": ".", "ms": size, "color": colour("usbl"), "alpha": 0.45}
-            axes.plot(raw.time_s, raw.error_m[:, k], label="raw USBL fix", zorder=1.5, **style)
+            beyond = int(np.sum(np.any(np.abs(raw.error_m) > half, axis=1)))
+            label = f"raw USBL fix ({beyond} of {len(raw.error_m)} beyond a frame)" if beyond else "raw USBL fix"
+            axes.plot(raw.time_s, raw.error_m[:, k], label=label, zorder=1.5, **style)
         _draw_error(axes, report, k, half)
         axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
         axes.set_ylim(-half, half)
@@ -139,7 +141,7 @@ def cdf_figure(run: Run) -> Figure | None:
             length, share = _cdf(_lengths(other, k))
             axes.step(length, 100 * share, where="post", color=colour(other.filter), lw=width, label=other.filter)
         _mark_quantiles(axes, _lengths(report, k), colour(report.filter))
-        axes.set_xlim(0, _widest(report, rivals, k))
+        axes.set_xlim(0, max(_widest(report, rivals, k) for k in range(3)))
         axes.set_ylim(0, 101)
         axes.set_xlabel(f"{name} error [m]")
     panels[0].set_ylabel("share of errors below [%]")

@@ -101,7 +101,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     point = 3.0 if len(fates) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(size) > 1 else np.inf
     t, sd = broken_at_gaps(series.time_s, series.sd, longest_s)
-    axes.fill_between(t, -2 * sd, 2 * sd, color=mine, alpha=0.18, lw=0, label="2 sigma")
+    axes.fill_between(t, -2 * sd, 2 * sd, color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
     styles: dict[str, dict[str, Any]] = {
         "used": {"marker": "o", "ms": point, "mew": 0, "color": mine, "alpha": 0.6},
         "down-weighted": {"marker": "o", "ms": point, "mfc": "none", "mec": DOUBTED_COLOUR, "mew": 0.6, "alpha": 0.8},

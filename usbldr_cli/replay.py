@@ -216,6 +216,8 @@ def _tell(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
             return
         write_file("--json", Path(json_to), text + "\n")
     if quiet:
+        for warning in run.warnings:
+            click.echo(f"usbldr: {warning}", err=True)
         click.echo(run.verdict)
         return
     click.echo(render(run, colour=sys.stdout.isatty()))

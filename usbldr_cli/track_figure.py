@@ -116,10 +116,7 @@ def _draw_worst(axes: Axes, report: ErrorReport) -> None:
         claimed = ", with the filter's 2 sigma"
     half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
     _frame(axes, np.stack([ends.mean(axis=0) - half, ends.mean(axis=0) + half]), 0.0)
-    axes.set_title(
-        f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{claimed}; "
-        f"{CLOSE_S:.0f} s before and after"
-    )
+    axes.set_title(f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{claimed}")
 
 
 def _extent(run: Run) -> Array:
