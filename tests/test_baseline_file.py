@@ -1,5 +1,6 @@
 """The baseline file: what it may say, which sentence refuses it, and what an update leaves alone."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -147,3 +148,14 @@ def test_a_wrong_file_is_refused_with_row_and_key(tmp_path: Path, old: str, new:
 def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"none\.toml: cannot be read \(No such file or directory\)"):
         read_baseline(tmp_path / "none.toml")
+
+
+def test_the_baseline_of_the_readme_is_one(tmp_path: Path) -> None:
+    text = (Path(__file__).resolve().parents[1] / "README.md").read_text()
+    (block,) = (block for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL) if "[[row]]" in block)
+    (tmp_path / "gate.toml").write_text(block)
+
+    (row,) = read_baseline(tmp_path / "gate.toml").rows
+
+    assert row.options == {"calibrate": "scale,heading"}
+    assert {metric.value for metric in row.metrics.values()} == {None}
