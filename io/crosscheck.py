@@ -13,16 +13,12 @@ from usbldr.filters.crossfit import (
     STRETCH_S,
     Calibration,
     calibrate,
-    fit_turn,
-    fix_points,
-    groups,
-    reckoned,
 )
 from usbldr.filters.types import Timeline
-from usbldr.io.conventions import TO_MPS
 from usbldr.io.diagnosis import Diagnosis, diagnosis
 from usbldr.io.log import Finding, Log
-from usbldr.io.readings import CLEARLY, Reading, Source, Verdict, configuration_of, convention, judge, reread
+from usbldr.io.readings import Reading, Source, Verdict, configuration_of, judge, reread, topic_of
+from usbldr.io.slips import far_clock, far_scale, in_metres_per_second, in_radians, late, on_the_dvls_clock
 
 MOUNT_DEG = 3.0  # a smaller offset is the compass's business
 LATENCY_S = 0.3
@@ -30,14 +26,6 @@ DELAY_S = 0.3
 SCALE = 0.02
 SIGMAS = 4.0  # an error is claimed beyond as many of its standard deviations
 GROSS_M = 3.0  # and no residual below is called gross
-FAR_S = tuple(float(s) for s in range(-60, 61, 2) if abs(s) > 4)  # offsets of a clock, beyond the fixes' usual delays
-FAR_BETTER = 0.5  # another clock is claimed where less than this share of the residual is left
-MOVE_S = 60.0  # long enough for a vehicle to go further than its fixes scatter
-LEAST_MOVES = 10
-FAR_SCALE = 1.5  # times or parts: nearer to 1, turning and shifting tell the scale
-UNITS = {1.944: "knots", 3.281: "ft/s", 3.6: "km/h", 100.0: "cm/s", 1000.0: "mm/s"}  # of each in 1 m/s
-SURELY = 0.05  # that near to a unit's size it is this unit
-LEAP_SECONDS = 18.0  # GPS time minus UTC since 2017
 
 
 WORTH_A_WARNING = (
@@ -67,14 +55,14 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) ->
     verdict = judge(log, timeline, sources)
     if verdict is None:
         text = "too few fixes beside valid dead reckoning to check conventions against the data"
-        return CrossCheck((diagnosis("CONVENTION-UNOBSERVABLE", text, _topic(log, "usbl")),))
-    times, verdict, timeline = _in_metres_per_second(log, timeline, verdict, sources)
-    far_s, verdict, timeline = _on_the_dvls_clock(log, timeline, verdict, sources)
-    found = [*convention_findings(log, verdict), *_offset(log, verdict), *_unit(log, timeline, verdict)]
+        return CrossCheck((diagnosis("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
+    times, verdict, timeline = in_metres_per_second(log, timeline, verdict, sources)
+    far_s, verdict, timeline = on_the_dvls_clock(log, timeline, verdict, sources)
+    found = [*convention_findings(log, verdict), *_offset(log, verdict), *in_radians(log, timeline, verdict)]
     calibration = calibrate(reread(log, timeline, verdict.best.flips), verdict.best.turn.rotation_rad)
     late_s = far_s + (calibration.latency_s if calibration is not None else verdict.best.turn.latency_s)
-    found += _clock(log, late_s) if far_s else ()
-    found += _far_scale(log, times, verdict) if times != 1.0 else ()
+    found += far_clock(log, late_s) if far_s else ()
+    found += far_scale(log, times, verdict) if times != 1.0 else ()
     if calibration is None or not verdict.trusted:
         return CrossCheck(tuple(found), verdict)
     if not far_s:
@@ -89,91 +77,12 @@ def better_readings(log: Log, timeline: Timeline) -> list[Finding]:
     verdict = judge(log, timeline) if len(timeline.fix_time_s) else None
     if verdict is None:
         return []
-    times, verdict, line = _in_metres_per_second(log, timeline, verdict, ())
-    far_s, verdict, line = _on_the_dvls_clock(log, line, verdict, ())
-    found = [*convention_findings(log, verdict), *_offset(log, verdict), *_unit(log, line, verdict)]
-    found += _clock(log, far_s + verdict.best.turn.latency_s) if far_s else ()
-    found += _far_scale(log, times, verdict) if times != 1.0 else ()
+    times, verdict, line = in_metres_per_second(log, timeline, verdict, ())
+    far_s, verdict, line = on_the_dvls_clock(log, line, verdict, ())
+    found = [*convention_findings(log, verdict), *_offset(log, verdict), *in_radians(log, line, verdict)]
+    found += far_clock(log, far_s + verdict.best.turn.latency_s) if far_s else ()
+    found += far_scale(log, times, verdict) if times != 1.0 else ()
     return [Finding(d.code, d.text) for d in found if d.code in WORTH_A_WARNING]
-
-
-def _in_metres_per_second(
-    log: Log, timeline: Timeline, verdict: Verdict, sources: Sequence[Source]
-) -> tuple[float, Verdict, Timeline]:
-    """Return by how many times the DVL reads too much, 1 unless it is far off beyond doubt, and what is left of that.
-
-    Lengths of moves tell it, whatever is turned or mirrored; without it, no reading of the conventions would fit.
-    """
-    group = groups(timeline, timeline.fix_time_s)
-    later = np.searchsorted(timeline.fix_time_s, timeline.fix_time_s + MOVE_S)
-    first = np.flatnonzero(later < len(group))
-    first = first[(group[first] >= 0) & (group[first] == group[later[first]])]
-    if len(first) < LEAST_MOVES:
-        return 1.0, verdict, timeline
-    track, fixes = reckoned(timeline, timeline.fix_time_s), fix_points(timeline)
-    dr_m, fix_m = (float(np.median(np.abs(p[later[first]] - p[first]))) for p in (track, fixes))
-    if not min(dr_m, fix_m) > 0 or 1 / FAR_SCALE < dr_m / fix_m < FAR_SCALE:
-        return 1.0, verdict, timeline
-    still_m = fit_turn(replace(timeline, dr_mps=np.zeros_like(timeline.dr_mps)), group).rms_m
-    times, slower = dr_m / fix_m, _slower(timeline, dr_m / fix_m)
-    again = judge(log, slower, sources)
-    if again is not None and (c := calibrate(reread(log, slower, again.best.flips), again.best.turn.rotation_rad)):
-        times, slower = times * (1 + c.scale), _slower(slower, 1 + c.scale)
-        again = judge(log, slower, sources)
-    if again is None or again.best.residual_m > FAR_BETTER * min(verdict.best.residual_m, still_m):
-        return 1.0, verdict, timeline
-    return times, again, slower
-
-
-def _slower(timeline: Timeline, times: float) -> Timeline:
-    return replace(timeline, dvl_mps=timeline.dvl_mps / times, dr_mps=timeline.dr_mps / times)
-
-
-def _far_scale(log: Log, times: float, verdict: Verdict) -> list[Diagnosis]:
-    """Say that velocities are far from m/s, and as which unit they were taken, where one explains it."""
-    dvl, stated = _topic(log, "dvl"), configuration_of(log).dvl
-    advice = f"scale_error = {(1 + stated.scale_error) * times - 1:.4g}"
-    unit, like = convention(log, "dvl", "unit"), ""
-    for size, name in UNITS.items():
-        for really, taken, ratio in ((name, "m/s", size), ("m/s", name, 1 / size)):
-            if abs(times / ratio - 1) < SURELY:
-                like = f", as if {really} were taken for {taken}"
-                free = really in TO_MPS and unit[0] == taken and unit[1] != "by column names"
-                advice = f'unit = "{really}"' if free else advice
-    text = (
-        f"{dvl}: reads {times:.3g} times the distance between fixes{like}; with that taken off, dead reckoning lies "
-        f"{verdict.best.residual_m:.2f} m rms from the fixes; state {advice} under [dvl]"
-    )
-    return [diagnosis("DVL-UNIT", text, dvl, None, times, "times")]
-
-
-def _on_the_dvls_clock(
-    log: Log, timeline: Timeline, verdict: Verdict, sources: Sequence[Source]
-) -> tuple[float, Verdict, Timeline]:
-    """Return how far the fixes' clock is off, 0 unless beyond doubt, with verdict and timeline once that is taken off.
-
-    A clock that is off by more than any sound takes is no latency: as it stands, it passes for a turned DVL.
-    """
-    group = groups(timeline, timeline.fix_time_s)
-    lines = [reread(log, timeline, flips) for flips in {verdict.best.flips, verdict.read.flips}]
-    far = min((fit_turn(line, group, FAR_S) for line in lines), key=lambda turn: turn.rms_m)
-    moved = replace(timeline, fix_time_s=timeline.fix_time_s - far.latency_s)
-    again = judge(log, moved, sources) if far.rms_m < verdict.best.residual_m else None
-    if again is None or again.best.residual_m > FAR_BETTER * verdict.best.residual_m:
-        return 0.0, verdict, timeline
-    return far.latency_s, again, moved
-
-
-def _clock(log: Log, late_s: float) -> list[Diagnosis]:
-    """Say that the fixes' clock is off by more than a delay could be."""
-    usbl = _topic(log, "usbl")
-    leap = f" (GPS time and UTC are {LEAP_SECONDS:g} s apart)" if abs(abs(late_s) - LEAP_SECONDS) < 1.5 else ""
-    stated = configuration_of(log).usbl.latency_s
-    text = (
-        f"{usbl}: fixes fit dead reckoning far better where their stamps lie {_late(late_s)} the time at which they "
-        f"were true, by the DVL's clock{leap}; if that is right, state latency_s = {stated + late_s:.2f} under [usbl]"
-    )
-    return [diagnosis("CLOCK-OFFSET", text, usbl, None, late_s, "s")]
 
 
 def convention_findings(log: Log, verdict: Verdict) -> list[Diagnosis]:
@@ -187,9 +96,9 @@ def convention_findings(log: Log, verdict: Verdict) -> list[Diagnosis]:
             ("MAP-FRAME", "usbl", "frame", read.frame, best.frame),
         )
         if old != new
-        for topic in [_topic(log, role)]
+        for topic in [topic_of(log, role)]
     ]
-    usbl = _topic(log, "usbl")
+    usbl = topic_of(log, "usbl")
     if verdict.against and verdict.decided_by is not None:
         others = "; ".join(source.name for source in verdict.against)
         text = f"sources disagree: {verdict.decided_by.name}; against it: {others}"
@@ -236,7 +145,7 @@ def _offset(log: Log, verdict: Verdict) -> list[Diagnosis]:
     stated = mount != 0 or bias != 0
     code = "HEADING-BIAS" if stated else "DVL-MOUNT"
     far = clear_offset(verdict)
-    topic = _topic(log, "compass" if stated else "dvl")
+    topic = topic_of(log, "compass" if stated else "dvl")
     reading = "" if best == verdict.read and verdict.observable else f", read with {best.sentence}"
     turned = f"dead reckoning has to be turned by {offset:+.1f} deg (clockwise, +-{max(sd, 0.1):.1f})"
     said = f"{turned} to lie on the fixes{reading}"
@@ -247,25 +156,6 @@ def _offset(log: Log, verdict: Verdict) -> list[Diagnosis]:
         )
     found = diagnosis(code if far else "HEADING-CHECKED", f"{topic}: {said}", topic, None, offset, "deg")
     return [found]
-
-
-def _unit(log: Log, timeline: Timeline, verdict: Verdict) -> list[Diagnosis]:
-    """Headings that never leave 6.3 degrees may be radians: the fixes tell."""
-    yaw = timeline.dr_yaw_rad
-    if np.ptp(yaw) > np.radians(6.4) or convention(log, "compass", "unit")[0] != "deg":
-        return []
-    wider = replace(timeline, dr_yaw_rad=np.unwrap(np.degrees(yaw)))
-    residual_m = fit_turn(wider, groups(timeline, timeline.fix_time_s)).rms_m
-    if residual_m > CLEARLY * verdict.read.residual_m:
-        return []
-    topic = _topic(log, "compass")
-    named = convention(log, "compass", "unit")[1] == "by column names"
-    columns = 'columns = { time_ns = "time_ns", heading = "heading_deg" } and ' if named else ""
-    text = (
-        f"{topic}: as radians, dead reckoning lies {residual_m:.2f} m rms from the fixes, as degrees "
-        f'{verdict.read.residual_m:.2f} m; state {columns}unit = "rad" under [compass]'
-    )
-    return [diagnosis("HEADING-RADIANS", text, topic, None, verdict.read.residual_m, "m")]
 
 
 def clear_latency(c: Calibration) -> bool:
@@ -286,11 +176,11 @@ def clear_offset(verdict: Verdict) -> bool:
 
 def _delays(log: Log, c: Calibration) -> list[Diagnosis]:
     found: list[Diagnosis] = []
-    usbl, compass = _topic(log, "usbl"), _topic(log, "compass")
+    usbl, compass = topic_of(log, "usbl"), topic_of(log, "compass")
     if clear_latency(c):
         stated = configuration_of(log).usbl.latency_s
         text = (
-            f"{usbl}: fixes fit dead reckoning best where their stamps lie {_late(c.latency_s)} the time at which they "
+            f"{usbl}: fixes fit dead reckoning best where their stamps lie {late(c.latency_s)} the time at which they "
             f"were true (+-{c.latency_sd_s:.2f} s), by the DVL's clock; if that is so, state latency_s = "
             f"{stated + c.latency_s:.2f} under [usbl]; a transponder ahead or astern of the vehicle's "
             "middle looks alike (lever_arm_m)"
@@ -299,7 +189,7 @@ def _delays(log: Log, c: Calibration) -> list[Diagnosis]:
     clear = abs(c.heading_delay_s) > max(DELAY_S, SIGMAS * c.heading_delay_sd_s)
     if clear and c.sd_m < 0.97 * c.sd_without_delay_m:
         text = (
-            f"{compass}: headings fit DVL and fixes better where their stamps lie {_late(c.heading_delay_s)} the DVL's "
+            f"{compass}: headings fit DVL and fixes better where their stamps lie {late(c.heading_delay_s)} the DVL's "
             f"(+-{c.heading_delay_sd_s:.2f} s): a delay, or a DVL that sits ahead or astern of the vehicle's middle "
             "(lever_arm_m under [dvl]); part of it may be the fixes' latency"
         )
@@ -310,7 +200,7 @@ def _delays(log: Log, c: Calibration) -> list[Diagnosis]:
 def _scale(log: Log, c: Calibration) -> list[Diagnosis]:
     if not clear_scale(c):
         return []
-    dvl = _topic(log, "dvl")
+    dvl = topic_of(log, "dvl")
     text = (
         f"{dvl}: reads {100 * c.scale:+.1f} % of the distance between fixes too much (+-{100 * c.scale_sd:.1f} %); "
         f"if the fixes are right, state scale_error = {c.scale:.3f} under [dvl]"
@@ -321,7 +211,7 @@ def _scale(log: Log, c: Calibration) -> list[Diagnosis]:
 def _fixes(log: Log, timeline: Timeline, c: Calibration) -> list[Diagnosis]:
     """Count the gross fixes, and compare the scatter of the others with what they claim."""
     found: list[Diagnosis] = []
-    usbl = _topic(log, "usbl")
+    usbl = topic_of(log, "usbl")
     gross = c.gross[c.residual_m[c.gross] > GROSS_M]
     if len(gross):
         worst = int(gross[np.argmax(c.residual_m[gross])])
@@ -343,14 +233,6 @@ def _fixes(log: Log, timeline: Timeline, c: Calibration) -> list[Diagnosis]:
     return found
 
 
-def _late(delay_s: float) -> str:
-    return f"{abs(delay_s):.2f} s {'after' if delay_s > 0 else 'before'}"
-
-
 def wrapped(angle_deg: float) -> float:
     """Return the angle between -180 and 180 degrees."""
     return (angle_deg + 180.0) % 360.0 - 180.0
-
-
-def _topic(log: Log, role: str) -> str:
-    return log.provenance[role].topic if role in log.provenance else role

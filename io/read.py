@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
-from usbldr.filters.types import Truth
 from usbldr.io import conventions, headings, positions
 from usbldr.io.clocks import on_one_clock
 from usbldr.io.configuration import assumptions
@@ -18,14 +17,13 @@ from usbldr.io.heads import SHIP, SHIP_HEADING, samples, ship_choices
 from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance, lacking
 from usbldr.io.messages import Raw, raw, wanted_paths
 from usbldr.io.opening import AS_IT_LIES, Opened, Request, digest_paths, open_configured
+from usbldr.io.plausibility import places_apart, standing_still, truth_apart, truth_under_water
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.sections import Configuration, GpsSection
 from usbldr.io.times import in_order
 from usbldr.io.topics import ROLES, Choice, Roles, choose_roles, find, named
 from usbldr.io.truth import find_file, read_truth_file, truth_from_table
 from usbldr.io.usbl import Beside, usbl
-
-APART_M = 50_000.0  # no dive goes so far, nor does a plane that touches the earth hold
 
 
 def read_log(path: Path, request: Request = AS_IT_LIES) -> Log:
@@ -102,11 +100,11 @@ def read(opened: Opened, request: Request) -> Log:
         name, kind = provenance["truth" if "truth" in provenance else "gps"].topic, _kind(source)
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
-    findings += [*_truth_apart(truth, tables, start_ns), *_places_apart(tables, provenance, origin)]
+    findings += [*truth_apart(truth, tables, start_ns), *places_apart(tables, provenance, origin)]
     if truth_table is not None:
-        findings += _standing_still(truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns)
+        findings += standing_still(truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns)
     if truth is not None and truth.kind == "gps":
-        findings += _truth_under_water(truth, provenance, tables)
+        findings += truth_under_water(truth, provenance, tables)
     return Log(
         path=path,
         sha256=digest_paths(opened.paths),
@@ -281,53 +279,6 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
         said = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
         hint = 'if a clock is wrong, try time = "log" or state latency_s'
         raise LogError(f"{path}: the sensors do not overlap in time: {said}; {hint}")
-
-
-def _truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
-    times = [tables[role]["time_ns"] for role in ("dvl", "compass", "usbl") if role in tables]
-    if truth is None or not times:
-        return []
-    first_s, last_s = (min(t.min() for t in times) - start_ns) / 1e9, (max(t.max() for t in times) - start_ns) / 1e9
-    if truth.time_s[-1] >= first_s and truth.time_s[0] <= last_s:
-        return []
-    span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s, the sensors {first_s:.1f} to {last_s:.1f} s"
-    return [Finding("TRUTH-APART", f"{truth.source}: truth and sensors do not overlap in time: it covers {span}")]
-
-
-def _places_apart(
-    tables: Mapping[str, pd.DataFrame], provenance: Mapping[str, Provenance], origin: Origin | None
-) -> list[Finding]:
-    """Say where fixes, GPS and the map's origin cannot be of one dive: no slip of theirs shows in a track's shape."""
-    places = {
-        provenance[role].topic: np.median(tables[role][["east_m", "north_m"]].to_numpy(dtype=float), axis=0)
-        for role in ("usbl", "gps")
-        if role in tables
-    }
-    where = " and ".join(places)
-    if len(places) == 2 and (far_m := float(np.hypot(*np.subtract(*places.values())))) > APART_M:
-        told = "latitude and longitude exchanged, radians for degrees, or the [map] or head of another place"
-        return [Finding("PLACES-APART", f"{where} lie {far_m / 1000:.0f} km apart: {told}")]
-    far_m = max((float(np.hypot(*place)) for place in places.values()), default=0.0)
-    if origin is None or far_m < APART_M:
-        return []
-    text = f"{where}: {far_m / 1000:.0f} km from the map's origin ({origin.source}), where the plane is no map any more"
-    return [Finding("PLACES-APART", f"{text}: state the [map] of this dive")]
-
-
-def _truth_under_water(
-    truth: Truth, provenance: Mapping[str, Provenance], tables: Mapping[str, pd.DataFrame]
-) -> list[Finding]:
-    if not {"gps", "depth"} <= tables.keys() or truth.source != provenance["gps"].topic:
-        return []
-    depth_m = positions.depths_of(tables["gps"], tables["depth"], "time_ns")
-    text = positions.under_water(truth.source, depth_m)
-    return [Finding("GPS-UNDERWATER", text)] if text else []
-
-
-def _standing_still(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:
-    degrees = "lat_deg" in table and any(said.startswith("frame latlon") for said in of.conventions)
-    text = positions.standing_still(of.topic, table, start_ns) if degrees else ""
-    return [Finding("GPS-REPEATED", text)] if text else []
 
 
 def _kind(source: TruthSource) -> str:

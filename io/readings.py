@@ -165,6 +165,11 @@ def _of_reference(log: Log, timeline: Timeline, velocity: Array, psi: Vector, fi
     return velocity, fixes
 
 
+def topic_of(log: Log, role: str) -> str:
+    """Return the topic of a sensor, or its name where there is none."""
+    return log.provenance[role].topic if role in log.provenance else role
+
+
 def convention(log: Log, role: str, name: str) -> tuple[str, str]:
     """Return what a sensor's provenance says of a convention, and by whom; "" where it says nothing."""
     sentences = log.provenance[role].conventions if role in log.provenance else ()
