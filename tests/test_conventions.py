@@ -401,6 +401,25 @@ def test_depth_may_be_a_number_that_grows_upwards(tmp_path: Path) -> None:
     assert log.tables["depth"]["depth_m"].iloc[0] == 4.0
 
 
+@pytest.mark.parametrize(
+    ("toml", "said"),
+    [
+        ('unit = "m"', '[depth] unit = "m": /pressure holds pressures (Pa, hPa, dbar, bar)'),
+        ('positive = "up"', "[depth] positive: /pressure holds pressures, to which it does not apply"),
+        ('topic = "/depth"\nunit = "Pa"', '[depth] unit = "Pa": /depth holds depths in m'),
+        ('topic = "/depth"\nsurface_pa = 0', "[depth] surface_pa: /depth holds depths, to which it does not apply"),
+    ],
+)
+def test_a_key_of_depth_that_the_records_refute_is_told_with_its_file(tmp_path: Path, toml: str, said: str) -> None:
+    pressure = (T0, "/pressure", PRESSURE, {"header.stamp": T0, "fluid_pressure": 201325.0})
+    number = (T0, "/depth", HEADING, {"data": 4.0})
+
+    with pytest.raises(UsageError) as fault:
+        logged(tmp_path, [number if "/depth" in toml else pressure], f"[depth]\n{toml}")
+
+    assert str(fault.value) == f"{tmp_path / 'usbldr.toml'}: {said}"
+
+
 def test_keys_that_the_column_names_settle_are_said_not_to_act(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl="time_ns,starboard_mps,forward_mps\n0,0.1,1.0\n200000000,0.1,1.0")
     (folder / "usbldr.toml").write_text('[dvl]\naxes = "FRD"\nmount_deg = 90', encoding="utf-8")

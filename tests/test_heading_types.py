@@ -275,7 +275,10 @@ def test_a_declination_that_nobody_can_know_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as long_ago:
         logged(tmp_path, old, SEATTLE + '[compass]\ndeclination_deg = "auto"\ntime = "log"')
 
-    assert "no position is known; state origin_lat_deg and origin_lon_deg under [map]" in str(nowhere.value)
+    assert str(nowhere.value) == (
+        f'{tmp_path / "usbldr.toml"}: declination_deg under [compass] = "auto": no position is known; '
+        "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
+    )
     assert str(long_ago.value) == (
         f"{tmp_path / 'dive.mcap'}: /heading: no magnetic model for 2000-09-18 (there are those of 2010 to 2029); "
         "state declination_deg under [compass] as a number"

@@ -169,8 +169,10 @@ def test_several_targets_are_not_guessed_between(tmp_path: Path) -> None:
     log = logged(tmp_path, *rows, toml=HEAD + "target = 3")
     assert places(log)[:, 0] == pytest.approx([131, 133])
     assert "target 3 (configuration)" in log.provenance["usbl"].conventions
-    with pytest.raises(UsageError, match="holds no fix of 7"):
+    with pytest.raises(UsageError) as fault:
         logged(tmp_path, *rows, toml=HEAD + "target = 7")
+    file, targets = tmp_path / "usbldr.toml", "2 (3 fixes), 3 (2 fixes)"
+    assert str(fault.value) == f"{file}: [usbl] target: /usbl holds no fix of 7 (its targets: {targets})"
 
 
 def test_a_stonefish_beacon_is_seen_from_the_bow(tmp_path: Path) -> None:
