@@ -107,31 +107,48 @@ def test_a_heading_that_nobody_ranks_is_a_choice_for_the_user() -> None:
 HEAD = ("header.stamp", "header.frame_id")
 VELOCITY = (*HEAD, "velocity.x", "velocity.y", "velocity.z")
 TWISTS = (*HEAD, *(f"twist.twist.linear.{axis}" for axis in "xyz"), "twist.covariance")
+REPORT = ("header.stamp", *(f"report.{name}" for name in ("vx", "vy", "vz", "velocity_valid")))
 ONE_AFTER_THE_OTHER = [
-    topic("/dvl/data", "dvl_msgs/msg/DVL", (*VELOCITY, "velocity_valid")),
-    topic("/dvl/marine", "marine_acoustic_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "num_good_beams")),
-    topic("/dvl/cola", "cola2_msgs/msg/DVL", (*VELOCITY, "velocity_covariance")),
-    topic("/dvl/covered", "geometry_msgs/msg/TwistWithCovarianceStamped", TWISTS),
-    topic("/dvl/local_position", "nav_msgs/msg/Odometry", TWISTS),
+    (
+        topic("/dvl/data", "dvl_msgs/msg/DVL", (*VELOCITY, "velocity_valid")),
+        topic("/dvl/report", "waterlinked_dvl/msg/TransducerReportStamped", REPORT),
+    ),
+    (
+        topic("/dvl/marine", "marine_acoustic_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "num_good_beams")),
+        topic("/dvl/whoi", "ds_sensor_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "coordinate_mode")),
+    ),
+    (
+        topic("/dvl/cola", "cola2_msgs/msg/DVL", (*VELOCITY, "velocity_covariance")),
+        topic("/dvl/uuv", "uuv_sensor_msgs/msg/DVL", (*VELOCITY, "velocity_covariance", "velocity_reference")),
+    ),
+    (
+        topic("/dvl/covered", "geometry_msgs/msg/TwistWithCovarianceStamped", TWISTS),
+        topic("/dvl/twist", DVL.type, TWIST),
+    ),
+    (topic("/dvl/local_position", "nav_msgs/msg/Odometry", TWISTS),),
 ]
 
 
-@pytest.mark.parametrize("first", range(4))
-def test_messages_of_the_dvl_come_before_what_was_made_of_them(first: int) -> None:
-    topics = ONE_AFTER_THE_OTHER[first:]
+@pytest.mark.parametrize("rank", range(4))
+def test_messages_of_the_dvl_come_before_what_was_made_of_them(rank: int) -> None:
+    behind = [topic for topics in ONE_AFTER_THE_OTHER[rank + 1 :] for topic in topics]
 
-    roles = choose_roles(LOG, topics[::-1], {}, {})
+    for first in ONE_AFTER_THE_OTHER[rank]:
+        roles = choose_roles(LOG, [*behind[::-1], first], {}, {})
+        assert taken(roles) == {"dvl": first.name}
+        assert set(roles.chosen["dvl"].behind) == set(behind)
 
-    assert taken(roles) == {"dvl": topics[0].name}
-    assert {topic.name for topic in roles.chosen["dvl"].behind} == {topic.name for topic in topics[1:]}
 
+@pytest.mark.parametrize("rank", range(4))
+def test_two_of_one_rank_are_a_choice_whatever_stands_behind(rank: int) -> None:
+    behind = [topic for topics in ONE_AFTER_THE_OTHER[rank + 1 :] for topic in topics]
+    one, other = ONE_AFTER_THE_OTHER[rank]
 
-def test_two_of_the_first_rank_are_a_choice_whatever_stands_behind() -> None:
-    other = topic("/dvl/other", ONE_AFTER_THE_OTHER[0].type, ONE_AFTER_THE_OTHER[0].fields)
+    roles = choose_roles(LOG, [one, *behind, other], {}, {})
 
-    roles = choose_roles(LOG, [*ONE_AFTER_THE_OTHER, other], {}, {})
-
-    assert str(roles.unclear["dvl"]).startswith("dive.mcap: 2 topics could be the dvl: /dvl/data (")
+    said = str(roles.unclear["dvl"])
+    assert said.startswith(f"dive.mcap: 2 topics could be the dvl: {one.name} (")
+    assert f"; {other.name} (" in said
 
 
 def test_a_type_that_is_taken_elsewhere_leaves_the_role_to_the_next() -> None:
