@@ -7,12 +7,13 @@ import pytest
 
 from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
 from usbldr.filters.noise import Contamination, Gaussian, Mixture
-from usbldr.filters.observability import CANDIDATES, NARROWED, observe
+from usbldr.filters.observability import CANDIDATES, NARROWED, _best, _Choice, observe
 from usbldr.filters.run import run
 from usbldr.filters.types import Timeline
 from weaving import SD_M, Faults, dive
 
 ASSUMED = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
+TWENTY_TO_ONE = np.log(20)  # what Kass and Raftery call strong
 
 
 def verdicts(assumptions: Assumptions) -> dict[str, str]:
@@ -157,6 +158,24 @@ def test_fixes_that_scatter_more_than_they_state_are_no_fault_of_dead_reckoning(
     told = observe(boasting, replace(ASSUMED, usbl=Contamination()))
 
     assert told.process.position_m == ASSUMED.process.position_m
+
+
+@pytest.mark.parametrize(
+    ("lead", "best"), [(-100.0, 1), (0.9 * TWENTY_TO_ONE, 1), (1.1 * TWENTY_TO_ONE, 0), (100.0, 0)]
+)
+def test_drift_is_dropped_where_wider_fixes_are_the_better_story_by_far_and_these_are_no_choice(
+    lead: float, best: int
+) -> None:
+    among = [_Choice(ASSUMED), _Choice(ASSUMED, 1, drifts=True), _Choice(ASSUMED, 1, scatters=True)]
+
+    assert _best(among, np.array([0.0, 50.0, 50.0 + lead])) == best
+
+
+@pytest.mark.parametrize(("departs", "lead", "best"), [(1, 0.9, 0), (1, 1.1, 1), (2, 1.9, 0), (2, 2.1, 1)])
+def test_each_departure_from_what_is_assumed_takes_a_strong_word(departs: int, lead: float, best: int) -> None:
+    among = [_Choice(ASSUMED), _Choice(ASSUMED, departs)]
+
+    assert _best(among, np.array([0.0, lead * TWENTY_TO_ONE])) == best
 
 
 def test_a_stated_family_of_noise_is_kept() -> None:
