@@ -19,10 +19,11 @@ from field_logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, t
 from field_plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
 from field_runs import refusals
 from paper_runs import Way
-from usbldr.filters import observability
+from usbldr.filters import observability, start
 from usbldr.filters.assumptions import Assumptions, ProcessNoise
 from usbldr.filters.baselines import displacement_m
 from usbldr.filters.evaluation import Window
+from usbldr.filters.layout import Layout
 from usbldr.filters.observability import CANDIDATES
 from usbldr.filters.run import SAMPLED
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
@@ -201,12 +202,24 @@ def test_every_default_is_halved_and_doubled() -> None:
 def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
     """Each change has to do something on a log that uses everything, or it would show a robustness that is none."""
     given = replace(Assumptions(), calibrate=CANDIDATES, usbl_sd_scale=0.5)
+    usual = start.prior(line, given, Layout())
     for name, change in CHANGES.items():
         if name in ("", "tuned", "without guard", "every state by its default"):
             continue
         changed_line = change.records(line) if name != "cut" else None
         told = change.after(change.before(given, line), line)
-        assert changed_line is not line or told != given or change.observing or change.starting, name
+        asked = any(getattr(observability, constant) != value for constant, value in change.observing.items())
+        with constants(start, change.starting):
+            begun = start.prior(line, given, Layout())
+        starts = any(not np.array_equal(one, other) for one, other in zip(begun, usual, strict=True))
+        assert changed_line is not line or told != given or asked or starts, name
+
+
+def test_noise_that_is_not_asked_of_the_log_has_one_story_alone() -> None:
+    with constants(observability, ABLATIONS["noise not asked of the log"].observing):
+        stories = observability._wanderings(Assumptions(), Assumptions(), 1.0)
+
+    assert stories == [observability._Choice(Assumptions())]
 
 
 def test_a_constant_is_another_only_for_a_while() -> None:
