@@ -26,7 +26,10 @@ from usbldr_cli.comparison import Row
 from usbldr_cli.run_options import RunChoices
 from usbldr_cli.unit_store import Outcome, Store, Trace
 
-LIMIT = Limits(np.arange(60.0), np.full((60, 2), 0.15), np.full((60, 2), 0.1))
+LIMIT, OF_PAPER, OF_RANGE = (
+    Limits(np.arange(60.0), np.tile(filter_sd_m, (60, 1)), np.tile(smoother_sd_m, (60, 1)))
+    for filter_sd_m, smoother_sd_m in (((0.15, 0.15), (0.1, 0.1)), ((0.7, 0.6), (0.5, 0.4)), ((0.3, 0.25), (0.2, 0.05)))
+)
 
 TIMES_S = {Way("cpf"): 5.9, Way("adf"): 3.1}
 
@@ -83,27 +86,37 @@ class Asked(dict):
         return super().get(cell, default)
 
 
+def document(rows: Rows, sweeps: Path) -> str:
+    goals = paper_goals.goals(rows, LIMIT, TIMES_S)
+    return paper.document(rows, sweeps, 3, goals, LIMIT, dict.fromkeys(STATES, OF_PAPER), OF_RANGE)
+
+
 def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Rows, sweeps: Path) -> None:
     asked = Asked(rows)
 
-    text = paper.document(
-        asked, sweeps, 3, paper_goals.goals(asked, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT), LIMIT
-    )
+    text = document(asked, sweeps)
 
     assert "{{" not in text
     assert set(rows) <= asked.cells
 
 
 def test_a_table_has_as_many_cells_in_each_line(rows: Rows, sweeps: Path) -> None:
-    text = paper.document(
-        rows, sweeps, 3, paper_goals.goals(rows, LIMIT, TIMES_S), LIMIT, dict.fromkeys(STATES, LIMIT), LIMIT
-    )
+    text = document(rows, sweeps)
 
     tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
     assert len(tables) == 12
     for lines in tables:
         cells = {line.replace(r"\|", "").count("|") for line in lines}
         assert len(cells) == 1, lines[0]
+
+
+def test_every_bound_stands_where_its_scenario_is_told(rows: Rows, sweeps: Path) -> None:
+    """The mean |error| of a Gaussian is 0.798 of its sigma."""
+    text = document(rows, sweeps)
+
+    assert "(0.239/0.199 m for any filter, 0.160/0.040 m for any smoother)" in text
+    assert text.count("| 0.559/0.479 |") == text.count("| 0.399/0.319 |") == len(STATES)
+    assert (text.count("| 0.120/0.120 |"), text.count("| 0.080/0.080 |")) == (4, 1)
 
 
 def test_every_picture_of_the_document_is_drawn(
