@@ -227,6 +227,14 @@ def test_a_frame_for_the_truth_where_the_gps_is_the_truth_is_said_not_to_be_used
     assert "KEY-UNUSED" not in silent
 
 
+def test_a_frame_for_a_truth_of_its_own_is_not_said_to_be_idle(tmp_path: Path) -> None:
+    log = dive(tmp_path, '[truth]\ntopic = "/slam"\nframe = "NED"', [*FIXES, pose(T0 + SECOND, 10.0, 20.0)])
+
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.position_m, [[20, 10]])
+    assert "KEY-UNUSED" not in {finding.code for finding in log.findings}
+
+
 FIXES = [fix(T0 + k * SECOND, 45.0 + k * 1e-5, 7.0) for k in range(3)]
 
 
