@@ -240,6 +240,19 @@ def test_the_covariance_of_a_message_turns_with_its_frame(tmp_path: Path) -> Non
     assert enu.provenance["usbl"].conventions[-2] == "covariance of the messages (default)"
 
 
+def test_the_covariance_of_latitudes_is_east_before_north_as_their_type_has_it(tmp_path: Path) -> None:
+    time_ns, topic, kind, values = fix(T0, 45.0, 7.0, topic="/usbl/fix")
+    stated = {"position_covariance": np.array([4.0, 0.5, 0, 0.5, 9.0, 0, 0, 0, 1]), "position_covariance_type": 3}
+
+    log = logged(
+        tmp_path,
+        [(time_ns, topic, kind, {**values, **stated})],
+        "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0",
+    )
+
+    np.testing.assert_allclose(covariance(log.tables["usbl"]), [[4.0, 0.5], [0.5, 9.0]])
+
+
 def test_a_number_in_the_configuration_beats_the_message(tmp_path: Path) -> None:
     log = logged(tmp_path, [with_covariance(4.0, 0.5, 9.0)], "[usbl]\nsd_m = 0.7")
 
