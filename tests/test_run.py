@@ -9,12 +9,14 @@ import pytest
 from usbldr.filters.assumptions import Assumptions, ProcessNoise, Start
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.layout import Layout
+from usbldr.filters.methods import anchor_at
 from usbldr.filters.noise import Contamination, Mixture
 from usbldr.filters.readings import steps
 from usbldr.filters.run import FILTERS, Settings, run
 from usbldr.filters.sensors import UsblFix
 from usbldr.filters.start import prior
 from usbldr.filters.types import Timeline
+from weaving import Faults, dive
 
 
 def timeline(seconds: float = 4.0, fixes: tuple[float, ...] = (0.0, 1.0, 1.31, 1.39, 3.05)) -> Timeline:
@@ -126,14 +128,22 @@ def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_i
         prior(timeline(fixes=()), Assumptions(), Layout())
 
 
-def test_a_transponder_beside_the_reference_point_does_not_shift_the_start() -> None:
-    line = timeline()
-    arm_m = (2.0, 7.0, -1.0)  # starboard, forward, up of a vehicle that heads north
-    off = replace(line, fix_m=line.fix_m + np.array(arm_m[:2]))
+def test_a_transponder_beside_the_reference_point_shifts_neither_the_start_nor_an_anchor() -> None:
+    line = dive(Faults())
+    starboard_m, forward_m = 2.0, 7.0
+    yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
+    c, s = np.cos(yaw), np.sin(yaw)
+    arm_m = np.column_stack([starboard_m * c - forward_m * s, starboard_m * s + forward_m * c])  # east, north
+    off, levered = replace(line, fix_m=line.fix_m + arm_m), Assumptions(usbl_lever_m=(starboard_m, forward_m, -1.0))
 
-    plain, beside = prior(line, Assumptions(), Layout()), prior(off, Assumptions(usbl_lever_m=arm_m), Layout())
-
+    plain, beside = prior(line, Assumptions(), Layout()), prior(off, levered, Layout())
     np.testing.assert_allclose(beside.mean, plain.mean, atol=1e-9)
+
+    for where in ("start", "first-fix"):
+        anchor, same = anchor_at(where, line, Assumptions(), None), anchor_at(where, off, levered, None)
+        assert anchor is not None
+        assert same is not None
+        np.testing.assert_allclose(same.position_m, anchor.position_m, atol=1e-9)
 
 
 @pytest.mark.parametrize(
