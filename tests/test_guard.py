@@ -13,7 +13,7 @@ from usbldr.filters.consistency import nees
 from usbldr.filters.guard import Guarded
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
-from usbldr.filters.noise import Contamination, Mixture, NoiseFamily
+from usbldr.filters.noise import Contamination, Gaussian, Mixture, NoiseFamily
 from usbldr.filters.orders import by_validity
 from usbldr.filters.readings import Readings
 from usbldr.filters.run import FILTERS, Settings, run
@@ -197,6 +197,22 @@ def test_the_report_tells_how_far_the_track_jumped_and_when() -> None:
     assert one.settled_s == SILENT[1] + one.refused
 
 
+def test_the_filter_as_it_is_may_be_believed_after_its_fixes_were_refused() -> None:
+    """Off by four sigmas after ten seconds: too far to be followed at once, too near for another story than drift."""
+    line, truth = dive(1)
+    truth[40 * RATE_HZ :] += 4.0 * DRIFT
+    line.fix_m[40:] += 4.0 * DRIFT
+    late = line.with_fixes((line.fix_time_s < 30) | (line.fix_time_s >= 40))
+
+    told = replayed("ekf", late, truth, UNSURE, usbl=Gaussian())
+
+    (one,) = told.reacquisitions
+    assert one.believed
+    assert one.jump_m == pytest.approx(4.0, abs=1.0)
+    assert 40 < one.settled_s == 40 + one.refused < 60
+    assert told.error_m[int(one.settled_s + 1) * RATE_HZ : SILENT[0] * RATE_HZ].max() < 1
+
+
 @pytest.mark.parametrize("family", [GENERIC, Mixture()], ids=["contamination", "mixture"])
 @pytest.mark.parametrize("name", ["adf", "cpf"])
 def test_without_a_false_fix_the_guard_changes_nothing(name: str, family: NoiseFamily) -> None:
@@ -285,6 +301,15 @@ def test_a_log_that_ends_while_fixes_are_refused_says_so() -> None:
     assert (one.refused, one.believed) == (5, False)
     assert len({update.row for update in refused}) == 5
     assert all(update.shift is not None and not any(update.shift) for update in refused)
+
+
+def test_a_log_that_ends_with_a_single_refused_fix_has_no_news() -> None:
+    line, _ = dive(1, 5, 50.0)
+
+    track = run("adf", line.with_fixes(line.fix_time_s <= SILENT[1]), Assumptions(process=UNSURE), Settings(guard=True))
+
+    assert [update.fate for update in track.updates if update.sensor == "usbl"][-2:] == ["used", "rejected"]
+    assert not track.reacquisitions
 
 
 def test_the_guard_knows_at_each_epoch_what_had_arrived() -> None:
