@@ -13,10 +13,12 @@ import pytest
 
 from usbldr.filters.assumptions import Assumptions, ProcessNoise
 from usbldr.filters.bank import copies, predict
+from usbldr.filters.calibration import layout_for
 from usbldr.filters.consistency import nees
 from usbldr.filters.layout import Layout
 from usbldr.filters.motion import VehicleMotion
 from usbldr.filters.noise import Contamination, chi_square_quantile
+from usbldr.filters.returns import returned
 from usbldr.filters.rules import cubature
 from usbldr.filters.run import Settings, run
 from usbldr.filters.scenarios import Scenario, Timing
@@ -188,6 +190,32 @@ def test_the_return_of_the_fixes_is_told_with_what_it_did_to_the_track() -> None
         assert one.sd_end_m == pytest.approx(dive.sd_m[150 * HZ - 1] / np.sqrt(2), rel=0.01)
         assert one.off_m < 3.7 * np.hypot(one.sd_end_m, 0.8)
         assert not dive.track.warnings
+
+
+def test_a_return_is_told_by_its_first_fixes_and_by_what_was_known_before_them() -> None:
+    """Straight north at 1 m/s: the first five fixes lie 3 m east and 4 m north of where they were foreseen."""
+    line = timeline(simulated_log(scenario(("usbl",), 90.0, 60.0), 0))
+    layout = layout_for(("latency", "usbl-bias"))
+    east_bias, late = layout.index("usbl_bias_east"), layout.index("usbl_latency")
+    back = line.time_s >= 150.0
+    mean = np.zeros((len(back), len(layout)))
+    mean[:, layout.index("v")], mean[:, layout.index("y")] = 1.0, line.time_s
+    mean[:, east_bias], mean[:, late] = np.where(back, 7.0, 1.0), np.where(back, -0.9, 0.5)
+    mean[back, layout.index("x")] = 2.0
+    cov = np.tile(np.eye(len(layout)), (len(back), 1, 1))
+    cov[line.time_s > 90.0] *= 4.0
+    for place, bias in (("x", "usbl_bias_east"), ("y", "usbl_bias_north")):
+        rows = layout.rows(place, bias)
+        cov[:, rows, rows[::-1]] = -1.5  # a place that the fixes told errs against them
+    fix_m = np.column_stack([0 * line.fix_time_s + 1.0 + 3.0, line.fix_time_s - 0.5 + 4.0])
+    fix_m[line.fix_time_s >= 155.0] += 100.0
+    line = replace(line, fix_m=fix_m, fix_cov_m2=np.tile(0.09 * np.eye(2), (len(fix_m), 1, 1)))
+    line = replace(line, outages=(*line.outages, Outage("dvl", 160.0, 170.0)))
+
+    (one,) = returned(line, Assumptions(), layout, mean, cov)
+
+    median_m2 = np.pi / 2 / 5 * 0.09
+    assert one == pytest.approx((89.0, 150.0, 1.0, 2.0, 5.0, 5.0 / np.sqrt(4 + 4 - 2 * 1.5 + median_m2), 2.0))
 
 
 @pytest.mark.parametrize("scale", [0.03, 0.06])
