@@ -13,6 +13,7 @@ import pytest
 from usbldr.io.baseline_file import Metric, Row
 from usbldr.io.scenario_files import write_scenario
 from usbldr.io.scenario_library import find_scenario
+from usbldr_cli.check import _stated
 from usbldr_cli.check_verdicts import Change, Checked, change, markdown, summary
 
 LAWNMOWER = find_scenario("lawnmower")
@@ -259,6 +260,17 @@ def test_a_folder_of_definitions_is_looked_for_beside_the_baseline(gate: Path) -
     run = _check(gate)
 
     assert (run.returncode, run.stderr) == (0, ""), run.stdout
+
+
+@pytest.mark.parametrize("key", ["msg_path", "msg-path"])
+def test_an_option_may_be_spelt_as_on_the_command_line_and_still_name_what_lies_beside(
+    tmp_path: Path, key: str
+) -> None:
+    (tmp_path / "msgs").mkdir()
+
+    stated = _stated(tmp_path, {key: ["msgs", "gone"], "dvl": "msgs"})
+
+    assert stated == [(key, str(tmp_path / "msgs")), (key, "gone"), ("dvl", "msgs")]
 
 
 def _copy_of_the_package(folder: Path) -> Path:
