@@ -1,5 +1,6 @@
 """What is exported reads back as it was, in every format, and replays to the same track."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -169,8 +170,10 @@ def test_a_gps_without_a_place_on_earth_stays_on_the_plane(tmp_path: Path) -> No
         assert_same(read_log(tmp_path / "new" / name), log)
 
 
-@pytest.mark.parametrize(("start_s", "kept"), [(0.0, 3), (1.5, 3), (3.5, 2)])
-def test_gps_rows_that_are_no_truth_are_none_in_the_export(tmp_path: Path, start_s: float, kept: int) -> None:
+@pytest.mark.parametrize(("start_s", "skipped", "kept"), [(0.0, 2, 3), (0.5, 1, 3), (1.5, 0, 3), (3.5, 0, 2)])
+def test_gps_rows_that_are_no_truth_are_none_in_the_export(
+    tmp_path: Path, start_s: float, skipped: int, kept: int
+) -> None:
     t = [T0 + k * 10**9 for k in range(6)]
     rows = "\n".join(f"{time},{k},{k % 2},0.5" for k, time in enumerate(t) if k != 3)
     folder = write_csv(
@@ -186,6 +189,8 @@ def test_gps_rows_that_are_no_truth_are_none_in_the_export(tmp_path: Path, start
         export(log, tmp_path / "new" / name, force=True)
         back = read_log(tmp_path / "new" / name)
         assert back.truth is not None
+        assert back.configuration is not None
+        assert tomllib.loads(back.configuration.read_text())["truth"].get("skip_rows", 0) == skipped
         assert len(log.truth.time_s) == len(back.truth.time_s) == kept
         np.testing.assert_array_equal(back.truth.position_m, log.truth.position_m)
 
