@@ -1,5 +1,6 @@
 """The files of --json, --markdown, --write-calibration and init: never over an input, and refused before the run."""
 
+import errno
 import os
 import shutil
 from pathlib import Path
@@ -94,7 +95,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_run(dive: Path) -> 
 
 
 def test_a_folder_without_leave_to_write_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(os, "access", lambda _, mode: not mode & os.W_OK)  # as root, every folder is writable
 
     with pytest.raises(UsageError, match=r"r\.json: cannot be written \(no permission\): choose another file"):
         refuse_file("--json", tmp_path / "r.json", False, ())
@@ -146,6 +147,25 @@ def test_a_fault_of_writing_is_a_sentence_and_leaves_nothing(tmp_path: Path) -> 
         write_file("--json", long, "{}")
 
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_was_there_is_as_it_was_where_writing_fails_half_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(part: Path, content: bytes | str, **_: str) -> None:
+        with part.open("wb") as stream:
+            stream.write(content.encode()[:3] if isinstance(content, str) else content[:3])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    file = tmp_path / "r.json"
+    file.write_text("old", encoding="utf-8")
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    monkeypatch.setattr(Path, "write_text", fail)
+
+    with pytest.raises(UsageError, match="No space left on device"):
+        write_file("--json", file, "{}\n")
+
+    assert [(left, left.read_text()) for left in tmp_path.iterdir()] == [(file, "old")]
 
 
 def test_a_link_stays_a_link_and_a_pipe_is_written_to(tmp_path: Path) -> None:
