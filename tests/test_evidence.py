@@ -62,6 +62,18 @@ def test_a_mirrored_compass_and_dvl_leave_the_map_of_a_modem_as_it_is(tmp_path: 
     assert {"DVL-AXES", "HEADING-CONVENTION"} <= set(found)
 
 
+def test_a_type_weighs_more_than_the_gravity_of_a_compass_that_is_mounted_upside_down(tmp_path: Path) -> None:
+    rows = [told_by(SEATRAC, row) if row[1] == "/usbl" else row for row in dive(gravity=-9.8)]
+    log = write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text(AT_ORIGIN, encoding="utf-8")
+
+    found = findings(log)
+
+    assert {"MAP-FRAME", "DVL-AXES", "HEADING-CONVENTION"}.isdisjoint(found)
+    assert "ruled out by this: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
+    assert "gravity" in found["CONVENTION-CONTRADICTED"]["text"]
+
+
 @pytest.mark.parametrize(("z", "says"), [(DEPTH_M, "NED"), (-DEPTH_M, "ENU")])
 def test_where_no_type_settles_the_frame_the_sign_of_depth_does(tmp_path: Path, z: float, says: str) -> None:
     rows = [(*r[:3], dict(r[3]) | {"point.z": z}) if r[1] == "/usbl" else r for r in dive()]
