@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from usbldr.filters.crossfit import calibrate, fit_turn, groups, turn_sd_rad
+from usbldr.filters.crossfit import STRETCH_S, calibrate, fit_turn, groups, turn_sd_rad
 from usbldr.filters.types import Array, Outage, Timeline, Vector
 
 HZ = 5.0
@@ -90,6 +90,23 @@ def test_calibration_finds_turn_scale_and_latency_within_their_sigmas() -> None:
     assert found.scale_sd < 0.01
     assert found.latency_sd_s < 0.2
     assert found.sd_m == pytest.approx(0.3, rel=0.15)
+
+
+def test_the_sigmas_of_a_log_of_five_stretches_are_its_jackknife_over_these() -> None:
+    line = dive(length_s=600.0)
+    stretch = groups(line, line.fix_time_s, STRETCH_S)
+
+    found = calibrate(line)
+    without_one = [calibrate(line.with_fixes(stretch != k)) for k in range(5)]
+
+    assert found is not None
+    for name, sd in (
+        ("rotation_rad", found.rotation_sd_rad),
+        ("scale", found.scale_sd),
+        ("latency_s", found.latency_sd_s),
+    ):
+        off = [getattr(one, name) - getattr(found, name) for one in without_one]
+        assert sd == pytest.approx(np.sqrt(4 * np.mean(np.square(off))), rel=0.01), name
 
 
 @pytest.mark.parametrize("delay_s", [-0.8, 0.8])
