@@ -16,7 +16,7 @@ import numpy as np
 from field_logs import cut, stamped_at_arrival, thinned
 from usbldr.filters import observability
 from usbldr.filters.assumptions import UNKNOWN_START, Assumptions, Start
-from usbldr.filters.baselines import start_from
+from usbldr.filters.baselines import carried_back, start_from
 from usbldr.filters.calibration import STATES
 from usbldr.filters.types import Timeline
 
@@ -114,7 +114,8 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 def _scaled_start(name: str, factor: float) -> Change:
     """Scale what is assumed of a start that nobody states."""
     if name == "count":
-        return Change(starting={"start_from": partial(start_from, count=round(5 * factor))})
+        counted = {part.__name__: partial(part, count=round(5 * factor)) for part in (start_from, carried_back)}
+        return Change(starting=counted)
     if name == "least_sd_m":
         return Change(starting={"start_from": partial(start_from, least_sd_m=3.0 * factor)})
     other = replace(UNKNOWN_START, **{name: factor * getattr(UNKNOWN_START, name)})
