@@ -13,7 +13,7 @@ import numpy as np
 from usbldr.filters import adaptive, cpf, gaussian_cpf, kalman, literal_cpf, pf, policies, rules, weighted_ekf
 from usbldr.filters.assumptions import DRIFT, Assumptions
 from usbldr.filters.calibration import STATES, layout_for
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.filter import Filter
 from usbldr.filters.guard import Guarded, reacquisition_text
 from usbldr.filters.layout import Layout
@@ -98,6 +98,10 @@ WARY = ("adf", "cpf", "upf")  # guarded unless told otherwise; the others stay w
 SAMPLED = ("cpf", "upf", "pf", "pf-wekf")
 FORMED = ("cpf", "upf")
 MOST_DOUBTED = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
+SINGULAR = (
+    "a covariance grew beyond what numbers can hold apart: start, sigmas and fixes are too far from each other to be "
+    "of one dive; check [start] and the sigmas of the configuration"
+)
 TINY_ESS = 0.05  # of N: below it on average the particles no longer tell the posterior
 
 
@@ -110,7 +114,8 @@ def run(
 ) -> Trajectory:
     """Run a filter of FILTERS over the timeline and return its estimate at every epoch.
 
-    Raises UsageError for an unknown filter and for settings that do not fit it, LogError where nothing tells the start.
+    Raises UsageError for an unknown filter and for settings that do not fit it, LogError where nothing tells the start
+    or a covariance becomes singular.
     """
     layout = layout_for(assumptions.calibrate)
     _require_a_fit(name, settings, layout)
@@ -127,12 +132,15 @@ def run(
     reacquisitions: tuple[Reacquisition, ...] = ()
     belief = estimator.start(prior(timeline, assumptions, layout))
     readings = Readings(timeline, assumptions, layout)
-    for k, estimate, updates in ORDERS[settings.order](estimator, belief, readings, settings.seed):
-        mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
-        inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
-        by_epoch.update(updates)
-        if k % 100 == 0:
-            progress(k, count)
+    try:
+        for k, estimate, updates in ORDERS[settings.order](estimator, belief, readings, settings.seed):
+            mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
+            inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
+            by_epoch.update(updates)
+            if k % 100 == 0:
+                progress(k, count)
+    except np.linalg.LinAlgError as err:
+        raise LogError(f"{name}: {SINGULAR}") from err
     progress(count, count)
     returns = returned(timeline, assumptions, layout, mean, cov)
     if settings.smooth:

@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from dives import PRESSURE, SECOND, T0, fix, write_mcap, yaw
 from test_doctor import dive
-from usbldr.filters.errors import UsageError, UsbldrError
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.sections import Configuration
 from usbldr_cli.main import cli
 
@@ -172,6 +172,16 @@ def test_an_absurd_value_is_a_run_or_a_sentence(log: Path, key: str) -> None:
 
     for value in rng.sample(ABSURD, 4):
         check_sentence(replay_with(log, {key: value}, "--filter", "ekf"), key)
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_start_too_far_from_the_fixes_for_any_covariance_is_one_sentence(log: Path) -> None:
+    values = {"calibrate.latency_sd_s": 3.0, "process.heading_deg": 0.5, "start.north_m": 1e6}
+
+    done = replay_with(log, values | {"usbl.lever_arm_m": 0.5}, "--filter", "ekf")
+
+    assert isinstance(done.exception, LogError)
+    assert str(done.exception).startswith("ekf: a covariance grew beyond what numbers can hold apart")
 
 
 @pytest.mark.slow
