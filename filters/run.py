@@ -117,6 +117,15 @@ def run(
     Raises UsageError for an unknown filter and for settings that do not fit it, LogError where nothing tells the start
     or a covariance becomes singular.
     """
+    try:
+        return _run(name, timeline, assumptions, settings, progress)
+    except np.linalg.LinAlgError as err:
+        raise LogError(f"{name}: {SINGULAR}") from err
+
+
+def _run(
+    name: str, timeline: Timeline, assumptions: Assumptions, settings: Settings, progress: Callable[[int, int], None]
+) -> Trajectory:
     layout = layout_for(assumptions.calibrate)
     _require_a_fit(name, settings, layout)
     motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
@@ -132,15 +141,12 @@ def run(
     reacquisitions: tuple[Reacquisition, ...] = ()
     belief = estimator.start(prior(timeline, assumptions, layout))
     readings = Readings(timeline, assumptions, layout)
-    try:
-        for k, estimate, updates in ORDERS[settings.order](estimator, belief, readings, settings.seed):
-            mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
-            inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
-            by_epoch.update(updates)
-            if k % 100 == 0:
-                progress(k, count)
-    except np.linalg.LinAlgError as err:
-        raise LogError(f"{name}: {SINGULAR}") from err
+    for k, estimate, updates in ORDERS[settings.order](estimator, belief, readings, settings.seed):
+        mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
+        inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
+        by_epoch.update(updates)
+        if k % 100 == 0:
+            progress(k, count)
     progress(count, count)
     returns = returned(timeline, assumptions, layout, mean, cov)
     if settings.smooth:
