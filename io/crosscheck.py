@@ -8,12 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from usbldr.filters.crossfit import (
-    GROSS_SIGMAS,
-    STRETCH_S,
-    Calibration,
-    calibrate,
-)
+from usbldr.filters.crossfit import GROSS_SIGMAS, STRETCH_S, Calibration, calibrate
 from usbldr.filters.types import Timeline
 from usbldr.io.diagnosis import Diagnosis, diagnosis
 from usbldr.io.log import Finding, Log

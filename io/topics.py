@@ -142,7 +142,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
             or NO_SENSOR.search(topic.name.lower())
         ):
             continue
-        hints = hints_of(topic.name)
+        hints = _hints(topic.name)
         own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
         by_type = layout.recognised == "by type" and (role in hints or not hints or own)
         if by_type or (layout.recognised == "by type and name" and role in hints):
@@ -156,7 +156,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
     return Candidates([topic for topic in free if topic not in behind], behind)
 
 
-def hints_of(name: str) -> set[str]:
+def _hints(name: str) -> set[str]:
     """Return the sensors that a topic's name speaks for; a "fix" is one of GPS only where nothing says of the USBL."""
     name = name.lower()
     hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}
