@@ -25,7 +25,14 @@ IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wro
 ANY_COLUMNS = "docs/configuration.md#any-columns"
 IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
 DEEPEST_M = 12_000.0  # no sea is deeper
-TO_MPS: Mapping[str, float] = {"m/s": 1.0, "mm/s": 1e-3}
+TO_MPS: Mapping[str, float] = {
+    "m/s": 1.0,
+    "cm/s": 1e-2,
+    "mm/s": 1e-3,
+    "km/h": 1 / 3.6,
+    "ft/s": 0.3048,
+    "knots": 1852 / 3600,
+}
 PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
 
 

@@ -20,6 +20,7 @@ from usbldr.io.doctor import Examination
 from usbldr.io.log import Log
 from usbldr.io.map_origin import BESIDE_S, propose_origin
 from usbldr.io.readings import Verdict, convention
+from usbldr.io.slips import unit_or_scale
 from usbldr.io.topics import ROLES
 
 Line: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
@@ -130,15 +131,18 @@ def _topic(found: Examination, log: Log, role: str) -> list[Line]:
 
 def _dvl(found: Examination, log: Log) -> list[Line]:
     verdict = found.check.verdict if found.check else None
-    lines = [_convention(log, verdict, "dvl", "axes"), _as_read(log, "dvl", "unit")]
+    far = next((d.worst for d in found.diagnoses if d.code == "DVL-UNIT"), None)
+    key = unit_or_scale(log, far) if far is not None else ""
+    unit = (key, "CHECK: by the distances between fixes") if key.startswith("unit") else _as_read(log, "dvl", "unit")
+    lines = [_convention(log, verdict, "dvl", "axes"), unit]
     if verdict and clear_offset(verdict):
         said = f"fitted to the fixes, +-{max(verdict.offset_sd_deg, 0.1):.1f}; the heading may err instead (bias_deg)"
         lines.append((f"mount_deg = {wrapped(verdict.best.offset_deg):.1f}", said))
     else:
         lines.append(("mount_deg = 0.0", _no_offset(verdict)))
     c = found.check.calibration if found.check else None
-    if c and "DVL-UNIT" in {d.code for d in found.diagnoses}:
-        lines.append((f"scale_error = {c.scale:.4g}", f"CHECK: fits the fixes, +-{c.scale_sd:.3f}; another unit?"))
+    if far is not None and not key.startswith("unit"):
+        lines.append((key or "# unit = ?", f"CHECK: velocities are {far:.3g} times those between fixes"))
     elif c and clear_scale(c):
         lines.append((f"# scale_error = {c.scale:.3f}", f"fits the fixes, +-{c.scale_sd:.3f}; calibrate it before use"))
     else:

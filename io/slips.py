@@ -14,14 +14,14 @@ from usbldr.io.conventions import TO_MPS
 from usbldr.io.diagnosis import Diagnosis, diagnosis
 from usbldr.io.log import Log
 from usbldr.io.readings import CLEARLY, Source, Verdict, configuration_of, convention, judge, reread, topic_of
+from usbldr.io.sections import LEAST_SCALE, MOST_SCALE
 
 FAR_S = tuple(float(s) for s in range(-60, 61, 2) if abs(s) > 4)  # offsets of a clock, beyond the fixes' usual delays
 FAR_BETTER = 0.5  # another clock is claimed where less than this share of the residual is left
 MOVE_S = 60.0  # long enough for a vehicle to go further than its fixes scatter
 LEAST_MOVES = 10
 FAR_SCALE = 1.5  # times or parts: nearer to 1, turning and shifting tell the scale
-UNITS = {1.944: "knots", 3.281: "ft/s", 3.6: "km/h", 100.0: "cm/s", 1000.0: "mm/s"}  # of each in 1 m/s
-SURELY = 0.05  # that near to a unit's size it is this unit
+SURELY = 0.05  # that near to a unit's size it is this unit; they differ by a tenth and more
 LEAP_SECONDS = 18.0  # GPS time minus UTC since 2017
 
 
@@ -58,21 +58,24 @@ def _slower(timeline: Timeline, times: float) -> Timeline:
 
 
 def far_scale(log: Log, times: float, verdict: Verdict) -> list[Diagnosis]:
-    """Say that velocities are far from m/s, and as which unit they were taken, where one explains it."""
-    dvl, stated = topic_of(log, "dvl"), configuration_of(log).dvl
-    advice = f"scale_error = {(1 + stated.scale_error) * times - 1:.4g}"
-    unit, like = convention(log, "dvl", "unit"), ""
-    for size, name in UNITS.items():
-        for really, taken, ratio in ((name, "m/s", size), ("m/s", name, 1 / size)):
-            if abs(times / ratio - 1) < SURELY:
-                like = f", as if {really} were taken for {taken}"
-                free = really in TO_MPS and unit[0] == taken and unit[1] != "by column names"
-                advice = f'unit = "{really}"' if free else advice
+    """Say that velocities are far from m/s, and in which unit they are, where one explains it."""
+    dvl, read, key = topic_of(log, "dvl"), convention(log, "dvl", "unit")[0], unit_or_scale(log, times)
     text = (
-        f"{dvl}: reads {times:.3g} times the distance between fixes{like}; with that taken off, dead reckoning lies "
-        f"{verdict.best.residual_m:.2f} m rms from the fixes; state {advice} under [dvl]"
+        f"{dvl}: with velocities divided by {times:.3g}, dead reckoning lies {verdict.best.residual_m:.2f} m rms from "
+        f"the fixes, and far off as they were read ({read}); "
+        + (f"state {key} under [dvl]" if key else "no unit explains it: see how its driver writes them")
     )
     return [diagnosis("DVL-UNIT", text, dvl, None, times, "times")]
+
+
+def unit_or_scale(log: Log, times: float) -> str:
+    """Return the key that takes off what a DVL reads too much, its unit before its scale; empty for none."""
+    unit, who = convention(log, "dvl", "unit")
+    for name, mps in TO_MPS.items():
+        if who != "by column names" and abs(times * mps / TO_MPS[unit] - 1) < SURELY:
+            return f'unit = "{name}"'
+    scale = (1 + configuration_of(log).dvl.scale_error) * times - 1
+    return f"scale_error = {scale:.4g}" if LEAST_SCALE <= scale <= MOST_SCALE else ""
 
 
 def on_the_dvls_clock(

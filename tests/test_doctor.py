@@ -279,13 +279,14 @@ def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
     assert found["worst"] == pytest.approx(0.5)
 
 
-def in_radians(rows: list[Row]) -> list[Row]:
-    """Return the dive with plain headings clockwise from north, in radians, in place of the Imu."""
+def in_radians(rows: list[Row], times: float = 1.0) -> list[Row]:
+    """Return the dive with plain headings clockwise from north, in radians times a number, in place of the Imu."""
     told: list[Row] = []
     for ns, topic, kind, values in rows:
         if topic == "/imu":
             angle = 2 * np.arctan2(values["orientation.z"], values["orientation.w"])
-            told.append((ns, "/heading", "std_msgs/msg/Float64", {"data": float(np.mod(np.pi / 2 - angle, 2 * np.pi))}))
+            heading = times * float(np.mod(np.pi / 2 - angle, 2 * np.pi))
+            told.append((ns, "/heading", "std_msgs/msg/Float64", {"data": heading}))
         else:
             told.append((ns, topic, kind, values))
     return told
@@ -302,9 +303,44 @@ def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) 
     assert "HEADING-RADIANS" not in findings(log)
 
 
-@pytest.mark.parametrize(("times", "like"), [(1.944, "knots were taken for m/s"), (0.01, "m/s were taken for cm/s")])
+def test_a_csv_folder_of_radians_is_told_what_mends_it(tmp_path: Path) -> None:
+    """Of a column heading_deg the unit is settled, so that the column has to be named, too."""
+    folder = csv_dive(tmp_path / "dive", in_radians(dive()))
+
+    advice = str(findings(folder)["HEADING-RADIANS"]["text"]).partition("; state ")[2].removesuffix(" under [compass]")
+
+    (folder / "usbldr.toml").write_text("[compass]\n" + advice.replace(" and unit", "\nunit"))
+    mended = findings(folder)
+    assert {"HEADING-RADIANS", "KEY-UNUSED", "UNUSABLE"}.isdisjoint(mended)
+    assert abs(mended["HEADING-CHECKED"]["worst"]) < 1
+
+
+def csv_dive(folder: Path, rows: list[Row]) -> Path:
+    """Write a dive's velocities, headings and fixes as CSV files of our own columns, as they are numbered."""
+    dvl, compass, usbl = "time_ns,starboard_mps,forward_mps", "time_ns,heading_deg", "time_ns,east_m,north_m"
+    lines = {"/dvl": [dvl], "/heading": [compass], "/usbl": [usbl]}
+    for ns, topic, _, values in rows:
+        if topic not in lines:
+            continue
+        numbers = [value for name, value in values.items() if name.endswith((".x", ".y", "data"))]
+        told = [-numbers[1], numbers[0]] if topic == "/dvl" else numbers
+        lines[topic].append(",".join(map(str, (values.get("header.stamp", ns), *told))))
+    dvl, compass, usbl = ("\n".join(told) for told in lines.values())
+    return write_csv(folder, dvl=dvl, compass=compass, usbl=usbl)
+
+
+@pytest.mark.parametrize(
+    ("times", "advice"),
+    [
+        (1.944, 'state unit = "knots" under [dvl]'),
+        (3.281, 'state unit = "ft/s" under [dvl]'),
+        (3.6, 'state unit = "km/h" under [dvl]'),
+        (2.5, "state scale_error = 1.5"),
+        (0.01, "no unit explains it: see how its driver writes them"),
+    ],
+)
 def test_velocities_of_another_unit_are_told_by_the_fixes_and_hide_nothing_else(
-    tmp_path: Path, times: float, like: str
+    tmp_path: Path, times: float, advice: str
 ) -> None:
     rows = dive(gps=True, late_s=1.0, mount_deg=20.0)
     log = write_mcap(tmp_path / "dive.mcap", [faster(row, times) for row in rows])
@@ -313,7 +349,7 @@ def test_velocities_of_another_unit_are_told_by_the_fixes_and_hide_nothing_else(
 
     assert found["DVL-UNIT"]["level"] == "error"
     assert found["DVL-UNIT"]["worst"] == pytest.approx(times, rel=0.01)
-    assert like in found["DVL-UNIT"]["text"]
+    assert advice in found["DVL-UNIT"]["text"]
     assert set(found) - set(right) == {"DVL-UNIT"}
     assert found["DVL-MOUNT"]["worst"] == pytest.approx(right["DVL-MOUNT"]["worst"], abs=0.3)
     assert "[DVL-UNIT]" in replayed(log)
@@ -326,15 +362,39 @@ def test_the_unit_that_a_dvl_was_read_by_wrongly_is_named(tmp_path: Path) -> Non
     assert findings(log)["DVL-UNIT"]["text"].endswith('state unit = "m/s" under [dvl]')
 
 
-def test_init_takes_off_what_the_dvl_reads_too_much_and_asks_for_a_look(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", [faster(row, 1.944) for row in dive()])
-    drafted = tmp_path / "drafted.toml"
+@pytest.mark.parametrize(("times", "key", "value"), [(1.944, "unit", "knots"), (2.5, "scale_error", 1.5)])
+def test_init_takes_off_what_the_dvl_reads_too_much(tmp_path: Path, times: float, key: str, value: str | float) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", [faster(row, times) for row in dive()])
 
-    CliRunner().invoke(cli, ["init", str(log), "--output", str(drafted)], standalone_mode=False)
+    drafted = drafted_for(log)
+
+    stated = tomllib.loads(drafted.read_text())["dvl"][key]
+    assert stated == (value if isinstance(value, str) else pytest.approx(value, abs=0.03))
+    assert "DVL-UNIT" not in findings(log, "--config", str(drafted))
+
+
+def test_init_asks_for_a_look_where_no_key_could_take_it_off(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", [faster(row, 0.001) for row in dive()])
+
+    assert "CHECK: velocities are 0.001 times those between fixes" in drafted_for(log).read_text()
+
+
+def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
+    """Of a column forward_mps the unit is settled: stating another would change nothing."""
+    folder = csv_dive(tmp_path / "dive", [faster(row, 1.944) for row in in_radians(dive(), 180 / np.pi)])
+
+    drafted = drafted_for(folder)
 
     stated = tomllib.loads(drafted.read_text())["dvl"]["scale_error"]
-    assert stated == pytest.approx(0.944, abs=0.01)
-    assert "DVL-UNIT" not in findings(log, "--config", str(drafted))
+    assert f"state scale_error = {stated} under [dvl]" in findings(folder)["DVL-UNIT"]["text"]
+    assert stated == pytest.approx(0.944, abs=0.02)
+    assert {"DVL-UNIT", "KEY-UNUSED", "UNUSABLE"}.isdisjoint(findings(folder, "--config", str(drafted)))
+
+
+def drafted_for(log: Path) -> Path:
+    drafted = log.parent / "drafted.toml"
+    CliRunner().invoke(cli, ["init", str(log), "--output", str(drafted)], standalone_mode=False)
+    return drafted
 
 
 def test_fixes_that_stay_where_they_are_tell_no_unit(tmp_path: Path) -> None:
