@@ -28,6 +28,7 @@ PLAUSIBLE += [1e4, -1e4, 1e6, -1e6, 1e7]
 FIXED = "head = { east_m = 1.0, north_m = 2.0, heading_deg = 10.0 }"
 SHIP = "topic = '/ship/fix', heading_topic = '/ship/imu'"
 ALL_STATES = "states = ['scale', 'misalignment', 'heading', 'deviation', 'latency', 'usbl-bias']"
+STATES_OF = {"pf": ALL_STATES.replace(" 'heading', 'deviation',", "")}  # it samples the yaw
 START = "east_m = 0\nnorth_m = 0\nsd_m = 1"
 KEYS = {  # key -> lines that let it act; V is its value, for a key inside a table or an array
     "map.origin_lat_deg": "origin_lon_deg = 7.0",
@@ -146,9 +147,9 @@ def run(*arguments: str) -> Result:
 
 
 def replay_with(log: Path, values: Mapping[str, object], *options: str) -> Result:
-    file = log.with_name("settings.toml")
-    file.write_text(settings(values), encoding="utf-8")
-    target = str(log.with_name("run"))
+    file, target = log.with_name("settings.toml"), str(log.with_name("run"))
+    states = next((able for method, able in STATES_OF.items() if method in options), ALL_STATES)
+    file.write_text(settings(values).replace(ALL_STATES, states), encoding="utf-8")
     return run("replay", str(log), "--config", str(file), "--quiet", "--force", "--output", target, *options)
 
 
