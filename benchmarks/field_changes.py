@@ -89,6 +89,7 @@ def _ablations() -> Iterator[tuple[str, Change]]:
             yield f"without {key}", _without(key)
     as_assumed = {"LONGER": (1.0,), "MORE_OUTLIERS": (1.0,), "FURTHER": (1.0,), "WIDER": ()}
     yield "noise not asked of the log", Change(observing=as_assumed)
+    yield "DVL not heard for itself", Change(observing={"_heard": lambda line, assumptions: assumptions})
     yield "without guard", Change(options={"guard": False})
     yield "every state by its default", Change(after=_everything)
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)

@@ -110,9 +110,9 @@ class NoiseOfMembers:
         self.gain = np.stack([noise.cov[:, 0, 0] for noise in one], axis=1) - self.offset
 
     def modes(self, R: Array) -> Noise:
-        """Return every member's modes for the nominal covariance R, (k, k)."""
-        eye = np.eye(len(R))[:, :, None]
-        return Noise(self.shares, self.gain[:, None, None] * R[:, :, None] + self.offset[:, None, None] * eye)
+        """Return every member's modes for the nominal covariance R, (k, k), or (k, k, N) where each has its own."""
+        eye, of_each = np.eye(len(R))[:, :, None], R.reshape(*R.shape[:2], -1)
+        return Noise(self.shares, self.gain[:, None, None] * of_each + self.offset[:, None, None] * eye)
 
 
 def chi_square_quantile(probability: float, dof: float) -> float:

@@ -4,8 +4,9 @@ One pass over the fixes (fix_noise.py) with all states tells how far each is nar
 assumed is left out. The predictive likelihood of the readings settles what a sigma cannot tell: what share of their
 stated variance neighbouring fixes have in common, for how long they err alike, how many are outliers, whether their
 stamps may be trusted to the third of a second, and whether dead reckoning reckons at all: without bottom lock, or with
-the wrong mounting or heading, it does not, and a filter that trusts it takes the fixes for outliers. Each stays as
-assumed unless the log speaks strongly against it.
+the wrong mounting or heading, it does not, and a filter that trusts it takes the fixes for outliers. Before all that
+the DVL is heard for itself (velocity_noise.py): how much its records scatter, and how fast the vehicle changes its
+velocity. Each stays as assumed unless the log speaks strongly against it.
 
 R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(430), 1995, doi:10.2307/2291091, call
 20 strong. Misalignment of the DVL is left to the user: on the track it does what a bias of the heading does.
@@ -24,7 +25,9 @@ from usbldr.filters.assumptions import DRIFT, Assumptions, Observed, Settled
 from usbldr.filters.calibration import NARROWED, STATES, prior_sd
 from usbldr.filters.fix_noise import fix_likelihoods, fix_log
 from usbldr.filters.noise import Contamination
+from usbldr.filters.tuning import hear
 from usbldr.filters.types import Timeline, Vector
+from usbldr.filters.velocity_noise import velocity_likelihoods
 
 CANDIDATES = ("scale", "heading", "deviation", "latency", "usbl-bias")
 WIDE_LATENCY_S = 1.0  # of stamps that are not to be trusted
@@ -52,12 +55,13 @@ def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
     """Return the assumptions with the states that the log can tell, and with the noise that it speaks strongly for.
 
     Their field ``observed`` says how far each state was narrowed, ``settled`` which numbers of the noise are other than
-    assumed. A log without fixes tells nothing. Raises LogError where nothing tells where it starts.
+    assumed. A log without fixes tells no state. Raises LogError where nothing tells where it starts.
     """
+    heard = _heard(timeline, assumptions)
     if not len(timeline.fix_time_s):
         nothing = tuple(Observed(key, 1.0, "not observable") for key in CANDIDATES)
-        return replace(assumptions, calibrate=(), observed=nothing)
-    every = replace(assumptions, calibrate=CANDIDATES)
+        return replace(heard, calibrate=(), observed=nothing, settled=_changed(assumptions, heard))
+    every = replace(heard, calibrate=CANDIDATES)
     sd_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
     settled = _shared(every, every, sd_m, SHARED[len(SHARED) // 2], every.errors.latency_s)
     latency_s = fix_likelihoods(fix_log(timeline, settled), [settled]).latency_s  # linearised once more about it
@@ -78,6 +82,15 @@ def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
     return replace(settled, calibrate=kept, observed=tuple(observed), settled=_changed(assumptions, settled))
 
 
+def _heard(timeline: Timeline, given: Assumptions) -> Assumptions:
+    """Return the assumptions with the noise that the DVL's records tell of themselves, where they speak strongly."""
+    tuned = hear(timeline, given).assumptions
+    told = replace(tuned, tuned=given.tuned)
+    departs = sum(one.told for one in tuned.tuned)
+    before, after = velocity_likelihoods(timeline, [given, told])
+    return told if after - before > STRONG * departs else given
+
+
 def _best(among: Sequence[_Choice], log_likelihood: Vector) -> int:
     """Return which choice the log speaks for; drift is none where it speaks strongly for wider fixes instead."""
     spoken = log_likelihood - STRONG * np.array([choice.departs for choice in among])
@@ -91,6 +104,8 @@ def _best(among: Sequence[_Choice], log_likelihood: Vector) -> int:
 def _changed(given: Assumptions, settled: Assumptions) -> tuple[Settled, ...]:
     """Tell which numbers of the noise are no longer as they were."""
     numbers = {
+        "dvl_sd_scale": attrgetter("dvl_sd_scale"),
+        "velocity_walk_mps": attrgetter("process.velocity_mps"),
         "usbl_sd_scale": attrgetter("usbl_sd_scale"),
         "usbl_bias_sd_m": attrgetter("errors.usbl_bias_m"),
         "usbl_bias_time_s": attrgetter("errors.usbl_bias_s"),

@@ -85,7 +85,7 @@ def tune(timeline: Timeline, assumptions: Assumptions) -> Tuning:
 
     A log without fixes tells of the DVL alone. Raises LogError where there is nothing to start from.
     """
-    heard = _hear(timeline, assumptions)
+    heard = hear(timeline, assumptions)
     if not len(timeline.fix_time_s):
         return heard
     log = fix_log(timeline, heard.assumptions)
@@ -95,8 +95,8 @@ def tune(timeline: Timeline, assumptions: Assumptions) -> Tuning:
     return Tuning(seen.assumptions, heard.passes + seen.passes, heard.converged and seen.converged)
 
 
-def _hear(timeline: Timeline, given: Assumptions) -> Tuning:
-    """Ask the DVL's records, whose sigma may grow but not shrink."""
+def hear(timeline: Timeline, given: Assumptions) -> Tuning:
+    """Return the assumptions that explain the DVL's own records best; their sigma may grow but not shrink."""
 
     def ask(among: Sequence[Parameter]) -> Tuning:
         return _search(lambda members: velocity_likelihoods(timeline, members), given, among)

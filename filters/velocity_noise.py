@@ -12,26 +12,42 @@ from usbldr.filters.assumptions import UNKNOWN_START, Assumptions
 from usbldr.filters.bank import Gaussians, Projection
 from usbldr.filters.noise import NoiseOfMembers
 from usbldr.filters.policies import collapse
-from usbldr.filters.types import Timeline, Vector
+from usbldr.filters.types import Indices, Timeline, Vector
 
-MOST_RECORDS = 3000  # they tell both numbers to about 2 %
+STRETCH = 300  # records that follow each other, a minute at 5 Hz
+MOST_STRETCHES = 60  # spread over the log: an hour at 5 Hz is heard whole
 
 
 def velocity_likelihoods(timeline: Timeline, members: Sequence[Assumptions]) -> Vector:
-    """Return the predictive log likelihood of the first DVL records, both axes, for each of N members, (N,)."""
+    """Return the predictive log likelihood of DVL records, both axes, for each of N members, (N,).
+
+    The log is heard in stretches of equal length that know nothing of each other, all at once.
+    """
     N = len(members)
-    twice = (*members, *members)  # the bank holds starboard, then forward
-    noise = NoiseOfMembers([member.dvl for member in twice], [member.dvl_sd_scale for member in twice])
-    walk = np.array([member.process.velocity_mps for member in twice]) ** 2
-    heard = np.flatnonzero(timeline.dvl_count)[:MOST_RECORDS]
-    R = timeline.dvl_sd_mps[heard] ** 2 / timeline.dvl_count[heard]
-    dt_s = np.diff(timeline.time_s[heard], prepend=timeline.time_s[heard[:1]])
-    z = np.repeat(timeline.dvl_mps[heard], N, axis=1)  # (records, 2 N)
-    bank = Gaussians(z[:1], np.full((1, 1, 2 * N), UNKNOWN_START.sd_mps**2), np.zeros(2 * N))
-    total = np.zeros(2 * N)
-    for k in range(1, len(heard)):
-        P = bank.cov + walk * dt_s[k]
+    rows = _stretches(np.flatnonzero(timeline.dvl_count))
+    count, length = rows.shape
+    if length < 2:
+        return np.zeros(N)
+    series = 2 * count  # starboard of each stretch, then forward; the bank holds each for all members
+    noise = NoiseOfMembers([member.dvl for member in members] * series, [m.dvl_sd_scale for m in members] * series)
+    walk = np.tile(np.array([member.process.velocity_mps for member in members]) ** 2, series)
+    z = np.repeat(timeline.dvl_mps[rows].transpose(1, 2, 0).reshape(length, series), N, axis=1)
+    R = np.repeat(np.tile((timeline.dvl_sd_mps[rows] ** 2 / timeline.dvl_count[rows]).T, 2), N, axis=1)
+    dt_s = np.repeat(np.tile(np.diff(timeline.time_s[rows], axis=1).T, 2), N, axis=1)
+    bank = Gaussians(z[:1], np.full((1, 1, series * N), UNKNOWN_START.sd_mps**2), np.zeros(series * N))
+    total = np.zeros(series * N)
+    for k in range(1, length):
+        P = bank.cov + walk * dt_s[k - 1]
         seen = Projection(z[k : k + 1] - bank.mean, P, P)
-        bank, log_l, *_ = collapse(bank._replace(cov=P), seen, noise.modes(R[k : k + 1, None]), 0)
+        bank, log_l, *_ = collapse(bank._replace(cov=P), seen, noise.modes(R[k][None, None]), 0)
         total += log_l
-    return total[:N] + total[N:]
+    told: Vector = total.reshape(series, N).sum(axis=0)
+    return told
+
+
+def _stretches(heard: Indices) -> Indices:
+    """Return the rows of each stretch, (stretches, records): evenly spread, as many as there are, up to the most."""
+    length = min(len(heard), STRETCH)
+    count = min(len(heard) // STRETCH or 1, MOST_STRETCHES)
+    first = np.linspace(0, len(heard) - length, count).astype(np.intp)
+    return heard[first[:, None] + np.arange(length)]

@@ -32,6 +32,8 @@ from usbldr.io.scenario_library import find_scenario
 from usbldr.io.timeline import timeline
 from usbldr_cli.comparison import Row
 from usbldr_cli.unit_store import Outcome, Store, Trace
+from weaving import Faults
+from weaving import dive as weaving_dive
 
 SHOWN = [case for case in CASES.values() if not case.held_back]
 
@@ -220,6 +222,16 @@ def test_noise_that_is_not_asked_of_the_log_has_one_story_alone() -> None:
         stories = observability._wanderings(Assumptions(), Assumptions(), 1.0)
 
     assert stories == [observability._Choice(Assumptions())]
+
+
+def test_a_dvl_that_is_not_heard_for_itself_keeps_what_it_states() -> None:
+    line = weaving_dive(Faults())
+    boasting = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
+    with constants(observability, ABLATIONS["DVL not heard for itself"].observing):
+        deaf = observability.observe(boasting, Assumptions())
+
+    assert (deaf.dvl_sd_scale, deaf.process) == (1.0, ProcessNoise())
+    assert observability.observe(boasting, Assumptions()).dvl_sd_scale > 1
 
 
 def test_a_constant_is_another_only_for_a_while() -> None:

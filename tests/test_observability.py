@@ -26,7 +26,7 @@ def test_on_a_weaving_dive_every_constant_error_is_observable_even_where_it_is_0
     assert verdicts(told) == {**dict.fromkeys(CANDIDATES, "observable"), "usbl-bias": "not observable"}
     assert told.calibrate == ("scale", "heading", "deviation", "latency")
     assert told.usbl_sd_scale == 1.0
-    assert told.process == ASSUMED.process
+    assert told.process == replace(ASSUMED.process, velocity_mps=told.process.velocity_mps)
 
 
 def test_a_straight_dive_at_constant_speed_tells_scale_and_heading_alone() -> None:
@@ -90,6 +90,52 @@ def test_without_fixes_nothing_is_told() -> None:
 
     assert told.calibrate == ()
     assert set(verdicts(told).values()) == {"not observable"}
+
+
+def scattering(line: Timeline, sd_mps: float, walk_mps: float = 0.02) -> Timeline:
+    """Return the dive with velocities that walk by so much in a second and scatter so far, whatever they state."""
+    rng = np.random.default_rng(6)
+    walk = np.cumsum(walk_mps * np.sqrt(0.2) * rng.standard_normal((len(line.time_s), 2)), axis=0)
+    return replace(line, dvl_mps=walk + sd_mps * rng.standard_normal(walk.shape))
+
+
+@pytest.mark.parametrize("fixes", [True, False])
+def test_records_that_scatter_more_than_they_state_are_trusted_less(fixes: bool) -> None:
+    """Some 2000 records of two axes tell a sigma to 2 %."""
+    line = dive(Faults()) if fixes else dive(Faults()).with_fixes(np.arange(0))
+
+    told = observe(scattering(line, 3.0 * float(line.dvl_sd_mps[0])), ASSUMED)
+
+    assert told.dvl_sd_scale == pytest.approx(3.0, rel=0.06)
+    assert ("dvl_sd_scale", 1.0, told.dvl_sd_scale) in told.settled
+    assert told.tuned == ()
+
+
+def test_records_that_scatter_less_than_they_state_are_trusted_no_more() -> None:
+    line = dive(Faults())
+
+    assert observe(scattering(line, 0.3 * float(line.dvl_sd_mps[0])), ASSUMED).dvl_sd_scale == 1.0
+
+
+def test_how_fast_a_vehicle_changes_its_velocity_is_heard_where_it_is_not_as_assumed() -> None:
+    line = dive(Faults())
+    sd_mps = float(line.dvl_sd_mps[0])
+
+    calm, usual = (observe(scattering(line, sd_mps, walk_mps), ASSUMED) for walk_mps in (0.002, 0.02))
+
+    assert calm.process.velocity_mps == pytest.approx(0.002, rel=0.5)
+    assert ("velocity_walk_mps", 0.02, calm.process.velocity_mps) in calm.settled
+    assert usual.process == ASSUMED.process
+    assert usual.settled == ()
+
+
+def test_a_few_records_change_nothing() -> None:
+    line = dive(Faults())
+    line = scattering(line, 1.5 * float(line.dvl_sd_mps[0]))
+    few = replace(line, dvl_count=np.where(np.arange(len(line.time_s)) < 4, line.dvl_count, 0))
+
+    assert observe(few, ASSUMED).dvl_sd_scale == 1.0
+    assert observe(line, ASSUMED).dvl_sd_scale > 1.4
 
 
 def test_fixes_that_err_alike_for_long_are_taken_for_such_and_the_run_says_so() -> None:

@@ -82,6 +82,35 @@ def test_velocities_are_as_likely_as_their_joint_normal_density() -> None:
         assert log_l == pytest.approx(log_density(z[:, 0], cov) + log_density(z[:, 1], cov), rel=1e-9)
 
 
+def test_stretches_of_a_log_are_as_likely_as_each_by_itself() -> None:
+    """1001 records are three stretches of 300, spread evenly; each has its own sigma and its own gap."""
+    line = parked(count=50)
+    t = line.time_s + np.where(line.time_s > 100.0, 7.3, 0.0)
+    line = replace(line, time_s=t, dvl_sd_mps=0.05 + 0.0001 * np.arange(len(t)))
+
+    found = velocity_likelihoods(line, [PLAIN])
+
+    expected = 0.0
+    for first in (0, 350, 701):
+        alone = slice(first, first + 300)
+        z, since = line.dvl_mps[alone][1:] - line.dvl_mps[first], t[alone][1:] - t[first]
+        cov = 0.5**2 + 0.02**2 * np.minimum.outer(since, since) + np.diag(line.dvl_sd_mps[alone][1:] ** 2)
+        expected += log_density(z[:, 0], cov) + log_density(z[:, 1], cov)
+    assert found == pytest.approx([expected], rel=1e-9)
+
+
+def test_a_vehicle_that_rests_for_ten_minutes_and_then_moves_is_heard_as_it_moves() -> None:
+    rng = np.random.default_rng(4)
+    line = parked(count=450)  # half an hour
+    walk = np.cumsum(0.05 * np.sqrt(0.2) * rng.standard_normal((len(line.time_s), 2)), axis=0)
+    walk = np.where(line.time_s[:, None] < 600.0, 0.0, walk - walk[3000])
+    moving = replace(line, dvl_mps=walk + 0.05 * rng.standard_normal(walk.shape)).with_fixes(np.arange(0))
+
+    found = by_name(tune(moving, PLAIN).assumptions)["velocity_walk_mps"]
+
+    assert found.after == pytest.approx(0.05 * math.sqrt(2 / 3), rel=0.15)  # in the mean square
+
+
 def test_fixes_at_rest_are_as_likely_as_their_joint_normal_density() -> None:
     line = replace(parked(count=20), dvl_sd_mps=np.zeros(4 * 20 * 5 + 1))
     calm = ProcessNoise(position_m=0.1, velocity_mps=0.0)
