@@ -17,7 +17,7 @@ from field_changes import ABLATIONS, CHANGES, SENSITIVITY, constants
 from field_figures import nees_over_time
 from field_logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
 from field_plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
-from field_runs import refusals
+from field_runs import refusals, run_task
 from paper_runs import Way
 from usbldr.filters import observability, start
 from usbldr.filters.assumptions import Assumptions, ProcessNoise
@@ -232,6 +232,19 @@ def test_a_dvl_that_is_not_heard_for_itself_keeps_what_it_states() -> None:
 
     assert (deaf.dvl_sd_scale, deaf.process) == (1.0, ProcessNoise())
     assert observability.observe(boasting, Assumptions()).dvl_sd_scale > 1
+
+
+def test_where_fixes_are_rare_the_dvls_own_records_keep_the_track(tmp_path: Path) -> None:
+    """A dive of the paper by one fix in 60 s; a DVL that is trusted as it states makes outliers of true fixes."""
+    cell = Cell("paper", BEST, "one fix in 60 s")
+
+    (heard,) = run_task(cell, 3, tmp_path, tmp_path)
+    with constants(observability, ABLATIONS["DVL not heard for itself"].observing):
+        (deaf,) = run_task(cell, 3, tmp_path, tmp_path)
+
+    assert heard.metrics["mean_horizontal_m"] < 0.3 * deaf.metrics["mean_horizontal_m"]
+    assert heard.metrics["refused_in_a_row"] <= 2
+    assert deaf.metrics["refused_in_a_row"] > 10
 
 
 def test_a_constant_is_another_only_for_a_while() -> None:
