@@ -202,3 +202,16 @@ def test_more_process_noise_gives_a_wider_band() -> None:
     assert quiet.position_cov_m2 is not None
     assert loud.position_cov_m2 is not None
     assert loud.position_cov_m2[-1, 0, 0] > quiet.position_cov_m2[-1, 0, 0]
+
+
+@pytest.mark.parametrize("stage", ["prior", "smooth"])
+def test_a_covariance_that_breaks_down_at_any_stage_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, stage: str
+) -> None:
+    def breaks_down(*_: object) -> None:
+        np.linalg.cholesky(np.zeros((2, 2)))
+
+    monkeypatch.setattr(f"usbldr.filters.run.{stage}", breaks_down)
+
+    with pytest.raises(LogError, match=r"^adf: a covariance grew beyond what numbers can hold apart"):
+        run("adf", timeline(), Assumptions(), Settings(smooth=True))
