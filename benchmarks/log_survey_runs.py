@@ -44,7 +44,9 @@ class Said(NamedTuple):
 
     @property
     def fault(self) -> str:
-        """The sentence that it ended with, "" if it did not."""
+        """The sentence that it ended with, "" if it did not: what comes with a good run are warnings."""
+        if self.code == 0:
+            return ""
         lines = [line for line in self.err.splitlines() if line.startswith("usbldr: ") and not TOLD.search(line)]
         return lines[-1].removeprefix("usbldr: ") if lines else ""
 

@@ -71,8 +71,11 @@ class Run:
         """Return what the filter and its evaluation had to warn of."""
         report = self.scored.report
         judged = () if report is None else report.warnings
-        if report is not None and not self.log.assumptions.calibrate and _too_sure(report):
+        known = self.log.assumptions
+        if report is not None and not known.calibrate and _too_sure(report):
             hint = "--calibrate auto estimates those errors of the sensors that the log can tell"
+            if known.observed:
+                hint = "no error of a sensor that it could estimate shows in the log; see usbldr doctor for others"
             judged = (*judged, f"{self.filter} claims to know its place far better than it does: {hint}")
         return self.scored.trajectory.warnings + judged
 

@@ -26,6 +26,13 @@ def test_a_fault_is_the_last_sentence_that_is_no_finding() -> None:
     assert Said("replay", "", 0, "adf 1 m", err.splitlines()[0]).fault == ""
 
 
+def test_a_warning_of_a_good_run_is_no_fault() -> None:
+    warned = Said("replay", "", 0, "adf 1 m", "usbldr: adf: 12 of 20 USBL fixes look like outliers\n")
+
+    assert warned.fault == ""
+    assert tables.matter(warned, Surveyed("d.mcap")) == "adf 1 m"
+
+
 @pytest.mark.parametrize(
     ("code", "err", "broke"),
     [(3, "usbldr: no log", False), (1, "", False), (1, "Traceback (most recent call last):", True), (-11, "", True)],

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from usbldr.filters import baselines
+from usbldr.filters.assumptions import Observed
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation import Window, evaluate
 from usbldr.filters.metrics import METRICS
@@ -81,6 +82,21 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
     assert sorted(path.name for path in out.iterdir()) == ["fixes.csv", "report.json", "report.md", "track_5hz.csv"]
     assert read_strictly(out / "report.json")["metrics"] is None
     assert "no truth in paper" in (out / "report.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("observed", "hint"), [((), "--calibrate auto"), ((Observed("scale", 1.0, "not observable"),), "usbldr doctor")]
+)
+def test_a_filter_that_is_far_too_sure_is_told_to_ask_what_was_not_asked_yet(
+    observed: tuple[Observed, ...], hint: str
+) -> None:
+    assert CKF.cov is not None
+    log = dataclasses.replace(LOG, assumptions=dataclasses.replace(LOG.assumptions, calibrate=(), observed=observed))
+
+    (said,) = Run(log, TIMELINE, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
+
+    assert said.startswith("ckf claims to know its place far better than it does")
+    assert hint in said
 
 
 def test_report_json_is_strict_and_names_every_metric(tmp_path: Path) -> None:
