@@ -21,7 +21,7 @@ FAR_BETTER = 0.5  # another clock is claimed where less than this share of the r
 MOVE_S = 60.0  # long enough for a vehicle to go further than its fixes scatter
 LEAST_MOVES = 10
 FAR_SCALE = 1.5  # times or parts: nearer to 1, turning and shifting tell the scale
-SURELY = 0.05  # that near to a unit's size it is this unit; they differ by a tenth and more
+SURELY = 0.05  # that near to a unit's size it is this unit
 LEAP_SECONDS = 18.0  # GPS time minus UTC since 2017
 
 
@@ -71,9 +71,10 @@ def far_scale(log: Log, times: float, verdict: Verdict) -> list[Diagnosis]:
 def unit_or_scale(log: Log, times: float) -> str:
     """Return the key that takes off what a DVL reads too much, its unit before its scale; empty for none."""
     unit, who = convention(log, "dvl", "unit")
-    for name, mps in TO_MPS.items():
-        if who != "by column names" and abs(times * mps / TO_MPS[unit] - 1) < SURELY:
-            return f'unit = "{name}"'
+    off = {name: abs(times * mps / TO_MPS[unit] - 1) for name, mps in TO_MPS.items()}
+    nearest = min(off, key=lambda name: off[name])
+    if off[nearest] < SURELY and who != "by column names":
+        return f'unit = "{nearest}"'
     scale = (1 + configuration_of(log).dvl.scale_error) * times - 1
     return f"scale_error = {scale:.4g}" if LEAST_SCALE <= scale <= MOST_SCALE else ""
 

@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 from dives import SECOND, T0, Row, fix, point, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.read import Request, read_log
+from usbldr.io.slips import unit_or_scale
 from usbldr_cli.main import cli
 
 LAT, LON = 45.0, 7.0
@@ -389,6 +390,13 @@ def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
     assert f"state scale_error = {stated} under [dvl]" in findings(folder)["DVL-UNIT"]["text"]
     assert stated == pytest.approx(0.944, abs=0.02)
     assert {"DVL-UNIT", "KEY-UNUSED", "UNUSABLE"}.isdisjoint(findings(folder, "--config", str(drafted)))
+
+
+@pytest.mark.parametrize(("times", "unit"), [(3.41, "ft/s"), (3.425, "ft/s"), (3.47, "km/h")])
+def test_of_two_units_that_are_near_the_nearest_is_named(tmp_path: Path, times: float, unit: str) -> None:
+    log = read_log(write_mcap(tmp_path / "dive.mcap", dive()))
+
+    assert unit_or_scale(log, times) == f'unit = "{unit}"'
 
 
 def drafted_for(log: Path) -> Path:
