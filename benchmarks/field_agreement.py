@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from field_logs import Dive
-from usbldr.filters.alignment import fit_rigid
-from usbldr.filters.baselines import at_times, displacement_m, velocity_mps
+from usbldr.filters.evaluation.alignment import fit_rigid
+from usbldr.filters.replay.dead_reckoning import at_times, displacement_m, velocity_mps
 from usbldr.filters.types import Array, Timeline, Vector
 
 OVER_S = 60.0  # long enough for moves well above the noise of both

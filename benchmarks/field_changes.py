@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from field_logs import cut, stamped_at_arrival, thinned
-from usbldr.filters import observability
-from usbldr.filters.assumptions import UNKNOWN_START, Assumptions, Start
-from usbldr.filters.baselines import carried_back, start_from
-from usbldr.filters.calibration import STATES
+from usbldr.filters.identification import observability
+from usbldr.filters.models.calibration import STATES
+from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions, Start
+from usbldr.filters.replay.dead_reckoning import carried_back, start_from
 from usbldr.filters.types import Timeline
 
 HALF, TWICE = "half", "twice"

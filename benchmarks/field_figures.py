@@ -16,18 +16,18 @@ from field_logs import CASES, Case, dive, truth_for
 from field_plan import AUTO, BEST, GATED, Cell, Rows, online
 from field_runs import told_to_the_filter
 from paper_runs import Way
-from usbldr.filters.consistency import DOF, nees
-from usbldr.filters.evaluation import evaluate
-from usbldr.filters.methods import anchor_at, track
-from usbldr.filters.noise import chi_square_quantile
+from usbldr.filters.evaluation.consistency import DOF, nees
+from usbldr.filters.evaluation.evaluation import evaluate
+from usbldr.filters.models.noise import chi_square_quantile
+from usbldr.filters.replay.methods import anchor_at, track
 from usbldr.filters.types import Vector
-from usbldr.io.reports import Run, Scored
-from usbldr_cli.calibration_figure import calibration_figure
-from usbldr_cli.canvas import Axes, Figure, colour, in_style, legend_below, titled
-from usbldr_cli.figures import error_figure
-from usbldr_cli.health_figures import innovation_figure
-from usbldr_cli.track_figure import track_figure
-from usbldr_cli.unit_store import read_trace
+from usbldr.io.reports.report_json import Run, Scored
+from usbldr_cli.figures.calibration import calibration_figure
+from usbldr_cli.figures.health import innovation_figure
+from usbldr_cli.figures.run_figures import error_figure
+from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, titled
+from usbldr_cli.figures.track import track_figure
+from usbldr_cli.runs.job_store import read_trace
 
 RUN_PICTURES: Mapping[str, Callable[[Run], Figure | None]] = {
     "track": track_figure,

@@ -7,9 +7,9 @@ from typing import NamedTuple
 from field_logs import Case
 from field_plan import BEST, GATED, ONLINE, Rows, online, thinned_names
 from paper_runs import Way
-from usbldr.io.summary import Table
-from usbldr_cli.compare_tables import piped
-from usbldr_cli.comparison import Row
+from usbldr.io.reports.report_text import Table
+from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.tables.compare_table import piped
 
 HORIZONTAL, NEES = "mean_horizontal_m", "nees_mean"
 SMOOTHED = replace(BEST, smooth=True)

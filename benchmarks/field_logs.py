@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.alignment import fit_rigid
-from usbldr.filters.assumptions import Assumptions
 from usbldr.filters.errors import LogError
-from usbldr.filters.evaluation import WHOLE, Window
+from usbldr.filters.evaluation.alignment import fit_rigid
+from usbldr.filters.evaluation.evaluation import WHOLE, Window
+from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Outage, Timeline, Truth
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
-from usbldr.io.scenario import simulated_log
-from usbldr.io.scenario_library import find_scenario
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 
 HERE = Path(__file__).resolve().parent

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 from field_changes import ABLATIONS, SENSITIVITY, THINNED_S
 from field_logs import Case
 from paper_runs import Way
-from usbldr_cli.comparison import Row
+from usbldr_cli.runs.seed_table import Row
 
 AUTO = "auto"
 GATED = Way("ekf", gate=0.99)

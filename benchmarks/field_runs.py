@@ -18,19 +18,20 @@ from field_changes import CHANGES, constants
 from field_logs import CASES, Case, Dive, dive, truth_for
 from field_plan import Cell, Plan, Rows
 from paper_runs import Way
-from usbldr.filters import observability, start
-from usbldr.filters.assumptions import Assumptions
-from usbldr.filters.calibration import found
-from usbldr.filters.consistency import worst_fate
 from usbldr.filters.errors import UsbldrError
-from usbldr.filters.evaluation import evaluate
-from usbldr.filters.methods import anchor_at, track
-from usbldr.filters.run import SAMPLED
+from usbldr.filters.evaluation.consistency import worst_fate
+from usbldr.filters.evaluation.evaluation import evaluate
+from usbldr.filters.identification import observability
+from usbldr.filters.models.calibration import found
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.replay import prior
+from usbldr.filters.replay.methods import anchor_at, track
+from usbldr.filters.replay.run import SAMPLED
 from usbldr.filters.types import Timeline, Trajectory
-from usbldr_cli.comparison import Row
-from usbldr_cli.run_options import RunChoices
-from usbldr_cli.unit_store import Judged, Outcome, Store, Trace
-from usbldr_cli.units import THREADS, fitted
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.job_store import Judged, Outcome, Store, Trace
+from usbldr_cli.runs.jobs import THREADS, fitted
+from usbldr_cli.runs.seed_table import Row
 
 VERDICTS = ("observable", "only in turns", "not observable")
 
@@ -70,7 +71,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[Outcome]:
         if all(kept):
             return [one for one in kept if one is not None]
         anchor = anchor_at("start", line, assumptions, None)
-        with constants(start, CHANGES[cell.change].starting):
+        with constants(prior, CHANGES[cell.change].starting):
             made = track(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor)
         return [
             Store(store).write(name, *_judged(case, k, made, given, line, assumptions)) for k, name in enumerate(names)
@@ -84,7 +85,7 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
     change = CHANGES[cell.change]
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
-    with constants(observability, change.observing), constants(start, change.starting):
+    with constants(observability, change.observing), constants(prior, change.starting):
         assumptions = _choices(cell, seed).applied(before, line, cell.way.method).assumptions
     return line, change.after(assumptions, line)
 
@@ -147,7 +148,7 @@ def _code() -> bytes:
     import usbldr.filters
 
     files = [
-        *sorted(Path(str(usbldr.filters.__file__)).parent.glob("*.py")),
+        *sorted(Path(str(usbldr.filters.__file__)).parent.rglob("*.py")),
         *sorted(Path(__file__).parent.glob("field_[lr]*.py")),
     ]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()

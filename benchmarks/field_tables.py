@@ -17,12 +17,12 @@ from field_plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_name
 from field_runs import VERDICTS
 from paper_runs import Way
 from paper_tables import times
-from usbldr.filters.calibration import BORDER, STATES
-from usbldr.filters.observability import CANDIDATES
-from usbldr.io.summary import Table
-from usbldr_cli.compare_tables import piped
-from usbldr_cli.comparison import Row, difference, trust
-from usbldr_cli.unit_store import read_trace
+from usbldr.filters.identification.observability import CANDIDATES
+from usbldr.filters.models.calibration import BORDER, STATES
+from usbldr.io.reports.report_text import Table
+from usbldr_cli.runs.job_store import read_trace
+from usbldr_cli.runs.seed_table import Row, difference, trust
+from usbldr_cli.tables.compare_table import piped
 
 NO_CHANGE = "·"  # the log does not use what was changed
 TOLD = {"none": "none", AUTO: "auto"}

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from log_expected import Value
-from usbldr.filters.alignment import Alignment, fit_rigid
-from usbldr.filters.baselines import displacement_m
 from usbldr.filters.errors import LogError
+from usbldr.filters.evaluation.alignment import Alignment, fit_rigid
+from usbldr.filters.replay.dead_reckoning import displacement_m
 from usbldr.filters.types import Array, Timeline, Truth, Vector
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log

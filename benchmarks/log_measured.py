@@ -30,9 +30,9 @@ from log_errors import (
     turn_deg,
 )
 from log_expected import OURS
+from usbldr.io.formats.mcap_log import McapLog
 from usbldr.io.geodesy import to_geodetic, to_plane
 from usbldr.io.log import Log, Origin
-from usbldr.io.mcap_log import McapLog
 from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from field_logs import CASES, HERE
-from usbldr_cli.units import THREADS
+from usbldr_cli.runs.jobs import THREADS
 
 CALL = "from usbldr_cli.main import main; main()"
 FINDING = re.compile(r"^(error|warning|info) +([A-Z][A-Z-]+): (.*)$", re.MULTILINE)

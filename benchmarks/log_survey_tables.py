@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from log_survey_runs import SECTION, TOLD, Said, Surveyed
-from usbldr.io.summary import Table
-from usbldr_cli.compare_tables import piped
+from usbldr.io.reports.report_text import Table
+from usbldr_cli.tables.compare_table import piped
 
 LEVELS = ("error", "warning", "info")
 UIB, STPERE = "uib_field/uib_field.mcap", "stpere_marina/stpere_marina.mcap"

@@ -20,9 +20,9 @@ from paper_bounds import Limits, limits
 from paper_figures import write_figures
 from paper_runs import STATES, Rows, Way, plan, run_plan, write_sweeps
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.scenario_library import find_scenario
-from usbldr_cli.comparison import difference
-from usbldr_cli.unit_store import write_whole
+from usbldr.io.scenarios.library import find_scenario
+from usbldr_cli.runs.job_store import write_whole
+from usbldr_cli.runs.seed_table import difference
 
 ROOT = Path(__file__).resolve().parents[1]
 BOUND_DIVES = 16  # over which the bound is averaged: from dive to dive it differs by some 3 %

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from usbldr.filters.calibration import layout_for
-from usbldr.filters.dive_bounds import dive_bounds
-from usbldr.filters.scenarios import Scenario
-from usbldr.filters.simulation import simulate
+from usbldr.filters.bounds.dive_bounds import dive_bounds
+from usbldr.filters.models.calibration import layout_for
+from usbldr.filters.simulation.scenario import Scenario
+from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Array, Vector
-from usbldr.io.scenario import simulated_log
+from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 
 OF_SIGMA = math.sqrt(2 / math.pi)  # the mean |error| of a Gaussian

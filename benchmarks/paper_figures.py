@@ -11,19 +11,19 @@ from PIL import Image
 
 from paper_bounds import OF_SIGMA, Limits
 from paper_runs import COUNTS, GATED, SHARES, SWEPT, Rows, Way, few, shared
-from usbldr.filters.calibration import Found, found
-from usbldr.filters.consistency import CONFIDENCE, DOF, nees
-from usbldr.filters.ensemble import average
-from usbldr.filters.noise import chi_square_quantile
-from usbldr.filters.run import Settings, run
+from usbldr.filters.evaluation.consistency import CONFIDENCE, DOF, nees
+from usbldr.filters.evaluation.seed_statistics import average
+from usbldr.filters.models.calibration import Found, found
+from usbldr.filters.models.noise import chi_square_quantile
+from usbldr.filters.replay.run import Settings, run
 from usbldr.filters.types import Array, Vector
-from usbldr.io.scenario import simulated_log
-from usbldr.io.scenario_library import find_scenario
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
-from usbldr_cli.canvas import Axes, Figure, colour, in_style, legend_below, save, titled
-from usbldr_cli.comparison import Row
-from usbldr_cli.overlay_figures import error_figure
-from usbldr_cli.unit_store import read_trace
+from usbldr_cli.figures.overlay import error_figure
+from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, save, titled
+from usbldr_cli.runs.job_store import read_trace
+from usbldr_cli.runs.seed_table import Row
 
 AXES = (("mean_abs_east_m", "east"), ("mean_abs_north_m", "north"))
 PALETTE = 64  # colours of a picture

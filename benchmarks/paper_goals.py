@@ -8,14 +8,14 @@ from typing import NamedTuple
 from paper_bounds import Limits
 from paper_runs import Rows, Way
 from paper_tables import AXES, command, errors, over, times
-from usbldr.filters.ensemble import average
-from usbldr.filters.run import run
-from usbldr.io.scenario import simulated_log
-from usbldr.io.scenario_library import find_scenario
-from usbldr.io.summary import Table
+from usbldr.filters.evaluation.seed_statistics import average
+from usbldr.filters.replay.run import run
+from usbldr.io.reports.report_text import Table
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
-from usbldr_cli.compare_tables import piped
-from usbldr_cli.comparison import Row
+from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.tables.compare_table import piped
 
 FASTEST_S = {Way("cpf", particles=1000): 15.0, Way("cpf"): 6.0, Way("adf"): 3.0}
 CLOSE = 2.0  # standard errors: nearer to the goal than that, more seeds might say otherwise

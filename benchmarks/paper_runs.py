@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from usbldr.filters.run import SAMPLED
-from usbldr_cli.comparison import Row
-from usbldr_cli.run_options import RunChoices
-from usbldr_cli.units import Unit, run_units
+from usbldr.filters.replay.run import SAMPLED
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.jobs import Unit, run_units
+from usbldr_cli.runs.seed_table import Row
 
 HERE = Path(__file__).parent
 UNSEEN = str(HERE / "unseen.toml")

@@ -30,11 +30,11 @@ from paper_runs import (
     drifting,
     shared,
 )
-from usbldr.filters.consistency import consistency_verdict
-from usbldr.filters.ensemble import average
-from usbldr.io.summary import Table
-from usbldr_cli.compare_tables import piped
-from usbldr_cli.comparison import Row, difference, numbers
+from usbldr.filters.evaluation.consistency import consistency_verdict
+from usbldr.filters.evaluation.seed_statistics import average
+from usbldr.io.reports.report_text import Table
+from usbldr_cli.runs.seed_table import Row, difference, numbers
+from usbldr_cli.tables.compare_table import piped
 
 AXES = ("mean_abs_east_m", "mean_abs_north_m")
 FAT_TAILED = ("pf", "pf-wekf")  # a few lost dives make their mean mean nothing

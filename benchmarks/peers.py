@@ -24,17 +24,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.layout import Layout
-from usbldr.filters.motion import VehicleMotion
-from usbldr.filters.noise import Noise
-from usbldr.filters.readings import steps
-from usbldr.filters.run import Settings, run
-from usbldr.filters.simulation import motion as true_motion
-from usbldr.filters.start import prior
+from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.noise import Noise
+from usbldr.filters.models.states import Layout
+from usbldr.filters.replay.prior import prior
+from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.replay.steps import steps
+from usbldr.filters.simulation.simulate import motion as true_motion
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
-from usbldr.io.scenario import simulated_log
-from usbldr.io.scenario_library import find_scenario
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 
 PEERS = ("stonesoup", "particles")

@@ -53,7 +53,7 @@ def write(folder: Path, kind: str, seconds: int) -> Path:
     from mcap.writer import Writer as McapWriter
     from rosbags.rosbag2 import Writer as BagWriter
 
-    from usbldr.io.definitions import known_types
+    from usbldr.io.decoding.definitions import known_types
 
     store = known_types(2)
     rng = np.random.default_rng(0)
@@ -112,7 +112,7 @@ def message(store: Any, name: str, time_ns: int, rng: Any) -> Any:
 
 
 def by_usbldr(file: Path) -> Callable[[], int]:
-    from usbldr.io.detect import open_log
+    from usbldr.io.formats.detect import open_log
 
     open_log(file).topics()  # the imports
 

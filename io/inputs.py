@@ -6,10 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.configuration import find_configuration, read_configuration
+from usbldr.io.conventions.truth import find_file
 from usbldr.io.opening import Request
-from usbldr.io.sections import Configuration
-from usbldr.io.truth import find_file
+from usbldr.io.settings.configuration import find_configuration, read_configuration
+from usbldr.io.settings.sensor_sections import Configuration
 
 
 def inputs(log: Path, request: Request) -> tuple[Path, ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from usbldr.filters.assumptions import Assumptions
+from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Truth
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import cast
 
 from usbldr.filters.errors import LogError
-from usbldr.io.configuration import find_configuration, read_configuration
-from usbldr.io.definitions import with_folders
-from usbldr.io.detect import open_log
-from usbldr.io.joined import JoinedLog, Part
-from usbldr.io.nmea_log import with_sentences
+from usbldr.io.decoding.definitions import with_folders
+from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.joined import JoinedLog, Part
+from usbldr.io.formats.nmea_log import with_sentences
+from usbldr.io.messages.roles import ROLES
 from usbldr.io.reader import Reader
-from usbldr.io.sections import Configuration
-from usbldr.io.topics import ROLES
+from usbldr.io.settings.configuration import find_configuration, read_configuration
+from usbldr.io.settings.sensor_sections import Configuration
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def _opened(path: Path, configuration: Configuration, request: Request) -> Reade
     sections = {role: configuration.columns(role) for role in ROLES}
     if not reader.format.startswith("CSV") or not any(sections.values()):
         return with_sentences(reader)
-    from usbldr.io.csv_log import Columns, CsvLog
+    from usbldr.io.formats.csv_log import Columns, CsvLog
 
     stated = [
         Columns(role, request.topics.get(role) or configuration.topic(role), columns)

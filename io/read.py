@@ -9,21 +9,21 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
-from usbldr.io import conventions, headings, positions
-from usbldr.io.clocks import on_one_clock
-from usbldr.io.configuration import assumptions
-from usbldr.io.conventions import Converted
-from usbldr.io.heads import SHIP, SHIP_HEADING, samples, ship_choices
+from usbldr.io.conventions import compass, dvl_depth, positions
+from usbldr.io.conventions.clock_shift import on_one_clock
+from usbldr.io.conventions.dvl_depth import Converted
+from usbldr.io.conventions.sanity import places_apart, standing_still, truth_apart, truth_under_water
+from usbldr.io.conventions.timestamps import in_order
+from usbldr.io.conventions.truth import find_file, read_truth_file, truth_from_table
+from usbldr.io.conventions.usbl import Beside, usbl
+from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, samples, ship_choices
 from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance, lacking
-from usbldr.io.messages import Raw, raw, wanted_paths
+from usbldr.io.messages.layouts import Raw, raw, wanted_paths
+from usbldr.io.messages.roles import ROLES, Choice, Roles, choose_roles, find, named
 from usbldr.io.opening import AS_IT_LIES, Opened, Request, digest_paths, open_configured
-from usbldr.io.plausibility import places_apart, standing_still, truth_apart, truth_under_water
 from usbldr.io.reader import Reader, TopicInfo, utc
-from usbldr.io.sections import Configuration, GpsSection
-from usbldr.io.times import in_order
-from usbldr.io.topics import ROLES, Choice, Roles, choose_roles, find, named
-from usbldr.io.truth import find_file, read_truth_file, truth_from_table
-from usbldr.io.usbl import Beside, usbl
+from usbldr.io.settings.configuration import assumptions
+from usbldr.io.settings.sensor_sections import Configuration, GpsSection
 
 
 def read_log(path: Path, request: Request = AS_IT_LIES) -> Log:
@@ -222,12 +222,12 @@ def _converted(
     made: dict[str, Converted] = {}
     findings: list[Finding] = []
     if "dvl" in raws:
-        made["dvl"] = conventions.dvl(raws["dvl"], configuration.dvl)
+        made["dvl"] = dvl_depth.dvl(raws["dvl"], configuration.dvl)
     if "compass" in raws:
-        made["compass"] = headings.compass(raws["compass"], configuration.compass, origin)
+        made["compass"] = compass.compass(raws["compass"], configuration.compass, origin)
     if "depth" in raws:
         try:
-            depth = conventions.depth(raws["depth"], configuration.depth)
+            depth = dvl_depth.depth(raws["depth"], configuration.depth)
         except LogError as err:
             depth = Finding("DEPTH-INVALID", str(err))
         if isinstance(depth, Finding):

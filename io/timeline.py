@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.noise import robust_sd
+from usbldr.filters.models.noise import robust_sd
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
-from usbldr.io.headings import COMPASS_SD_DEG
+from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.log import COLUMNS, Log, lacking
 
 LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-import usbldr_cli.figures
+import usbldr_cli.figures.run_figures
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -28,4 +28,4 @@ def field_logs() -> Path:
 @pytest.fixture
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the pictures, which take longer than all the rest."""
-    monkeypatch.setattr(usbldr_cli.figures, "write_figures", lambda *_: [])
+    monkeypatch.setattr(usbldr_cli.figures.run_figures, "write_figures", lambda *_: [])

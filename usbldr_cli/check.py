@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError, LogError, UsageError
-from usbldr_cli.options import inputs, selection_options
-from usbldr_cli.output_files import refuse_file, write_file
-from usbldr_cli.run_options import RunChoices, run_options
+from usbldr_cli.options.log_options import inputs, selection_options
+from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
-    from usbldr.io.baseline_file import Baseline, Option, Row
-    from usbldr_cli.check_verdicts import Checked
-    from usbldr_cli.unit_store import Outcome
-    from usbldr_cli.units import Unit
+    from usbldr.io.settings.regression_baseline import Baseline, Option, Row
+    from usbldr_cli.runs.job_store import Outcome
+    from usbldr_cli.runs.jobs import Unit
+    from usbldr_cli.tables.check_verdicts import Checked
 
 FILES = ("config", "truth", "with", "msg_path")  # options whose value may be a file or folder beside the baseline
 
@@ -49,8 +49,8 @@ def check(
     \b
     $ usbldr check sample_logs/baseline.toml
     """
-    from usbldr.io.baseline_file import read_baseline
-    from usbldr_cli.check_verdicts import as_json, markdown
+    from usbldr.io.settings.regression_baseline import read_baseline
+    from usbldr_cli.tables.check_verdicts import as_json, markdown
 
     wanted = read_baseline(baseline)
     units = {row.name: _units(wanted.file, row) for row in wanted.rows}
@@ -84,7 +84,7 @@ def _refuse(option: str, file: Path, force: bool, baseline: "Baseline", units: "
 
 def _checked(baseline: "Baseline", units: "Mapping[str, Sequence[Unit]]", jobs: int) -> "list[Checked]":
     """Run all rows at once and judge each."""
-    from usbldr_cli.units import run_units
+    from usbldr_cli.runs.jobs import run_units
 
     outcomes = iter(run_units([unit for cell in units.values() for unit in cell], jobs))
     found = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
@@ -93,9 +93,9 @@ def _checked(baseline: "Baseline", units: "Mapping[str, Sequence[Unit]]", jobs: 
 
 def _units(file: Path, row: "Row") -> "list[Unit]":
     """Return the runs of a row, one a seed; none where its log is not there."""
-    from usbldr.filters.methods import METHODS
-    from usbldr.io.scenario_library import scenario_names
-    from usbldr_cli.units import Unit
+    from usbldr.filters.replay.methods import METHODS
+    from usbldr.io.scenarios.library import scenario_names
+    from usbldr_cli.runs.jobs import Unit
 
     if row.filter not in METHODS:
         raise UsageError(f"{file}: row {row.name!r}: there is no filter {row.filter!r} (filters: {', '.join(METHODS)})")
@@ -138,9 +138,9 @@ def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Ma
 
 
 def _judged(file: Path, row: "Row", units: "Sequence[Unit]", outcomes: "Sequence[Outcome]") -> "Checked":
-    from usbldr.filters.run import SAMPLED
-    from usbldr_cli import comparison
-    from usbldr_cli.check_verdicts import Checked, change
+    from usbldr.filters.replay.run import SAMPLED
+    from usbldr_cli.runs import seed_table
+    from usbldr_cli.tables.check_verdicts import Checked, change
 
     if not units:
         where = file.parent / row.log
@@ -150,8 +150,8 @@ def _judged(file: Path, row: "Row", units: "Sequence[Unit]", outcomes: "Sequence
         return Checked(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
     seeds = tuple(unit.choices.seed for unit in units)
     dives = units[0].simulated
-    run = comparison.Row(row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLED, dives)
-    found = comparison.numbers(run)
+    run = seed_table.Row(row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLED, dives)
+    found = seed_table.numbers(run)
     lost = run.judged.lost if run.judged is not None else ()
     changes = tuple(change(name, metric, found.get(name)) for name, metric in row.metrics.items())
     return Checked(row, changes, None, LogError.exit_code if lost else 0, lost)
@@ -159,8 +159,8 @@ def _judged(file: Path, row: "Row", units: "Sequence[Unit]", outcomes: "Sequence
 
 def _tell(checked: "Sequence[Checked]", quiet: bool, update: bool) -> None:
     """Print the table and the verdict; no verdict on values that are about to be replaced."""
-    from usbldr_cli.check_verdicts import notes, summary, table
-    from usbldr_cli.tables import WIDTH, aligned, pairs
+    from usbldr_cli.tables.check_verdicts import notes, summary, table
+    from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
 
     if not quiet:
         click.echo(aligned(table(checked)) + "\n")
@@ -172,8 +172,8 @@ def _tell(checked: "Sequence[Checked]", quiet: bool, update: bool) -> None:
 
 def _update(baseline: "Baseline", checked: "Sequence[Checked]", told: bool) -> int:
     """Store the new values, if every row gave all of its metrics."""
-    from usbldr.io.baseline_file import rewritten
-    from usbldr_cli.check_verdicts import MISSING
+    from usbldr.io.settings.regression_baseline import rewritten
+    from usbldr_cli.tables.check_verdicts import MISSING
 
     absent = [
         one.row.name for one in checked if one.fault or one.lost or any(c.verdict == MISSING for c in one.changes)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr_cli.options import inputs, is_simulated, open_log, selection_options
-from usbldr_cli.output_files import refuse_file, write_file
-from usbldr_cli.run_options import RunChoices, run_options
+from usbldr_cli.options.log_options import inputs, is_simulated, open_log, selection_options
+from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
-    from usbldr_cli.comparison import Row
-    from usbldr_cli.units import Unit
+    from usbldr_cli.runs.jobs import Unit
+    from usbldr_cli.runs.seed_table import Row
 
 
 @click.command()
@@ -50,8 +50,8 @@ def compare(
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
     """
-    from usbldr_cli.compare_directory import UNITS, prepare
-    from usbldr_cli.run_reports import is_run
+    from usbldr_cli.runs.compare_directory import UNITS, prepare
+    from usbldr_cli.runs.finished_runs import is_run
 
     _refuse_inputs(logs, where, output, json_to, force)
     _refuse_repeats("LOG", logs)
@@ -94,8 +94,8 @@ def _refuse_inputs(
 
 def _finished(folders: Sequence[str], filters: str | None) -> "list[Row]":
     """Return the rows of run directories that may be held against each other."""
-    from usbldr_cli.comparison import refuse_unlike
-    from usbldr_cli.run_reports import is_run, read_runs
+    from usbldr_cli.runs.finished_runs import is_run, read_runs
+    from usbldr_cli.runs.seed_table import refuse_unlike
 
     if not all(is_run(Path(folder)) for folder in folders):
         raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
@@ -108,8 +108,8 @@ def _finished(folders: Sequence[str], filters: str | None) -> "list[Row]":
 
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     """Return the names in a list of filters; refuse what none of them takes."""
-    from usbldr.filters.methods import METHODS
-    from usbldr.filters.run import FILTERS, FORMED, GATED
+    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.run import FILTERS, FORMED, GATED
 
     choices.overrides()  # refuses what no run could take
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
@@ -144,9 +144,9 @@ def _run(
     store: Path | None,
 ) -> "list[Row]":
     """Run everything; a method without chance runs once on a file, and on each dive of a scenario."""
-    from usbldr.filters.run import SAMPLED, called
-    from usbldr_cli.comparison import Row
-    from usbldr_cli.units import run_units
+    from usbldr.filters.replay.run import SAMPLED, called
+    from usbldr_cli.runs.jobs import run_units
+    from usbldr_cli.runs.seed_table import Row
 
     cells: dict[tuple[str, str], dict[int, Unit]] = {}
     for log in logs:
@@ -174,8 +174,8 @@ def _run(
 
 def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Unit]":
     """Return the units of one method on one log, by seed."""
-    from usbldr.filters.run import SAMPLED
-    from usbldr_cli.units import Unit
+    from usbldr.filters.replay.run import SAMPLED
+    from usbldr_cli.runs.jobs import Unit
 
     once = not is_simulated(log) and method not in SAMPLED
     wanted = range(choices.seed, choices.seed + (1 if once else seeds))
@@ -193,9 +193,9 @@ def _refuse_empty(rows: "Sequence[Row]") -> None:
 
 
 def _write(output: Path | None, rows: "Sequence[Row]", request: dict[str, Any]) -> None:
-    from usbldr_cli.compare_directory import write_tables
-    from usbldr_cli.compare_figures import write_figures
-    from usbldr_cli.compare_tables import markdown
+    from usbldr_cli.figures.compare import write_figures
+    from usbldr_cli.runs.compare_directory import write_tables
+    from usbldr_cli.tables.compare_table import markdown
 
     if output is None:
         return
@@ -209,9 +209,9 @@ def _tell(
     rows: "Sequence[Row]", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
 ) -> None:
     """Print the tables, or the rows as JSON."""
-    from usbldr_cli.compare_directory import as_json
-    from usbldr_cli.compare_tables import render
-    from usbldr_cli.comparison import overall
+    from usbldr_cli.runs.compare_directory import as_json
+    from usbldr_cli.runs.seed_table import overall
+    from usbldr_cli.tables.compare_table import render
 
     if json_to is not None:
         text = as_json(rows, request)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError
-from usbldr_cli.options import is_simulated, log_options, open_log, request
+from usbldr_cli.options.log_options import is_simulated, log_options, open_log, request
 
 if TYPE_CHECKING:
-    from usbldr.io.doctor import Examination
+    from usbldr.io.doctor.doctor import Examination
 
 
 @click.command()
@@ -25,7 +25,7 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
     \b
     $ usbldr doctor dive.mcap
     """
-    from usbldr.io.doctor import examine, examine_log
+    from usbldr.io.doctor.doctor import examine, examine_log
 
     if is_simulated(log):
         found = examine_log(open_log(log, seed=0, **selection)[0])

@@ -7,8 +7,8 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options import format_option, inputs, log_options, open_log
-from usbldr_cli.run_options import seconds_of_log
+from usbldr_cli.options.log_options import format_option, inputs, log_options, open_log
+from usbldr_cli.options.run_options import seconds_of_log
 
 
 @click.command()
@@ -29,8 +29,8 @@ def export(output: Path | None, form: str | None, start: str | None, end: str | 
     """
     if output is None:
         raise UsageError("say where to write with -o NAME.mcap, NAME.bag, NAME_db3, or -o FOLDER for CSV files")
-    from usbldr.io.export import cut, export
-    from usbldr.io.log_files import form_of
+    from usbldr.io.writers.export import cut, export
+    from usbldr.io.writers.write_log import form_of
 
     form_of(output, form)
     log, _ = open_log(**where)

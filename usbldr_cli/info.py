@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError
-from usbldr_cli.options import is_simulated, open_log, request, selection_options
+from usbldr_cli.options.log_options import is_simulated, open_log, request, selection_options
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log

@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options import inputs, log_options, request
-from usbldr_cli.output_files import refuse_file, write_file
+from usbldr_cli.options.log_options import inputs, log_options, request
+from usbldr_cli.options.output_files import refuse_file, write_file
 
 
 @click.command()
@@ -25,9 +25,9 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     \b
     $ usbldr init dive.mcap
     """
-    from usbldr.io.configuration import own_configuration
-    from usbldr.io.doctor import examine
-    from usbldr.io.draft import draft, map_unknown
+    from usbldr.io.doctor.doctor import examine
+    from usbldr.io.doctor.init_config import draft, map_unknown
+    from usbldr.io.settings.configuration import own_configuration
 
     path = Path(log)
     if not path.exists():

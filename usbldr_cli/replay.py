@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options import inputs, log_options, open_log
-from usbldr_cli.output_files import refuse_file, write_file
-from usbldr_cli.run_options import RunChoices, run_options
-from usbldr_cli.scoring import needed, score
+from usbldr_cli.options.log_options import inputs, log_options, open_log
+from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.runs.score_run import needed, score
 
 if TYPE_CHECKING:
-    from usbldr.filters.influence import LeftOut
+    from usbldr.filters.evaluation.influence import LeftOut
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
-    from usbldr.io.reports import Run, Scored
+    from usbldr.io.reports.report_json import Run, Scored
 
 MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
 
@@ -67,11 +67,11 @@ def replay(
     \b
     $ usbldr replay dive.mcap --filter cpf
     """
-    from usbldr.filters.methods import METHODS
-    from usbldr.io.crosscheck import better_readings
+    from usbldr.filters.replay.methods import METHODS
+    from usbldr.io.doctor.cross_check import better_readings
     from usbldr.io.inputs import conflict
     from usbldr.io.read import require
-    from usbldr.io.run_directory import run_directory
+    from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.timeline import timeline
 
     if method not in METHODS:
@@ -117,7 +117,7 @@ def replay(
 
 def _refuse_for_tracks(method: str, choices: RunChoices) -> None:
     """Refuse --smooth, --tune and --aid without a filter; run() refuses the filters that --smooth does not suit."""
-    from usbldr.filters.run import FILTERS, SMOOTHED_BY
+    from usbldr.filters.replay.run import FILTERS, SMOOTHED_BY
 
     if choices.aid is not None and method not in FILTERS:
         raise UsageError(f"{method} is no filter, so there is nothing to aid (filters: {', '.join(FILTERS)})")
@@ -129,7 +129,7 @@ def _refuse_for_tracks(method: str, choices: RunChoices) -> None:
 
 def _refuse_without_errors(method: str, log: "Log") -> None:
     """Refuse --write-calibration where nothing of the kind will be found."""
-    from usbldr.filters.run import FILTERS
+    from usbldr.filters.replay.run import FILTERS
 
     if method not in FILTERS:
         raise UsageError(f"{method} is no filter, so it finds no errors of sensors to write")
@@ -140,7 +140,7 @@ def _refuse_without_errors(method: str, log: "Log") -> None:
 
 def _refuse_without_shifts(method: str, choices: RunChoices, line: "Timeline") -> None:
     """Refuse --leave-one-out where no fix is told of, or where the filter does not tell what a fix did to it."""
-    from usbldr.filters.run import SMOOTHED_BY
+    from usbldr.filters.replay.run import SMOOTHED_BY
 
     if method not in SMOOTHED_BY or choices.form == "literal":
         told = ", ".join(SMOOTHED_BY)
@@ -151,7 +151,7 @@ def _refuse_without_shifts(method: str, choices: RunChoices, line: "Timeline") -
 
 def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content: dict[str, object] | None) -> "Run":
     """Make the track and those that people do without a filter, and judge all of them alike."""
-    from usbldr.io.reports import Run
+    from usbldr.io.reports.report_json import Run
 
     anchor = choices.anchor(log, line)
     possible = {"usbl": len(line.fix_time_s) > 0, "dr": anchor is not None}
@@ -166,7 +166,7 @@ def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content
 
 def _with_left_out(method: str, run: "Run", choices: RunChoices, count: int) -> "Run":
     """Return the run with what it would have been without each of the most influential fixes."""
-    from usbldr.filters.influence import influential, left_out, without_fix
+    from usbldr.filters.evaluation.influence import influential, left_out, without_fix
 
     log, line, (whole, report) = run.log, run.timeline, run.scored
     anchor = choices.anchor(log, line)
@@ -185,10 +185,10 @@ def _with_left_out(method: str, run: "Run", choices: RunChoices, count: int) -> 
 
 def _write(folder: Path, run: "Run") -> None:
     """Write everything of the run; report.json, which names all files, comes last."""
-    from usbldr.io.markdown_report import write_markdown
-    from usbldr.io.reports import write_json, write_tables
-    from usbldr.io.tuned import TUNED, tuned_toml
-    from usbldr_cli.figures import write_figures
+    from usbldr.io.reports.markdown_report import write_markdown
+    from usbldr.io.reports.report_json import write_json, write_tables
+    from usbldr.io.reports.tuned_config import TUNED, tuned_toml
+    from usbldr_cli.figures.run_figures import write_figures
 
     write_tables(folder, run)
     if run.log.assumptions.tuned:
@@ -199,15 +199,15 @@ def _write(folder: Path, run: "Run") -> None:
 
 def _write_calibration(file: Path, run: "Run") -> None:
     """Write the configuration for the next dive."""
-    from usbldr.io.next_dive import next_configuration
+    from usbldr.io.reports.calibration_config import next_configuration
 
     write_file("--write-calibration", file, next_configuration(run.log, run.scored.trajectory))
 
 
 def _tell(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
     """Print the table, or the report as JSON."""
-    from usbldr.io.reports import describe, strict
-    from usbldr_cli.tables import render
+    from usbldr.io.reports.report_json import describe, strict
+    from usbldr_cli.tables.run_table import render
 
     if json_to is not None:
         text = json.dumps(strict(describe(run)), indent=1, allow_nan=False, ensure_ascii=False)

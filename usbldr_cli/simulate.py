@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from usbldr.filters.errors import UsageError
-from usbldr_cli.options import format_option, inputs
+from usbldr_cli.options.log_options import format_option, inputs
 
 
 @click.command()
@@ -29,7 +29,7 @@ def simulate(
     \b
     $ usbldr simulate paper -o paper.mcap
     """
-    from usbldr.io.scenario_library import find_scenario, scenario_names
+    from usbldr.io.scenarios.library import find_scenario, scenario_names
 
     names = scenario_names()
     if list_them:
@@ -43,8 +43,8 @@ def simulate(
         raise UsageError("say where to write with -o NAME.mcap, or -o FOLDER for CSV files")
 
     from usbldr.io.inputs import refuse_inputs
-    from usbldr.io.log_files import configuration_place, form_of
-    from usbldr.io.scenario_files import write_scenario
+    from usbldr.io.scenarios.files import write_scenario
+    from usbldr.io.writers.write_log import configuration_place, form_of
 
     for place in (output, configuration_place(output, form_of(output, form))):
         refuse_inputs(place, inputs(scenario))

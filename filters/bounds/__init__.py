@@ -1,0 +1,1 @@
+"""Posterior Cramer-Rao lower bounds: how good any filter could be."""

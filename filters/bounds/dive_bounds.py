@@ -1,0 +1,65 @@
+"""The bounds of a simulated dive: the true states, with which no filter is acquainted, and what can be known of them.
+
+A dive of ``paper-drawn`` is one draw from the filters' own model, so the mean over seeds of each dive's bound is the
+local bound of docs/bounds.md, and the errors of a good filter come to it. Of another scenario the bound is for the
+process noise that the filters assume, and may be beaten.
+"""
+
+import numpy as np
+
+from usbldr.filters.bounds.pcrlb import Bounds, bounds
+from usbldr.filters.models.calibration import layout_for
+from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.states import Layout
+from usbldr.filters.replay.prior import prior
+from usbldr.filters.replay.steps import steps
+from usbldr.filters.simulation.simulate import Simulated
+from usbldr.filters.types import Array, Timeline, Vector
+
+
+def dive_bounds(simulated: Simulated, timeline: Timeline, assumptions: Assumptions) -> Bounds:
+    """Return the least covariances, at the epochs of the timeline, of the states that the assumptions calibrate.
+
+    The timeline is that of the dive's own records. Raises UsageError where there is no bound (pcrlb.py).
+    """
+    layout = layout_for(assumptions.calibrate)
+    return bounds(
+        tuple(steps(timeline, assumptions, layout)),
+        VehicleMotion(layout, assumptions.process, assumptions.errors),
+        true_states(simulated, layout, timeline.time_s),
+        prior(timeline, assumptions, layout).cov,
+    )
+
+
+def true_states(simulated: Simulated, layout: Layout, time_s: Vector) -> Array:
+    """Return the states of the layout at instants (K,): (K, n).
+
+    Of the USBL's correlated error only the mean, 0, is kept, and between the stamps of the DVL the truth is
+    interpolated: a Jacobian feels neither.
+    """
+    truth, scenario = simulated.truth, simulated.scenario
+    dvl, compass, late = scenario.dvl, scenario.compass, scenario.usbl.timing
+    over_time = {
+        "psi": truth.yaw_rad,
+        "u": truth.velocity_mps[:, 0],
+        "v": truth.velocity_mps[:, 1],
+        "r": truth.turn_rate_radps,
+        "x": truth.position_m[:, 0],
+        "y": truth.position_m[:, 1],
+    }
+    constant = {
+        "dvl_scale": dvl.scale_error,
+        "dvl_mount": dvl.misalignment_rad,
+        "heading_bias": compass.bias_rad,
+        "deviation_sin": compass.deviation_rad[0],
+        "deviation_cos": compass.deviation_rad[1],
+        "usbl_latency": late.latency_s + late.clock_offset_s - dvl.timing.latency_s - dvl.timing.clock_offset_s,
+        "usbl_bias_east": 0.0,
+        "usbl_bias_north": 0.0,
+    }
+    columns = [
+        np.interp(time_s, truth.time_s, over_time[name]) if name in over_time else np.full(len(time_s), constant[name])
+        for name in layout.names
+    ]
+    return np.column_stack(columns)

@@ -1,0 +1,154 @@
+"""The posterior Cramer-Rao bound: how small the error covariance of any filter, and of any smoother, can be.
+
+For a truth that obeys x' = f(x) + w, w ~ N(0, Q), and readings with additive noise of Fisher information I, Tichavsky's
+recursion for the information J of a filter reads, with F and H the Jacobians at the truth and E over truths,
+
+    J' = Q^-1 - Q^-1 E[F] (J + E[F' Q^-1 F])^-1 E[F]' Q^-1 + sum E[H' I H].
+
+It is used here in the equal form (docs/bounds.md) that lets states be constant or known, so that Q and the prior may be
+singular:
+
+    J' = (Q + E[F] (J + M)^-1 E[F]')^-1 + sum E[H' I H],    M = E[(F - E[F])' Q^-1 (F - E[F])],
+
+and the smoother adds to J what the future tells, by the same formula run backwards. Units are those of the states.
+
+P. Tichavsky, C. Muravchik and A. Nehorai, "Posterior Cramer-Rao bounds for discrete-time nonlinear filtering", IEEE
+Trans. Signal Processing 46(5), 1998, doi:10.1109/78.668800.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.bounds.fisher import fisher_information
+from usbldr.filters.errors import UsageError
+from usbldr.filters.estimators.protocol import Step
+from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.sigma_points import linearised
+from usbldr.filters.types import Array
+
+AT_ONCE = 16  # truths in one pass of ``local_bounds``: more would cost memory and save no time
+
+
+class Bounds(NamedTuple):
+    """The least error covariance at each of K epochs."""
+
+    filtered: Array  # (K, n, n) from the measurements up to the epoch
+    smoothed: Array  # (K, n, n) from all measurements
+
+
+class Link(NamedTuple):
+    """What the motion from one epoch to the next says about both, for B recursions side by side."""
+
+    F: Array  # (B, n, n) Jacobian
+    Q: Array  # (n, n) process noise
+    M: Array  # (n, n) information that the spread of the Jacobians over truths carries: 0 for a linear motion
+
+
+def bounds(steps: Sequence[Step], motion: MotionModel, truth: Array, prior_cov: Array) -> Bounds:
+    """Return the bounds for K steps: what is measured when, and with which noise, but not the values.
+
+    ``truth`` holds the true states at the end of each step: (K, n), or (K, n, T) for T draws from the prior and the
+    motion, over which expectations are taken. ``prior_cov`` (n, n) belongs to the start of the first step, at which the
+    truth is taken to be that of its end. Raises UsageError where the bound does not exist: noise without variance, or
+    truths that differ where the motion bends but has no process noise.
+    """
+    return _recursion(steps, motion, np.atleast_3d(truth), prior_cov, together=True)
+
+
+def local_bounds(steps: Sequence[Step], motion: MotionModel, truth: Array, prior_cov: Array) -> Bounds:
+    """Return the mean over the truths, (K, n, T), of the bounds that each has alone.
+
+    This lies above ``bounds`` of all of them together and is no proven bound of a mean error over truths, but it is
+    what a good filter comes to where its errors are small beside the bends of the model (docs/bounds.md).
+    """
+    total = Bounds(np.zeros((len(truth), *prior_cov.shape)), np.zeros((len(truth), *prior_cov.shape)))
+    for first in range(0, truth.shape[2], AT_ONCE):
+        some = truth[:, :, first : first + AT_ONCE]
+        found = _recursion(steps, motion, some, prior_cov, together=False)
+        share = some.shape[2] / truth.shape[2]
+        total = Bounds(total.filtered + share * found.filtered, total.smoothed + share * found.smoothed)
+    return total
+
+
+def mean_absolute_error(cov: Array, row: int) -> float:
+    """Return the mean |e| of Gaussian errors of one state with the covariances (K, n, n): sqrt(2/pi) mean sigma."""
+    return math.sqrt(2 / math.pi) * float(np.sqrt(np.maximum(cov[:, row, row], 0.0)).mean())
+
+
+def parallel(A: Array, B: Array) -> Array:
+    """Return (A^-1 + B)^-1 for symmetric A, B without negative eigenvalues, (..., n, n), even where A is singular."""
+    if not B.any():
+        return A
+    result = np.linalg.solve(np.eye(A.shape[-1]) + A @ B, A)
+    return 0.5 * (result + result.swapaxes(-1, -2))
+
+
+def _recursion(steps: Sequence[Step], motion: MotionModel, truth: Array, prior_cov: Array, together: bool) -> Bounds:
+    """Run one recursion over expectations, or one for each truth and return their mean."""
+    cov = prior_cov[None]
+    links: list[Link] = []
+    told: list[Array] = []  # information that each epoch's measurements bring, (B, n, n)
+    filtered: list[Array] = []
+    for k, (step, x) in enumerate(zip(steps, truth, strict=True)):
+        link = _link(motion, truth[max(k - 1, 0)], step, together)
+        told.append(_information(step, x, together))
+        cov = parallel(link.F @ parallel(cov, link.M) @ link.F.swapaxes(1, 2) + link.Q, told[-1])
+        links.append(link)
+        filtered.append(cov)
+    future = np.zeros_like(cov)  # information that later epochs bring
+    smoothed: list[Array] = []
+    for cov, link, news in zip(reversed(filtered), reversed(links), reversed(told), strict=True):
+        smoothed.append(parallel(cov, future).mean(axis=0))
+        future = link.F.swapaxes(1, 2) @ parallel(future + news, link.Q) @ link.F + link.M
+    return Bounds(np.array([cov.mean(axis=0) for cov in filtered]), np.array(smoothed[::-1]))
+
+
+def _link(motion: MotionModel, x: Array, step: Step, together: bool) -> Link:
+    """Return the link from the truths x, (n, T), over a step; time may stand still."""
+    n, count = x.shape
+    nothing = np.zeros((n, n))
+    if step.t1_s == step.t0_s:
+        return Link(np.eye(n)[None], nothing, nothing)
+    F = _jacobians(motion, x, step.t0_s, step.t1_s)
+    q = motion.noise(step.t0_s, step.t1_s)
+    if not together or count == 1:
+        return Link(F, np.diag(q), nothing)
+    mean = F.mean(axis=0)
+    # equal numbers have a mean that may differ in the last bit, which no noise would forgive
+    spread = np.where(np.ptp(F, axis=0) > 0, F - mean, 0.0)
+    bent = spread.any(axis=(0, 2))
+    if not q[bent].all():
+        raise UsageError("there is no bound over several truths without process noise where the motion is not linear")
+    weighted = (spread[:, bent] / np.sqrt(q[bent])[:, None]).reshape(-1, n)
+    return Link(mean[None], np.diag(q), weighted.T @ weighted / count)
+
+
+def _jacobians(motion: MotionModel, x: Array, t0_s: float, t1_s: float) -> Array:
+    """Return the Jacobian of the whole motion at each of the states x, (n, T): (T, n, n)."""
+    unit = _unit(x)
+    F = np.moveaxis(unit, 2, 0).copy()
+    for rows, increment in motion.parts(t0_s, t1_s):
+        gained = np.moveaxis(linearised(increment, x, unit).cross, (0, 2), (2, 0)) @ F
+        moved = x.copy()
+        moved[rows] += increment.predict(x)
+        F[:, rows] += gained
+        x = moved
+    return F
+
+
+def _information(step: Step, x: Array, together: bool) -> Array:
+    """Return the sum of H' I H over the measurements, its mean over the states x, (n, T), or each: (B, n, n)."""
+    unit = _unit(x)
+    total = np.zeros((x.shape[1], len(x), len(x)))
+    for measurement in step.measurements:
+        H = np.moveaxis(linearised(measurement.model, x, unit).cross, (0, 2), (2, 0))  # (T, k, n)
+        total += H.swapaxes(1, 2) @ fisher_information(measurement.noise) @ H
+    return total.mean(axis=0, keepdims=True) if together else total
+
+
+def _unit(x: Array) -> Array:
+    """Return a covariance of 1 for the states x, (n, T), of which a rule's P J' is J': (n, n, T)."""
+    return np.repeat(np.eye(len(x))[:, :, None], x.shape[1], axis=2)

@@ -1,0 +1,101 @@
+"""How well a belief foresaw a fix, under each of the stories that may be behind it.
+
+A fix that tells where the vehicle is follows its noise model. One that is false lies anywhere around, and a vehicle
+that is where it should not be lies anywhere around, too: both by Student's t, whose long tail never makes a thing
+impossible. Log likelihoods of metres.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.estimators.gaussian_bank import Gaussians, inverse_and_logdet, project
+from usbldr.filters.estimators.mode_updates import modes
+from usbldr.filters.estimators.protocol import Step
+from usbldr.filters.models.noise import Contamination, Noise
+from usbldr.filters.models.sensors import Measurement, UsblFix
+from usbldr.filters.models.sigma_points import linearised
+from usbldr.filters.types import Array, Vector
+
+SENSOR = "usbl"  # whose fixes may be false in clusters
+TAIL_DOF = 4.0  # of Student's t
+
+
+class Evidence(NamedTuple):
+    """Log likelihoods of the fixes of a step, as one belief saw them coming."""
+
+    modelled: float  # by the whole noise model
+    taken: float  # by that, or false
+    genuine: float  # by those modes of it that tell where the vehicle is
+    displaced: float  # of a vehicle that is not where the belief has it
+    false: float
+    excess_m2: float  # of the squared innovations over the expected, each axis
+    telling: bool  # the fixes know better than the belief where the vehicle is
+
+
+def evidence(bank: Gaussians, fixes: Sequence[Measurement], false: Contamination) -> Evidence:
+    """Hold fixes against a predicted bank of one; each for itself, as if no other had been taken before it."""
+    told = [_of_one(bank, fix, false) for fix in fixes]
+    modelled, taken, genuine, displaced, false_, excess_m2, telling = zip(*told, strict=True)
+    sums = (sum(each) for each in (modelled, taken, genuine, displaced, false_))
+    return Evidence(*sums, excess_m2=max(excess_m2), telling=any(telling))
+
+
+def _of_one(bank: Gaussians, fix: Measurement, false: Contamination) -> Evidence:
+    seen = project(bank, fix, linearised)
+    e, predicted, R = seen.innovation[:, 0], seen.cov[:, :, 0], fix.noise.cov[0]
+    k, far_m2 = len(e), false.sd**2
+    size_m2 = np.trace(fix.noise.cov, axis1=1, axis2=2) / k
+    near = size_m2 <= max(far_m2, size_m2[0])  # wider modes are the noise model's own false fixes
+    log_false = math.log(false.share) + _log_t(e, predicted + R + far_m2 * np.eye(k))
+    modelled = genuine = float(modes(seen, fix.noise).log_likelihood[0])
+    if not near.all():
+        genuine = float(modes(seen, Noise(fix.noise.shares[near], fix.noise.cov[near])).log_likelihood[0])
+    return Evidence(
+        modelled,
+        float(np.logaddexp(modelled, log_false)),
+        genuine,
+        _log_t(e, predicted + R),
+        log_false,
+        max(0.0, float(e @ e - np.trace(predicted + R)) / k),
+        bool(np.trace(predicted) > np.trace(R)),
+    )
+
+
+def whole_fixes(step: Step) -> list[Measurement]:
+    """Return the step's USBL fixes, each as one measurement of all its scalars."""
+    found: dict[int, Measurement] = {}
+    for m in step.measurements:
+        if m.sensor == SENSOR:
+            before = found.get(m.row)
+            found[m.row] = m if before is None else _joined(before, m)
+    return list(found.values())
+
+
+def without_fixes(step: Step) -> Step:
+    """Return the step without its USBL fixes."""
+    return step._replace(measurements=tuple(m for m in step.measurements if m.sensor != SENSOR))
+
+
+def _joined(a: Measurement, b: Measurement) -> Measurement:
+    """Return two scalars of a fix, which err apart, as one measurement: each pair of their modes is a mode."""
+    assert isinstance(a.model, UsblFix)
+    assert isinstance(b.model, UsblFix)
+    cov = np.zeros((len(a.noise.shares) * len(b.noise.shares), 2, 2))
+    cov[:, 0, 0] = np.repeat(a.noise.cov[:, 0, 0], len(b.noise.shares))
+    cov[:, 1, 1] = np.tile(b.noise.cov[:, 0, 0], len(a.noise.shares))
+    noise = Noise(np.outer(a.noise.shares, b.noise.shares).ravel(), cov)
+    model = replace(a.model, axes=a.model.axes + b.model.axes)
+    return a._replace(z=np.concatenate([a.z, b.z]), model=model, noise=noise, axis="position")
+
+
+def _log_t(e: Vector, S: Array) -> float:
+    """Return the log density of Student's t with TAIL_DOF degrees of freedom and the scale matrix S, (k, k)."""
+    inverse, logdet = inverse_and_logdet(S[:, :, None])
+    k, dof = len(e), TAIL_DOF
+    constant = math.lgamma((dof + k) / 2) - math.lgamma(dof / 2) - k / 2 * math.log(dof * math.pi)
+    distance = float(e @ inverse[:, :, 0] @ e)
+    return constant - 0.5 * float(logdet[0]) - (dof + k) / 2 * math.log1p(distance / dof)

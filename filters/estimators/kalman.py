@@ -1,0 +1,66 @@
+"""ekf, ckf, ukf and adf: one Gaussian, one rule, one policy; afukf and aekf also doubt their prediction."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.estimators.adaptive import Factor, History, inflated
+from usbldr.filters.estimators.gaussian_bank import Gaussians, copies, moments, predict, project
+from usbldr.filters.estimators.mode_updates import Policy
+from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, moved, record
+from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.types import Update
+
+
+class KalmanBelief(NamedTuple):
+    """One Gaussian, what the last step did, and how many readings of each scalar were refused in a row."""
+
+    bank: Gaussians
+    updates: tuple[Update, ...]
+    log_likelihood: float  # predictive, of all measurements so far
+    rejected: Mapping[str, int]
+    history: History = MappingProxyType({})  # of the adaptive factor
+    inflation: float = 1.0  # see Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class KalmanFilter:
+    """Predict by the rule, multiply the predicted covariance by the factor, take each measurement by the policy."""
+
+    motion: MotionModel
+    rule: Rule
+    policy: Policy
+    factor: Factor | None = None
+
+    def start(self, prior: Prior) -> KalmanBelief:
+        """Return the prior as a bank of one."""
+        return KalmanBelief(copies(prior.mean, prior.cov, 1), (), 0.0, {})
+
+    def step(self, belief: KalmanBelief, step: Step, chance: Chance) -> KalmanBelief:
+        """Return the belief after the step; nothing is left to chance."""
+        bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)
+        history, inflation = belief.history, 1.0
+        if self.factor is not None:
+            bank, history, inflation = inflated(bank, step.measurements, history, self.rule, self.factor)
+        updates: list[Update] = []
+        log_likelihood, rejected = belief.log_likelihood, belief.rejected
+        for measurement in step.measurements:
+            seen = project(bank, measurement, self.rule)
+            scalar = f"{measurement.sensor} {measurement.axis}"  # a good north must not excuse a refused east
+            past, before = rejected.get(scalar, 0), bank
+            bank, log_l, refused, refuted = self.policy(before, seen, measurement.noise, past)
+            inflation = math.inf if refuted else inflation
+            rejected = {**rejected, scalar: past + 1 if refused else 0}
+            log_likelihood += float(log_l[0])
+            updates.append(moved(record(measurement, seen, np.ones(1), refused), before, bank))
+        return KalmanBelief(bank, tuple(updates), log_likelihood, rejected, history, inflation)
+
+    def estimate(self, belief: KalmanBelief) -> Estimate:
+        """Return mean and covariance."""
+        mean, cov = moments(belief.bank)
+        return Estimate(mean, cov, belief.updates, 1.0, math.nan, belief.inflation)

@@ -1,0 +1,91 @@
+"""The bootstrap particle filter: scatter by the motion's noise, weigh by the likelihood, resample.
+
+N. Gordon, D. Salmond and A. Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", IEE Proc. F
+140(2), 1993, doi:10.1049/ip-f-2.1993.0015. A particle is a Gaussian without spread, so the bank's functions serve.
+
+Constant errors of the sensors are never sampled, for resampling would soon leave one value of them. Beside them only
+the yaw is: given its path the rest is nearly linear, and each particle carries a Gaussian over it, which takes mixture
+noise by the collapse of mode_updates.py (T. Schon, F. Gustafsson and P.-J. Nordlund, "Marginalized particle filters for
+mixed linear/nonlinear state-space models", IEEE Trans. Signal Processing 53(7), 2005, doi:10.1109/TSP.2005.849151).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from usbldr.filters.estimators.cpf import ParticleBelief
+from usbldr.filters.estimators.gaussian_bank import Gaussians, copies, equal_weights, moments, predict, project
+from usbldr.filters.estimators.mode_updates import collapse, modes
+from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, record
+from usbldr.filters.estimators.resampling import effective_size, normalised, systematic
+from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.sigma_points import linearised
+from usbldr.filters.models.states import MOTION_STATES
+from usbldr.filters.types import Array, Update
+
+SAMPLED = len(MOTION_STATES)  # a state with more is marginalised; psi is its row 0
+
+
+@dataclass(frozen=True, slots=True)
+class BootstrapParticleFilter:
+    """N points that move by chance; the state has to be small and noisy, for it needs thousands of them."""
+
+    motion: MotionModel
+    particles: int = 1000
+    resample_below: float = 0.5  # share of N
+    start_seed: int = 0
+
+    def start(self, prior: Prior) -> ParticleBelief:
+        """Return N draws from the prior."""
+        rng = np.random.default_rng((self.start_seed, 2**32))  # no epoch has this number
+        if len(prior.mean) > SAMPLED:
+            bank = _scattered(copies(prior.mean, prior.cov, self.particles), rng)
+            return ParticleBelief(bank, (), (), float(self.particles), math.nan)
+        draws = prior.mean[:, None] + np.linalg.cholesky(prior.cov) @ rng.normal(size=(len(prior.mean), self.particles))
+        bank = Gaussians(draws, np.zeros((*prior.cov.shape, self.particles)), equal_weights(self.particles))
+        return ParticleBelief(bank, (), (), float(self.particles), math.nan)
+
+    def step(self, belief: ParticleBelief, step: Step, chance: Chance) -> ParticleBelief:
+        """Return the belief after the step: move, scatter, weigh, resample."""
+        rng = chance()
+        bank = predict(belief.bank, self.motion, linearised, step.t0_s, step.t1_s)
+        bank = _scattered(bank, rng)
+        updates: list[Update] = []
+        least = float(self.particles)
+        for measurement in step.measurements:
+            seen = project(bank, measurement, linearised)
+            updates.append(record(measurement, seen, np.exp(bank.log_weight), rejected=False))
+            if len(bank.mean) > SAMPLED:
+                taken = collapse(bank, seen, measurement.noise, 0)
+                bank, log_l = taken.bank, taken.log_likelihood
+            else:
+                log_l = modes(seen, measurement.noise).log_likelihood
+            bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
+            ess = effective_size(bank.log_weight)
+            least = min(least, ess)
+            if ess < self.resample_below * self.particles:
+                bank = bank.offspring(systematic(np.exp(bank.log_weight), rng))
+        return ParticleBelief(bank, (), tuple(updates), least, math.nan)
+
+    def estimate(self, belief: ParticleBelief) -> Estimate:
+        """Return the weighted mean and covariance of the cloud."""
+        mean, cov = moments(belief.bank)
+        return Estimate(mean, cov, belief.updates, belief.ess, belief.acceptance)
+
+
+def _scattered(bank: Gaussians, rng: np.random.Generator) -> Gaussians:
+    """Turn into chance the variance that the prediction left: of all states, or of the yaw, and the rest given it."""
+    variance = np.einsum("iin->in", bank.cov)
+    if len(bank.mean) > SAMPLED:
+        yaw: Array = variance[:1]
+        gain: Array = bank.cov[:, 0] * np.where(yaw > 0, 1 / np.where(yaw > 0, yaw, 1.0), 0.0)
+        mean = bank.mean + gain * np.sqrt(yaw) * rng.standard_normal(yaw.shape)
+        cov = bank.cov - gain[:, None] * gain[None] * yaw
+        cov[0], cov[:, 0] = 0.0, 0.0
+        return bank._replace(mean=mean, cov=cov)
+    if not variance.any():
+        return bank
+    return bank._replace(
+        mean=bank.mean + np.sqrt(variance) * rng.standard_normal(bank.mean.shape), cov=np.zeros_like(bank.cov)
+    )

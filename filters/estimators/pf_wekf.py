@@ -1,0 +1,172 @@
+"""A particle filter that asks the last fixes where the vehicle is, and a weighted EKF that trusts a fix accordingly.
+
+The paper's introduction tells of a two-stage filter: "First, a particle filter selects candidate particles by
+minimizing the local backward DR error. Then, the Weighted Extended Kalman Filter (WEKF) further smooths and improves
+the results". Its list of references is not part of the text that we have, and nothing public that we found describes
+the method further, so these two sentences are all that is the source's.
+
+Ours is the rest. At a fix, candidates for the present position are drawn around the fixes of the last minute, carried
+here by dead reckoning. Each candidate is carried back by dead reckoning to every one of those fixes; what it would have
+read there, against what was read, is its local backward error, and the noise model makes a weight of it. The candidates
+thus say where the vehicle is without regard to the new fix and to the EKF. Seen from there each mode of the new fix's
+noise has a probability p_j, and the EKF takes the fix with the covariance R = (sum p_j R_j^-1)^-1, or not at all.
+The candidates' position itself never enters the EKF: the same fixes would count again and again.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.estimators.cpf_gaussian import log_density
+from usbldr.filters.estimators.gaussian_bank import (
+    Gaussians,
+    Projection,
+    copies,
+    inverse_and_logdet,
+    moments,
+    predict,
+    project,
+    update,
+)
+from usbldr.filters.estimators.mode_updates import matched, modes
+from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, moved, record
+from usbldr.filters.estimators.resampling import effective_size, normalised
+from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.sensors import Measurement
+from usbldr.filters.models.sigma_points import linearised
+from usbldr.filters.models.states import POSITION
+from usbldr.filters.types import Array, Update, Vector
+
+NOWHERE_M2 = 1e8  # variance of a position of which nothing is known
+
+
+class PastFix(NamedTuple):
+    """A fix as the local search needs it."""
+
+    readings: tuple[Measurement, ...]  # its scalars, or the one of both axes
+    state: Vector  # (n,) predicted at its epoch
+    reckoned_m: Vector  # (2,) where dead reckoning was
+    implied_m: Vector  # (2,) where the fix alone puts the vehicle
+    implied_cov_m2: Array  # (2, 2)
+
+
+class TwoStageBelief(NamedTuple):
+    """The EKF's Gaussian, the local track and its fixes, and what the last step did."""
+
+    bank: Gaussians
+    reckoned_m: Vector  # (2,) east and north of the motion alone, since the start
+    past: tuple[PastFix, ...]
+    updates: tuple[Update, ...]
+    ess: float  # of the candidates that were drawn last
+
+
+@dataclass(frozen=True, slots=True)
+class TwoStageFilter:
+    """Candidates by local backward dead reckoning, then an EKF whose measurements they weigh."""
+
+    motion: MotionModel
+    particles: int = 100
+    most_fixes: int = 10
+    local_s: float = 60.0  # older fixes are not local
+    fewest_fixes: int = 3  # below, a fix is taken with matched noise
+    reject_below: float = 0.01  # probability of the nominal mode
+    drift: float = 0.01  # 1-sigma of dead reckoning, of the way that it went
+
+    def start(self, prior: Prior) -> TwoStageBelief:
+        """Return the prior, without any fix."""
+        return TwoStageBelief(copies(prior.mean, prior.cov, 1), np.zeros(2), (), (), float(self.particles))
+
+    def step(self, belief: TwoStageBelief, step: Step, chance: Chance) -> TwoStageBelief:
+        """Return the belief after the step; candidates are drawn only where a fix came."""
+        bank = predict(belief.bank, self.motion, linearised, step.t0_s, step.t1_s)
+        here = POSITION
+        reckoned_m = belief.reckoned_m + (bank.mean - belief.bank.mean)[here, 0]
+        predicted = bank.mean[:, 0]
+        past = tuple(fix for fix in belief.past if fix.readings[0].time_s > step.t1_s - self.local_s)
+        updates: list[Update] = []
+        ess = belief.ess
+        rng: np.random.Generator | None = None
+        rows = dict.fromkeys(m.row for m in step.measurements if m.sensor == "usbl")
+        local: dict[int, Gaussians] = {}
+        if len(past) >= self.fewest_fixes and rows:
+            rng = chance()
+            candidates = self._candidates(past, step.t1_s, reckoned_m, rng)
+            ess = effective_size(candidates.log_weight)
+            where_m, where_m2 = moments(candidates)
+            local = dict.fromkeys(rows, _placed(predicted, where_m, where_m2))
+        for measurement in step.measurements:
+            seen = project(bank, measurement, linearised)
+            rejected, before = False, bank
+            if measurement.sensor != "usbl" or measurement.row not in local:
+                bank = matched(bank, seen, measurement.noise, 0).bank
+            else:
+                p = modes(project(local[measurement.row], measurement, linearised), measurement.noise).probability
+                rejected = len(p) > 1 and bool(p[0, 0] < self.reject_below)
+                if not rejected:
+                    bank = update(bank, seen, _weighted(measurement.noise.cov, p[:, 0])[:, :, None])
+            updates.append(moved(record(measurement, seen, np.ones(1), rejected), before, bank))
+        for row in rows:
+            readings = tuple(m for m in step.measurements if m.sensor == "usbl" and m.row == row)
+            past = (*past, _past_fix(readings, predicted, reckoned_m))[-self.most_fixes :]
+        return TwoStageBelief(bank, reckoned_m, past, tuple(updates), ess)
+
+    def estimate(self, belief: TwoStageBelief) -> Estimate:
+        """Return mean and covariance of the EKF; the effective number is that of the candidates."""
+        mean, cov = moments(belief.bank)
+        return Estimate(mean, cov, belief.updates, belief.ess, math.nan)
+
+    def _candidates(
+        self, past: tuple[PastFix, ...], now_s: float, reckoned_m: Vector, rng: np.random.Generator
+    ) -> Gaussians:
+        """Return candidates for the present position, (2, N), weighed by how far they miss the past fixes."""
+        turn = np.arange(self.particles) % len(past)
+        centres = np.stack([fix.implied_m + reckoned_m - fix.reckoned_m for fix in past], axis=1)
+        roots = np.stack([np.linalg.cholesky(fix.implied_cov_m2) for fix in past], axis=2)
+        normals = rng.standard_normal((2, self.particles))
+        points = centres[:, turn] + np.einsum("abn,bn->an", roots[:, :, turn], normals)
+        log_q = np.stack([log_density(points, centres[:, j : j + 1], fix.implied_cov_m2) for j, fix in enumerate(past)])
+        top = log_q.max(axis=0)
+        log_w = -(top + np.log(np.exp(log_q - top).sum(axis=0)))
+        for fix in past:
+            log_w += self._backward(fix, points, now_s, reckoned_m)
+        return Gaussians(points, np.zeros((2, 2, self.particles)), normalised(log_w))
+
+    def _backward(self, fix: PastFix, points: Array, now_s: float, reckoned_m: Vector) -> Vector:
+        """Return the log likelihood of a past fix for candidates that dead reckoning carries back to it, (N,)."""
+        way_m = reckoned_m - fix.reckoned_m
+        states = np.repeat(fix.state[:, None], points.shape[1], axis=1)
+        states[POSITION] = points - way_m[:, None]
+        walk_m2 = self.motion.noise(fix.readings[0].time_s, now_s)[POSITION].max()
+        drift_m2 = walk_m2 + self.drift**2 * float(way_m @ way_m)
+        log_l = np.zeros(points.shape[1])
+        for reading in fix.readings:
+            innovation = reading.model.residual(reading.z[:, None], reading.model.predict(states))
+            k = len(innovation)
+            seen = Projection(innovation, drift_m2 * np.eye(k)[:, :, None], np.zeros((len(states), k, 1)))
+            log_l += modes(seen, reading.noise).log_likelihood
+        return log_l
+
+
+def _weighted(R: Array, p: Vector) -> Array:
+    """Return (sum p_j R_j^-1)^-1 of the modes R (J, k, k) and their probabilities p (J,)."""
+    inverse, _ = inverse_and_logdet(np.moveaxis(R, 0, -1))
+    return inverse_and_logdet((inverse @ p)[:, :, None])[0][:, :, 0]
+
+
+def _placed(state: Vector, position_m: Vector, cov_m2: Array) -> Gaussians:
+    """Return a bank of one that knows the state but for its position."""
+    mean, cov = state.copy(), np.zeros((len(state), len(state)))
+    mean[POSITION] = position_m
+    cov[np.ix_(POSITION, POSITION)] = cov_m2
+    return copies(mean, cov, 1)
+
+
+def _past_fix(readings: tuple[Measurement, ...], state: Vector, reckoned_m: Vector) -> PastFix:
+    """Remember a fix, and where it alone, by its nominal noise, puts the vehicle."""
+    alone = _placed(state, state[POSITION], NOWHERE_M2 * np.eye(2))
+    for reading in readings:
+        alone = update(alone, project(alone, reading, linearised), reading.noise.cov[0, :, :, None])
+    mean, cov = moments(alone)
+    return PastFix(readings, state, reckoned_m, mean[POSITION], cov[np.ix_(POSITION, POSITION)])

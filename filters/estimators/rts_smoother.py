@@ -1,0 +1,78 @@
+"""What the whole dive tells of each epoch: the Rauch-Tung-Striebel pass, back over what a filter has estimated.
+
+It reads the filter's moments alone, so that it serves every filter whose belief is near a Gaussian: mixture noise has
+done its work in the forward pass. The motion is walked back part by part with the covariances of the filter's own
+rule; where x becomes y, x_s = x + G (y_s - y) with G = cov(x, y) cov(y)^-1.
+
+H. Rauch, F. Tung and C. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA J. 3(8), 1965,
+doi:10.2514/3.3166; for sigma points S. Sarkka, "Unscented Rauch-Tung-Striebel smoother", IEEE Trans. Automatic Control
+53(3), 2008, doi:10.1109/TAC.2008.919531.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.estimators.gaussian_bank import copies, moves
+from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.types import Array, Vector
+
+
+class Moments(NamedTuple):
+    """Mean (n,) and covariance (n, n)."""
+
+    mean: Vector
+    cov: Array
+
+
+def smooth(
+    mean: Array, cov: Array, inflation: Vector, time_s: Vector, motion: MotionModel, rule: Rule
+) -> tuple[Array, Array]:
+    """Return mean (K, n) and cov (K, n, n) given all measurements, from those given the measurements so far.
+
+    ``inflation`` (K,) is the factor by which the filter widened its prediction of each epoch; where it is infinite the
+    filter took its past for refuted, and nothing passes back.
+    """
+    smoothed_mean, smoothed_cov = mean.copy(), cov.copy()
+    for k in range(len(time_s) - 2, -1, -1):
+        if not math.isfinite(inflation[k + 1]):
+            continue
+        known = Moments(smoothed_mean[k + 1], smoothed_cov[k + 1])
+        known = _before(Moments(mean[k], cov[k]), known, inflation[k + 1], time_s[k : k + 2], motion, rule)
+        smoothed_mean[k], smoothed_cov[k] = known
+    return smoothed_mean, smoothed_cov
+
+
+def _before(
+    filtered: Moments, after: Moments, inflation: float, times_s: Vector, motion: MotionModel, rule: Rule
+) -> Moments:
+    """Return the smoothed moments of an epoch from its filtered ones and the smoothed ones of the next."""
+    t0_s, t1_s = times_s.tolist()
+    stages = [filtered]
+    crosses: list[Array] = []  # covariance of each stage with the next
+    for bank, rows, cross in moves(copies(*filtered, 1), motion, rule, t0_s, t1_s):
+        with_next = stages[-1].cov.copy()
+        with_next[:, rows] += cross[:, :, 0]
+        crosses.append(with_next)
+        stages.append(Moments(bank.mean[:, 0], bank.cov[:, :, 0]))
+    moved = stages[-1]
+    crosses.append(moved.cov)  # noise and widening depend on nothing before them
+    stages.append(Moments(moved.mean, inflation * (moved.cov + np.diag(motion.noise(t0_s, t1_s)))))
+    for before, cross, then in zip(stages[-2::-1], crosses[::-1], stages[:0:-1], strict=True):
+        G = _gain(cross, then.cov)
+        P = before.cov + G @ (after.cov - then.cov) @ G.T
+        after = Moments(before.mean + G @ (after.mean - then.mean), 0.5 * (P + P.T))
+    return after
+
+
+def _gain(cross: Array, P: Array) -> Array:
+    """Return cross P^-1 on the states that vary, 0 elsewhere; solved as correlations, for variances differ by 1e10."""
+    sd = np.sqrt(P.diagonal())
+    vary = np.flatnonzero(sd > 0)
+    sd = sd[vary]
+    G = np.zeros_like(cross)
+    correlation = P[np.ix_(vary, vary)] / np.outer(sd, sd)
+    G[:, vary] = np.linalg.solve(correlation, (cross[:, vary] / sd).T).T / sd
+    return G

@@ -1,0 +1,1 @@
+"""Tracks against the truth: alignment, metrics, consistency, statistics over seeds, influence of single fixes."""

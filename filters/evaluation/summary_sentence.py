@@ -1,0 +1,30 @@
+"""The one sentence that a table ends in: how good, and how much better than doing without."""
+
+from collections.abc import Sequence
+
+from usbldr.filters.evaluation.evaluation import ErrorReport
+
+SPOKEN = {"usbl": "the raw USBL", "dr": "DR", "nudge": "the nudged DR"}
+
+
+def verdict(report: ErrorReport, others: Sequence[ErrorReport] = ()) -> str:
+    """Say the mean horizontal error and compare it: "cpf 0.69 m: 31 % better than the raw USBL, 70 % than DR"."""
+    own = report.metrics["mean_horizontal_m"]
+    said = f"{report.filter} {own:.2f} m"
+    parts: list[str] = []
+    word_before = ""
+    for other in others:
+        if other.filter == report.filter:
+            continue
+        theirs = other.metrics["mean_horizontal_m"]
+        name = SPOKEN.get(other.filter, other.filter)
+        change = 100 * (1 - own / theirs) if theirs > 0 else (0.0 if own == 0 else -float("inf"))
+        if abs(change) < 0.5:
+            parts.append(f"equal to {name}")
+            word_before = ""
+            continue
+        word = "better" if change > 0 else "worse"
+        size = f"{abs(change):.0f} %" if abs(change) < 200 else f"{own / theirs:.1f} times" if theirs > 0 else "far"
+        parts.append(f"{size} than {name}" if word == word_before else f"{size} {word} than {name}")
+        word_before = word
+    return f"{said}: {', '.join(parts)}" if parts else f"{said} mean horizontal error"

@@ -1,0 +1,267 @@
+"""Dead reckoning held against USBL fixes, without any truth: turn, scale, delays and gross fixes.
+
+The turn and shift between the two tracks are the closed form of S. Umeyama, IEEE Trans. PAMI 13(4), 1991,
+doi:10.1109/34.88573, with P. J. Huber's weights against gross fixes. The small errors come from one regression, with
+J. W. Tukey's biweight; standard deviations come from leaving out parts of the log (B. Efron's jackknife).
+
+Positions are complex numbers here, east + i north, in metres: a turn counter-clockwise is a factor.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeAlias, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.filters.replay.dead_reckoning import displacement_m
+from usbldr.filters.types import Array, Indices, Timeline, Vector
+
+Points: TypeAlias = NDArray[np.complex128]  # (n,) east + i north
+
+STRETCH_S = 120.0  # drift within a stretch is small beside the movement
+BLOCKS = 8  # of the log, left out one by one to tell how sure a turn is
+LATENCIES_S = tuple(float(s) for s in range(-4, 5))
+LEAST_FIXES = 20  # below that nothing is claimed
+MOST_DELAY_S = 10.0
+GROSS_SIGMAS = 6.0
+TO_NORMAL = 1.1774  # median of a Rayleigh distribution
+STEPS = np.array([1e-4, 1e-4, 1.0, 1.0])  # of central differences: rad, 1, s, s; a DVL's noise hides in a second
+PRIOR_SD = np.array([np.pi, 0.1, 5.0, 2.0])
+LEAST_APART = 0.01  # smallest eigenvalue of the slopes' correlations at which they are told apart
+LIMITS = np.array([np.inf, 0.5, MOST_DELAY_S, MOST_DELAY_S])
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Dead reckoning turned and shifted onto F fixes: fix(t) = turn * reckoned(t - latency) + shift of its group."""
+
+    latency_s: float  # the best of those tried
+    rotation_rad: float  # counter-clockwise
+    residual_m: Vector  # (F,) distance of each fix from the track
+    rms_m: float  # of the residuals, gross ones at their reduced weight
+    shift_m: Points  # (groups,)
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What a robust regression of fixes on dead reckoning finds, each with its 1-sigma: errors of the sensors.
+
+    A sigma is NaN where the log does not tell. Rotation, scale and latency take headings at their stamps.
+    """
+
+    rotation_rad: float  # dead reckoning has to be turned counter-clockwise by it
+    rotation_sd_rad: float
+    scale: float  # the DVL reads (1 + scale) times the truth
+    scale_sd: float
+    latency_s: float  # stamp of a fix minus the time at which it was true
+    latency_sd_s: float
+    heading_delay_s: float  # stamp of a heading minus the time at which it was true, both by the DVL's clock
+    heading_delay_sd_s: float
+    residual_m: Vector  # (F,) with headings at the time at which they were true; NaN outside of all stretches
+    sd_m: float  # per axis, of those that are not gross
+    sd_without_delay_m: float  # the same where headings are taken at their stamps
+    stretches: int
+
+    @property
+    def gross(self) -> Indices:
+        """Indices of the fixes that lie far from all that the others say."""
+        return np.flatnonzero(self.residual_m > GROSS_SIGMAS * self.sd_m)
+
+
+def as_points(position_m: Array) -> Points:
+    """Return east and north, (n, 2), as complex numbers."""
+    return position_m[:, 0] + 1j * position_m[:, 1]
+
+
+def fix_points(timeline: Timeline) -> Points:
+    """Return the fixes, (F,)."""
+    return as_points(timeline.fix_m)
+
+
+def reckoned(timeline: Timeline, time_s: Vector) -> Points:
+    """Return dead reckoning from the origin, (n,) at any times."""
+    return np.interp(time_s, timeline.time_s, as_points(displacement_m(timeline)))
+
+
+def groups(timeline: Timeline, time_s: Vector, longest_s: float = np.inf) -> Indices:
+    """Number the stretches in which each time lies, (n,): cut where DVL or compass were out; -1 inside such an outage.
+
+    Dead reckoning is only trusted within a stretch; ``longest_s`` cuts further.
+    """
+    number = np.zeros(len(time_s), dtype=np.intp) if np.isinf(longest_s) else (time_s // longest_s).astype(np.intp)
+    inside = np.zeros(len(time_s), dtype=np.bool_)
+    cuts = np.zeros(len(time_s), dtype=np.intp)
+    for outage in timeline.outages:
+        if outage.sensor != "usbl":
+            inside |= (time_s > outage.start_s) & (time_s < outage.end_s)
+            cuts += time_s >= outage.end_s
+    _, number = np.unique(np.column_stack([cuts, number])[~inside], axis=0, return_inverse=True)
+    result = np.full(len(time_s), -1, dtype=np.intp)
+    result[~inside] = number.ravel()
+    return result
+
+
+def fit_turn(timeline: Timeline, group: Indices, latencies_s: Sequence[float] = LATENCIES_S) -> Turn:
+    """Turn and shift dead reckoning onto the fixes, (F,), with a shift for each group; fixes of group -1 do not count.
+
+    The latency that fits best is taken: left out, a late fix beside a track passes for a DVL that mirrors.
+    """
+    tried = [_turn(reckoned(timeline, timeline.fix_time_s - s), fix_points(timeline), group, s) for s in latencies_s]
+    return min(tried, key=lambda turn: turn.rms_m)
+
+
+def _turn(track: Points, fixes: Points, group: Indices, latency_s: float) -> Turn:
+    used = group >= 0
+    rotation, weights = _huber_turn(track[used], fixes[used], group[used])
+    shift = _means(fixes[used] - np.exp(1j * rotation) * track[used], weights, group[used])
+    residual = np.full(len(fixes), np.nan)
+    residual[used] = np.abs(fixes[used] - np.exp(1j * rotation) * track[used] - shift[group[used]])
+    rms = np.sqrt(np.average(residual[used] ** 2, weights=weights))
+    return Turn(latency_s, rotation, residual, float(rms), shift)
+
+
+def _huber_turn(track: Points, fixes: Points, group: Indices) -> tuple[float, Vector]:
+    weights = np.ones(len(fixes))
+    rotation = 0.0
+    for _ in range(10):
+        a = track - _means(track, weights, group)[group]
+        b = fixes - _means(fixes, weights, group)[group]
+        rotation = float(np.angle(np.sum(weights * b * np.conj(a))))
+        distance = np.abs(b - np.exp(1j * rotation) * a)
+        weights = np.minimum(1.0, 2 * _scale(distance) / np.maximum(distance, 1e-12))
+    return rotation, weights
+
+
+def turn_sd_rad(timeline: Timeline, group: Indices, latency_s: float) -> float:
+    """Return the 1-sigma of the rotation of `fit_turn`, by leaving out an eighth of the fixes at a time."""
+    used = np.flatnonzero(group >= 0)
+    track, fixes = reckoned(timeline, timeline.fix_time_s - latency_s), fix_points(timeline)
+    full, _ = _huber_turn(track[used], fixes[used], group[used])
+    off: list[float] = []
+    for part in np.array_split(used, min(BLOCKS, len(used))):
+        kept = np.setdiff1d(used, part)
+        rotation, _ = _huber_turn(track[kept], fixes[kept], group[kept])
+        off.append(float(np.angle(np.exp(1j * (rotation - full)))))
+    return float(np.sqrt((len(off) - 1) * np.mean(np.square(off)))) if len(off) > 1 else float("nan")
+
+
+def calibrate(timeline: Timeline, rotation_rad: float = 0.0) -> Calibration | None:
+    """Regress fixes on dead reckoning in short stretches; ``rotation_rad`` is where to start.
+
+    None where there are too few fixes or stretches to claim anything.
+    """
+    group = groups(timeline, timeline.fix_time_s, STRETCH_S)
+    used = group >= 0
+    stretches = len(np.unique(group[used]))
+    if np.sum(used) < LEAST_FIXES or stretches < 4:
+        return None
+    start = np.array([rotation_rad, 0.0, 0.0, 0.0])
+    first = _regress(timeline, start, 3, group)
+    whole = _regress(timeline, first.values, 4, group)
+    sd = [*_jackknife_sd(timeline, first, 3, group), _jackknife_sd(timeline, whole, 4, group)[3]]
+    residual = np.full(len(group), np.nan)
+    residual[used] = whole.residual_m
+    return Calibration(
+        *(float(number) for pair in zip([*first.values[:3], whole.values[3]], sd, strict=True) for number in pair),
+        residual_m=residual,
+        sd_m=whole.sd_m,
+        sd_without_delay_m=first.sd_m,
+        stretches=stretches,
+    )
+
+
+class _Regression(NamedTuple):
+    values: Vector  # (4,) rotation, scale, latency, heading delay
+    told_apart: bool
+    residual_m: Vector
+    sd_m: float
+
+
+class _Solution(NamedTuple):
+    step: Vector  # (k,)
+    told_apart: bool  # False: two slopes are nearly one, as those of latency and heading delay are at constant speed
+    error: Points  # (n,)
+    weights: Vector  # (n,)
+
+
+def _jackknife_sd(timeline: Timeline, full: _Regression, free: int, group: Indices) -> Vector:
+    """Return the 1-sigma of each value, (free,), by leaving out an eighth of the stretches; NaN if not told apart.
+
+    Drift hangs together within a stretch and is heavy-tailed, so that no formula is as honest.
+    """
+    if not full.told_apart:
+        return np.full(free, np.nan)
+    used = group[group >= 0]
+    slopes, y = _linear(timeline, full.values, free, group)
+    off: list[Vector] = []
+    stretches = np.unique(used)
+    for part in np.array_split(stretches, min(BLOCKS, len(stretches))):
+        kept = ~np.isin(used, part)
+        found = _settle(slopes[kept], y[kept], np.ones(int(kept.sum())), used[kept], full.values[:free])
+        off.append(found.step)
+    return np.sqrt((len(off) - 1) * np.mean(np.square(off), axis=0))
+
+
+def _regress(timeline: Timeline, start: Vector, free: int, group: Indices) -> _Regression:
+    """Find the first ``free`` of rotation, scale, latency and heading delay by Gauss-Newton steps."""
+    used = group[group >= 0]
+    q, weights = start, np.ones(len(used))
+    for _ in range(7):
+        found = _settle(*_linear(timeline, q, free, group), weights, used, q[:free])
+        limit = LIMITS[:free]
+        q = np.concatenate([np.clip(q[:free] + found.step, -limit, limit), q[free:]])
+        weights = found.weights
+    found = _settle(*_linear(timeline, q, free, group), weights, used, q[:free])
+    distance = np.abs(found.error)
+    sd_m = float(np.sqrt(np.average(distance**2, weights=found.weights) / 2))
+    return _Regression(q, found.told_apart, distance, sd_m)
+
+
+def _linear(timeline: Timeline, q: Vector, free: int, group: Indices) -> tuple[Points, Points]:
+    """Return slopes (n, free) and what is left (n,) of the used fixes at q."""
+    used = group >= 0
+    wings = [(_predicted(timeline, q + step), _predicted(timeline, q - step)) for step in np.diag(STEPS)[:free]]
+    slopes = np.column_stack([(a - b)[used] / (2 * step) for (a, b), step in zip(wings, STEPS[:free], strict=True)])
+    return slopes, (fix_points(timeline) - _predicted(timeline, q))[used]
+
+
+def _settle(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
+    """Solve with weights that follow their own residuals."""
+    for _ in range(9):
+        weights = _solve(slopes, y, weights, group, q).weights
+    return _solve(slopes, y, weights, group, q)
+
+
+def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
+    """Solve y = slopes x + shift of its group, (n, k) and (n,), for real x; q + x is held weakly to 0."""
+    columns = np.column_stack([slopes, y])
+    columns = columns - np.column_stack([_means(column, weights, group) for column in columns.T])[group]
+    A, b = columns[:, :-1], columns[:, -1]
+    information = np.real(A.conj().T * weights @ A)
+    hold = _scale(np.abs(b)) ** 2 / PRIOR_SD[: len(q)] ** 2
+    inverse = np.linalg.pinv(information + np.diag(hold), hermitian=True)
+    step = inverse @ (np.real(A.conj().T * weights @ b) - hold * q)
+    error = b - A @ step
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    told_apart = bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] >= LEAST_APART)
+    distance = np.abs(error)
+    return _Solution(step, told_apart, error, (1 - np.minimum(distance / (4.7 * _scale(distance)), 1.0) ** 2) ** 2)
+
+
+def _predicted(timeline: Timeline, q: Vector) -> Points:
+    """Return where the fixes should be, up to a shift, (F,)."""
+    rotation, scale, latency_s, delay_s = q.tolist()
+    yaw = cast(Vector, np.interp(timeline.time_s + delay_s, timeline.time_s, timeline.dr_yaw_rad)) + rotation
+    moved = replace(timeline, dr_yaw_rad=yaw, dr_mps=timeline.dr_mps / (1 + scale))
+    return reckoned(moved, timeline.fix_time_s - latency_s)
+
+
+def _means(values: Points, weights: Vector, group: Indices) -> Points:
+    """Return the weighted mean of each group."""
+    total = np.maximum(np.bincount(group, weights), 1e-12)
+    return (np.bincount(group, weights * values.real) + 1j * np.bincount(group, weights * values.imag)) / total
+
+
+def _scale(distance: Array) -> float:
+    return float(np.median(distance)) / TO_NORMAL + 1e-9

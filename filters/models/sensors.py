@@ -1,0 +1,297 @@
+"""What each sensor would read in a given state, and one reading of it.
+
+Every model is a Function (sigma_points.py): DVL and compass pick states or are affine; a USBL fix is a point of the track at
+its own time of validity, a little before the epoch at which it is used.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.models.noise import Noise
+from usbldr.filters.models.parameters import LeverArm
+from usbldr.filters.models.sigma_points import Function
+from usbldr.filters.models.states import Layout
+from usbldr.filters.types import Array, Vector
+
+
+class Measurement(NamedTuple):
+    """A reading of k scalars with the model and the noise that explain it."""
+
+    z: Vector  # (k,)
+    model: Function
+    noise: Noise
+    sensor: str  # "dvl", "compass", "usbl", "gps"
+    axis: str  # which scalar of the record, see types.Update
+    row: int  # which record, see types.Update
+    time_s: float  # time of validity
+    multiplies: bool = False  # the model multiplies a state by a constant error that is a state, too
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """One state read directly: the compass reads psi, a DVL at the reference point u and v."""
+
+    row: int
+    angle: bool = False
+    curved: tuple[int, ...] = ()
+
+    @property
+    def rows(self) -> slice:
+        """Pick the state."""
+        return slice(self.row, self.row + 1)
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read the state."""
+        return (self.row,)
+
+    def predict(self, x: Array) -> Array:
+        """Return the state, (1, N)."""
+        return x[self.rows]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return 1, (1, 1, 1)."""
+        return np.ones((1, 1, 1))
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference, of angles the shorter way round."""
+        return wrapped(a - b) if self.angle else a - b
+
+
+@dataclass(frozen=True, slots=True)
+class BodyVelocity:
+    """What one axis of a DVL reads: z = (1 + s) (u' cos a + v' sin a), a = d for starboard, d + 90 deg for forward.
+
+    u' = u - forward r and v' = v + starboard r at a DVL off the reference point; s is its scale error, d the angle of
+    its axes in the body.
+    """
+
+    velocity_rows: tuple[int, int]  # u, v
+    rate_row: int
+    axis: int  # 0 starboard, 1 forward
+    arm_m: tuple[float, float] = (0.0, 0.0)  # starboard, forward of the reference point
+    scale_row: int | None = None
+    mount_row: int | None = None
+    rows: slice | None = None
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Bend with scale and angle, where they are states."""
+        return tuple(row for row in (self.scale_row, self.mount_row) if row is not None)
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read the velocity and the turn rate."""
+        return (*self.velocity_rows, self.rate_row)
+
+    def predict(self, x: Array) -> Array:
+        """Return the reading, (1, N)."""
+        gain, along, across = self._seen(x)
+        u, v = self._velocity(x)
+        return (gain * (along * u + across * v))[None]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives by scale and angle where they are states, then by u, v and r, (1, 3 to 5, N)."""
+        gain, along, across = self._seen(x)
+        starboard, forward = self.arm_m
+        by_state: list[Array | float] = [gain * along, gain * across, gain * (starboard * across - forward * along)]
+        if self.curved:
+            u, v = self._velocity(x)
+            by_angle = gain * (along * v - across * u)
+            by_state[:0] = [by_angle] if self.mount_row is not None else []
+            by_state[:0] = [along * u + across * v] if self.scale_row is not None else []
+        seen = np.empty((1, len(by_state), x.shape[1]))
+        for column, derivative in enumerate(by_state):
+            seen[0, column] = derivative
+        return seen
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference."""
+        return a - b
+
+    def _velocity(self, x: Array) -> tuple[Array, Array]:
+        """Return u' and v', (N,) each."""
+        (u, v), r = self.velocity_rows, x[self.rate_row]
+        starboard, forward = self.arm_m
+        return x[u] - forward * r, x[v] + starboard * r
+
+    def _seen(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return 1 + s, cos a and sin a, (N,) or (1,) each."""
+        gain = np.ones(1) if self.scale_row is None else 1 + x[self.scale_row]
+        c, s = np.ones(1), np.zeros(1)
+        if self.mount_row is not None:
+            c, s = np.cos(x[self.mount_row]), np.sin(x[self.mount_row])
+        return (gain, c, s) if self.axis == 0 else (gain, -s, c)
+
+
+@dataclass(frozen=True, slots=True)
+class ScaledVelocity:
+    """What `BodyVelocity` is where the scale alone errs and the DVL sits on the reference point: z = (1 + s) u or v."""
+
+    scale_row: int
+    velocity_row: int
+    rows: slice | None = None
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Bend with the scale."""
+        return (self.scale_row,)
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read the velocity."""
+        return (self.velocity_row,)
+
+    def predict(self, x: Array) -> Array:
+        """Return the reading, (1, N)."""
+        return ((1 + x[self.scale_row]) * x[self.velocity_row])[None]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives by scale and velocity, (1, 2, N)."""
+        return np.array([[x[self.velocity_row], 1 + x[self.scale_row]]])
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference."""
+        return a - b
+
+
+@dataclass(frozen=True, slots=True)
+class DeviatingCompass:
+    """z = psi + b0 + b_s sin psi + b_c cos psi: a constant bias, and the deviation by iron aboard."""
+
+    psi_row: int
+    bias_rows: tuple[int, ...] = ()  # b0, or none
+    deviation_rows: tuple[int, ...] = ()  # b_s and b_c, or none
+    rows: slice | None = None
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Bend with psi where the compass deviates."""
+        return (self.psi_row,) if self.deviation_rows else ()
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read the errors, and psi where nothing bends."""
+        psi = () if self.deviation_rows else (self.psi_row,)
+        return psi + self.bias_rows + self.deviation_rows
+
+    def predict(self, x: Array) -> Array:
+        """Return the yaw that the compass shows, (1, N)."""
+        seen = x[self.psi_row] + x[list(self.bias_rows)].sum(axis=0)
+        if self.deviation_rows:
+            b_s, b_c = x[list(self.deviation_rows)]
+            seen = seen + b_s * np.sin(x[self.psi_row]) + b_c * np.cos(x[self.psi_row])
+        return seen[None]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives by psi, b0, b_s and b_c, those that there are, (1, 1 to 4, N)."""
+        by_state: list[Array] = [np.ones_like(x[self.psi_row])] * (1 + len(self.bias_rows))
+        if self.deviation_rows:
+            c, s = np.cos(x[self.psi_row]), np.sin(x[self.psi_row])
+            b_s, b_c = x[list(self.deviation_rows)]
+            by_state = [1 + b_s * c - b_c * s, *by_state[1:], s, c]
+        return np.array([by_state])
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference, the shorter way round."""
+        return wrapped(a - b)
+
+
+@dataclass(frozen=True, slots=True)
+class UsblFix:
+    """East and north (or one of them) of the transponder at ``offset_s`` from the epoch, usually a little before it.
+
+    h = (x, y) + t (V_E, V_N) + lever arm + c, with V at the heading psi + r t/2 and the arm at psi + r t. Stamps that
+    are late by tau tell of t = offset - tau; c is the correlated error. Both are 0 where they are no states.
+    """
+
+    layout: Layout
+    offset_s: float
+    lever_m: LeverArm = (0.0, 0.0, 0.0)
+    axes: tuple[int, ...] = (0, 1)  # 0 east, 1 north
+
+    @property
+    def rows(self) -> slice | None:
+        """Pick x and y where the fix is of the epoch itself and the transponder at the reference point."""
+        if self.offset_s or any(self.lever_m[:2]) or self.layout.present("usbl_latency", "usbl_bias_east"):
+            return None
+        first = self.layout.index("x") + self.axes[0]
+        return slice(first, first + len(self.axes))
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Bend with psi and r, and with the latency."""
+        return self.layout.rows("psi", "r") + self.layout.present("usbl_latency")
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Read velocity and position, and the correlated error."""
+        return self.layout.rows("u", "v", "x", "y") + self.layout.present("usbl_bias_east", "usbl_bias_north")
+
+    def predict(self, x: Array) -> Array:
+        """Return the transponder's east and north, (k, N)."""
+        psi, u, v, r, east, north = x[:6]
+        t = self.offset_s - self.layout.of(x, "usbl_latency")
+        c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
+        C, S = np.cos(psi + r * t), np.sin(psi + r * t)
+        starboard, forward, _ = self.lever_m
+        both = (
+            east + (u * c - v * s) * t + starboard * C - forward * S + self.layout.of(x, "usbl_bias_east"),
+            north + (u * s + v * c) * t + starboard * S + forward * C + self.layout.of(x, "usbl_bias_north"),
+        )
+        return np.array([both[axis] for axis in self.axes])
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives by the states of curved and affine, (k, 6 to 9, N)."""
+        psi, u, v, r, _, _ = x[:6]
+        t = self.offset_s - self.layout.of(x, "usbl_latency")
+        c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
+        C, S = np.cos(psi + r * t), np.sin(psi + r * t)
+        starboard, forward, _ = self.lever_m
+        V = (u * c - v * s, u * s + v * c)
+        arm = (starboard * C - forward * S, starboard * S + forward * C)
+        one, zero = np.ones_like(psi), np.zeros_like(psi)
+        both: list[list[Array]] = []
+        for axis in (0, 1):
+            turned_V = (-V[1], V[0])[axis] * t  # by the heading of the move
+            turned_arm = (-arm[1], arm[0])[axis]  # by the heading of the arm
+            by_state = [turned_V + turned_arm, turned_V * t / 2 + turned_arm * t]
+            if self.layout.present("usbl_latency"):
+                by_state.append(-(V[axis] + turned_V * r / 2 + turned_arm * r))
+            by_state += [(c, s)[axis] * t, (-s, c)[axis] * t, *((one, zero), (zero, one))[axis]]
+            if self.layout.present("usbl_bias_east"):
+                by_state += ((one, zero), (zero, one))[axis]
+            both.append(by_state)
+        return np.array([both[axis] for axis in self.axes])
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return the difference."""
+        return a - b
+
+
+def compass(layout: Layout) -> Function:
+    """Return the model of a compass: it reads psi, and whatever errors are states."""
+    psi, bias = layout.index("psi"), layout.present("heading_bias")
+    deviation = layout.present("deviation_sin", "deviation_cos")
+    if not bias and not deviation:
+        return State(psi, angle=True)
+    return DeviatingCompass(psi, bias, deviation)
+
+
+def dvl(layout: Layout, lever_m: LeverArm) -> tuple[Function, Function]:
+    """Return the models of a DVL's starboard and forward velocity."""
+    u, v, r = layout.rows("u", "v", "r")
+    scale, mount = (next(iter(layout.present(name)), None) for name in ("dvl_scale", "dvl_mount"))
+    arm_m = lever_m[:2]
+    if not any(arm_m) and mount is None:
+        return (State(u), State(v)) if scale is None else (ScaledVelocity(scale, u), ScaledVelocity(scale, v))
+    starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount) for axis in (0, 1))
+    return starboard, forward
+
+
+def wrapped(angle_rad: Array) -> Array:
+    """Return the angle within half a turn of 0."""
+    return (angle_rad + math.pi) % (2 * math.pi) - math.pi

@@ -1,0 +1,157 @@
+"""How a Gaussian passes through a function: linearised, cubature, unscented.
+
+This is the only difference between ekf, ckf and ukf. A Function is affine in all states but the few it names as
+``curved``; sigma points in the other directions would only repeat the affine part, so they are summed in closed form.
+With the curved states first in the Cholesky root the result equals the full set of 2n points (tests/test_rules.py).
+
+Points see a function between them. Once the yaw is known so badly that they lie more than a quarter turn off, they see
+another side of the circle: what they say of the displacement is small whatever the truth, and a vehicle without a
+compass would seem to know where it is. There every rule is linearised, which overstates what a turn can do.
+
+I. Arasaratnam and S. Haykin, "Cubature Kalman Filters", IEEE Trans. Automatic Control 54(6), 2009,
+doi:10.1109/TAC.2009.2019800; S. Julier and J. Uhlmann, "Unscented filtering and nonlinear estimation", Proc. IEEE
+92(3), 2004, doi:10.1109/JPROC.2003.823141.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from usbldr.filters.models.states import Layout
+from usbldr.filters.types import Array
+
+YAW = Layout().index("psi")  # in every layout
+FARTHEST_RAD = math.pi / 2  # of a point from the mean
+
+
+class Function(Protocol):
+    """g: n states to k values, for N states at once."""
+
+    @property
+    def rows(self) -> slice | None:
+        """Where g merely picks neighbouring states: which; None otherwise."""
+        ...
+
+    @property
+    def curved(self) -> tuple[int, ...]:
+        """Return the states in which g is not affine while the others are held."""
+        ...
+
+    @property
+    def affine(self) -> tuple[int, ...]:
+        """Return the other states that g reads."""
+        ...
+
+    def predict(self, x: Array) -> Array:
+        """Return g(x): (n, N) in, (k, N) out."""
+        ...
+
+    def jacobian(self, x: Array) -> Array:
+        """Return dg/dx by the states curved + affine, in that order: (k, c + a, N) or (k, c + a, 1)."""
+        ...
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return a - b, (k, N), with angles wrapped to half a turn."""
+        ...
+
+
+class Moments(NamedTuple):
+    """Mean, covariance and covariance with the state of g(x)."""
+
+    mean: Array  # (k, N)
+    cov: Array  # (k, k, N)
+    cross: Array  # (n, k, N) cov(x, g(x))
+
+
+class Rule(Protocol):
+    """Pass N(m, P) through g."""
+
+    def __call__(self, g: Function, m: Array, P: Array) -> Moments:
+        """Return the moments of g(x) for x ~ N(m, P): (n, N) and (n, n, N) in."""
+        ...
+
+
+def linearised(g: Function, m: Array, P: Array) -> Moments:
+    """Take the first-order expansion at the mean (EKF)."""
+    if g.rows is not None:
+        return _pick(g.rows, m, P)
+    return Moments(g.predict(m), *_affine(P, g.curved + g.affine, g.jacobian(m)))
+
+
+@dataclass(frozen=True, slots=True)
+class Unscented:
+    """Symmetric sigma points at sqrt(n + kappa) sigma; the centre weighs kappa / (n + kappa)."""
+
+    kappa: float | None = None  # None: 3 - n, Julier's choice for a Gaussian
+
+    def __call__(self, g: Function, m: Array, P: Array) -> Moments:
+        """Return the moments by weighted points."""
+        if g.rows is not None:
+            return _pick(g.rows, m, P)
+        base = g.predict(m)
+        if not g.curved:
+            return Moments(base, *_affine(P, g.affine, g.jacobian(m)))
+        scale = 3.0 if self.kappa is None else len(m) + self.kappa  # n + kappa
+        if YAW not in g.curved:
+            return _by_points(g, m, P, base, scale)
+        lost = scale * P[YAW, YAW] > FARTHEST_RAD**2
+        if not lost.any():
+            return _by_points(g, m, P, base, scale)
+        if lost.all():
+            return linearised(g, m, P)
+        both = zip(linearised(g, m, P), _by_points(g, m, P, base, scale), strict=True)
+        return Moments(*(np.where(lost, straight, bent) for straight, bent in both))
+
+
+def _by_points(g: Function, m: Array, P: Array, base: Array, scale: float) -> Moments:
+    """Return the moments by points at sqrt(scale) sigma about the mean, where g is ``base``."""
+    root, rest = _partial_root(P, g.curved)
+    step = math.sqrt(scale) * root  # (n, c, N)
+    cov, cross = _affine(rest, g.affine, g.jacobian(m)[:, len(g.curved) :])
+    shift = np.zeros_like(base)
+    for j in range(len(g.curved)):
+        ahead = g.residual(g.predict(m + step[:, j]), base)
+        behind = g.residual(g.predict(m - step[:, j]), base)
+        shift += ahead + behind
+        cov += (ahead[:, None] * ahead[None] + behind[:, None] * behind[None]) / (2 * scale)
+        cross += step[:, j, None] * (ahead - behind)[None] / (2 * scale)
+    shift /= 2 * scale
+    return Moments(base + shift, cov - shift[:, None] * shift[None], cross)
+
+
+cubature: Rule = Unscented(kappa=0.0)
+unscented: Rule = Unscented()
+
+
+def _pick(rows: slice, m: Array, P: Array) -> Moments:
+    return Moments(m[rows], P[rows, rows], P[:, rows])
+
+
+def _affine(P: Array, columns: Sequence[int], J: Array) -> tuple[Array, Array]:
+    """Return J P J' and P J' for a g that reads only some columns: P (n, n, N), J (k, q, N)."""
+    cross = np.zeros((len(P), len(J), P.shape[-1]))
+    cov = np.zeros((len(J), len(J), P.shape[-1]))
+    for q, column in enumerate(columns):
+        cross += P[:, column, None] * J[None, :, q]
+    for q, column in enumerate(columns):
+        cov += cross[column, None, :] * J[:, None, q]
+    return 0.5 * (cov + cov.swapaxes(0, 1)), cross
+
+
+def _partial_root(P: Array, pivots: Sequence[int]) -> tuple[Array, Array]:
+    """Return the pivots' Cholesky columns, (n, c, N), and what they leave of P; a zero pivot has a zero column."""
+    columns: list[Array] = []
+    rest = P
+    for i in pivots:
+        pivot = rest[i, i]
+        positive = pivot > 0
+        if positive.all():
+            column = rest[:, i] * (1 / np.sqrt(pivot))
+        else:
+            column = rest[:, i] * np.where(positive, 1 / np.sqrt(np.where(positive, pivot, 1.0)), 0.0)
+        rest = rest - column[:, None] * column[None]
+        columns.append(column)
+    return np.array(columns).swapaxes(0, 1), rest

@@ -1,0 +1,74 @@
+"""In which order a filter comes to know of late fixes: at their time of validity, or when they arrived.
+
+Offline a fix can be used at the instant that it tells of. A vehicle under way hears of it later: it then goes back to
+the belief of that instant, takes the fix in, and runs forward again. Beliefs are immutable, so going back is keeping
+them; chance goes by the epoch, so a step that is run again repeats itself.
+"""
+
+import functools
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from usbldr.filters.estimators.protocol import Chance, Estimate, Filter
+from usbldr.filters.replay.steps import Readings
+from usbldr.filters.types import Update
+
+Belief = TypeVar("Belief")
+MEMORY_S = 10.0  # a fix that comes later than this is not used
+
+
+class Known(NamedTuple):
+    """What is known at an epoch when it is reached."""
+
+    epoch: int
+    estimate: Estimate
+    updates: Mapping[int, Sequence[Update]]  # of each step that was run, or run again
+
+
+def by_validity(estimator: Filter[Belief], belief: Belief, readings: Readings, seed: int) -> Iterator[Known]:
+    """Yield the estimate of every epoch with all fixes up to it."""
+    for k in range(len(readings.time_s)):
+        belief = estimator.step(belief, readings.step(k), _chance(seed, k))
+        estimate = estimator.estimate(belief)
+        yield Known(k, estimate, {k: estimate.updates})
+
+
+def by_arrival(
+    estimator: Filter[Belief], belief: Belief, readings: Readings, seed: int, memory_s: float = MEMORY_S
+) -> Iterator[Known]:
+    """Yield the estimate of every epoch with the fixes that had arrived by then."""
+    used, arrived = readings.arrivals()
+    before: deque[Belief] = deque()  # the beliefs before the last steps; the newest is that before step k
+    for k, time_s in enumerate(readings.time_s.tolist()):
+        before.append(belief)
+        while time_s - readings.time_s[k - len(before) + 1] > memory_s + 1e-9:
+            before.popleft()
+        oldest = k - len(before) + 1
+        late = [j for j in used[arrived == k].tolist() if j >= oldest]
+        first = min([k, *late])
+        belief = before[first - oldest]
+        updates: dict[int, Sequence[Update]] = {}
+        for i in range(first, k + 1):
+            before[i - oldest] = belief
+            belief = estimator.step(belief, readings.step(i, time_s), _chance(seed, i))
+            updates[i] = estimator.estimate(belief).updates
+        yield Known(k, estimator.estimate(belief), updates)
+
+
+def too_late(readings: Readings, memory_s: float = MEMORY_S) -> int:
+    """Return how many fixes came so late that `by_arrival` never uses them, or after the end."""
+    used, arrived = readings.arrivals()
+    t = readings.time_s
+    inside = arrived < len(t)
+    age_s = t[arrived[inside]] - t[used[inside]]
+    return int(np.count_nonzero(~inside) + np.count_nonzero(age_s > memory_s + 1e-9))
+
+
+ORDERS: Mapping[str, Callable[..., Iterator[Known]]] = {"validity": by_validity, "arrival": by_arrival}
+
+
+def _chance(seed: int, epoch: int) -> Chance:
+    return functools.partial(np.random.default_rng, (seed, epoch))

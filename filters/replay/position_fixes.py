@@ -1,0 +1,75 @@
+"""Surfacing as an aid: GPS fixes in windows that the user states are measurements, and judge nobody there.
+
+The first of the systems that the paper's introduction names: a vehicle that navigates by GPS, AHRS and DVL and comes up
+for its fixes. Everywhere else GPS is the truth and never reaches a filter. A window is a pair of seconds of the log,
+both ends included.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.models.noise import NoiseFamily
+from usbldr.filters.models.parameters import Assumptions, LeverArm, Span
+from usbldr.filters.models.states import Layout
+from usbldr.filters.types import Array, Indices, Timeline, Vector
+
+GPS_SD_M = 3.0  # where a log does not say
+
+
+class Positions(NamedTuple):
+    """F fixes of one sensor as a filter takes them, by time of validity."""
+
+    sensor: str  # "usbl" or "gps"
+    row: Indices  # (F,) which fix of the Timeline
+    time_s: Vector  # (F,)
+    received_s: Vector  # (F,) when the vehicle knew of it
+    position_m: Array  # (F, 2) east, north
+    cov_m2: Array  # (F, 2, 2)
+    family: NoiseFamily
+    lever_m: LeverArm  # the transponder or the antenna on the vehicle
+    layout: Layout  # with the states that err with this sensor
+
+
+def usbl_fixes(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Positions:
+    """Return all USBL fixes."""
+    rows = np.arange(len(timeline.fix_time_s))
+    cov_m2 = assumptions.usbl_sd_scale**2 * timeline.fix_cov_m2
+    fixes = (rows, timeline.fix_time_s, timeline.fix_received_s, timeline.fix_m, cov_m2)
+    return Positions("usbl", *fixes, assumptions.usbl, assumptions.usbl_lever_m, layout)
+
+
+def gps_fixes(timeline: Timeline, assumptions: Assumptions) -> Positions:
+    """Return the GPS fixes inside the windows; none of the errors that are states is a satellite receiver's."""
+    rows = np.flatnonzero(inside(timeline.gps_time_s, assumptions.aid))
+    sd_m = np.full(len(rows), GPS_SD_M) if timeline.gps_sd_m is None else timeline.gps_sd_m[rows]
+    sd_m = np.where(sd_m > 0, sd_m, GPS_SD_M)
+    t, cov_m2 = timeline.gps_time_s[rows], sd_m[:, None, None] ** 2 * np.eye(2)
+    return Positions(
+        "gps", rows, t, t, timeline.gps_m[rows], cov_m2, assumptions.gps, assumptions.gps_lever_m, Layout()
+    )
+
+
+def inside(time_s: Vector, windows: Sequence[Span]) -> NDArray[np.bool_]:
+    """Return which times, (T,), lie in any of the windows."""
+    found = np.zeros(len(time_s), np.bool_)
+    for start_s, end_s in windows:
+        found |= (time_s >= start_s) & (time_s <= end_s)
+    return found
+
+
+def windows_text(windows: Sequence[Span]) -> str:
+    """Say the windows as one would write them: "0 to 60, 500 to 520 s"."""
+    return ", ".join(f"{start_s:g} to {end_s:g}" for start_s, end_s in windows) + " s"
+
+
+def require_gps(timeline: Timeline, windows: Sequence[Span], source: str) -> None:
+    """Raise LogError for a window in which the log has no GPS fix of the run."""
+    t = timeline.gps_time_s[timeline.gps_time_s <= timeline.time_s[-1]]
+    for window in windows:
+        if not inside(t, [window]).any():
+            there = f"its GPS fixes lie between {t[0]:.1f} and {t[-1]:.1f} s" if len(t) else "it has none at all"
+            raise LogError(f"{source}: no GPS fix to aid a filter from {windows_text([window])} of the log ({there})")

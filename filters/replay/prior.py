@@ -1,0 +1,85 @@
+"""Where a filter starts: at a stated start, or where the first fixes say that the vehicle was at time 0."""
+
+import math
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.estimators.protocol import Prior
+from usbldr.filters.models.calibration import prior_sd
+from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
+from usbldr.filters.models.states import Layout
+from usbldr.filters.replay.dead_reckoning import carried_back, start_from
+from usbldr.filters.replay.position_fixes import Positions, gps_fixes, usbl_fixes
+from usbldr.filters.simulation.true_motion import turned
+from usbldr.filters.types import Array, Timeline, Vector
+
+NO_START = (
+    "no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or let GPS aid "
+    "it where the vehicle is at the surface (--aid gps@FROM:TO)"
+)
+
+
+def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior:
+    """Return the belief at the first epoch: a stated start, or what the first fixes say.
+
+    Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again. A
+    compass that errs tells only the sum of yaw and its errors, so the prior ties them to each other, and the yaw is as
+    wide as they and one record are; so it does with the position where fixes are carried back by sensors that err.
+    Raises LogError where nothing tells the position.
+    """
+    carried = np.zeros((2, len(layout)))  # what carrying the fixes back makes of each error of the sensors
+    if assumptions.start is not None:
+        position = np.array([assumptions.start.east_m, assumptions.start.north_m])
+        position_sd_m = assumptions.start.sd_m
+    else:
+        time_s, fix_m = starting_fixes(timeline, assumptions)
+        if not len(time_s):
+            raise LogError(NO_START)
+        position, position_sd_m = start_from(timeline, time_s, fix_m)
+        carried = carried_back(timeline, time_s, layout.names)
+        motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
+        walked_m2 = float(motion.noise(0.0, max(0.0, float(time_s[0])))[layout.index("x")])
+        position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
+    start = assumptions.start or UNKNOWN_START
+    yaw_rad = float(timeline.dr_yaw_rad[0])
+    known: dict[str, tuple[float, float]] = {
+        "psi": (yaw_rad, start.sd_yaw_rad),
+        "u": (float(timeline.dr_mps[0, 0]), start.sd_mps),
+        "v": (float(timeline.dr_mps[0, 1]), start.sd_mps),
+        "r": (0.0, start.sd_radps),
+        "x": (float(position[0]), position_sd_m),
+        "y": (float(position[1]), position_sd_m),
+    }
+    known |= {name: (0.0, sd) for name, sd in prior_sd(assumptions.errors).items()}
+    mean, sd = np.array([known[name] for name in layout.names]).T
+    P = np.diag(sd**2)
+    h = {"heading_bias": 1.0, "deviation_sin": math.sin(yaw_rad), "deviation_cos": math.cos(yaw_rad)}
+    seen = {layout.index(name): share for name, share in h.items() if name in layout.names}
+    if seen:
+        psi, rows, share = layout.index("psi"), list(seen), np.array(list(seen.values()))
+        P[psi, psi] = float(timeline.yaw_sd_rad[0]) ** 2 + share**2 @ sd[rows] ** 2
+        P[psi, rows] = P[rows, psi] = -share * sd[rows] ** 2
+    place = list(layout.rows("x", "y"))
+    tied = carried @ P
+    P[place] += tied
+    P[:, place] += tied.T
+    P[np.ix_(place, place)] += tied @ carried.T
+    return Prior(mean, P)
+
+
+def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector, Array]:
+    """Return times and places of the fixes that tell where a filter starts: USBL, or GPS that aids before it; or none.
+
+    (F,) and (F, 2).
+    """
+    usbl, gps = usbl_fixes(timeline, assumptions, Layout()), gps_fixes(timeline, assumptions)
+    first = min((usbl, gps), key=lambda fixes: float(fixes.time_s[0]) if len(fixes.time_s) else math.inf)
+    return first.time_s, vehicle_m(timeline, first)
+
+
+def vehicle_m(timeline: Timeline, fixes: Positions) -> Array:
+    """Return where the vehicle's reference point was by fixes of a transponder or an antenna beside it, (F, 2)."""
+    yaw = np.interp(fixes.time_s, timeline.time_s, timeline.dr_yaw_rad)
+    return fixes.position_m - turned(yaw, np.array(fixes.lever_m[:2]))

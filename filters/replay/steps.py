@@ -1,0 +1,107 @@
+"""What a filter is given at each epoch: the records of its interval, and the fixes that it is the first to use.
+
+A DVL or compass record belongs to the epoch in whose interval it lies. A fix is used at the first epoch at or after its
+time of validity, with its offset, however late it arrived.
+"""
+
+import functools
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from usbldr.filters.estimators.protocol import Step
+from usbldr.filters.models import sensors
+from usbldr.filters.models.noise import Noise, NoiseFamily
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.sensors import Measurement, UsblFix
+from usbldr.filters.models.states import Layout
+from usbldr.filters.replay.position_fixes import Positions, gps_fixes, usbl_fixes
+from usbldr.filters.types import Indices, Timeline, Vector
+
+
+class Readings:
+    """The measurements of a timeline, by epoch."""
+
+    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
+        self.time_s = timeline.time_s
+        self.vehicle = VehicleReadings(timeline, assumptions, layout)
+        both = (usbl_fixes(timeline, assumptions, layout), gps_fixes(timeline, assumptions))
+        self.fixes = tuple(FixReadings(timeline.time_s, fixes) for fixes in both)
+
+    def step(self, k: int, known_s: float = np.inf) -> Step:
+        """Return the step to epoch k with those of its fixes that had arrived by then."""
+        readings = [*self.vehicle.at(k), *(reading for fixes in self.fixes for reading in fixes.at(k, known_s))]
+        readings.sort(key=lambda reading: (reading.time_s, reading.sensor))  # stable: order in the log
+        return Step(k, float(self.time_s[max(k - 1, 0)]), float(self.time_s[k]), tuple(readings))
+
+    def arrivals(self) -> tuple[Indices, Indices]:
+        """Return for each fix the epoch that uses it, and the first epoch at or after its arrival."""
+        used = np.concatenate([fixes.first_epoch for fixes in self.fixes])
+        received_s = np.concatenate([fixes.fixes.received_s for fixes in self.fixes])
+        return used, np.maximum(used, np.searchsorted(self.time_s, received_s, side="left"))
+
+
+def steps(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Iterator[Step]:
+    """Yield a step per epoch, with all fixes."""
+    readings = Readings(timeline, assumptions, layout)
+    return (readings.step(k) for k in range(len(timeline.time_s)))
+
+
+class VehicleReadings:
+    """The compass and DVL measurements of an epoch."""
+
+    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
+        self.timeline = timeline
+        self.compass = sensors.compass(layout)
+        self.dvl = sensors.dvl(layout, assumptions.dvl_lever_m)
+        self.compass_noise = _scalar_noise(assumptions.compass)
+        self.dvl_noise = _scalar_noise(assumptions.dvl)
+        self.dvl_sd_mps = assumptions.dvl_sd_scale * timeline.dvl_sd_mps
+
+    def at(self, k: int) -> Iterator[Measurement]:
+        """Yield what the epoch has; n averaged records have R / n."""
+        line = self.timeline
+        time_s = float(line.time_s[k])
+        if line.yaw_count[k]:
+            noise = self.compass_noise(float(line.yaw_sd_rad[k]), int(line.yaw_count[k]))
+            z = line.yaw_rad[k : k + 1]
+            yield Measurement(z, self.compass, noise, "compass", "yaw", k, time_s, bool(self.compass.curved))
+        if line.dvl_count[k]:
+            noise = self.dvl_noise(float(self.dvl_sd_mps[k]), int(line.dvl_count[k]))
+            for axis, name in enumerate(("starboard", "forward")):
+                z = line.dvl_mps[k, axis : axis + 1]
+                model = self.dvl[axis]
+                yield Measurement(z, model, noise, "dvl", name, k, time_s, bool(model.curved))
+
+
+class FixReadings:
+    """The measurements of fixes: two scalars where they err apart, else one of both axes."""
+
+    def __init__(self, epochs_s: Vector, fixes: Positions) -> None:
+        self.epochs_s, self.fixes = epochs_s, fixes
+        self.first_epoch = np.searchsorted(epochs_s, fixes.time_s, side="left")
+
+    def at(self, k: int, known_s: float) -> Iterator[Measurement]:
+        """Yield the fixes that epoch k uses and that had arrived by known_s, as seen from the epoch."""
+        sensor, rows, times_s, received_s, positions_m, covs_m2, family, lever_m, layout = self.fixes
+        for f in range(*np.searchsorted(self.first_epoch, (k, k + 1)).tolist()):
+            if received_s[f] > known_s:
+                continue
+            row, time_s, z, R = int(rows[f]), float(times_s[f]), positions_m[f], covs_m2[f]
+            model = functools.partial(UsblFix, layout, time_s - float(self.epochs_s[k]), lever_m)
+            if family.per_scalar and not R[0, 1]:
+                for axis, name in enumerate(("east", "north")):
+                    noise = family.modes(R[axis : axis + 1, axis : axis + 1])
+                    yield Measurement(z[axis : axis + 1], model(axes=(axis,)), noise, sensor, name, row, time_s)
+            else:
+                yield Measurement(z, model(), family.modes(R), sensor, "position", row, time_s)
+
+
+def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:
+    """Return a function from one record's sigma and how many were averaged to the modes of a scalar."""
+
+    @functools.lru_cache(maxsize=1024)
+    def modes(sd: float, count: int) -> Noise:
+        return family.modes(np.array([[sd**2 / count]]))
+
+    return modes

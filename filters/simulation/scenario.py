@@ -1,0 +1,230 @@
+"""What a simulated dive is made of: how the vehicle moves, how its sensors err, and what a filter is told beforehand.
+
+The dives themselves are TOML files (docs/scenarios.md). Frames, units and signs are the package's; a sensor's scale,
+bias, misalignment, latency and clock offset are its errors: positive means that the sensor reads too much (too far
+counter-clockwise, too late).
+"""
+
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from usbldr.filters.models.noise import Gaussian, NoiseFamily
+from usbldr.filters.models.parameters import LeverArm, ProcessNoise, Start
+from usbldr.filters.types import Array
+
+Stretches: TypeAlias = tuple[tuple[float, float], ...]  # each [from, to) in seconds of the dive
+
+AT_REFERENCE: LeverArm = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A stretch of constant velocity through the water, in the body, and constant turn rate (counter-clockwise)."""
+
+    duration_s: float
+    starboard_mps: float
+    forward_mps: float
+    turn_rate_radps: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """In place of legs a walk drawn for each seed from what the filters are told: start, process noise, DVL scale."""
+
+    step_s: float = 0.2  # of the filters' motion model
+    dvl_scale_sd: float = 0.0  # drawn about the stated scale error
+    dvl_misalignment_sd_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """When records come, and which of them are lost.
+
+    A record stamped t (by the dive's clock) tells of t - latency, arrives after the delay, and is written by the
+    sensor's own clock.
+    """
+
+    latency_s: float = 0.0
+    delay_s: float = 0.0
+    delay_spread_s: float = 0.0  # each record takes up to so much longer, drawn evenly
+    jitter_s: float = 0.0  # each stamp lies up to so much later than the rate says, drawn evenly
+    clock_offset_s: float = 0.0  # of stamps and arrivals: the sensor's clock minus the dive's
+    dropout_share: float = 0.0  # of the records, each by itself
+    silences_s: Stretches = ()  # no record is stamped there
+
+
+@dataclass(frozen=True, slots=True)
+class Correlated:
+    """A slowly changing error beside the noise, a first-order Gauss-Markov process for each axis."""
+
+    sd: float  # in the long run, in the sensor's unit
+    time_constant_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outliers:
+    """Gross errors beside the noise: now and then a record lies off, in any direction, by any of these distances."""
+
+    share: float
+    least: float  # in the sensor's unit
+    most: float
+
+
+@dataclass(frozen=True, slots=True)
+class Dvl:
+    """(z_u, z_v) = (1 + s)(u' cos d + v' sin d, -u' sin d + v' cos d) + bias + noise, u' and v' where the DVL sits."""
+
+    rate_hz: float
+    sd_mps: float
+    noise: NoiseFamily = Gaussian()
+    scale_error: float = 0.0  # s
+    misalignment_rad: float = 0.0  # d: angle of the DVL's axes in the body
+    bias_mps: tuple[float, float] = (0.0, 0.0)  # starboard, forward
+    lever_m: LeverArm = AT_REFERENCE
+    water_track_s: Stretches = ()  # without bottom lock: velocity through the water, and flagged as such
+    correlated: Correlated | None = None
+    outliers: Outliers | None = None
+    timing: Timing = Timing()
+    told_sd_mps: float | None = None  # None, here and below: the truth is told
+    told_noise: NoiseFamily | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Compass:
+    """z_psi = psi + b0 + b_s sin psi + b_c cos psi + noise."""
+
+    rate_hz: float
+    sd_rad: float
+    noise: NoiseFamily = Gaussian()
+    bias_rad: float = 0.0  # b0
+    deviation_rad: tuple[float, float] = (0.0, 0.0)  # b_s, b_c
+    correlated: Correlated | None = None
+    outliers: Outliers | None = None
+    timing: Timing = Timing()
+    told_sd_rad: float | None = None
+    told_noise: NoiseFamily | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """The fixed end of the acoustic line of sight: the USBL head, or the beacon of an inverted USBL."""
+
+    east_m: float = 0.0
+    north_m: float = 0.0
+    depth_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """1-sigma of a fix: sqrt(sd_m^2 + (sd_rel r)^2) at slant range r, for each axis.
+
+    With a bearing's sigma that is the sigma along the line of sight, and r times the bearing's the one across.
+    """
+
+    sd_m: float = 0.0
+    sd_rel: float = 0.0
+    bearing_sd_rad: float | None = None
+
+    @property
+    def constant(self) -> bool:
+        """Whether every fix has the same sigma."""
+        return not self.sd_rel and self.bearing_sd_rad is None
+
+    def variances(self, offset_m: Array, drop_m: float) -> Array:
+        """Return the variances of the two axes, (n, 2), at horizontal offsets (n, 2) and a depth below the head."""
+        range2 = np.sum(offset_m**2, axis=1) + drop_m**2
+        first = self.sd_m**2 + self.sd_rel**2 * range2
+        return np.column_stack([first, first if self.bearing_sd_rad is None else self.bearing_sd_rad**2 * range2])
+
+    def axes(self, offset_m: Array) -> Array:
+        """Return the axes in columns, (n, 2, 2): east and north, or along and across the line of sight."""
+        if self.bearing_sd_rad is None:
+            return np.broadcast_to(np.eye(2), (len(offset_m), 2, 2))
+        bearing = np.arctan2(offset_m[:, 0], offset_m[:, 1])
+        c, s = np.cos(bearing), np.sin(bearing)
+        return np.stack([s, c, c, -s], axis=-1).reshape(-1, 2, 2)
+
+    def covariance(self, offset_m: Array, drop_m: float) -> Array:
+        """Return the covariance of east and north, (n, 2, 2)."""
+        U = self.axes(offset_m)
+        return np.einsum("nij,nj,nkj->nik", U, self.variances(offset_m, drop_m), U)
+
+
+@dataclass(frozen=True, slots=True)
+class Multipath:
+    """Clusters of false fixes: within one, each fix that is struck lies beside the vehicle by the same vector."""
+
+    least_m: float
+    most_m: float
+    scatter_m: float = 0.0
+    share: float = 1.0  # of the fixes in a cluster
+    clusters_s: Stretches = ()
+    every_s: float = 0.0  # between the beginnings of further clusters at random, on average; 0: none
+    lasts_s: float = 0.0  # each, on average
+
+
+@dataclass(frozen=True, slots=True)
+class Usbl:
+    """A fix is head + (1 + s) R(d) (transponder - head) + bias + noise, the transponder at position + R(psi) lever.
+
+    An ``inverted`` one is mounted on the vehicle and hears a fixed beacon, here the head; it turns what it hears by the
+    vehicle's own compass, so the systematic error of that adds to d.
+    """
+
+    rate_hz: float
+    accuracy: Accuracy
+    noise: NoiseFamily = Gaussian()
+    head: Head = Head()
+    inverted: bool = False
+    scale_error: float = 0.0  # s: of ranges
+    misalignment_rad: float = 0.0  # d: how far the head turns what it hears
+    bias_m: tuple[float, float] = (0.0, 0.0)  # east, north
+    lever_m: LeverArm = AT_REFERENCE  # of the end that is on the vehicle
+    correlated: Correlated | None = None
+    outliers: Outliers | None = None
+    multipath: Multipath | None = None
+    timing: Timing = Timing()
+    told_accuracy: Accuracy | None = None
+    told_noise: NoiseFamily | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Gps:
+    """The truth of the log: the antenna's position, with noise only where a scenario asks for it."""
+
+    rate_hz: float
+    sd_m: float = 0.0
+    noise: NoiseFamily = Gaussian()
+    lever_m: LeverArm = AT_REFERENCE
+    bias_m: tuple[float, float] = (0.0, 0.0)  # east, north
+    correlated: Correlated | None = None
+    outliers: Outliers | None = None
+    timing: Timing = Timing()
+    told_sd_m: float | None = None
+
+
+Sensor: TypeAlias = Dvl | Compass | Usbl | Gps
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A dive: how the vehicle moves, how its sensors err, and what a filter is told beforehand."""
+
+    name: str
+    about: str
+    duration_s: float
+    legs: tuple[Leg, ...]  # the first also reaches back before time 0, the last goes on
+    dvl: Dvl
+    compass: Compass
+    usbl: Usbl
+    gps: Gps
+    yaw_rad: float = 0.0
+    east_m: float = 0.0
+    north_m: float = 0.0
+    depth_m: float = 0.0
+    current_mps: tuple[float, float] = (0.0, 0.0)  # of the water, east and north
+    drawn: Drawn | None = None
+    process: ProcessNoise = field(default_factory=ProcessNoise)  # told to the filter; the truth has it only if drawn
+    start: Start | None = None  # told to the filter

@@ -1,0 +1,105 @@
+"""How a simulated sensor errs at random: noise, correlated errors, outliers, clusters of false fixes.
+
+Every function draws from the generator that it is given, so that one kind of error leaves the draws of the others
+alone. Errors are in the sensor's own unit.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.filters.models.noise import NoiseFamily, StudentT
+from usbldr.filters.simulation.scenario import Correlated, Multipath, Outliers, Stretches
+from usbldr.filters.types import Array, Vector
+
+Flags: TypeAlias = NDArray[np.bool_]  # (n,)
+
+
+def draw(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
+    """Return noise of ``count`` records, (count, k), for the nominal covariance R: (k, k), or (count, k, k).
+
+    Each scalar draws its own mode, from the diagonal of R, where the family says so; else a record draws one for all.
+    """
+    k = R.shape[-1]
+    if family.per_scalar:
+        axes = [slice(i, i + 1) for i in range(k)]
+        return np.column_stack([_draw_records(family, R[..., axis, axis], count, rng) for axis in axes])
+    return _draw_records(family, R, count, rng)
+
+
+def _draw_records(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
+    if isinstance(family, StudentT):  # the distribution itself; its modes are slices of it, for filters
+        precision = rng.chisquare(family.dof, count) / family.dof
+        cov = R / precision[:, None, None]
+    elif R.ndim == 2:
+        noise = family.modes(R)
+        cov = noise.cov[rng.choice(len(noise.shares), size=count, p=noise.shares)]
+    else:
+        each = [family.modes(one) for one in R]
+        mode = rng.choice(len(each[0].shares), size=count, p=each[0].shares)
+        cov = np.stack([noise.cov[j] for noise, j in zip(each, mode, strict=True)])
+    # a symmetric root by eigenvalues, because a sensor without noise has no Cholesky root
+    value, vector = np.linalg.eigh(cov)
+    root = vector * np.sqrt(np.clip(value, 0, None))[:, None, :]
+    return np.einsum("nij,nj->ni", root, rng.standard_normal((count, R.shape[-1])))
+
+
+def correlated_error(error: Correlated, time_s: Vector, axes: int, rng: np.random.Generator) -> Array:
+    """Return a stationary first-order Gauss-Markov process at the times, (n, axes), each axis by itself.
+
+    c_k+1 = phi c_k + sd sqrt(1 - phi^2) N(0, 1), phi = exp(-dt/T): exact for any intervals.
+    """
+    phi = np.exp(-np.diff(time_s, prepend=time_s[:1]) / error.time_constant_s)
+    drive = error.sd * rng.standard_normal((len(time_s), axes))
+    drive[1:] *= np.sqrt(1 - phi[1:, None] ** 2)
+    found, c = np.empty_like(drive), np.zeros(axes)
+    for k, step in enumerate(drive):
+        c = phi[k] * c + step
+        found[k] = c
+    return found
+
+
+def gross_errors(outliers: Outliers, count: int, axes: int, rng: np.random.Generator) -> Array:
+    """Return what outliers add to the records, (count, axes): nothing to most, the others in any direction."""
+    struck = rng.random(count) < outliers.share
+    far = np.where(struck, rng.uniform(outliers.least, outliers.most, count), 0.0)
+    return far[:, None] * _directions(count, axes, rng)
+
+
+def false_fixes(multipath: Multipath, time_s: Vector, duration_s: float, rng: np.random.Generator) -> Array:
+    """Return what multipath adds to the fixes, (n, 2): in a cluster the same vector to each, and a little scatter.
+
+    Clusters come at the stated times, and others at random: a Poisson process of lengths that are exponential.
+    """
+    clusters = list(multipath.clusters_s)
+    begin_s = rng.exponential(multipath.every_s) if multipath.every_s else np.inf
+    while begin_s < duration_s:
+        clusters.append((begin_s, begin_s + rng.exponential(multipath.lasts_s)))
+        begin_s += rng.exponential(multipath.every_s)
+    n = len(time_s)
+    struck, scatter = rng.random(n) < multipath.share, multipath.scatter_m * rng.standard_normal((n, 2))
+    far_m, direction = (
+        rng.uniform(multipath.least_m, multipath.most_m, len(clusters)),
+        _directions(len(clusters), 2, rng),
+    )
+    error_m = np.zeros((n, 2))
+    for place_m, cluster in zip(far_m[:, None] * direction, clusters, strict=True):
+        here = struck & within((cluster,), time_s)
+        error_m[here] = place_m + scatter[here]
+    return error_m
+
+
+def within(stretches_s: Stretches, time_s: Vector) -> Flags:
+    """Tell which times (n,) lie in one of the stretches [from, to)."""
+    inside = np.zeros(len(time_s), dtype=bool)
+    for start_s, end_s in stretches_s:
+        inside |= (time_s >= start_s) & (time_s < end_s)
+    return inside
+
+
+def _directions(count: int, axes: int, rng: np.random.Generator) -> Array:
+    """Return unit vectors, (count, 2), in any direction of the plane, or signs, (count, 1)."""
+    angle = rng.uniform(0, 2 * np.pi, count)
+    both = np.column_stack([np.cos(angle), np.sin(angle)])
+    return both if axes == 2 else np.where(angle < np.pi, 1.0, -1.0)[:, None]

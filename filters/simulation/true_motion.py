@@ -1,0 +1,105 @@
+"""How a simulated vehicle really moved: legs in closed form, or a walk drawn from the filters' own motion model.
+
+Frames, units and signs are the package's. A current carries the vehicle along: its legs are velocities through the
+water, its track and its velocity are over ground.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from usbldr.filters.simulation.scenario import Drawn, Leg, Scenario
+from usbldr.filters.types import Array, Vector
+
+
+class Motion(NamedTuple):
+    """The vehicle at n instants."""
+
+    time_s: Vector  # (n,)
+    position_m: Array  # (n, 2) east, north
+    yaw_rad: Vector  # (n,) not wrapped
+    velocity_mps: Array  # (n, 2) starboard, forward, over ground
+    turn_rate_radps: Vector  # (n,)
+    water_mps: Array  # (n, 2) starboard, forward, through the water
+
+
+Track: TypeAlias = Callable[[Vector], Motion]
+"""From instants, (n,), to the truth there."""
+
+
+def motion(scenario: Scenario, time_s: Vector) -> Motion:
+    """Return the truth at any instants, (n,), from the closed form of each leg, not by summing steps.
+
+    Over t seconds at a constant turn rate r the chord is R(psi + r t/2) (u, v) t sinc(r t/2), with sinc(a) = sin a / a.
+    """
+    begins_s, yaw_rad, corner_m = [0.0], [scenario.yaw_rad], [np.array([scenario.east_m, scenario.north_m])]
+    for leg in scenario.legs[:-1]:
+        corner_m.append(corner_m[-1] + _chord(leg, yaw_rad[-1], np.array([leg.duration_s]))[0])
+        yaw_rad.append(yaw_rad[-1] + leg.turn_rate_radps * leg.duration_s)
+        begins_s.append(begins_s[-1] + leg.duration_s)
+
+    n = len(time_s)
+    t = np.array(time_s, dtype=float)
+    position_m, yaw, through, rate = np.empty((n, 2)), np.empty(n), np.empty((n, 2)), np.empty(n)
+    of_leg = np.clip(np.searchsorted(begins_s, t, side="right") - 1, 0, None)
+    for i, leg in enumerate(scenario.legs):
+        here = of_leg == i
+        since_s = t[here] - begins_s[i]
+        position_m[here] = corner_m[i] + _chord(leg, yaw_rad[i], since_s)
+        yaw[here] = yaw_rad[i] + leg.turn_rate_radps * since_s
+        through[here] = (leg.starboard_mps, leg.forward_mps)
+        rate[here] = leg.turn_rate_radps
+    current = np.array(scenario.current_mps)
+    return Motion(t, position_m + t[:, None] * current, yaw, through + turned(-yaw, current), rate, through)
+
+
+def drawn_track(scenario: Scenario, drawn: Drawn, rng: np.random.Generator) -> Track:
+    """Draw the start about the first leg's motion and a walk from there, as the filters' motion model says.
+
+    Each step is half a turn, a move, half a turn, then the process noise, as in motion.py; between two steps the
+    vehicle moves as that step began. The sigmas are those that the filters are told.
+    """
+    assert scenario.start is not None, "a drawn dive has a start to be drawn about"
+    start, process, leg, T = scenario.start, scenario.process, scenario.legs[0], drawn.step_s
+    steps = math.ceil(scenario.duration_s / T)
+    noise = rng.standard_normal((steps + 1, 6))
+    noise[0] *= [start.sd_yaw_rad, start.sd_mps, start.sd_mps, start.sd_radps, start.sd_m, start.sd_m]
+    walk = [process.yaw_rad, process.velocity_mps, process.velocity_mps, process.turn_rate_radps]
+    noise[1:] *= np.array([*walk, process.position_m, process.position_m]) * math.sqrt(T)
+    noise[0] += [
+        scenario.yaw_rad,
+        leg.starboard_mps,
+        leg.forward_mps,
+        leg.turn_rate_radps,
+        scenario.east_m,
+        scenario.north_m,
+    ]
+    rate = np.cumsum(noise[:, 3])
+    velocity = np.cumsum(noise[:, 1:3], axis=0)
+    yaw = np.cumsum(noise[:, 0] + T * np.r_[0.0, rate[:-1]])
+    moves = T * turned(yaw[:-1] + rate[:-1] * T / 2, velocity[:-1])
+    position = np.cumsum(noise[:, 4:6] + np.vstack([np.zeros((1, 2)), moves]), axis=0)
+
+    def at(time_s: Vector) -> Motion:
+        t = np.array(time_s, dtype=float)
+        k = np.clip(np.floor(t / T + 1e-9).astype(int), 0, steps)
+        h = t - k * T
+        moved = h[:, None] * turned(yaw[k] + rate[k] * h / 2, velocity[k])
+        return Motion(t, position[k] + moved, yaw[k] + rate[k] * h, velocity[k], rate[k], velocity[k])
+
+    return at
+
+
+def turned(angle_rad: Vector, vector: Array) -> Array:
+    """Turn vectors, (n, 2) or one (2,), counter-clockwise by angles (n,): R(psi) (u, v) = (V_E, V_N)."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    a, b = vector[..., 0], vector[..., 1]
+    return np.stack([a * c - b * s, a * s + b * c], axis=-1)
+
+
+def _chord(leg: Leg, yaw_rad: float, t: Vector) -> Array:
+    half_turn = leg.turn_rate_radps * t / 2
+    length = t * np.sinc(half_turn / np.pi)
+    return length[:, None] * turned(yaw_rad + half_turn, np.array([leg.starboard_mps, leg.forward_mps]))

@@ -1,0 +1,213 @@
+"""Headings of any kind as degrees clockwise from true north, and a sentence for every convention chosen.
+
+A heading that counts from magnetic north has the declination added: a stated one, or that of the World Magnetic Model.
+An error of the compass that the configuration states is subtracted.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from usbldr.filters.errors import SettingError, UsageError
+from usbldr.filters.types import Mask, Vector
+from usbldr.io.axes import named_ned
+from usbldr.io.conventions.dvl_depth import Converted, converted, dropped, kept, stated
+from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.log import Finding, Origin
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.settings.sensor_sections import CompassSection
+
+COMPASS_SD_DEG = 0.3  # where nobody says
+MAGNETIC, UTM_GRID = 0, 2  # of compass_msgs/Azimuth: reference
+DEGREES = 1  # of its unit; 0: radians
+CLOCKWISE = 1  # of its orientation, from north; 0: counter-clockwise from east
+NEWTON_STEPS = 8  # from 30 degrees off to far below what a compass can tell
+MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
+MANY = 100  # records without any change make one wonder
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """How sentences call the keys that would mend a heading."""
+
+    declination: str = "declination_deg under [compass]"
+    radians: str = 'state [compass] unit = "rad"'
+
+
+OF_COMPASS = Keys()
+OF_HEAD = Keys("heading_declination_deg in head of [usbl]", "name another heading_topic in head of [usbl]")
+
+
+def compass(raw: Raw, section: CompassSection, place: Origin | None, keys: Keys = OF_COMPASS) -> Converted:
+    """Turn headings to degrees clockwise from true north, 0 to 360; invalid records are left out.
+
+    ``place`` is where declination is taken. Raises LogError where all records are invalid, UsageError where a
+    declination is asked for that nobody can know.
+    """
+    times = times_of(raw, section.time, section.latency_s)
+    heading, causes, said, findings = _clockwise(raw, section, keys)
+    good, invalid = dropped(raw, causes, "compass", "left out")
+    added, more_said, more = _declination(raw, section, place, int(times.time_ns[good][0]), keys)
+    said, findings = [*said, *more_said], [*findings, *more, *invalid, *_constant(raw, heading[good])]
+    heading = heading - section.bias_deg + added
+    said += [f"bias {section.bias_deg:g} deg subtracted (configuration)"] if section.bias_deg else []
+    A, B = section.deviation_sin_deg, section.deviation_cos_deg
+    if A or B:
+        heading = without_deviation(heading, A, B)
+        said.append(f"deviation {A:g} sin H {B:+g} cos H deg subtracted (configuration)")
+    sd, sd_said = _sd_deg(raw, section)
+    columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
+    return kept(converted(raw, times, columns, [*said, sd_said], findings), good)
+
+
+def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
+    """Return the headings H, (n,), at which a compass reads H + A sin H + B cos H; degrees, A and B up to 30."""
+    heading = read_deg
+    for _ in range(NEWTON_STEPS):
+        s, c = np.sin(np.radians(heading)), np.cos(np.radians(heading))
+        heading = heading - (heading + A * s + B * c - read_deg) / (1 + np.radians(A * c - B * s))
+    return heading
+
+
+def _clockwise(
+    raw: Raw, section: CompassSection, keys: Keys
+) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
+    """Return headings clockwise from whatever north, degrees (n,); by cause which are invalid; what was assumed."""
+    settled = "angle" in raw.values and "convention" in {*raw.layout.defaults, *raw.layout.fixed}
+    by_frame = "NED" if named_ned(raw.frame_id) and not settled else None
+    convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
+    who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
+    said = [f"convention {convention} ({who})"]
+    if section.unit is not None and "angle" not in raw.values:
+        text = f"{raw.topic.name}: unit of the configuration is not used; it tells no plain angles"
+        findings = [*findings, Finding("KEY-UNUSED", text)]
+    if "field_x" in raw.values:
+        return _magnetometer(raw, convention, said, findings)
+    if "angle" not in raw.values:
+        yaw, causes = _yaw_deg(raw)
+        return (90.0 - yaw if convention == "ENU" else yaw), causes, said, findings
+    unit, unit_who, more = stated(raw, "unit", section.unit, "deg")
+    angle, findings = raw.number("angle"), [*findings, *more]
+    largest = float(np.max(np.abs(angle[np.isfinite(angle)]), initial=0.0))
+    if unit == "by range":
+        unit, unit_who = ("deg" if largest > 7.0 else "rad"), f"by its values, up to {largest:.3g}"
+    in_degrees = raw.number("unit_code") == DEGREES if unit.startswith("as") else np.full(len(angle), unit == "deg")
+    from_east = raw.number("sense_code") != CLOCKWISE if convention.startswith("as") else convention == "ENU"
+    angle = np.where(in_degrees, angle, np.degrees(angle))
+    if unit_who == "default" and largest < 6.3:
+        text = f"{raw.topic.name}: no value is above 6.3; if they are radians, {keys.radians}"
+        findings = [*findings, Finding("HEADING-UNIT", text)]
+    causes = {
+        "not a number": ~np.isfinite(angle),
+        "from the north of a UTM grid": raw.number("north_code") == UTM_GRID,
+    }
+    return np.where(from_east, 90.0 - angle, angle), causes, [*said, f"unit {unit} ({unit_who})"], findings
+
+
+def _yaw_deg(raw: Raw) -> tuple[Vector, dict[str, Mask]]:
+    """Return the yaw of the quaternions about their frame's z axis, degrees (n,), and by cause which are invalid."""
+    x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
+    yaw = np.degrees(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    causes = {
+        "not a number": ~np.isfinite(length),
+        "without orientation (covariance -1)": raw.number("own_covariance") == -1,
+        "zero quaternion": length < 0.5,
+    }
+    return yaw, causes
+
+
+def _magnetometer(
+    raw: Raw, convention: str, said: list[str], findings: list[Finding]
+) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
+    """Return the heading of a level magnetometer: x forward, y to port (ENU) or to starboard (NED)."""
+    forward, y = raw.number("field_x"), raw.number("field_y")
+    port = y if convention == "ENU" else -y
+    text = f"{raw.topic.name}: headings of a magnetometer, neither levelled nor calibrated against the vehicle's iron"
+    causes = {"not a number": ~np.isfinite(forward + port), "no horizontal field": (forward == 0) & (port == 0)}
+    return np.degrees(np.arctan2(port, forward)), causes, said, [*findings, Finding("HEADING-MAGNETOMETER", text)]
+
+
+def _magnetic(raw: Raw) -> Mask | None:
+    """Return which records (n,) count from magnetic north by their own account; None: they do not tell."""
+    if "north_code" in raw.values:
+        return raw.number("north_code") == MAGNETIC
+    if "is_true" in raw.values:
+        return raw.number("is_true") == 0
+    return np.ones(len(raw.received_ns), dtype=np.bool_) if "field_x" in raw.values else None
+
+
+def _declination(
+    raw: Raw, section: CompassSection, place: Origin | None, time_ns: int, keys: Keys
+) -> tuple[Vector, list[str], list[Finding]]:
+    """Return the degrees to add to each record, (n,), how they came about, and what a user ought to know."""
+    magnetic, stated_deg = _magnetic(raw), section.declination_deg
+    nothing = np.zeros(len(raw.received_ns))
+    if magnetic is not None and not magnetic.any():
+        if not stated_deg:
+            return nothing, ["from true north (by its records)"], []
+        key = keys.declination.split()[0]
+        text = f"{raw.topic.name}: {key} of the configuration is not used; its records count from true north"
+        return nothing, ["from true north (by its records)"], [Finding("KEY-UNUSED", text)]
+    if stated_deg is None and magnetic is None:
+        if not MAGNETIC_NAME.search(raw.topic.name.lower()):
+            return nothing, [], []
+        text = (
+            f"{raw.topic.name}: taken for headings from true north, but its name says magnetic; state "
+            f'{keys.declination}: "auto" or a number, 0 if they are true'
+        )
+        return nothing, [], [Finding("HEADING-MAGNETIC", text)]
+    if isinstance(stated_deg, float):
+        value, how = stated_deg, "configuration"
+    elif place is not None:
+        from usbldr.io.conventions.declination import declination  # loads the model
+
+        try:
+            value, how = declination(place, time_ns)
+        except UsageError as err:
+            raise UsageError(f"{raw.log}: {raw.topic.name}: {err}") from err
+    elif stated_deg == "auto":
+        raise SettingError(
+            f'{keys.declination} = "auto": no position is known; '
+            "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
+        )
+    else:
+        text = (
+            f"{raw.topic.name}: headings are magnetic by their own account and stay so, for no position is known; "
+            f"state {keys.declination}, or origin_lat_deg and origin_lon_deg under [map]"
+        )
+        return nothing, ["from magnetic north (by its records)"], [Finding("HEADING-MAGNETIC", text)]
+    whom = "" if magnetic is None or magnetic.all() else f" to {np.sum(magnetic)} magnetic records"
+    said = [f"declination {value:{'g' if how == 'configuration' else '.2f'}} deg added{whom} ({how})"] if value else []
+    return np.where(True if magnetic is None else magnetic, value, 0.0), said, []
+
+
+def _sd_deg(raw: Raw, section: CompassSection) -> tuple[Vector, str]:
+    """Return the 1-sigma of each record, degrees (n,), and where it comes from."""
+    if isinstance(section.sd_deg, float):
+        return np.full(len(raw.received_ns), section.sd_deg), f"sd {section.sd_deg:g} deg (configuration)"
+    sd = raw.number("sd_deg")
+    if section.sd_deg == "message":
+        in_degrees = raw.number("unit_code") == DEGREES
+        squares = {
+            "variance_deg2": 1.0,
+            "variance_rad2": np.degrees(1.0) ** 2,
+            "variance": np.where(in_degrees, 1.0, np.degrees(1.0) ** 2),
+        }
+        for quantity, to_deg2 in squares.items():
+            variance = raw.number(quantity) * to_deg2
+            sd = np.where(np.isfinite(sd), sd, np.sqrt(np.where(variance > 0, variance, np.nan)))
+    known = np.isfinite(sd)
+    if not known.any():
+        return np.full(len(sd), COMPASS_SD_DEG), f"sd {COMPASS_SD_DEG:g} deg (default)"
+    who = "configuration" if section.sd_deg else "by column names"
+    said = f"sd of the records, median {np.nanmedian(sd):.3g} deg ({who})"
+    return np.where(known, sd, COMPASS_SD_DEG), said
+
+
+def _constant(raw: Raw, heading: Vector) -> list[Finding]:
+    if len(heading) < MANY or np.any(heading != heading[0]):
+        return []
+    text = f"{raw.topic.name}: all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; does it measure any?"
+    return [Finding("HEADING-CONSTANT", text)]

@@ -1,0 +1,217 @@
+"""DVL and depth in the axes, units and signs of usbldr, and a sentence for every convention chosen.
+
+An error of a sensor that the configuration states is subtracted here. Angles are degrees clockwise.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, SettingError
+from usbldr.filters.types import Mask, Vector
+from usbldr.io.axes import axis_signs, named_frd
+from usbldr.io.conventions.timestamps import Times, times_of
+from usbldr.io.log import Finding
+from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
+
+WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
+SURFACE_PA = 101325.0
+LEAST_PA = 5e4  # of air, wherever there is water to dive in
+IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
+ANY_COLUMNS = "docs/configuration.md#any-columns"
+IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
+DEEPEST_M = 12_000.0  # no sea is deeper
+TO_MPS: Mapping[str, float] = {
+    "m/s": 1.0,
+    "cm/s": 1e-2,
+    "mm/s": 1e-3,
+    "km/h": 1 / 3.6,
+    "ft/s": 0.3048,
+    "knots": 1852 / 3600,
+}
+PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """A sensor's table in the making: the canonical columns, with times.TIMES in place of time_s and received_s."""
+
+    table: pd.DataFrame  # in order of arrival
+    conventions: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+
+def stated(raw: Raw, key: str, value: str | None, default: str) -> tuple[str, str, list[Finding]]:
+    """Return a key's value, who chose it, and a finding where the configuration asks for what the log rules out."""
+    if key in raw.layout.fixed:
+        fixed = raw.layout.fixed[key]
+        if value in (None, fixed):
+            return fixed, "by column names", []
+        text = f'{raw.topic.name}: {key} = "{value}" of the configuration is not used; its columns say {fixed}'
+        text += f"; name them by columns to read them otherwise ({ANY_COLUMNS})"
+        return fixed, "by column names", [Finding("KEY-UNUSED", text)]
+    if value is not None:
+        return value, "configuration", []
+    if key in raw.layout.defaults:
+        return raw.layout.defaults[key], "by type", []
+    return default, "default", []
+
+
+def converted(
+    raw: Raw, times: Times, columns: Mapping[str, Vector | Mask], said: list[str], findings: list[Finding]
+) -> Converted:
+    """Put times and columns into one table, times' conventions last."""
+    table = pd.DataFrame(times.columns() | dict(columns))
+    return Converted(table, (*said, *times.conventions), (*findings, *times.findings))
+
+
+def dropped(
+    raw: Raw, causes: Mapping[str, Mask], sensor: str, verdict: str, advice: str = ""
+) -> tuple[Mask, list[Finding]]:
+    """Return which records (n,) are good, and a finding that counts the others by their first cause.
+
+    Raises LogError where none is good, ending in the advice.
+    """
+    good = np.ones(len(raw.received_ns), dtype=np.bool_)
+    counts: dict[str, int] = {}
+    for cause, mask in causes.items():
+        counts[cause] = int(np.sum(mask & good))
+        good = good & ~mask
+    bad = int(np.sum(~good))
+    if not bad:
+        return good, []
+    parts = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
+    if bad == len(good):
+        raise LogError(f"{raw.log}: all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}")
+    text = f"{raw.topic.name}: {bad} of {len(good)} records are invalid and {verdict} ({parts})"
+    return good, [Finding(f"{sensor.upper()}-INVALID", text)]
+
+
+def dvl(raw: Raw, section: DvlSection) -> Converted:
+    """Turn velocities to starboard, forward, up in m/s; invalid records stay in the table and are marked.
+
+    Raises LogError where all are invalid, or where so many are too fast that the unit must be another.
+    """
+    by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
+    axes, who, findings = stated(raw, "axes", section.axes, by_frame)
+    who = f'by frame_id "{raw.frame_id}"' if who == "default" else who
+    unit, unit_who, more = stated(raw, "unit", section.unit, "m/s")
+    to_mps = TO_MPS[unit]
+    said = [f"axes {axes} ({who})", f"unit {unit} ({unit_who})"]
+
+    instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
+    for name, (axis, sign) in zip("xyz", axis_signs(axes), strict=True):
+        instrument[axis] = sign * to_mps * raw.number(name) / (1.0 + section.scale_error)
+    if section.scale_error:
+        said.append(f"scale error {section.scale_error:g} taken off (configuration)")
+    mount = np.radians(section.mount_deg)
+    said.append(f"mount {section.mount_deg:g} deg ({'configuration' if section.mount_deg else 'default'})")
+    starboard = instrument[0] * np.cos(mount) + instrument[1] * np.sin(mount)
+    forward = -instrument[0] * np.sin(mount) + instrument[1] * np.cos(mount)
+
+    if section.min_good_beams is not None and "good_beams" not in raw.values:
+        raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
+    causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
+    free = section.unit is None or unit_who == "by column names"
+    own = IN_MILLIMETRES if unit_who == "by column names" else ""
+    valid, invalid = dropped(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
+    if unit_who == "default" and in_millimetres(raw, causes):
+        fast = int(np.sum(causes[TOO_FAST]))
+        raise LogError(
+            f"{raw.log}: {fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
+            'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not'
+        )
+    sd, sd_said = _dvl_sd(raw, section, to_mps)
+    columns: dict[str, Vector | Mask] = {
+        "starboard_mps": starboard,
+        "forward_mps": forward,
+        "up_mps": instrument[2],
+        "sd_mps": sd,
+        "valid": valid,
+    }
+    times = times_of(raw, section.time, section.latency_s)
+    return converted(raw, times, columns, [*said, sd_said], [*findings, *more, *invalid])
+
+
+def _dvl_sd(raw: Raw, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
+    """Return the 1-sigma of each record, (n,), NaN where unknown."""
+    own = "sd_mps" in raw.layout.optional.values()
+    if isinstance(section.sd_mps, float):
+        return np.full(len(raw.received_ns), section.sd_mps), f"sd {section.sd_mps:g} m/s (configuration)"
+    if section.sd_mps is None and not own:
+        return np.full(len(raw.received_ns), np.nan), "sd to be estimated from the records (default)"
+    who = "by column names" if own else "configuration"
+    covariance = np.fmax(raw.number("covariance"), raw.number("own_covariance"))  # a type has one of them at most
+    sd = np.sqrt(np.where(covariance > 0, covariance, np.nan))
+    sd = to_mps * np.where(np.isfinite(sd), sd, np.where(raw.number("sd") > 0, raw.number("sd"), np.nan))
+    if not np.isfinite(sd).any():
+        return sd, f"sd of the messages ({who}), which is unknown: to be estimated from the records"
+    return sd, f"sd of the messages, median {np.nanmedian(sd):.3g} m/s ({who})"
+
+
+def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
+    """Turn pressures or depths to metres below the surface; return a finding where the unit makes no sense.
+
+    Raises LogError where all are invalid.
+    """
+    unit, who, findings = stated(raw, "unit", section.unit, "m")
+    said = [f"unit {unit} ({who})"]
+    if "pressure" in raw.values:
+        if unit == "m":
+            raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
+        pressure = raw.number("pressure") * PASCALS[unit]
+        surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
+        said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
+        if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
+            return Finding("DEPTH-UNIT", f"{raw.topic.name}: not used as depth: {fault} under [depth]")
+        value = (pressure - surface) / WATER_PA_PER_M
+        _refuse(section.positive, "positive", "pressures", raw)
+    else:
+        _refuse(None if section.surface_pa is None else "", "surface_pa", "depths", raw)
+        height = "height" in raw.values
+        usual = "up" if height and not named_frd(raw.frame_id) else "down"
+        if unit != "m":
+            raise SettingError(f'[depth] unit = "{unit}": {raw.topic.name} holds depths in m')
+        sign, sign_who, more = stated(raw, "positive", section.positive, usual)
+        sign_who = f'by frame_id "{raw.frame_id}"' if height and sign_who == "default" else sign_who
+        value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
+        said.append(f"positive {sign} ({sign_who})")
+        findings = [*findings, *more]
+        middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
+        if middle < -IN_THE_AIR_M:
+            text = (
+                f"{raw.topic.name}: a median depth of {middle:.1f} m, above the water; "
+                f'if it counts the other way, state positive = "{"up" if sign == "down" else "down"}" under [depth]'
+            )
+            findings.append(Finding("DEPTH-SIGN", text))
+    causes = {"not a number": ~np.isfinite(value), f"beyond {DEEPEST_M / 1000:.0f} km": np.abs(value) > DEEPEST_M}
+    good, invalid = dropped(raw, causes, "depth", "left out")
+    times = times_of(raw, section.time, section.latency_s)
+    return kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
+
+
+def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
+    """Return why pressures (n,) cannot be absolute ones in pascals, and what to state; empty where they can."""
+    known = pressure_pa[np.isfinite(pressure_pa)]
+    if not len(known):
+        return ""
+    low, median = np.quantile(known, [0.05, 0.5])
+    if median < LEAST_PA and unit is None:
+        return f"a median of {median:g} cannot be Pa; state unit"
+    if low < LEAST_PA:
+        return f"{low:g} Pa is less than the air's: gauge pressures need surface_pa = 0"
+    return ""
+
+
+def _refuse(value: str | None, key: str, what: str, raw: Raw) -> None:
+    if value is not None:
+        raise SettingError(f"[depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")
+
+
+def kept(made: Converted, good: Mask) -> Converted:
+    """Leave out the records that are not good."""
+    return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)

@@ -1,0 +1,172 @@
+"""Positions of any kind as east and north on the local plane; GPS fixes are all of it."""
+
+from typing import cast
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, SettingError
+from usbldr.filters.types import Array, Mask, Vector
+from usbldr.io.axes import named_ned
+from usbldr.io.conventions.dvl_depth import Converted, converted, dropped, stated
+from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.geodesy import to_geodetic, to_plane
+from usbldr.io.log import Origin
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.settings.sensor_sections import GpsSection
+
+UNDERWATER_M = 1.0
+LONGEST_STILL_S = 5.0  # a receiver that says the same to the last digit for longer has no new fix
+MOST_M = 2e7  # half around the earth
+MOST_SD_M = 1e6  # an error that is said to be larger is unknown
+SD_OF_95_PERCENT = 1 / 2.4477  # a circle of 2.4477 sigma holds 95 % of a round normal distribution
+
+
+def geodetic(raw: Raw) -> tuple[Vector, Vector]:
+    """Return latitude and longitude in degrees, (n,) each; GGA's may be ddmm.mmmm, with N, S, E or W beside it."""
+    lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
+    if "lat_side" not in raw.values:
+        return lat, lon
+    if np.any(np.abs(lat) > 90) or np.any(np.abs(lon) > 180):
+        lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
+    south, west = (np.char.upper(raw.text(f"{which}_side")) == side for which, side in (("lat", "S"), ("lon", "W")))
+    return np.where(south, -np.abs(lat), lat), np.where(west, -np.abs(lon), lon)
+
+
+def _pair(raw: Raw) -> tuple[Vector, Vector]:
+    """Return the two numbers of each place, (n,): latitude and longitude, east and north, or x and y."""
+    if "lat_deg" in raw.layout.required:
+        return geodetic(raw)
+    names = ("east_m", "north_m") if "east_m" in raw.layout.required else ("x", "y")
+    return raw.number(names[0]), raw.number(names[1])
+
+
+def place_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
+    """Return by cause which positions (n,) are invalid by themselves; in the frame latlon, x and y are degrees."""
+    a, b = _pair(raw)
+    latlon = frame == "latlon" or "lat_deg" in raw.layout.required
+    causes = {
+        "not a number": ~(np.isfinite(a) & np.isfinite(b)),
+        "without fix (status below 0)": raw.number("status") < 0,
+    }
+    if latlon:
+        by_name = np.char.startswith(np.char.lower(raw.text("fix_name")), "no")
+        causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (raw.number("fix_type") < 2) | by_name
+        causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
+        causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
+        return causes
+    return causes | off_the_plane(a, b)
+
+
+def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vector]:
+    """Return east and north, (n,) each, of positions whose frame is ENU, NED or latlon (x latitude, y longitude).
+
+    Raises LogError where latitudes are to be placed and the plane has no origin.
+    """
+    x, y = _pair(raw)
+    if "east_m" in raw.layout.required:
+        return x, y
+    if frame != "latlon":
+        return (y, x) if frame == "NED" else (x, y)
+    if origin is None:
+        raise LogError(
+            f"{raw.log}: {raw.topic.name} holds latitudes and longitudes, but the plane has no origin; "
+            "state origin_lat_deg and origin_lon_deg under [map]"
+        )
+    return to_plane(origin, x, y)
+
+
+def off_the_plane(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
+    """Return as a cause which places (n,) lie on no map of this earth."""
+    return {f"beyond {MOST_M / 1000:.0f} km": np.fmax(np.abs(east_m), np.abs(north_m)) > MOST_M}
+
+
+def message_covariance(raw: Raw, frame: str) -> Array:
+    """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none.
+
+    Of a pose in the frame latlon, x is the latitude: its variance is that of north.
+    """
+    if "sd_m" in raw.values:
+        return _round(raw.number("sd_m"))
+    if "sd_east_m" in raw.values:
+        ee, nn = raw.number("sd_east_m") ** 2, raw.number("sd_north_m") ** 2
+        en = np.zeros(len(ee))
+    elif "cov_ee_m2" in raw.values:
+        ee, en, nn = (raw.number(f"cov_{axes}_m2") for axes in ("ee", "en", "nn"))
+    else:
+        ee, en, nn = (raw.number(f"cov_{axes}") for axes in ("xx", "xy", "yy"))
+        if frame == "NED" or (frame == "latlon" and "lat_deg" not in raw.layout.required):
+            ee, nn = nn, ee
+    R = np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
+    least, most = np.fmin(ee, nn), np.fmax(ee, nn)
+    unknown = ~((least > 0) & (most <= MOST_SD_M**2) & np.isfinite(ee + nn + en)) | (raw.number("covariance_type") == 0)
+    return np.where(unknown[:, None, None], _round(raw.number("error_95_m") * SD_OF_95_PERCENT), R)
+
+
+def _round(sd_m: Vector) -> Array:
+    """Return covariances without a direction, (n, 2, 2); NaN where the sd is no number between 0 and MOST_SD_M."""
+    known = (sd_m > 0) & (sd_m <= MOST_SD_M)
+    return np.eye(2) * np.where(known, sd_m, np.nan)[:, None, None] ** 2
+
+
+def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
+    """Turn GPS fixes, or another reference's positions, to east and north; fixes without validity are left out."""
+    latlon = "lat_deg" in raw.layout.required
+    frame, who, findings = stated(raw, "frame", section.frame, "NED" if named_ned(raw.frame_id) else "ENU")
+    if latlon != (frame == "latlon") and latlon:
+        raise SettingError(f'frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
+    good, invalid = dropped(raw, place_causes(raw, frame), "gps", "left out")
+    east, north = on_plane(raw, frame, origin)
+    covariance = message_covariance(raw, frame)
+    sd = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+    sd_said = "sd of the messages" if np.isfinite(sd).any() else "sd unknown"
+    if isinstance(section.sd_m, float):
+        sd, sd_said = np.full(len(sd), section.sd_m), f"sd {section.sd_m:g} m (configuration)"
+    lat, lon = geodetic(raw)
+    if origin is not None and not np.isfinite(lat).any():
+        lat, lon = to_geodetic(origin, east, north)
+    columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
+    times = times_of(raw, section.time, section.latency_s)
+    made = converted(raw, times, columns, [f"frame {frame} ({who})", sd_said], [*findings, *invalid])
+    return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)
+
+
+def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:
+    """Return how deep each GPS fix lies below the surface, metres (n,), by two tables with a column of that time.
+
+    NaN before the first depth and after the last.
+    """
+    return cast(Vector, np.interp(gps[time], depth[time], depth["depth_m"], left=np.nan, right=np.nan))
+
+
+def under_water(topic: str, depth_m: Vector) -> str:
+    """Return a sentence where satellite fixes at these depths are something else: empty where none is too deep."""
+    wet = depth_m > UNDERWATER_M
+    if not wet.any():
+        return ""
+    return (
+        f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {np.nanmax(depth_m):.1f} m: "
+        "they may be acoustic positions or repeats; do not take them for truth"
+    )
+
+
+def standing_still(topic: str, table: pd.DataFrame, start_ns: int) -> str:
+    """Return a sentence where latitudes and longitudes are the same to the last digit for long: empty where none are.
+
+    ``table`` is in order of time_ns. Under water a receiver repeats its last fix, with new stamps.
+    """
+    time_ns = table["time_ns"].to_numpy()
+    places = table[["lat_deg", "lon_deg"]].to_numpy(dtype=float)
+    first = np.flatnonzero(np.append(True, np.any(places[1:] != places[:-1], axis=1)))  # of each run
+    last = np.append(first[1:], len(table)) - 1
+    length_s = (time_ns[last] - time_ns[first]) / 1e9
+    still = length_s > LONGEST_STILL_S
+    if not still.any():
+        return ""
+    longest = int(np.argmax(length_s))
+    return (
+        f"{topic}: {np.sum((last - first)[still])} of {len(table)} fixes repeat the one before to the last digit for "
+        f"more than {LONGEST_STILL_S:g} s, in {still.sum()} stretches, the longest of {length_s[longest]:.1f} s from "
+        f"{(time_ns[first[longest]] - start_ns) / 1e9:.1f} s on: so does a receiver under water, whose last fix is no "
+        "truth"
+    )

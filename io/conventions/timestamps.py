@@ -1,0 +1,130 @@
+"""When each record was valid and when it arrived: stamps, latencies, order and repeats. Integer nanoseconds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.types import Vector
+from usbldr.io.log import Finding
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.reader import Nanoseconds
+
+TIMES = ("time_ns", "received_ns", "stamp_ns")
+"""Columns of a table in the making: time of validity, arrival, and the stamp before latency was taken off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Times of n records, and what was assumed."""
+
+    time_ns: Nanoseconds  # (n,) of validity
+    received_ns: Nanoseconds  # (n,) max(time of validity, log time)
+    stamp_ns: Nanoseconds  # (n,) as stamped
+    conventions: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    def columns(self) -> dict[str, Nanoseconds]:
+        """Return the columns TIMES."""
+        return {"time_ns": self.time_ns, "received_ns": self.received_ns, "stamp_ns": self.stamp_ns}
+
+
+def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
+    """Time the records: by header unless there is none or the configuration wants log time; latency is subtracted."""
+    name, said, findings = raw.topic.name, list[str](), list[Finding]()
+    if raw.stamp_ns is None:
+        stamp = raw.received_ns
+        said.append("timed by log time (its type has no header)")
+        findings.append(Finding("NO-HEADER", f"{name}: its type has no header, so it is timed by log time"))
+    elif clock == "log":
+        stamp = raw.received_ns
+        said.append("timed by log time (configuration)")
+    else:
+        own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
+        unset = (raw.stamp_ns == 0) & (not own)
+        stamp = np.where(unset, raw.received_ns, raw.stamp_ns)
+        stamps = "time_ns" if own else "header stamp" if raw.layout.stamp == "header.stamp" else raw.layout.stamp
+        said.append(f"timed by {stamps}" + (" (configuration)" if clock else ""))
+        if unset.any():
+            text = f"{name}: {unset.sum()} of {len(unset)} header stamps are zero; those records are timed by log time"
+            findings.append(Finding("ZERO-STAMP", text))
+        age_ns = _age_ns(raw) if clock is None else None
+        if age_ns is not None:
+            what, longest_s = ("their age", 60) if "age_s" in raw.values else ("transmission minus validity", 5)
+            known = (age_ns >= 0) & (age_ns < longest_s * 1_000_000_000) & ~unset
+            if known.any():
+                stamp = stamp - np.where(known, age_ns, 0)
+                median_s = float(np.median(age_ns[known])) / 1e9
+                said.append(f"stamps moved back by {what}, median {median_s:.3f} s (by type)")
+    time = stamp - round(latency_s * 1e9)
+    if latency_s:
+        said.append(f"latency {latency_s:g} s subtracted (configuration)")
+    return Times(time, np.maximum(time, raw.received_ns), stamp, tuple(said), tuple(findings))
+
+
+def _age_ns(raw: Raw) -> Nanoseconds | None:
+    """Return how old each record was when its instrument sent it, (n,), -1 where unset; None: they do not tell."""
+    for unit, to_ns in (("us", 1000), ("ns", 1)):
+        if f"transmission_{unit}" in raw.values and f"validity_{unit}" in raw.values:
+            sent, valid = (raw.values[f"{what}_{unit}"].astype(np.int64) for what in ("transmission", "validity"))
+            return np.where(valid > 0, (sent - valid) * to_ns, -1)
+    if "age_s" in raw.values:
+        return _whole_ns(raw.number("age_s"))
+    if "sent_s" in raw.values and "valid_s" in raw.values:
+        sent_s, valid_s = raw.number("sent_s"), raw.number("valid_s")
+        return np.where(valid_s > 0, _whole_ns(sent_s - valid_s), -1)
+    return None
+
+
+def _whole_ns(seconds: Vector) -> Nanoseconds:
+    """Return seconds (n,) as nanoseconds, -1 where they are unknown."""
+    return np.rint(np.where(np.isfinite(seconds), seconds, -1e-9) * 1e9).astype(np.int64)
+
+
+def in_order(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.DataFrame, list[Finding]]:
+    """Sort a table (in order of arrival) by time of validity; make one of repeated records.
+
+    Same time and same values: one record. Same time and other values: USBL fixes are all kept, of other sensors the
+    average is taken (of the valid ones, where records know of validity).
+    """
+    findings: list[Finding] = []
+    time = table["time_ns"].to_numpy()
+    late = int(np.sum(np.diff(time) < 0))
+    if late:
+        why = "fixes arrive late; sorted by stamp, arrival kept" if sensor == "usbl" else "sorted by stamp"
+        text = f"{topic}: {late} of {len(time)} records are stamped earlier than the one before ({why})"
+        findings.append(Finding("OUT-OF-ORDER", text))
+    table = table.sort_values("time_ns", kind="stable", ignore_index=True)
+
+    values = [column for column in table if column not in ("received_ns", "stamp_ns")]
+    again = table.duplicated(subset=values)
+    if again.any():
+        text = f"{topic}: {again.sum()} of {len(table)} records repeat another's stamp and values and are left out"
+        findings.append(Finding("REPEATED", text))
+        table = table[~again].reset_index(drop=True)
+    shared = table.duplicated(subset="time_ns")
+    if shared.any():
+        what = "all are kept" if sensor == "usbl" else "those of one stamp are averaged"
+        text = f"{topic}: {shared.sum()} of {len(table)} records have another's stamp and other values; {what}"
+        findings.append(Finding("SAME-STAMP", text))
+        if sensor != "usbl":
+            table = _averaged(table)
+    return table, findings
+
+
+def _averaged(table: pd.DataFrame) -> pd.DataFrame:
+    """Average the records of each time; angles as directions; the last arrival counts."""
+    if "valid" in table:
+        some_valid = table.groupby("time_ns")["valid"].transform("any")
+        table = table[table["valid"] | ~some_valid]
+    parts = table.copy()
+    if "heading_deg" in table:
+        heading = np.radians(table["heading_deg"].to_numpy(dtype=float))
+        parts["cosine"], parts["sine"] = np.cos(heading), np.sin(heading)
+    how = {str(column): "mean" for column in parts if column != "time_ns"} | {"received_ns": "max", "stamp_ns": "min"}
+    if "valid" in table:
+        how["valid"] = "any"
+    mean = parts.groupby("time_ns", as_index=False).agg(how)
+    if "heading_deg" in table:
+        mean["heading_deg"] = np.degrees(np.arctan2(mean["sine"], mean["cosine"])) % 360.0
+    return mean[list(table.columns)]

@@ -1,0 +1,123 @@
+"""The reference track: a topic of the log or a file of its own, with its frame, its columns and its time."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.types import Truth, Vector
+from usbldr.io.formats.csv_sheets import plain
+from usbldr.io.formats.csv_text import column, nanoseconds, numbers, read_texts, seconds
+from usbldr.io.geodesy import to_plane
+from usbldr.io.log import Finding, Origin, Provenance
+from usbldr.io.reader import Nanoseconds
+from usbldr.io.settings.sensor_sections import TruthSection
+
+FINDINGS = "findings"  # what was noticed of a truth file, as an attribute of its table
+
+
+def find_file(name: str, log: Path, from_option: bool) -> Path | None:
+    """Return the truth file of that name: of an option from here, else from the folder that holds the log."""
+    places = [Path(name)] if from_option else []
+    places.append(log.resolve().parent / name)
+    return next((place for place in places if place.is_file()), None)
+
+
+def truth_from_table(
+    table: pd.DataFrame, source: str, start_ns: int, section: TruthSection, kind: str
+) -> tuple[Truth, list[Finding]]:
+    """Return the truth of a table with time_ns, east_m, north_m and sd_m: in order of time, one row for each."""
+    rows = table.iloc[section.skip_rows :]
+    rows = rows[np.isfinite(rows["east_m"]) & np.isfinite(rows["north_m"])]
+    rows = rows.sort_values("time_ns", kind="stable")
+    again = rows.duplicated(subset="time_ns")
+    findings: list[Finding] = list(table.attrs.get(FINDINGS, ()))
+    if again.any():
+        text = f"{source}: {again.sum()} truth rows have the time of an earlier one and are left out"
+        findings.append(Finding("TRUTH-REPEATED", text))
+        rows = rows[~again]
+    if rows.empty:
+        raise LogError(f"{source}: no truth row is left of {len(table)} (skip_rows = {section.skip_rows})")
+    truth = Truth(
+        time_s=(rows["time_ns"].to_numpy() - start_ns) / 1e9,
+        position_m=rows[["east_m", "north_m"]].to_numpy(dtype=float),
+        sd_m=rows["sd_m"].to_numpy(dtype=float),
+        kind=section.kind or kind,
+        source=source,
+        max_gap_s=section.max_gap_s,
+    )
+    return truth, findings
+
+
+def read_truth_file(
+    file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None
+) -> tuple[pd.DataFrame, Provenance]:
+    """Return time_ns, east_m, north_m and sd_m of a truth file, and the conventions taken.
+
+    Rows that are to be skipped are not read, and hold nothing. Raises LogError for a missing column, a broken number or
+    an unknown plane; UsageError where the columns are unnamed.
+    """
+    texts = read_texts(file)
+    columns, frame = _columns(file, texts, section)
+    whole = len(texts[columns["x"]])
+    rows = range(min(section.skip_rows, whole), whole)
+    cells = {key: texts[name][rows.start :] for key, name in columns.items()}
+    time_ns = _times(file, cells, columns, start_ns, rows)
+    x, y = (numbers(cells[axis], columns[axis], file, rows) for axis in "xy")
+    sd = numbers(cells["sd_m"], columns["sd_m"], file, rows) if "sd_m" in cells else np.full(len(x), np.nan)
+    east, north = _on_plane(file, frame, x, y, origin)
+    who = "by column names" if section.columns is None else "configuration" if section.frame else "default"
+    said = [f"frame {frame} ({who})", "columns " + ", ".join(f"{key} = {name}" for key, name in columns.items())]
+    said += [f"first {section.skip_rows} rows left out (configuration)"] if section.skip_rows else []
+    read = {"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd}
+    fill = {"time_ns": 0, "east_m": np.nan, "north_m": np.nan, "sd_m": np.nan}
+    table = pd.DataFrame({name: np.insert(read[name], 0, [fill[name]] * rows.start) for name in read})
+    if section.columns is None and section.frame not in (None, frame):
+        text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns say {frame}'
+        table.attrs[FINDINGS] = (Finding("KEY-UNUSED", text),)
+    return table, Provenance(file.name, "file", chosen_by, tuple(said), whole, len(rows))
+
+
+def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
+    """Return which column is what, and the frame of x and y."""
+    if section.columns is not None:
+        columns = {str(key): plain(name) for key, name in section.columns.items()}
+        times = [key for key in columns if key.startswith("time")]
+        if len(times) != 1 or "x" not in columns or "y" not in columns:
+            raise UsageError(f"{file}: [truth] columns must name x, y and one of time_ns, time_unix_s, time_s")
+        for name in columns.values():
+            column(texts, name, file)
+        return columns, section.frame or "ENU"
+    own = {"time_ns": "time_ns"} | ({"sd_m": "sd_m"} if "sd_m" in texts else {})
+    if "time_ns" in texts and {"east_m", "north_m"} <= set(texts):
+        return own | {"x": "east_m", "y": "north_m"}, "ENU"
+    if "time_ns" in texts and {"lat_deg", "lon_deg"} <= set(texts):
+        return own | {"x": "lat_deg", "y": "lon_deg"}, "latlon"
+    example = '{ time_unix_s = "...", x = "...", y = "..." }'
+    raise UsageError(
+        f"{file}: which columns hold time and position? State columns = {example} under [truth] "
+        f"(its columns: {', '.join(texts)})"
+    )
+
+
+def _times(
+    file: Path, cells: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int, rows: Sequence[int]
+) -> Nanoseconds:
+    if "time_ns" in columns:
+        return nanoseconds(cells["time_ns"], columns["time_ns"], file, rows)
+    key = "time_unix_s" if "time_unix_s" in columns else "time_s"
+    times = seconds(cells[key], columns[key], file, rows)
+    return times if key == "time_unix_s" else times + start_ns
+
+
+def _on_plane(file: Path, frame: str, x: Vector, y: Vector, origin: Origin | None) -> tuple[Vector, Vector]:
+    if frame == "latlon":
+        if origin is None:
+            raise LogError(
+                f"{file}: holds latitudes and longitudes, but the plane has no origin; "
+                "state origin_lat_deg and origin_lon_deg under [map]"
+            )
+        return to_plane(origin, x, y)
+    return (y, x) if frame == "NED" else (x, y)

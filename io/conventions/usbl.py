@@ -1,0 +1,217 @@
+"""USBL fixes as east and north on the local plane, with their covariance.
+
+A fix may come as latitude and longitude, as a position on the map, as an offset from the head, or as slant range and
+bearing from the head. Offsets and bearings count from true north, or from the bow of whoever carries the head: a ship,
+or the vehicle itself, which then measures a fixed beacon. A heading of the vehicle that turns a fix ties the fix to the
+compass; the filter takes both as independent, and `of_known_end` adds what the heading's own noise does to the fix.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.types import Array, Mask, Vector
+from usbldr.io.axes import axis_signs, named_frd, named_ned
+from usbldr.io.conventions.dvl_depth import Converted, converted, dropped, kept, stated
+from usbldr.io.conventions.positions import off_the_plane, on_plane
+from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.conventions.usbl_covariance import floored, of_known_end, sensor_covariance, stated_covariance
+from usbldr.io.conventions.usbl_head import KnownEnd, Samples, clockwise, known_end
+from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, of_target, told_once
+from usbldr.io.log import Finding, Origin
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.settings.sensor_sections import UsblSection
+
+STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} where the vehicle carries the head"
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """What else the log holds that a fix may need."""
+
+    raws: Mapping[str, Raw]  # the ship's topics, by the roles of heads
+    compass: Converted | None  # the vehicle's
+    depths: Samples | None  # the vehicle's, metres below the surface
+
+
+class Sight(NamedTuple):
+    """Where n fixes are, before they are looked at for validity."""
+
+    position_m: Array  # (n, 2) east, north
+    turned_m: Array  # (n, 2) how much of it a heading turned
+    drop_m: Vector  # (n,) the vertical part of the line of sight, NaN unknown
+    stated_m2: Array  # (n, 2, 2) covariance by the messages, NaN unknown
+    causes: Mapping[str, Mask]
+    said: list[str]
+    findings: list[Finding]
+    from_end: bool = False  # counted from the head or beacon, not from the map
+
+
+def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) -> Converted:
+    """Turn fixes to east and north with their covariance; those that are no numbers are left out.
+
+    Raises LogError where none is left or where latitudes have no plane, UsageError where the section does not fit.
+    """
+    raw, target_said, findings = of_target(raw, section.target)
+    kind, kind_who, unused = kind_of_fixes(raw, section, origin)
+    raw, more = told_once(raw, kind)
+    times = times_of(raw, section.time, section.latency_s)
+    end = known_end(section, beside.raws, beside.compass, origin, times.time_ns)
+    depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]
+    drop = depth - (end.depth_m if end else 0.0)
+    if kind == "latlon":
+        sight = _by_latitude(raw, origin, drop)
+    elif kind == "range_bearing":
+        sight = _by_range(raw, section, end, drop)
+    else:
+        sight = _by_position(raw, section, origin, end, drop)
+    findings += [*more, *unused, *sight.findings, *_unused(raw, section, kind, sight), *(end.findings if end else ())]
+    if kind != "latlon" and not (end and end.geodetic) and origin is not None and origin.source != "[map]":
+        text = (
+            f"{raw.topic.name}: positions on a map whose origin nobody states; taken for the {origin.source}'s "
+            "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if they are offsets from it)"
+        )
+        findings.append(Finding("MAP-UNKNOWN", text))
+
+    causes = {**sight.causes, **off_the_plane(*sight.position_m.T)}
+    good, invalid = dropped(raw, causes, "usbl", "left out")
+    line = sight.position_m - (end.place_m if end else np.nan)
+    own, sd_said = sensor_covariance(section, sight.stated_m2, line, sight.drop_m)
+    R = floored(own + of_known_end(end, sight.turned_m) if end is not None and sight.from_end else own)
+    columns = {
+        "east_m": sight.position_m[:, 0],
+        "north_m": sight.position_m[:, 1],
+        "cov_ee_m2": R[:, 0, 0],
+        "cov_en_m2": R[:, 0, 1],
+        "cov_nn_m2": R[:, 1, 1],
+    }
+    said = [*target_said, f"kind {kind} ({kind_who})", *sight.said, *(end.said if end else ()), sd_said]
+    return kept(converted(raw, times, columns, said, [*findings, *invalid]), good)
+
+
+def _by_latitude(raw: Raw, origin: Origin | None, drop_m: Vector) -> Sight:
+    position = np.column_stack(on_plane(raw, "latlon", origin))
+    R = stated_covariance(raw, "latlon", np.eye(2), np.zeros(len(position)))
+    return Sight(position, np.zeros_like(position), drop_m, R, fix_causes(raw, "latlon"), [], [])
+
+
+def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: KnownEnd | None, drop_m: Vector) -> Sight:
+    """Place offsets from the head or beacon, and positions on the map."""
+    by_frame = "NED" if named_ned(raw.frame_id) else "ENU"
+    frame, who, findings = stated(raw, "frame", section.frame, by_frame)
+    relative, relative_who, more = stated(raw, "relative_to", section.relative_to, "head" if end else "map")
+    relative = "head" if frame == "body" else relative
+    said = [
+        f"frame {frame} ({'by frame_id' if who == 'default' and by_frame == 'NED' else who})",
+        f"relative to the {relative} ({relative_who})",
+    ]
+    findings = [*findings, *more]
+    if relative == "head" and end is None:
+        raise LogError(f"{raw.log}: {raw.topic.name} tells positions relative to the head; {STATE_HEAD}")
+    if relative == "map" or end is None:
+        position = np.column_stack(on_plane(raw, frame, origin))
+        own = stated_covariance(raw, frame, np.eye(2), np.zeros(len(position)))
+        return Sight(position, np.zeros_like(position), drop_m, own, fix_causes(raw), said, findings)
+    axes = np.eye(2)
+    if frame == "body":
+        offset, axes, more_said, more = _along_axes(raw, section)
+        said, findings = [*said, more_said], [*findings, *more]
+    else:
+        offset = np.column_stack(on_plane(raw, frame, origin))
+    turn, turn_said = _turn_deg(raw, section, end, frame)
+    said += [*turn_said, *_scaled(section)]
+    R = stated_covariance(raw, frame, axes, turn)
+    drop = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
+    offset = clockwise(offset, turn) * section.sound_speed_scale
+    return _from_end(end, frame, Sight(offset, offset, drop, R, fix_causes(raw), said, findings))
+
+
+def _along_axes(raw: Raw, section: UsblSection) -> tuple[Array, Array, str, list[Finding]]:
+    """Return starboard and forward of the instrument, (n, 2), and those two of its axes x and y, (2, 2)."""
+    by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
+    names, who, findings = stated(raw, "axes", section.axes, by_frame)
+    along, axes = np.zeros((len(raw.received_ns), 3)), np.zeros((3, 2))
+    for column, (name, (axis, sign)) in enumerate(zip("xyz", axis_signs(names), strict=True)):
+        along[:, axis] = sign * raw.number(name)
+        if name != "z":
+            axes[axis, column] = sign
+    return along[:, :2], axes[:2], f"axes {names} ({who})", findings
+
+
+def _turn_deg(raw: Raw, section: UsblSection, end: KnownEnd, frame: str) -> tuple[Vector, list[str]]:
+    """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow."""
+    said = [f"mount {section.mount_deg:g} deg (configuration)"] if section.mount_deg else []
+    if frame != "body":
+        return np.full(len(raw.received_ns), section.mount_deg), said
+    if not np.isfinite(end.turning.heading_deg).any():
+        whom = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
+        raise LogError(f"{raw.log}: {raw.topic.name} counts from the bow of whoever carries the head: {whom}")
+    return end.turning.heading_deg + section.mount_deg, ["counted from the bow", *said]
+
+
+def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vector) -> Sight:
+    """Place slant ranges and bearings (clockwise from true north, in a body frame from the bow).
+
+    The vehicle's depth comes first, then the fix's own, then its elevation; without any the range is taken as it is.
+    """
+    if end is None:
+        raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
+    frame, _, findings = stated(raw, "frame", section.frame, "ENU")
+    slant = raw.number("slant_range_m") * section.sound_speed_scale
+    bearing, elevation = raw.number("bearing_deg"), np.radians(raw.number("elevation_deg"))
+    own_drop = raw.number("depth_m") - end.depth_m
+    drop = np.where(np.isfinite(drop_m), drop_m, own_drop)
+    by_depth = np.sqrt(np.maximum(slant**2 - drop**2, 0.0))
+    by_elevation = np.where(np.isfinite(elevation), slant * np.cos(elevation), slant)
+    horizontal = np.where(np.isfinite(drop), by_depth, by_elevation)
+    short = int(np.sum(slant < np.abs(drop)))
+    if short:
+        text = (
+            f"{raw.topic.name}: {short} slant ranges are shorter than the depth below the head; taken as straight below"
+        )
+        findings = [*findings, Finding("USBL-SHORT", text)]
+    counts = {
+        "the vehicle's depth": np.isfinite(drop_m),
+        "the fix's depth": ~np.isfinite(drop_m) & np.isfinite(own_drop),
+        "the fix's elevation": ~np.isfinite(drop) & np.isfinite(elevation),
+        "nothing (taken as horizontal)": ~np.isfinite(drop) & ~np.isfinite(elevation),
+    }
+    parts = ", ".join(f"{np.sum(mask)} by {what}" for what, mask in counts.items() if np.any(mask))
+    turn, turn_said = _turn_deg(raw, section, end, frame)
+    said = [f"slant to horizontal range: {parts}", *turn_said, *_scaled(section)]
+    offset = clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
+    R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
+    return _from_end(end, frame, Sight(offset, offset, drop, R, fix_causes(raw), said, findings))
+
+
+def _scaled(section: UsblSection) -> list[str]:
+    scale = section.sound_speed_scale
+    return [f"ranges times {scale:g} for the speed of sound (configuration)"] if scale != 1 else []
+
+
+def _from_end(end: KnownEnd, frame: str, sight: Sight) -> Sight:
+    """Put offsets onto the known end; the vehicle's own head measures where the beacon is from it."""
+    away = end.sign * sight.position_m
+    causes = {**sight.causes, **end.causes}
+    if frame == "body":
+        causes["without a heading at their time"] = ~np.isfinite(end.turning.heading_deg)
+    turned = end.arm_m + (away if frame == "body" else 0.0)
+    return sight._replace(position_m=end.place_m + away, turned_m=turned, causes=causes, from_end=True)
+
+
+def _unused(raw: Raw, section: UsblSection, kind: str, sight: Sight) -> list[Finding]:
+    """Say which keys of the configuration could not act."""
+    by_bow = "counted from the bow" in sight.said
+    unused = {
+        "frame": kind != "position" and section.frame is not None and not by_bow,
+        "relative_to": kind != "position" and section.relative_to is not None,
+        "axes": section.axes is not None and not (by_bow and kind == "position"),
+        "mount_deg": section.mount_deg != 0 and not sight.from_end,
+        "sound_speed_scale": section.sound_speed_scale != 1 and not sight.from_end,
+    }
+    keys = [key for key, idle in unused.items() if idle]
+    text = f"{raw.topic.name}: {' and '.join(keys)} of the configuration are not used; its kind is {kind}"
+    return [Finding("KEY-UNUSED", text)] if keys else []

@@ -1,0 +1,84 @@
+"""How well a USBL fix is known: the covariance of its east and north.
+
+What the sensor or the configuration says of it comes first. What the known end adds comes on top: its own place, and
+the heading that turned the line of sight.
+"""
+
+import numpy as np
+
+from usbldr.filters.types import Array, Vector
+from usbldr.io.conventions.positions import message_covariance
+from usbldr.io.conventions.usbl_head import KnownEnd
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.settings.sensor_sections import UsblSection
+
+LEAST_SD_M = 0.15  # no fix is trusted more: floor of the eigenvalues of a covariance
+DEFAULT_SD_M, DEFAULT_SD_REL = 1.0, 0.02  # 2 % of the slant range, at least 1 m
+
+
+def sensor_covariance(section: UsblSection, stated_m2: Array, line_m: Array, drop_m: Vector) -> tuple[Array, str]:
+    """Return the covariance of each fix, (n, 2, 2), and where it comes from.
+
+    ``stated_m2`` (n, 2, 2) is that of the messages, NaN where they state none; ``line_m`` (n, 2) the horizontal line of
+    sight, NaN without a known end, and ``drop_m`` (n,) its vertical part.
+    """
+    count = len(line_m)
+    slant = np.sqrt(np.sum(line_m**2, axis=-1) + np.nan_to_num(drop_m) ** 2)
+    if section.bearing_sd_deg is not None:
+        range_m, rel = section.range_sd_m or 0.0, section.range_sd_rel or 0.0
+        along, across = range_m**2 + (rel * slant) ** 2, (np.radians(section.bearing_sd_deg) * slant) ** 2
+        said = f"range sd {range_m:g} m and {100 * rel:g} %, bearing sd {section.bearing_sd_deg:g} deg (configuration)"
+        return _along_and_across(line_m, along, across), said
+    if isinstance(section.sd_m, float):
+        return np.tile(np.eye(2) * section.sd_m**2, (count, 1, 1)), f"sd {section.sd_m:g} m (configuration)"
+    known = np.isfinite(stated_m2[:, 0, 0])
+    default = np.fmax(DEFAULT_SD_M, DEFAULT_SD_REL * slant)  # fmax: 1 m where there is no known end
+    cov = np.where(known[:, None, None], stated_m2, np.eye(2) * (default**2)[:, None, None])
+    guess = f"{DEFAULT_SD_M:g} m"
+    if np.isfinite(line_m).any():
+        guess = f"{100 * DEFAULT_SD_REL:g} % of the slant range, at least {guess}"
+    who = "configuration" if section.sd_m == "message" else "default"
+    if known.all():
+        return cov, f"covariance of the messages ({who})"
+    if known.any():
+        return cov, f"covariance of {np.sum(known)} of {count} messages ({who}), else sd {guess} (default)"
+    return cov, f"sd {guess} (default)" + (": the messages state none" if section.sd_m == "message" else "")
+
+
+def stated_covariance(raw: Raw, frame: str, axes: Array, turn_deg: Vector) -> Array:
+    """Return the covariance of east and north that the messages state, (n, 2, 2), NaN where they state none.
+
+    ``axes`` (2, 2) are starboard and forward of x and y in a body frame; ``turn_deg`` (n,) is how far forward, or the
+    frame's north, is turned clockwise from north.
+    """
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turn = np.stack([c, s, -s, c], axis=-1).reshape(-1, 2, 2) @ axes
+    return turn @ message_covariance(raw, frame) @ turn.transpose(0, 2, 1)
+
+
+def of_known_end(end: KnownEnd, turned_m: Array) -> Array:
+    """Return what the known end adds to the covariance of each fix, (n, 2, 2).
+
+    ``turned_m`` (n, 2) is all of the fix that the heading turns. A heading that is wrong by d moves it by d across.
+    """
+    across = np.column_stack([turned_m[:, 1], -turned_m[:, 0]]) * np.radians(end.turning.sd_deg)[:, None]
+    across = np.where(np.any(turned_m != 0, axis=1)[:, None], across, 0.0)
+    return across[:, :, None] * across[:, None, :] + np.eye(2) * (end.sd_m**2)[:, None, None]
+
+
+def _along_and_across(line_m: Array, along: Vector, across: Vector) -> Array:
+    """Return U diag(along, across) U', U turning the first axis to the direction of the line, (n, 2, 2)."""
+    bearing = np.arctan2(line_m[:, 0], line_m[:, 1])
+    c, s = np.cos(bearing), np.sin(bearing)
+    ee, nn = along * s * s + across * c * c, along * c * c + across * s * s
+    en = (along - across) * s * c
+    return np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
+
+
+def floored(R: Array) -> Array:
+    """Raise the eigenvalues to LEAST_SD_M squared."""
+    safe = np.where(np.isfinite(R), R, np.eye(2))  # of fixes that are left out
+    values, U = np.linalg.eigh(safe)
+    raised = np.einsum("nij,nj,nkj->nik", U, np.maximum(values, LEAST_SD_M**2), U)
+    low = values[:, 0] < LEAST_SD_M**2
+    return np.where(low[:, None, None], raised, safe)

@@ -1,0 +1,228 @@
+"""The known end of a USBL's line of sight: the head, fixed or on a ship, or the beacon that a vehicle's own head hears.
+
+Everything is taken at the time of validity of each fix: east, north and up in metres on the local plane, headings in
+degrees clockwise from true north. Between records one interpolates, across a gap of theirs never.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from usbldr.filters.types import Array, Mask, Vector
+from usbldr.io.conventions import positions
+from usbldr.io.conventions.compass import OF_HEAD
+from usbldr.io.conventions.compass import compass as compass_records
+from usbldr.io.conventions.dvl_depth import Converted
+from usbldr.io.conventions.timestamps import in_order
+from usbldr.io.geodesy import to_plane
+from usbldr.io.log import Finding, Origin
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.roles import Choice, named
+from usbldr.io.reader import Nanoseconds, TopicInfo
+from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSection, Head, UsblSection
+
+SHIP, SHIP_HEADING = "ship", "ship's heading"  # roles of topics that the configuration names for the head
+SHIP_SD_M = 3.0  # of a ship's receiver that does not tell
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Something measured over time: n records in ascending order, k numbers each."""
+
+    time_ns: Nanoseconds  # (n,)
+    values: Array  # (n, k)
+
+    def at(self, time_ns: Nanoseconds, longest_gap_s: float = np.inf) -> Array:
+        """Return the values at the times, (m, k), NaN outside the records and inside gaps that are longer."""
+        own_s, wanted_s = (np.asarray(t - self.time_ns[0], dtype=np.float64) / 1e9 for t in (self.time_ns, time_ns))
+        between = np.full((len(wanted_s), self.values.shape[1]), np.nan)
+        for k, column in enumerate(self.values.T):
+            between[:, k] = np.interp(wanted_s, own_s, column, left=np.nan, right=np.nan)
+        first, last = (np.searchsorted(own_s, wanted_s, side=side) for side in ("left", "right"))
+        gap_s = own_s[np.minimum(first, len(own_s) - 1)] - own_s[np.maximum(last - 1, 0)]  # 0 on a record
+        return np.where(gap_s[:, None] > longest_gap_s, np.nan, between)
+
+
+def samples(made: Converted, sensor: str, columns: Sequence[str]) -> Samples:
+    """Return columns of a sensor's table as they change over time; headings run on past 360."""
+    table, _ = in_order(made.table, "", sensor)
+    values = table[list(columns)].to_numpy(dtype=float)
+    if columns[0] == "heading_deg":
+        values = np.column_stack([np.unwrap(values[:, 0], period=360.0), values[:, 1:]])
+    return Samples(table["time_ns"].to_numpy(dtype=np.int64), values)
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """The heading of whoever carries the head, at the times of n fixes."""
+
+    heading_deg: Vector  # (n,) NaN: not known
+    sd_deg: Vector  # (n,)
+    said: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+def clockwise(vector_m: Array, angle_deg: Vector) -> Array:
+    """Turn vectors of starboard and forward, or of east and north, (n, 2), by angles, (n,)."""
+    angle = np.radians(angle_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack([vector_m[:, 0] * c + vector_m[:, 1] * s, vector_m[:, 1] * c - vector_m[:, 0] * s])
+
+
+@dataclass(frozen=True, slots=True)
+class KnownEnd:
+    """Where the known end was at the times of n fixes."""
+
+    place_m: Array  # (n, 2) east, north
+    sd_m: Vector  # (n,) 1-sigma per axis
+    depth_m: float
+    turning: Turning
+    arm_m: Array  # (n, 2) the part of the place that turns: from a ship's antenna to its head
+    sign: float  # 1: the offset points from here to the vehicle; -1: the vehicle's head measures the offset to here
+    geodetic: bool  # known by latitude and longitude, so that it lies on the plane without doubt
+    causes: Mapping[str, Mask]  # by cause which fixes cannot be placed
+    said: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+
+
+def ship_choices(path: Path, topics: Sequence[TopicInfo], head: Head | None) -> dict[str, Choice]:
+    """Return the topics that the configuration names for the head; raise LogError or UsageError where they are none."""
+    chosen: dict[str, Choice] = {}
+    if head is not None and head.topic is not None:
+        chosen[SHIP] = named(path, topics, "gps", head.topic, "configuration")
+    if head is not None and head.heading_topic is not None:
+        chosen[SHIP_HEADING] = named(path, topics, "compass", head.heading_topic, "configuration")
+    return chosen
+
+
+def known_end(
+    section: UsblSection,
+    raws: Mapping[str, Raw],
+    compass: Converted | None,
+    origin: Origin | None,
+    time_ns: Nanoseconds,
+) -> KnownEnd | None:
+    """Return the known end at the times of validity (n,), None where the configuration knows neither head nor beacon.
+
+    ``compass`` is the vehicle's. Raises LogError where a ship's topic holds nothing valid.
+    """
+    if section.beacon is not None:
+        return _beacon(section.beacon, _turning(compass, section, section.beacon.max_gap_s, time_ns), origin)
+    if section.head is None:
+        return None
+    head = section.head
+    if head.heading_deg is not None:
+        turning = Turning(np.full(len(time_ns), head.heading_deg), np.full(len(time_ns), section.heading_sd_deg or 0.0))
+        turning = replace(turning, said=(f"head turned by {head.heading_deg:g} deg (configuration)",))
+    else:
+        gyro = raws.get(SHIP_HEADING)
+        turned = compass_records(gyro, _gyro(head), origin, OF_HEAD) if gyro else None
+        turning = _turning(turned, section, head.max_gap_s, time_ns)
+        if turned is not None:
+            how = f"heading of the head by {raws[SHIP_HEADING].topic.name}: {'; '.join(turned.conventions)}"
+            turning = replace(turning, said=(how,), findings=turned.findings)
+    return _ship(head, turning, raws[SHIP], origin, time_ns) if SHIP in raws else _fixed(head, turning, origin)
+
+
+def _beacon(beacon: Beacon, turning: Turning, origin: Origin | None) -> KnownEnd:
+    east, north = _place(beacon, origin)
+    count = len(turning.heading_deg)
+    return KnownEnd(
+        place_m=np.tile([east, north], (count, 1)),
+        sd_m=np.full(count, beacon.sd_m),
+        depth_m=beacon.depth_m,
+        turning=turning,
+        arm_m=np.zeros((count, 2)),
+        sign=-1.0,
+        geodetic=beacon.lat_deg is not None,
+        causes={},
+        said=(f"head on the vehicle, beacon at {east:.2f} m east, {north:.2f} m north (configuration)",),
+    )
+
+
+def _fixed(head: Head, turning: Turning, origin: Origin | None) -> KnownEnd:
+    antenna, arm = np.array(_place(head, origin)), _arm(head, turning)
+    place = antenna + arm
+    east, north = antenna
+    return KnownEnd(
+        place_m=place,
+        sd_m=np.full(len(place), head.sd_m or 0.0),
+        depth_m=head.depth_m,
+        turning=turning,
+        arm_m=arm,
+        sign=1.0,
+        geodetic=head.lat_deg is not None,
+        causes={},
+        said=(f"head at {east:.2f} m east, {north:.2f} m north (configuration)", *turning.said),
+        findings=turning.findings,
+    )
+
+
+def _ship(head: Head, turning: Turning, ship: Raw, origin: Origin | None, time_ns: Nanoseconds) -> KnownEnd:
+    made = positions.gps(ship, GpsSection(), origin)
+    there, arm = samples(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s), _arm(head, turning)
+    place = there[:, :2] + arm
+    told = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
+    sd = told if head.sd_m is None else np.full(len(place), head.sd_m)
+    unknown = np.isnan(there[:, 0])
+    causes: dict[str, Mask] = {f"without the ship's position within {head.max_gap_s:g} s": unknown}
+    if any(head.lever_arm_m):
+        causes[f"without the ship's heading within {head.max_gap_s:g} s"] = ~np.isfinite(turning.heading_deg)
+    who = "configuration" if head.sd_m is not None else "its messages" if np.isfinite(there[:, 2]).any() else "default"
+    said = (
+        f"head on the ship of {ship.topic.name}: {'; '.join(made.conventions)}",
+        f"ship's position sd {np.median(sd):.2g} m ({who})",
+    )
+    if any(head.lever_arm_m):
+        said = (
+            *said,
+            f"head at {list(head.lever_arm_m)} m starboard, forward, up of the ship's antenna (configuration)",
+        )
+    return KnownEnd(
+        place_m=place,
+        sd_m=sd,
+        depth_m=head.depth_m,
+        turning=turning,
+        arm_m=arm,
+        sign=1.0,
+        geodetic="lat_deg" in ship.layout.required,
+        causes=causes,
+        said=(*said, *turning.said),
+        findings=(*made.findings, *turning.findings),
+    )
+
+
+def _arm(head: Head, turning: Turning) -> Array:
+    count = len(turning.heading_deg)
+    if not any(head.lever_arm_m[:2]):
+        return np.zeros((count, 2))
+    return clockwise(np.tile(head.lever_arm_m[:2], (count, 1)), turning.heading_deg)
+
+
+def _turning(made: Converted | None, section: UsblSection, longest_gap_s: float, time_ns: Nanoseconds) -> Turning:
+    """Return the headings of a compass at the times, none where there is no compass."""
+    there = np.full((len(time_ns), 2), np.nan)
+    if made is not None:
+        there = samples(made, "compass", ["heading_deg", "sd_deg"]).at(time_ns, longest_gap_s)
+    sd = there[:, 1] if section.heading_sd_deg is None else np.full(len(there), section.heading_sd_deg)
+    return Turning(there[:, 0], sd)
+
+
+def _gyro(head: Head) -> CompassSection:
+    """Return how the heading of the ship is to be read."""
+    return CompassSection(
+        convention=head.heading_convention,
+        bias_deg=head.heading_bias_deg,
+        declination_deg=head.heading_declination_deg,
+    )
+
+
+def _place(end: Head | Beacon, origin: Origin | None) -> tuple[float, float]:
+    """Return east and north of a place that does not move."""
+    if end.east_m is not None and end.north_m is not None:
+        return end.east_m, end.north_m
+    assert origin is not None, "a head or beacon with latitude and longitude gives the plane its origin"
+    east, north = to_plane(origin, np.array([end.lat_deg], dtype=float), np.array([end.lon_deg], dtype=float))
+    return float(east[0]), float(north[0])

@@ -1,0 +1,131 @@
+"""Which of a USBL's records are fixes of the vehicle, and of which kind they are."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.filters.errors import SettingError, UsageError
+from usbldr.filters.types import Mask
+from usbldr.io.conventions.clock_shift import least_delay_ns
+from usbldr.io.conventions.dvl_depth import stated
+from usbldr.io.conventions.positions import place_causes
+from usbldr.io.log import Finding, Origin
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.settings.sensor_sections import UsblSection
+
+FULL_FIX = 2  # of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
+RANGED = ("MSG_RESPU", "MSG_RESPX")  # of SeaTrac's kinds of messages, which HoloOcean uses: those that tell a range
+STALE_NS = 9_900 * 1_000_000_000  # COLA2 stamps a fix so long ago where it has none
+SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
+
+
+def of_target(raw: Raw, target: str | int | None) -> tuple[Raw, list[str], list[Finding]]:
+    """Return the fixes of one target; raise UsageError where there are several and none or another is named."""
+    if "target" not in raw.values:
+        if target is None:
+            return raw, [], []
+        text = f"{raw.topic.name}: target of the configuration is not used; its records name none"
+        return raw, [], [Finding("KEY-UNUSED", text)]
+    told = _names(raw)
+    names, counts = np.unique(told, return_counts=True)
+    listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
+    wanted = str(target) if target is not None else str(names[0]) if len(names) == 1 else None
+    if wanted is None:
+        say = "choose one with target under [usbl]"
+        raise UsageError(f"{raw.log}: {raw.topic.name} holds fixes of {len(names)} targets: {listed}; {say}")
+    if wanted not in names:
+        raise SettingError(f"[usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
+    who = "configuration" if target is not None else "the only one"
+    return _rows(raw, told == wanted), [f"target {wanted} ({who})"], []
+
+
+def _names(raw: Raw) -> NDArray[np.str_]:
+    """Return the targets as texts, (n,); a number that a format has only as 3.0 is 3."""
+    column = raw.values["target"]
+    whole = column.dtype.kind == "f" and bool(np.all(column == np.trunc(column)))
+    return np.asarray(column.astype(np.int64) if whole else column, dtype=np.str_)
+
+
+def told_once(raw: Raw, kind: str) -> tuple[Raw, list[Finding]]:
+    """Leave out latitudes and longitudes that repeat the fix before: its source is asked more often than it pings."""
+    again = np.zeros(len(raw.received_ns), dtype=np.bool_)
+    if kind == "latlon" and not raw.topic.type.startswith("usbldr/"):
+        columns = [column for name, column in raw.values.items() if name != "age_s" and not name.startswith("header.")]
+        again[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
+    if not again.any():
+        return raw, []
+    text = f"{raw.topic.name}: {again.sum()} of {len(again)} fixes repeat the one before to the last digit; left out"
+    return _rows(raw, ~again), [Finding("USBL-REPEATED", text)]
+
+
+def _rows(raw: Raw, mask: Mask) -> Raw:
+    stamp = None if raw.stamp_ns is None else raw.stamp_ns[mask]
+    values = {quantity: column[mask] for quantity, column in raw.values.items()}
+    return replace(raw, stamp_ns=stamp, received_ns=raw.received_ns[mask], values=values)
+
+
+def kind_of_fixes(raw: Raw, section: UsblSection, origin: Origin | None) -> tuple[str, str, list[Finding]]:
+    """Return the kind of the fixes and who chose it; refuse one that the records cannot have."""
+    kind, who, findings = stated(raw, "kind", section.kind, "position")
+    have = {"latlon"} if "lat_deg" in raw.layout.required else {"position", "latlon"}
+    have = {"range_bearing"} if "slant_range_m" in raw.layout.required else have
+    if kind not in have:
+        could = " or ".join(sorted(have))
+        raise SettingError(f'[usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
+    free = (who, section.frame, section.relative_to, section.head, section.beacon) == (
+        "default",
+        None,
+        None,
+        None,
+        None,
+    )
+    if free and raw.layout.type.startswith("pose") and _like_latitudes(raw, origin):
+        text = (
+            f"{raw.topic.name}: x and y are taken for latitude and longitude, for such they may be; "
+            'if they are metres, state kind = "position" under [usbl]'
+        )
+        return "latlon", "by its values", [Finding("USBL-LATLON", text)]
+    return kind, who, findings
+
+
+def _like_latitudes(raw: Raw, origin: Origin | None) -> bool:
+    """Tell whether a pose's x and y are degrees, as COLA2 fills them: near the origin, or hardly changing at all."""
+    x, y = raw.number("x"), raw.number("y")
+    known = np.isfinite(x) & np.isfinite(y) & ((x != 0) | (y != 0))  # (0, 0) is a position that was never filled in
+    x, y = x[known], y[known]
+    if len(x) < 3 or max(np.abs(x).max(), np.abs(y).max() / 2) > 90:
+        return False
+    if origin is not None:
+        return bool(np.abs(x - origin.lat_deg).max() < SPREAD_DEG and np.abs(y - origin.lon_deg).max() < SPREAD_DEG)
+    return bool(0 < np.ptp(x) < SPREAD_DEG and np.ptp(y) < SPREAD_DEG and np.hypot(x, y).min() > 1)
+
+
+def fix_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
+    """Return by cause which fixes (n,) are none, by their places and by what their makers say of them.
+
+    In the frame latlon, x and y are degrees.
+    """
+    x, y, slant_m = raw.number("x"), raw.number("y"), raw.number("slant_range_m")
+    by_range = "slant_range_m" in raw.layout.required
+    offset = "relative_to" in raw.layout.defaults
+    unknown = {"not a number": ~(np.isfinite(slant_m) & np.isfinite(raw.number("bearing_deg")))}
+    return (unknown if by_range else place_causes(raw, frame)) | {
+        "flagged invalid": raw.number("valid") == 0,
+        "flagged as an outlier by the system itself": raw.number("outlier") == 1,
+        "of range or angle alone": (raw.number("fix_kind") < FULL_FIX) | _without_range(raw),
+        "stamped hours before they came": _stale(raw),
+        "of negative accuracy": raw.number("sd_m") < 0,
+        "exactly at the head": ((x == 0) & (y == 0) & offset) | (slant_m <= 0),
+    }
+
+
+def _stale(raw: Raw) -> Mask:
+    if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):
+        return np.zeros(len(raw.received_ns), dtype=np.bool_)
+    return (raw.stamp_ns != 0) & (raw.received_ns - raw.stamp_ns - least_delay_ns(raw) > STALE_NS)
+
+
+def _without_range(raw: Raw) -> Mask:
+    kinds = raw.text("reply")
+    return ~np.isin(kinds, RANGED) & ("reply" in raw.values)

@@ -1,0 +1,126 @@
+"""ROS messages (cdr of ROS 2, or ROS 1's own bytes) to columns by field path, by the definition that a log carries.
+
+rosbags' type system reads the definition; no ROS distribution is assumed. Messages of the usual shape are read all at
+once (ros_layout); rosbags decodes the others one by one, and says which do not fit.
+"""
+
+import re
+import struct
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any, Literal
+
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from usbldr.io.decoding.columns import DefinitionError, Extractor, Piece, one_by_one
+from usbldr.io.decoding.definitions import Types, ros2_name
+from usbldr.io.decoding.ros_byte_layout import TIMES, by_layout
+
+
+class RosDecoder:
+    """The messages of one type."""
+
+    def __init__(self, name: str, types: Types, encoding: Literal["cdr", "ros1"] = "cdr") -> None:
+        """Take the definitions of a type and of those in it; raise DefinitionError where one is missing."""
+        self._encoding = encoding
+        self._name = ros2_name(name)
+        self._definitions = dict(types)
+        try:
+            self.fields = tuple(self._paths(self._name))
+        except (KeyError, RecursionError) as err:
+            raise DefinitionError(" ".join(str(err).split())[:80]) from err
+
+    @cached_property
+    def _store(self) -> Typestore:
+        """Return rosbags' decoder; it is made of each type's own definitions, so two logs' cannot disagree."""
+        store = get_typestore(Stores.EMPTY)
+        store.register(self._definitions)
+        return store
+
+    def _paths(self, name: str, prefix: str = "") -> list[str]:
+        """List the fields below a type: scalars and times by their path, arrays of scalars by their name."""
+        found: list[str] = []
+        for field, (kind, what) in self._definitions[name][1]:
+            path = prefix + field
+            if kind is Nodetype.NAME and what not in TIMES:
+                found += self._paths(str(what), path + ".")
+            elif kind in (Nodetype.BASE, Nodetype.NAME) or (isinstance(what[0], tuple) and what[0][0] is Nodetype.BASE):
+                found.append(path)
+            else:
+                self._paths(str(what[0][1]))  # raises KeyError where there is no such type
+        return found
+
+    def fits(self, payloads: Sequence[bytes]) -> bool:
+        """Tell whether all of some messages fit the definition."""
+        return sum(len(piece.rows) for piece in self.pieces(payloads, ())) == len(payloads)
+
+    def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[Piece]:
+        """Read all messages; those that do not fit the definition are in no piece."""
+        pieces, left = by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
+        if len(left):
+            pieces.append(one_by_one(self.extractor(paths), payloads, paths, left.tolist()))
+        return pieces
+
+    def extractor(self, paths: Sequence[str]) -> Extractor:
+        """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
+        getters = [_getter(path) for path in paths]
+        deserialize = self._store.deserialize_ros1 if self._encoding == "ros1" else self._store.deserialize_cdr
+
+        def extract(data: bytes) -> tuple[Any, ...] | None:
+            try:
+                message = deserialize(data, self._name)
+            except (SerdeError, struct.error, ValueError, IndexError):
+                return None
+            return tuple(getter(message) for getter in getters)
+
+        return extract
+
+
+def from_msg(name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr") -> RosDecoder:
+    """Return the decoder for a definition in ROS's own language; raise DefinitionError where it makes no sense."""
+    return _read(name, definition, encoding, lambda text: get_types_from_msg(text, ros2_name(name)))
+
+
+def from_idl(name: str, definition: bytes) -> RosDecoder:
+    """Return the decoder for a definition in OMG IDL, as rosbag2 writes it: one part for each type in it."""
+    return _read(name, definition, "cdr", _idl_types)
+
+
+def _read(
+    name: str, definition: bytes, encoding: Literal["cdr", "ros1"], types_of: Callable[[str], Types]
+) -> RosDecoder:
+    try:
+        types = types_of(definition.decode())
+    except (TypesysError, UnicodeDecodeError, KeyError, RecursionError) as err:
+        raise DefinitionError(" ".join(str(err).split())[:80]) from err
+    return RosDecoder(name, types, encoding)
+
+
+def _idl_types(text: str) -> Types:
+    """Return the types of an IDL definition; a part begins with a line of "=" and a line with the type's name."""
+    types: dict[str, Any] = {}
+    for part in re.split(r"^={80}\n", text, flags=re.MULTILINE):
+        body = re.sub(r"\AIDL: .*\n", "", part)
+        if body.strip():
+            types |= get_types_from_idl(body)
+    return types
+
+
+def _getter(path: str) -> Callable[[object], Any]:
+    """Return a function from a message to the value at the path; times become integer nanoseconds."""
+    parts = path.split(".")
+    index = int(parts.pop()) if parts[-1].isdecimal() else None
+
+    def get(message: Any) -> Any:
+        for part in parts:
+            message = getattr(message, part)
+        if index is not None:
+            return message[index] if index < len(message) else float("nan")
+        if hasattr(message, "nanosec"):
+            return message.sec * 1_000_000_000 + message.nanosec
+        return message
+
+    return get

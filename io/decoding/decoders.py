@@ -1,0 +1,188 @@
+"""What the binary formats share: the messages of one topic and type, counted, decoded and laid out in columns."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.io.decoding.cdr import RosDecoder, from_idl, from_msg
+from usbldr.io.decoding.columns import DefinitionError, Extractor, Piece, in_one, one_by_one
+from usbldr.io.decoding.definitions import Definitions
+from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
+from usbldr.io.log import Finding
+from usbldr.io.reader import Nanoseconds, Records, TopicInfo
+
+Key: TypeAlias = tuple[str, str]  # topic and type
+Message: TypeAlias = tuple[Key, int, bytes | memoryview]  # and log time, ns since 1970; payload, good until the next
+
+
+class Decoder(Protocol):
+    """The messages of one type."""
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Field paths that can be read, an array of numbers by its bare name."""
+        ...
+
+    def extractor(self, paths: Sequence[str]) -> Extractor:
+        """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
+        ...
+
+
+DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
+    ("cdr", "ros2msg"): from_msg,
+    ("cdr", "ros2idl"): from_idl,
+    ("ros1", "ros1msg"): lambda name, definition: from_msg(name, definition, "ros1"),
+    ("protobuf", "protobuf"): lambda name, definition: _protobuf(name, definition),
+    ("json", "jsonschema"): JsonDecoder,
+}
+"""By the encodings of messages and of their definitions: from a type's name and definition to its decoder.
+
+An encoding is one line. What it calls raises DefinitionError where the definition makes no sense.
+"""
+
+
+def _protobuf(name: str, definition: bytes) -> Decoder:
+    from usbldr.io.decoding.protobuf import ProtobufDecoder  # the library takes a while to load
+
+    return ProtobufDecoder(name, definition)
+
+
+@dataclass(slots=True)
+class Stream:
+    """The messages of one topic and type, as far as they have been seen."""
+
+    topic: str
+    type: str  # as the file spells it
+    encoding: str
+    decoder: Decoder | str  # or why there is none
+    count: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+    def saw(self, count: int, first_ns: int, last_ns: int) -> None:
+        """Count messages."""
+        self.count += count
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
+        self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
+
+    def info(self) -> TopicInfo:
+        """Return what a user is told of it."""
+        problem, fields = (self.decoder, ()) if isinstance(self.decoder, str) else ("", self.decoder.fields)
+        return TopicInfo(
+            name=self.topic,
+            type=self.type,
+            encoding=self.encoding,
+            count=self.count,
+            first_ns=self.first_ns,
+            last_ns=self.last_ns,
+            fields=fields,
+            problem=problem,
+        )
+
+
+def decoder_of(type_name: str, definition: bytes, encoding: str, definition_encoding: str) -> Decoder | str:
+    """Return the decoder of a type, or in a few words why there is none; encodings are spelt as MCAP does."""
+    make = DECODERS.get((encoding, definition_encoding))
+    if make is None and not definition:
+        return f"its messages ({encoding or 'unknown encoding'}) carry no definition"
+    if make is None:
+        can = ", ".join(message if message == text else f"{message} with {text}" for message, text in DECODERS)
+        return f"encoding {encoding} with {definition_encoding} definitions is not supported, only {can}"
+    try:
+        return make(type_name, definition)
+    except DefinitionError as err:
+        return f"the definition of its type {type_name} is not valid ({err})"
+
+
+def decoder_without_definition(type_name: str, known: Definitions, samples: Sequence[bytes]) -> Decoder | str:
+    """Return the decoder of a type that the log does not define, by what is known of the type, or why there is none.
+
+    Of several layouts that messages of this type have had, the one is taken that the samples fit.
+    """
+    absent = f"the file carries no definition of its type {type_name}"
+    decoders = [RosDecoder(type_name, types) for types in known.layouts(type_name)]
+    if not decoders:
+        return f"{absent}; --msg-path DIR names a folder with {type_name}.msg"
+    fitting = [decoder for decoder in decoders if decoder.fits(samples)]
+    if not fitting:
+        tried = f"{len(decoders)} known layouts" if len(decoders) > 1 else "known layout"
+        right = f"--msg-path DIR names a folder with the right {type_name}.msg"
+        return f"{absent}, and its messages do not fit the {tried}; {right}"
+    return fitting[0]
+
+
+def json_decoder(type_name: str, samples: Sequence[bytes]) -> Decoder | str:
+    """Return the decoder of JSON messages whose schema tells no field, by some of them, or why there is none."""
+    decoder = JsonDecoder(type_name, schema_of(samples))
+    return decoder if decoder.fields else "no schema tells the fields of its messages (json), nor do the first of them"
+
+
+def chosen_streams(streams: Mapping[Key, Stream], wanted: Iterable[str]) -> set[Key]:
+    """Return which streams are meant: where one topic has several types, the one with most messages."""
+    topics = set(wanted)
+    return set(
+        {key[0]: key for key in sorted(streams, key=lambda key: streams[key].count) if key[0] in topics}.values()
+    )
+
+
+def collect(
+    log: Path, streams: Mapping[Key, Stream], wanted: Mapping[str, Sequence[str]], messages: Iterable[Message]
+) -> tuple[dict[str, Records], dict[str, Finding]]:
+    """Decode the wanted fields; return the columns and what is to be said of topics with messages that do not fit.
+
+    ``messages`` may hold more than is wanted; what is kept of them is the payloads of the wanted topics.
+    """
+    chosen = {key: _decoder(log, streams[key]) for key in chosen_streams(streams, wanted)}
+    kept = {key: (list[int](), list[bytes]()) for key in chosen}  # log times, payloads
+    for key, time_ns, data in messages:
+        rows = kept.get(key)
+        if rows is not None:
+            rows[0].append(time_ns)
+            rows[1].append(bytes(data))
+    records: dict[str, Records] = {}
+    unfit: dict[str, Finding] = {}
+    for key, decoder in chosen.items():
+        paths = wanted[key[0]]
+        times, payloads = kept.pop(key)
+        read = in_one(_pieces(decoder, payloads, paths), paths)
+        if len(read.rows) < len(times):
+            missing = np.delete(np.arange(len(times)), read.rows).tolist()
+            unfit[key[0]] = _unfit(streams[key], [payloads[row] for row in missing])
+        records[key[0]] = _in_order(np.array(times, dtype=np.int64), read)
+    return records, unfit
+
+
+def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -> Sequence[Piece]:
+    if isinstance(decoder, RosDecoder):
+        return decoder.pieces(payloads, paths)
+    return [one_by_one(decoder.extractor(paths), payloads, paths)]
+
+
+FOREIGN_CDR: Mapping[int, str] = {2: "PL_CDR", 3: "PL_CDR", **dict.fromkeys((6, 7, 8, 9, 10, 11), "XCDR2")}
+"""Encodings other than plain CDR by the second byte of a message (OMG DDS-XTypes 1.3, 7.6.3.1.2)."""
+
+
+def _unfit(stream: Stream, payloads: Sequence[bytes]) -> Finding:
+    """Say that messages did not fit their definition, and whether another encoding is why."""
+    heads = {payload[1] for payload in payloads if len(payload) > 1 and payload[0] == 0}
+    foreign = sorted({FOREIGN_CDR[head] for head in heads if head in FOREIGN_CDR}) if stream.encoding == "cdr" else []
+    why = f": they are in {' and '.join(foreign)}, not in plain CDR" if foreign else ""
+    text = f"{stream.topic}: {len(payloads)} messages do not fit the definition that the file gives for them{why}"
+    return Finding("UNDECODED", text, lost_data=True)
+
+
+def _decoder(log: Path, stream: Stream) -> Decoder:
+    if isinstance(stream.decoder, str):
+        raise LogError(f"{log}: {stream.topic} cannot be read: {stream.decoder}")
+    return stream.decoder
+
+
+def _in_order(received_ns: Nanoseconds, read: Piece) -> Records:
+    """Return what was read in the order of log time, and messages of one time in that of the file."""
+    order = np.lexsort((read.rows, received_ns[read.rows]))
+    columns = {path: column[order] for path, column in read.columns.items()}
+    return Records(received_ns[read.rows[order]], columns)

@@ -1,0 +1,114 @@
+"""Message definitions that a log may lack: those of ROS 2 itself, of navigation messages that we know, and of the user.
+
+A folder of the user's holds .msg files as ROS packages do: PACKAGE/msg/TYPE.msg.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.decoding.known_messages import KNOWN
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+Types: TypeAlias = Mapping[str, Any]  # rosbags': type name -> (constants, ((field, description), ...))
+WRITTEN = ("marine_acoustic_msgs/msg/Dvl", "dvl_msgs/msg/DVLBeam", "dvl_msgs/msg/DVL")
+
+
+@dataclass(frozen=True, slots=True)
+class Definitions:
+    """Definitions by type, "PACKAGE/msg/TYPE"; of each the layouts that its bytes may have, the likeliest first."""
+
+    texts: Mapping[str, Sequence[str]]
+
+    def layouts(self, type_name: str) -> list[Types]:
+        """Return the definitions of a type and of all types in it, one for each layout; none where it is not known."""
+        name = ros2_name(type_name)
+        if name in _standard():
+            return [_with_parts(name, {name: _standard()[name]}, self)]
+        return [_with_parts(name, parsed(text, name), self) for text in self.texts.get(name, ())]
+
+
+SHIPPED = Definitions(KNOWN)
+
+
+def ros2_name(type_name: str) -> str:
+    """Return a type's name as ROS 2 spells it; ROS 1 and the first rosbag2 leave "/msg" out."""
+    return type_name if type_name.count("/") > 1 else type_name.replace("/", "/msg/")
+
+
+def with_folders(folders: Sequence[str]) -> Definitions:
+    """Return the definitions that ship with us and, before them, those of folders of .msg files.
+
+    Raises UsageError for a folder that is not there, holds none, or one that makes no sense.
+    """
+    from rosbags.typesys import TypesysError
+
+    texts: dict[str, Sequence[str]] = dict(KNOWN)
+    for folder in map(Path, folders):
+        files = sorted(folder.resolve().rglob("*.msg"))
+        if not files:
+            what = "holds no .msg file" if folder.is_dir() else "no such folder"
+            raise UsageError(f"--msg-path {folder}: {what}; PACKAGE/msg/TYPE.msg is looked for")
+        for file in files:
+            package = file.parent.parent if file.parent.name == "msg" else file.parent
+            name = f"{package.name}/msg/{file.stem}"
+            try:
+                texts[name] = (file.read_text(encoding="utf-8"), *texts.get(name, ()))
+                parsed(texts[name][0], name)
+            except (TypesysError, UnicodeDecodeError, OSError) as err:
+                raise UsageError(f"{file}: is no message definition ({' '.join(str(err).split())[:80]})") from err
+    return Definitions(texts)
+
+
+def parsed(text: str, name: str) -> dict[str, Any]:
+    """Return the type that a text defines, without the types in it."""
+    from rosbags.typesys import get_types_from_msg
+
+    return dict(get_types_from_msg(text, name))
+
+
+def _with_parts(name: str, types: dict[str, Any], known: Definitions) -> Types:
+    """Add the types of which a type is made; leave out one that nobody knows."""
+    todo = [name]
+    while todo:
+        for part in _parts(types[todo.pop()]):
+            if part not in types:
+                found = {part: _standard()[part]} if part in _standard() else {}
+                found = found or (parsed(known.texts[part][0], part) if part in known.texts else {})
+                types |= found
+                todo += found
+    return types
+
+
+def _parts(definition: Any) -> Iterator[str]:
+    """Yield the names of the types of a type's fields."""
+    from rosbags.interfaces import Nodetype
+
+    for _, (node, what) in definition[1]:
+        if node is Nodetype.NAME:
+            yield what
+        elif node is not Nodetype.BASE and what[0][0] is Nodetype.NAME:
+            yield what[0][1]
+
+
+@cache
+def _standard() -> Types:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE).fielddefs
+
+
+@cache
+def known_types(ros_version: int) -> "Typestore":
+    """Return the standard types of ROS 1 (Noetic) or ROS 2 (Humble) and those of ours that are written."""
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros_version == 1 else Stores.ROS2_HUMBLE)
+    for name in WRITTEN:
+        store.register(parsed(KNOWN[name][0], name))
+    return store

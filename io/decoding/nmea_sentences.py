@@ -1,0 +1,196 @@
+"""NMEA 0183 sentences found in lines of text: checked, timed and sorted by kind.
+
+nmea_kinds says which sentences are understood, nmea_times when they were true.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.io.decoding.nmea_kinds import KINDS, VARIANTS, Kind, Told, columns_of, kind_of
+from usbldr.io.decoding.nmea_times import NEVER, date_ns, placed, prefixed_ns, time_of_day_ns, told_times
+from usbldr.io.log import Finding
+from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+
+SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
+BETTER = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
+"""Sentences that repeat the position of another, which is taken where both are there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sentences:
+    """Sentences of one kind."""
+
+    kind: str  # of KINDS, or another
+    contents: Sequence[str]  # from the name to the checksum, without it
+    received_ns: Nanoseconds  # (n,)
+    stamp_ns: Nanoseconds | None  # (n,) None where neither they nor their messages tell
+
+    def info(self, topic: str, alone: bool) -> TopicInfo:
+        """Return what a user is told of them; they tell no position where they are not ``alone`` in that."""
+        known = KINDS.get(self.kind, Kind())
+        stamped = ("header.stamp",) if self.stamp_ns is not None else ()
+        return TopicInfo(
+            name=topic,
+            type=f"nmea/{self.kind}",
+            encoding="nmea",
+            count=len(self.contents),
+            first_ns=int(self.received_ns.min()),
+            last_ns=int(self.received_ns.max()),
+            fields=(*stamped, *known.columns) if alone else stamped,
+        )
+
+    def records(self, paths: Sequence[str]) -> tuple[Records, int]:
+        """Return the wanted columns, and how many sentences do not fit their kind."""
+        known = KINDS[self.kind]
+        rows = columns_of(self.kind, self.contents)
+        good = np.array([row is not None for row in rows], dtype=np.bool_)
+        order = np.flatnonzero(good)[np.argsort(self.received_ns[good], kind="stable")]
+        told: list[Told] = [row for i in map(int, order) if (row := rows[i]) is not None]
+        columns: dict[str, Column] = {}
+        for path in paths:
+            if path == "header.stamp" and self.stamp_ns is not None:
+                columns[path] = self.stamp_ns[order]
+            else:
+                place = known.columns.index(path)
+                columns[path] = np.array([row[place] for row in told])
+        return Records(self.received_ns[order], columns), int(np.sum(~good))
+
+
+@dataclass(frozen=True, slots=True)
+class Spoken:
+    """All sentences of one source, by name: "GPGGA", "PSIMSSB_C_H"."""
+
+    by_name: Mapping[str, Sentences]
+    findings: tuple[Finding, ...]
+
+    def topics(self, prefix: str) -> dict[str, tuple[str, TopicInfo]]:
+        """Return by topic the name and what a user is told."""
+        found: dict[str, tuple[str, TopicInfo]] = {}
+        for name, sentences in self.by_name.items():
+            better = BETTER.get(sentences.kind)
+            alone = better is None or name.removesuffix(sentences.kind) + better not in self.by_name
+            found[f"{prefix}/{name}"] = name, sentences.info(f"{prefix}/{name}", alone)
+        return found
+
+
+class _Found(NamedTuple):
+    """One sentence."""
+
+    name: str
+    content: str
+    checked: bool
+    line: int
+    logged: int  # NEVER where nothing tells
+    time_of_day: int
+    midnight: int
+
+
+def spoken(
+    source: str, lines: Iterable[str], received_ns: Nanoseconds | None = None, stamp_ns: Nanoseconds | None = None
+) -> Spoken:
+    """Find the sentences in lines of text, check their checksums and time them.
+
+    ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the lines' own beginnings tell.
+    """
+    found, wrong, silent = _found(lines, received_ns)
+    checked = {row.name for row in found if row.checked}
+    rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
+    findings = _counted(source, rows, wrong + len(found) - len(rows), silent)
+    if not rows:
+        return Spoken({}, tuple(findings))
+    time, midnight = np.array([row.time_of_day for row in rows]), np.array([row.midnight for row in rows])
+    received, more = _received(source, np.array([row.logged for row in rows]), time, midnight)
+    own = np.where(midnight != NEVER, midnight + time, placed(time, received))
+    by_name: dict[str, Sentences] = {}
+    for name in dict.fromkeys(row.name for row in rows):
+        these = [i for i, row in enumerate(rows) if row.name == name]
+        kind, logged = kind_of(name), received[these]
+        stamps = stamp_ns[[rows[i].line for i in these]] if stamp_ns is not None else None
+        if KINDS.get(kind, Kind()).time is not None:
+            stamps = np.where(time[these] == NEVER, logged if stamps is None else stamps, own[these])
+        by_name[name] = Sentences(kind, [rows[i].content for i in these], logged, stamps)
+    return Spoken(by_name, (*findings, *more))
+
+
+def _found(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[list[_Found], int, int]:
+    """Return the sentences, how many have a wrong checksum or are cut, and how many lines hold none."""
+    from pynmeagps import calc_checksum  # pyright: ignore
+
+    found: list[_Found] = []
+    wrong, silent, last = 0, 0, NEVER
+    for number, line in enumerate(lines):
+        begin = 0
+        for match in SENTENCE.finditer(line):
+            name, body, checksum = match.groups()
+            content = f"{name},{body}"
+            logged = prefixed_ns(line[begin : match.start()]) if received_ns is None else int(received_ns[number])
+            last = logged if logged != NEVER else last
+            begin = match.end()
+            told = _told(name, body.split(","))
+            if told is None or (checksum and str(calc_checksum(content)) != checksum.upper()):
+                wrong += 1
+            else:
+                full, time, midnight = told
+                content = content if kind_of(full) in KINDS else ""
+                found.append(_Found(full, content, bool(checksum), number, last, time, midnight))
+        silent += begin == 0 and bool(line.strip())
+    return found, wrong, silent
+
+
+def _told(name: str, fields: Sequence[str]) -> tuple[str, int, int] | None:
+    """Return the kind's full name, the time of day and the midnight that a sentence tells, None where it is cut."""
+    try:
+        full = name + VARIANTS.get(kind_of(name), lambda _: "")(fields)
+    except IndexError:
+        return None
+    kind = KINDS.get(kind_of(full), Kind())
+    time = NEVER
+    if kind.time is not None and kind.time < len(fields):
+        time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
+    told = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
+    return full, time, date_ns(told) if time != NEVER and told and len(told) == len(kind.date) else NEVER
+
+
+def _received(
+    source: str, logged: Nanoseconds, time: Nanoseconds, midnight: Nanoseconds
+) -> tuple[Nanoseconds, list[Finding]]:
+    """Return the log times (n,): where no line tells any, those that the sentences tell."""
+    known = logged != NEVER
+    if known.any():
+        return np.where(known, logged, logged[known][0]), []
+    try:
+        received, dated = told_times(time, midnight)
+    except ValueError:
+        text = f"{source}: neither its lines nor its sentences tell a time; they are counted as seconds"
+        return np.arange(len(logged), dtype=np.int64) * 1_000_000_000, [Finding("NMEA-TIME", text)]
+    said = "lines without log time: sentences are timed by what they tell, and those that tell no time evenly between"
+    findings = [Finding("NMEA-TIME", f"{source}: {said}")]
+    if not dated:
+        text = f"{source}: no sentence tells the date, so its first day counts as 1970-01-01; clock_offset_s moves it"
+        findings.append(Finding("NMEA-DATE", text))
+    return received, findings
+
+
+def _counted(source: str, rows: Sequence[_Found], wrong: int, silent: int) -> list[Finding]:
+    total, unchecked = len(rows) + wrong, sum(not row.checked for row in rows)
+    findings: list[Finding] = []
+    if wrong:
+        text = f"{source}: {wrong} of {total} sentences have a wrong checksum or are cut; left out"
+        findings.append(Finding("NMEA-CHECKSUM", text))
+    if unchecked:
+        findings.append(Finding("NMEA-UNCHECKED", f"{source}: {unchecked} of {total} sentences have no checksum"))
+    if silent:
+        findings.append(Finding("NMEA-OTHER", f"{source}: {silent} lines hold no NMEA sentence"))
+    return findings
+
+
+def unfitting(undecoded: Mapping[str, int]) -> list[Finding]:
+    """Say which topics had sentences with fields that are not what their kind has."""
+    what = "sentences do not have the fields of their kind; left out"
+    return [
+        Finding("UNDECODED", f"{topic}: {count} {what}", lost_data=True) for topic, count in undecoded.items() if count
+    ]

@@ -1,0 +1,242 @@
+"""Everything that is wrong with a log for navigation, found without being told and without truth.
+
+Works where a log cannot be replayed as it stands, too: what keeps it from that is a finding like the others.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import islice, product
+from pathlib import Path
+
+import numpy as np
+
+from usbldr.filters.errors import UsageError, UsbldrError
+from usbldr.filters.types import Timeline, Vector
+from usbldr.io.conventions.dvl_depth import TO_MPS, dvl
+from usbldr.io.conventions.positions import depths_of, under_water
+from usbldr.io.doctor.cross_check import CrossCheck, cross_check
+from usbldr.io.doctor.findings import Diagnosis, diagnosis, of_finding
+from usbldr.io.doctor.interpretations import Source, configuration_of, convention
+from usbldr.io.doctor.message_evidence import raws_of, sources_of
+from usbldr.io.log import Log, lacking
+from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.roles import candidates
+from usbldr.io.opening import Opened, Request, open_configured
+from usbldr.io.read import read, roles_of
+from usbldr.io.timeline import timeline
+
+SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)  # 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
+NEEDED = ("dvl", "compass", "usbl")
+SAME_CLOCK_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
+SAME_EPOCH_S = 3600.0
+MOST_LAG_S = 5.0  # from measuring to logging
+MOST_TRIES = 12  # combinations of topics, where several roles are undecided
+LATE_S = 0.2  # a fix that arrives later is worth a word
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """What a doctor found, errors first."""
+
+    path: Path
+    format: str
+    configuration: Path | None
+    diagnoses: tuple[Diagnosis, ...]
+    log: Log | None  # None: it cannot be read with any choice
+    timeline: Timeline | None
+    topics: Mapping[str, str]  # role -> topic where several could be the sensor: the one that was examined
+    check: CrossCheck | None = None  # None: there was nothing to hold against each other
+
+    @property
+    def healthy(self) -> bool:
+        """Tell whether there is no error."""
+        return not any(d.level == "error" for d in self.diagnoses)
+
+
+def examine(path: Path, request: Request) -> Examination:
+    """Examine a log; raise LogError if it is none, UsageError if its configuration makes no sense."""
+    opened = open_configured(path, request)
+    faults, chosen, tied = _decide(opened, request)
+    log, fault = None, None
+    for picks in islice(product(*tied.values()), MOST_TRIES):
+        trial = chosen | dict(zip(tied, picks, strict=True))
+        try:
+            log = read(opened, replace(request, topics=dict(request.topics) | trial))
+        except UsbldrError as err:
+            fault = fault or err
+        else:
+            chosen = trial
+            break
+    found = [
+        diagnosis(
+            "ROLE-UNDECIDED",
+            f"{faults[role]}" + (f"; {chosen[role]} is examined here" if log else ""),
+            chosen.get(role, ""),
+        )
+        for role in tied
+    ]
+    found += [diagnosis("UNUSABLE", text) for role, text in faults.items() if role not in tied]
+    if log is None:
+        found += [*(of_finding(f) for f in opened.reader.findings()), diagnosis("UNUSABLE", str(fault))]
+        return _examination(path, opened.reader.format, opened.file, found, None, None, chosen)
+    raws = raws_of(opened, replace(request, topics=dict(request.topics) | chosen))
+    return _of_log(log, [*found, *_clocks(log, raws), *_invalid(log, raws)], tuple(sources_of(log, raws)), chosen)
+
+
+def examine_log(log: Log) -> Examination:
+    """Examine a log that has no file, such as a simulated one."""
+    return _of_log(log, [], (), {})
+
+
+def _of_log(log: Log, found: list[Diagnosis], sources: tuple[Source, ...], chosen: Mapping[str, str]) -> Examination:
+    found = [*found, *_under_water(log)]
+    told = {d.code for d in found}
+    found = found + [of_finding(f) for f in log.findings if f.code not in told]
+    for role in NEEDED:
+        if role not in log.tables:
+            found.append(diagnosis("SENSOR-MISSING", lacking(log, role)))
+    line = None
+    try:
+        line = timeline(log)
+    except UsbldrError as err:
+        if not any(d.code in ("SENSOR-MISSING", "ROLE-UNDECIDED") for d in found):
+            found.append(diagnosis("UNUSABLE", str(err)))
+    found += _delays(log)
+    if line is not None:
+        found += _outages(log, line)
+    check = cross_check(log, line, sources) if line is not None and "usbl" in log.tables else None
+    found += check.diagnoses if check else ()
+    examination = _examination(log.path, log.format, log.configuration, found, log, line, chosen)
+    return replace(examination, check=check)
+
+
+def _examination(
+    path: Path,
+    form: str,
+    configuration: Path | None,
+    found: list[Diagnosis],
+    log: Log | None,
+    line: Timeline | None,
+    chosen: Mapping[str, str],
+) -> Examination:
+    order = {"error": 0, "warning": 1, "info": 2}
+    ordered = tuple(sorted(found, key=lambda d: order[d.level]))
+    return Examination(path, form, configuration, ordered, log, line, chosen)
+
+
+def _decide(opened: Opened, request: Request) -> tuple[dict[str, str], dict[str, str], dict[str, list[str]]]:
+    """Return why roles are not filled, those that are given up, and the topics of those that several could fill.
+
+    Of several topics, those with the most messages come first.
+    """
+    path, topics = opened.reader.path, opened.reader.topics()
+    roles = roles_of(path, topics, request, opened.configuration)
+    taken = {choice.topic.name for choice in roles.chosen.values()}
+    faults = {role: str(fault).removeprefix(f"{path}: ") for role, fault in roles.unclear.items()}
+    tied: dict[str, list[str]] = {}
+    for role, fault in roles.unclear.items():
+        free = candidates(role, topics, taken).best
+        if isinstance(fault, UsageError) and len(free) > 1:
+            tied[role] = [topic.name for topic in sorted(free, key=lambda topic: -topic.count)]
+    return faults, {role: "none" for role in faults if role not in tied}, tied
+
+
+def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
+    """Compare the delay from stamp to log of DVL and heading: both usually pass through the same computer."""
+    found: list[Diagnosis] = []
+    settings = configuration_of(log)
+    by_log = {"dvl": settings.dvl.time == "log", "compass": settings.compass.time == "log"}
+    lag_s: dict[str, float] = {}
+    for role in ("dvl", "compass"):
+        if role not in raws:
+            continue
+        stamp = None if by_log[role] else raws[role].stamp_ns
+        lags: Vector = np.zeros(1) if stamp is None else (raws[role].received_ns - stamp)[stamp > 0] / 1e9
+        if not len(lags):
+            continue
+        lag_s[role] = float(np.median(lags))
+    if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < SAME_EPOCH_S:
+        stated_s = {"dvl": settings.dvl.latency_s, "compass": settings.compass.latency_s}
+        after_s = {role: lag_s[role] + stated_s[role] for role in lag_s}
+        wrong, right = ("dvl", "compass") if _strange(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
+        apart_s = after_s[wrong] - after_s[right]
+        if abs(apart_s) > SAME_CLOCK_S:
+            topic = raws[wrong].topic.name
+            headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
+            text = (
+                f"{topic}: logged {after_s[wrong]:.2f} s after the time it is used for{headless}, "
+                f"{raws[right].topic.name} {after_s[right]:.2f} s after its own; if both are logged at once, state "
+                f"latency_s = {stated_s[wrong] - apart_s:.2f} under [{wrong}]"
+            )
+            found.append(diagnosis("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
+    return found
+
+
+def _strange(lag_s: float, other_s: float) -> bool:
+    """Tell whether a delay from stamp to log is none that a driver makes, while the other sensor's may be one."""
+    return (lag_s < -SAME_CLOCK_S or lag_s > MOST_LAG_S) and abs(other_s) < abs(lag_s)
+
+
+def _invalid(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
+    """Say of the DVL's invalid records what they hold, and the largest number in one, m/s along its own axes."""
+    told = [finding for finding in log.findings if finding.code == "DVL-INVALID"]
+    if not told or "dvl" not in log.tables:
+        return []
+    table = log.tables["dvl"]
+    bad = table[~table["valid"]]
+    invalid = ~dvl(raws["dvl"], configuration_of(log).dvl).table["valid"].to_numpy(dtype=bool)  # (n,) as they arrived
+    xyz_mps = np.column_stack([raws["dvl"].number(axis) for axis in "xyz"]) * TO_MPS[convention(log, "dvl", "unit")[0]]
+    largest = np.max(np.abs(np.nan_to_num(xyz_mps[invalid])), axis=1)
+    sentinels = [s for s in SENTINELS_MPS if np.any(np.abs(largest - s) < 5e-4)]
+    worst = float(largest.max())
+    counts = ", ".join(f"{np.sum(np.abs(largest - s) < 5e-4)} say {s:g} m/s" for s in sentinels)
+    text = told[0].text + (f"; {counts}, a DVL's way to write that it has no bottom lock" if counts else "")
+    time_s = float(bad["time_s"].iloc[0]) if len(bad) else None
+    return [diagnosis("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
+
+
+def _delays(log: Log) -> list[Diagnosis]:
+    """Say how late fixes arrive."""
+    if "usbl" not in log.tables:
+        return []
+    table = log.tables["usbl"]
+    late = (table["received_s"] - table["time_s"]).to_numpy(dtype=float)
+    median, worst = float(np.nanmedian(late)), int(np.nanargmax(late))
+    if not median > LATE_S:
+        return []
+    topic = log.provenance["usbl"].topic
+    text = f"{topic}: fixes arrive {median:.2f} s (median) to {late[worst]:.2f} s after their time of validity"
+    return [diagnosis("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
+
+
+def _under_water(log: Log) -> list[Diagnosis]:
+    """A satellite fix under water is something else: an acoustic position, or an old fix repeated."""
+    if "gps" not in log.tables or "depth" not in log.tables:
+        return []
+    gps, topic = log.tables["gps"], log.provenance["gps"].topic
+    depth_m = depths_of(gps, log.tables["depth"], "time_s")
+    text = under_water(topic, depth_m)
+    if not text:
+        return []
+    worst = int(np.nanargmax(depth_m))
+    return [diagnosis("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(depth_m[worst]), "m")]
+
+
+def _outages(log: Log, line: Timeline) -> list[Diagnosis]:
+    found: list[Diagnosis] = []
+    for role in NEEDED:
+        mine = [outage for outage in line.outages if outage.sensor == role]
+        if not mine or role not in log.provenance:
+            continue
+        longest = max(mine, key=lambda outage: outage.end_s - outage.start_s)
+        length_s = longest.end_s - longest.start_s
+        total_s = sum(outage.end_s - outage.start_s for outage in mine)
+        lost = role == "dvl" and not log.tables["dvl"]["valid"].all()
+        code, what = ("LOST-LOCK", "no bottom lock") if lost else ("OUTAGE", "no records")
+        topic = log.provenance[role].topic
+        text = (
+            f"{topic}: {what} in {len(mine)} stretches of {total_s:.0f} s together, the longest {length_s:.1f} s from "
+            f"{longest.start_s:.1f} s on"
+        )
+        found.append(diagnosis(code, text, topic, longest.start_s, length_s, "s"))
+    return found

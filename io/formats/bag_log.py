@@ -1,0 +1,81 @@
+"""ROS 1 bags, version 2.0: uncompressed, bz2 or lz4.
+
+A bag is walked through front to back and its index is not needed: one that was never closed, or was cut short, gives
+what it holds. Messages are decoded with the definitions that the bag carries.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+from usbldr.io.decoding.decoders import Key, Message, Stream, collect, decoder_of
+from usbldr.io.formats.bag_records import Connection, Walk
+from usbldr.io.formats.decompression import or_unknown
+from usbldr.io.log import Finding
+from usbldr.io.reader import Records, TopicInfo, utc
+
+
+class BagLog:
+    """A ROS 1 bag."""
+
+    format = "ROS 1 bag"
+
+    def __init__(self, path: Path) -> None:
+        """Open nothing yet; ``path`` has been found to be a bag by its first bytes."""
+        self.path = path
+        self._unfit: dict[str, Finding] = {}
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics from one pass over the bag."""
+        return tuple(stream.info() for stream in self._scan[0].values())
+
+    @cached_property
+    def _scan(self) -> tuple[dict[Key, Stream], Walk]:
+        """Return what is seen of each (topic, type), and how the walk went."""
+        found: dict[Key, Stream] = {}
+        connections: dict[int, Stream] = {}
+        with self.path.open("rb") as file:
+            walk = Walk(file, self.path.stat().st_size)
+            for record in walk:
+                if isinstance(record, Connection):
+                    key = (record.topic, record.type)
+                    if key not in found:
+                        found[key] = Stream(*key, "ros1", decoder_of(record.type, record.definition, "ros1", "ros1msg"))
+                    connections[record.number] = found[key]
+                elif record.connection in connections:
+                    connections[record.connection].saw(1, record.time_ns, record.time_ns)
+        return found, walk
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Decode the wanted topics; where one topic has several types, the one with most messages."""
+        records, self._unfit = collect(self.path, self._scan[0], wanted, self._messages())
+        return records
+
+    def _messages(self) -> Iterator[Message]:
+        connections: dict[int, Key] = {}
+        with self.path.open("rb") as file:
+            for record in Walk(file, self.path.stat().st_size):
+                if isinstance(record, Connection):
+                    connections[record.number] = (record.topic, record.type)
+                elif record.connection in connections:
+                    yield connections[record.connection], record.time_ns, record.data
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what is missing of the bag."""
+        found, walk = self._scan
+        said: list[Finding] = []
+        last = max((stream.last_ns for stream in found.values() if stream.last_ns is not None), default=None)
+        until = f", the last of {utc(last)}" if last is not None else ""
+        could = f"{walk.messages} messages could be read{until}"
+        if not walk.complete:
+            text = f"the bag is cut or broken at byte {walk.broken_at} of {walk.size}: {could}"
+            said.append(Finding("TRUNCATED", text, lost_data=walk.promised == 0 or walk.messages < walk.promised))
+        elif not walk.indexed:
+            text = f"the bag was never closed, its index is missing; {could} (rosbag reindex makes it whole)"
+            said.append(Finding("UNINDEXED", text))
+        if walk.lost_chunks:
+            total = f" of {walk.promised}" if walk.promised else ""
+            damaged = f"{walk.lost_chunks} chunks are damaged{or_unknown(walk.unknown)}"
+            text = f"{damaged}: {walk.messages}{total} messages could be read"
+            said.append(Finding("DAMAGED", text, lost_data=True))
+        return (*said, *self._unfit.values())

@@ -1,0 +1,171 @@
+"""CSV logs: a folder with one text file for each topic, or one file; its stem is the topic ("dvl.csv" is "/dvl").
+
+A "__" in a stem is a "/" of the topic. One long file may hold several sensors: its column ``sensor`` says whose each
+row is, and is the topic. csv_sheets says which columns are understood.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.formats.csv_sheets import Clock, Sheet, configured_sheet, plain, sheet_of
+from usbldr.io.formats.csv_text import nanoseconds, numbers, raw_header, read_texts, seconds, text_files
+from usbldr.io.log import Finding
+from usbldr.io.messages.registry import FRAMES
+from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+
+UNFIT = "its columns fit no sensor; name them by columns under the sensor's section in usbldr.toml"
+WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
+"""Fields of messages that are texts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where the records of one topic stand."""
+
+    file: Path
+    header: tuple[str, ...]  # names as written
+    sensor: str | None = None  # of a long file: whose rows
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """What the configuration says of a sensor's columns."""
+
+    sensor: str
+    topic: str | None  # None: the only file that has the columns
+    columns: Mapping[str, str]  # quantity -> column
+
+
+class CsvLog:
+    """A folder of CSV files, or one such file."""
+
+    def __init__(self, path: Path, configured: Sequence[Columns] = ()) -> None:
+        """Open nothing yet."""
+        self.path = path
+        self._configured = tuple(configured)
+        self._read: dict[Path, Mapping[str, Sequence[str]]] = {}
+
+    @property
+    def format(self) -> str:
+        """What a user calls it."""
+        return "CSV folder" if self.path.is_dir() else "CSV file"
+
+    def with_columns(self, configured: Sequence[Columns]) -> "CsvLog":
+        """Return this log, read by what the configuration says of columns."""
+        return CsvLog(self.path, configured)
+
+    @cached_property
+    def _sources(self) -> Mapping[str, Source]:
+        """Return the sources by topic."""
+        found: dict[str, Source] = {}
+        for file in text_files(self.path) if self.path.is_dir() else [self.path]:
+            for topic, source in self._topics_of(file).items():
+                if topic in found:
+                    raise LogError(f"{self.path}: {found[topic].file.name} and {file.name} are both {topic}")
+                found[topic] = source
+        return found
+
+    def _topics_of(self, file: Path) -> Mapping[str, Source]:
+        header = tuple(raw_header(file))
+        if "sensor" not in map(plain, header):
+            return {"/" + file.stem.replace("__", "/"): Source(file, header)}
+        sensors = dict.fromkeys(self._texts(file)["sensor"])
+        return {"/" + sensor.lstrip("/"): Source(file, header, sensor) for sensor in sensors if sensor}
+
+    @cached_property
+    def _sheets(self) -> Mapping[str, Sheet | None]:
+        """Return how each topic is taken."""
+        sheets = {topic: self._recognised(topic, source) for topic, source in self._sources.items()}
+        for asked in self._configured:
+            topic = self._topic(asked)
+            if topic is not None:
+                source = self._sources[topic]
+                sheets[topic] = configured_sheet(asked.sensor, asked.columns, source.header, str(source.file))
+        return sheets
+
+    def _topic(self, asked: Columns) -> str | None:
+        """Return the topic that the configuration means, None where it is not in this log."""
+        if asked.topic is not None:
+            slashed = "/" + asked.topic.lstrip("/")
+            last = "/" + slashed.rpartition("/")[2]
+            return next((topic for topic in (slashed, last) if topic in self._sources), None)
+        wanted = {plain(name) for name in asked.columns.values()}
+        fitting = [t for t, source in self._sources.items() if wanted <= set(map(plain, source.header))]
+        if len(fitting) > 1:
+            raise UsageError(f"{self.path}: [{asked.sensor}] columns fit {', '.join(fitting)}; state topic, too")
+        if not fitting:
+            names = ", ".join(sorted(wanted))
+            raise UsageError(f"{self.path}: no file has the columns {names} of [{asked.sensor}]; state topic, too")
+        return fitting[0]
+
+    def _recognised(self, topic: str, source: Source) -> Sheet | None:
+        if source.sensor is None:
+            return sheet_of(source.file.stem, source.header)
+        texts = self._texts(source.file)
+        rows = self._rows(source)
+        filled = [name for name in texts if name == "time_ns" or any(texts[name][row] for row in rows)]
+        return sheet_of(source.sensor.replace("/", "__"), filled)
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics; one whose columns fit no sensor has no type."""
+        return tuple(self._info(topic, source) for topic, source in self._sources.items())
+
+    def _info(self, topic: str, source: Source) -> TopicInfo:
+        sheet = self._sheets[topic]
+        if sheet is None:
+            return TopicInfo(topic, "", "csv", 0, None, None, problem=UNFIT)
+        fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
+        times, problem = np.empty(0, dtype=np.int64), f"{source.file.name} {sheet.problem}"
+        if sheet.received is not None:
+            try:
+                times, problem = self._times(source, sheet.received), ""
+            except LogError as err:
+                problem = str(err)
+        first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
+        return TopicInfo(topic, sheet.type, "csv", len(times), first, last, fields, problem)
+
+    def _texts(self, file: Path) -> Mapping[str, Sequence[str]]:
+        if file not in self._read:
+            self._read[file] = read_texts(file)
+        return self._read[file]
+
+    def _rows(self, source: Source) -> Sequence[int]:
+        """Return which rows of its file a source has."""
+        texts = self._texts(source.file)
+        if source.sensor is None:
+            return range(len(next(iter(texts.values()), ())))
+        return [row for row, sensor in enumerate(texts["sensor"]) if sensor == source.sensor]
+
+    def _times(self, source: Source, clock: Clock) -> Nanoseconds:
+        texts, rows = self._texts(source.file)[clock.column], self._rows(source)
+        read = seconds if clock.in_seconds else nanoseconds
+        return read([texts[row] for row in rows], clock.column, source.file, rows)
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read the wanted columns."""
+        return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
+
+    def _records(self, topic: str, paths: Sequence[str]) -> Records:
+        source, sheet = self._sources[topic], self._sheets[topic]
+        if sheet is None or sheet.received is None:
+            raise LogError(f"{self.path}: {topic} cannot be read: {UNFIT}")
+        received = self._times(source, sheet.received)
+        columns = {path: self._column(source, sheet, path) for path in paths}
+        order = np.argsort(received, kind="stable")
+        return Records(received[order], {path: column[order] for path, column in columns.items()})
+
+    def _column(self, source: Source, sheet: Sheet, path: str) -> Column:
+        if path == "header.stamp" and sheet.stamp:
+            return self._times(source, sheet.stamp)
+        name, rows = sheet.columns[path], self._rows(source)
+        texts = [self._texts(source.file)[name][row] for row in rows]
+        return np.array(texts) if path in WORDS else numbers(texts, name, source.file, rows)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report nothing: what cannot be read here is an error."""
+        return ()

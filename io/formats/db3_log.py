@@ -1,0 +1,198 @@
+"""One sqlite3 file of a rosbag2 recording (.db3), with or without message definitions inside.
+
+The file is opened read-only and as unchanging, so that sqlite3 puts nothing beside it; where a journal was left beside
+it, both are copied for that. A file from before ROS 2 Iron carries no definitions: those of the standard types are
+known, and of some navigation types (known_messages).
+"""
+
+import sqlite3
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from functools import cache, cached_property
+from pathlib import Path
+from shutil import copy
+from tempfile import TemporaryDirectory
+from urllib.parse import quote
+
+import zstandard
+
+from usbldr.filters.errors import LogError
+from usbldr.io.decoding.decoders import (
+    Decoder,
+    Key,
+    Message,
+    Stream,
+    collect,
+    decoder_of,
+    decoder_without_definition,
+)
+from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.log import Finding
+from usbldr.io.reader import Records, TopicInfo
+
+WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
+ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no cdr begins so
+
+
+class Db3Log:
+    """A .db3 file."""
+
+    format = "rosbag2 (sqlite3)"
+
+    def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
+        """Open nothing yet; ``path`` has been found to be sqlite3 by its first bytes."""
+        self.path = path
+        self._known = known
+        self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may save what is left"
+        self._unfit: dict[str, Finding] = {}
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics."""
+        return tuple(stream.info() for stream in self._streams.values())
+
+    @contextmanager
+    def _open(self) -> Generator[sqlite3.Connection]:
+        self._refuse_cut()
+        merged = self._merged
+        address = f"file:{quote(str(self.path.resolve()))}?mode=ro&immutable=1"
+        if merged is not None:
+            address = f"file:{quote(str(Path(merged.name) / self.path.name))}"
+        try:
+            with closing(sqlite3.connect(address, uri=True)) as database:
+                yield database
+        except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # broken cells are of any type
+            why = " ".join(str(err).split())
+            if "no such" in why:
+                raise LogError(f"{self.path}: is sqlite3, but no rosbag2 recording ({why})") from err
+            raise LogError(f"{self.path}: no readable rosbag2 recording ({why}); {self._advice}") from err
+
+    @property
+    def _journal(self) -> Path | None:
+        """Return the journal beside the file: rows that the recorder had no time to put into it."""
+        journal = self.path.with_name(self.path.name + "-wal")
+        return journal if journal.exists() and journal.stat().st_size else None
+
+    @cached_property
+    def _merged(self) -> TemporaryDirectory[str] | None:
+        """Return a copy of the file and its journal, where sqlite3 may put the one into the other."""
+        if self._journal is None:
+            return None
+        with self._journal.open("rb") as journal:
+            if journal.read(len(WAL)) != WAL:
+                return None
+        folder = TemporaryDirectory(prefix="usbldr-")
+        for file in (self.path, self._journal):
+            copy(file, folder.name)
+        return folder
+
+    def _refuse_cut(self) -> None:
+        """Raise LogError where the file is shorter than its own header says; sqlite3 would read zeros for the rest."""
+        with self.path.open("rb") as file:
+            head = file.read(32)
+        size, page, pages = self.path.stat().st_size, int.from_bytes(head[16:18]), int.from_bytes(head[28:32])
+        page = 65536 if page == 1 else page
+        if size < page * pages:
+            cut = f"cut at byte {size} of {page * pages}"
+            raise LogError(f"{self.path}: no readable rosbag2 recording ({cut}); {self._advice}")
+
+    @cached_property
+    def _keys(self) -> dict[int, Key]:
+        """Return topic and type by the file's own numbers."""
+        return {number: key for number, key, _ in self._listed}
+
+    @cached_property
+    def _listed(self) -> list[tuple[int, Key, str]]:
+        with self._open() as database:
+            have = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
+            encoding = "serialization_format" if "serialization_format" in have else "'cdr'"  # the first rosbag2
+            rows = database.execute(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
+        return [(int(number), (str(name), str(kind)), str(how or "cdr")) for number, name, kind, how in rows]
+
+    @cached_property
+    def _streams(self) -> dict[Key, Stream]:
+        streams: dict[Key, Stream] = {}
+        with self._open() as database:
+            definitions = _definitions(database)
+            query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
+            counts = {int(number): (int(n), int(t0), int(t1)) for number, n, t0, t1 in database.execute(query)}
+        for number, key, encoding in self._listed:
+            count, first, last = counts.get(number, (0, None, None))
+            decoder = self._decoder(number, key[1], encoding, definitions)
+            streams[key] = Stream(*key, encoding, decoder, count, first, last)
+        return streams
+
+    def _decoder(
+        self, number: int, type_name: str, encoding: str, definitions: Mapping[str, tuple[str, str]]
+    ) -> Decoder | str:
+        """Return the decoder of a topic, or why there is none."""
+        if encoding != "cdr":
+            return f"encoding {encoding} is not supported, only cdr"
+        if type_name in definitions:
+            language, text = definitions[type_name]
+            return decoder_of(type_name, text.encode(), encoding, language)
+        return decoder_without_definition(type_name, self._known, self._samples(number))
+
+    def _samples(self, number: int) -> list[bytes]:
+        """Return some messages of a topic."""
+        with self._open() as database:
+            rows = database.execute("SELECT data FROM messages WHERE topic_id = ? LIMIT 5", (number,)).fetchall()
+        return [_unpacked(data) for (data,) in rows]
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Decode the wanted topics; where one topic has several types, the one with most messages."""
+        records, self._unfit = collect(self.path, self._streams, wanted, self._messages(wanted))
+        return records
+
+    def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[Message]:
+        """Yield the messages of the wanted topics; the payloads of others are never touched."""
+        numbers = [number for number, key in self._keys.items() if key[0] in wanted]
+        marks = ", ".join("?" * len(numbers))
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # in any order
+        with self._open() as database:
+            for number, time_ns, data in database.execute(query, numbers):
+                yield self._keys[number], int(time_ns), _unpacked(data)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what is missing of the file."""
+        said = self._said_of_journal()
+        return (*said, *self._unfit.values())
+
+    def _said_of_journal(self) -> list[Finding]:
+        with self.path.open("rb") as file:
+            journaled = file.read(20)[18:] == b"\2\2"
+        journal = f"{self.path.name}-wal"
+        if self._merged is not None:
+            text = f"the file's last rows stand in {journal}, which lies beside it; they are read, too"
+            return [Finding("JOURNAL", text)]
+        if self._journal is not None:
+            text = f"{journal} lies beside the file and is no journal that can be read; its rows are missing"
+            return [Finding("JOURNAL", text, lost_data=True)]
+        if journaled:
+            text = f"the file was recorded with a journal; if the recorder was killed, rows of {journal} are missing"
+            return [Finding("JOURNAL", text)]
+        return []
+
+
+def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:
+    """Return the language and text of the definitions by type that the file carries."""
+    if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+        return {}
+    rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+    return {str(kind): (str(language), str(text)) for kind, language, text in rows if text}
+
+
+@cache
+def _zstd() -> zstandard.ZstdDecompressor:
+    return zstandard.ZstdDecompressor()
+
+
+def _unpacked(data: object) -> bytes:
+    """Return a payload; what is none, or does not unpack, fits no definition and is counted so."""
+    if not isinstance(data, bytes):
+        return b""
+    if not data.startswith(ZSTD):
+        return data
+    try:
+        return _zstd().decompressobj().decompress(data)
+    except zstandard.ZstdError:
+        return b""

@@ -1,0 +1,106 @@
+"""Several logs as one: the parts of a split recording, or the files of one dive, each with a clock of its own."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from usbldr.io.decoding.definitions import ros2_name
+from usbldr.io.log import Finding
+from usbldr.io.messages.registry import STAMPS
+from usbldr.io.reader import Column, Reader, Records, TopicInfo
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A log, and its clock minus the clock of the whole, which is taken off its times."""
+
+    reader: Reader
+    offset_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class JoinedLog:
+    """Logs read as one; topics of the same name and type are one topic."""
+
+    path: Path
+    format: str
+    parts: tuple[Part, ...]
+    said: tuple[Finding, ...] = ()  # what was noticed of the parts together
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics of all parts."""
+        found: dict[tuple[str, str], TopicInfo] = {}
+        for part in self.parts:
+            for topic in (_shifted(topic, part.offset_ns) for topic in part.reader.topics()):
+                key = _key(topic)
+                found[key] = _together(found[key], topic) if key in found else topic
+        return tuple(found.values())
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read each part, shift its times, and put the records in the order of log time."""
+        largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=lambda topic: topic.count)}
+        pieces: dict[str, list[Records]] = {topic: [] for topic in wanted}
+        for part in self.parts:
+            here = {_key(topic) for topic in part.reader.topics() if topic.count}
+            own = {topic: paths for topic, paths in wanted.items() if largest[topic] in here}
+            for topic, records in part.reader.read(own).items() if own else ():
+                pieces[topic].append(_moved(records, part.offset_ns))
+        return {topic: _in_one(pieces[topic], paths) for topic, paths in wanted.items()}
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what was lost or odd in each part."""
+        own = [
+            replace(finding, text=f"{part.reader.path.name}: {finding.text}")
+            for part in self.parts
+            for finding in part.reader.findings()
+        ]
+        return (*self.said, *own)
+
+
+def _key(topic: TopicInfo) -> tuple[str, str]:
+    """Return what makes a topic of two parts one: its name and its type, which ROS 1 and ROS 2 spell differently."""
+    return topic.name, ros2_name(topic.type)
+
+
+def _shifted(topic: TopicInfo, offset_ns: int) -> TopicInfo:
+    if topic.first_ns is None or topic.last_ns is None:
+        return topic
+    return replace(topic, first_ns=topic.first_ns - offset_ns, last_ns=topic.last_ns - offset_ns)
+
+
+def _together(a: TopicInfo, b: TopicInfo) -> TopicInfo:
+    """Return a topic that is in two parts."""
+    firsts = [t for t in (a.first_ns, b.first_ns) if t is not None]
+    lasts = [t for t in (a.last_ns, b.last_ns) if t is not None]
+    return replace(
+        a,
+        count=a.count + b.count,
+        first_ns=min(firsts, default=None),
+        last_ns=max(lasts, default=None),
+        fields=tuple(f for f in a.fields if f in b.fields) if a.count and b.count else (a if a.count else b).fields,
+        problem=a.problem or b.problem,
+    )
+
+
+def _moved(records: Records, offset_ns: int) -> Records:
+    """Take a clock's offset off log times and stamps; a stamp of zero is unset and stays so."""
+    if not offset_ns:
+        return records
+    columns = dict(records.columns)
+    for path in STAMPS & columns.keys():
+        if columns[path].dtype.kind in "iu":
+            columns[path] = np.where(columns[path] == 0, 0, columns[path] - offset_ns)
+    return Records(records.received_ns - offset_ns, columns)
+
+
+def _in_one(pieces: Sequence[Records], paths: Sequence[str]) -> Records:
+    if len(pieces) == 1:
+        return pieces[0]
+    if not pieces:
+        return Records(np.empty(0, dtype=np.int64), {path: np.empty(0) for path in paths})
+    received = np.concatenate([piece.received_ns for piece in pieces])
+    order = np.argsort(received, kind="stable")
+    columns: dict[str, Column] = {path: np.concatenate([p.columns[path] for p in pieces])[order] for path in paths}
+    return Records(received[order], columns)

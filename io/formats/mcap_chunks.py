@@ -1,0 +1,66 @@
+"""The chunks of an MCAP file: many records packed together, with a checksum.
+
+Their bytes are read into the same memory again and again: 300 MB of pictures beside the navigation cost a copy and a
+checksum, and no memory.
+"""
+
+import struct
+import zlib
+from io import BufferedReader
+from typing import NamedTuple
+
+from mcap.exceptions import McapError
+
+from usbldr.io.formats import decompression
+from usbldr.io.formats.decompression import Unpacker
+
+HEAD = struct.Struct("<BQ")  # of a record: opcode, length
+CHUNK = struct.Struct("<QQQII")  # first and last log time, size unpacked, its checksum, length of compression's name
+COMPRESSIONS = ("", "zstd", "lz4")
+DAMAGE = (McapError, struct.error, *decompression.DAMAGE)
+"""What broken bytes raise here and in the libraries."""
+
+
+class Chunk(NamedTuple):
+    """One chunk."""
+
+    first_ns: int  # log time
+    last_ns: int
+    data: memoryview  # its records, as far as they can be believed; good until the next chunk is read
+    whole: bool  # the file does not end inside
+    sound: bool  # it has the size and the checksum that it states; no checksum is right, too
+    compression: str
+
+
+class ChunkReader:
+    """Reads one chunk of a file after the other."""
+
+    def __init__(self, file: BufferedReader) -> None:
+        """Read from where the file stands each time."""
+        self._file = file
+        self._raw = bytearray()
+        self._unpacker = Unpacker()
+
+    def read(self, length: int, left: int) -> Chunk:
+        """Read the record of a chunk, of which ``left`` bytes at most are there; raise one of DAMAGE at its head."""
+        raw = self._packed(min(length, left))
+        whole = len(raw) == length
+        first_ns, last_ns, size, checksum, named = CHUNK.unpack_from(raw)
+        packed_at = CHUNK.size + named + 8
+        compression = bytes(raw[CHUNK.size : packed_at - 8]).decode(errors="replace")
+        nothing = Chunk(first_ns, last_ns, memoryview(b""), whole, sound=False, compression=compression)
+        if compression not in COMPRESSIONS:
+            return nothing
+        try:
+            data = self._unpacker.unpack(compression, raw[packed_at:], size)
+        except DAMAGE:
+            return nothing
+        if whole and checksum and zlib.crc32(data) != checksum:
+            return nothing
+        return nothing._replace(data=data, sound=len(data) == size)
+
+    def _packed(self, length: int) -> memoryview:
+        if length > len(self._raw):
+            self._raw = bytearray(length)
+        into = memoryview(self._raw)[:length]
+        return into[: self._file.readinto(into)]

@@ -1,0 +1,144 @@
+"""What an MCAP file's own index tells: how many messages of which channel, from when to when, and where they stand.
+
+Behind each chunk stands, channel by channel, the log time of each message and its place in the chunk. With that a
+message is found without a look at the others. It is believed as long as it agrees with the file's statistics
+and with the messages themselves.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from io import BufferedReader
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Channel, ChunkIndex, Schema
+from mcap.summary import Summary
+from numpy.typing import NDArray
+
+from usbldr.io.formats.mcap_chunks import DAMAGE, HEAD, ChunkReader
+
+Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the message's record in the unpacked chunk
+MESSAGE = np.dtype(
+    [("op", "u1"), ("size", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("time_ns", "<u8"), ("publish_ns", "<u8")]
+)
+
+
+class DisagreementError(Exception):
+    """The file is not as its index says."""
+
+
+class Seen(NamedTuple):
+    """The messages of a channel."""
+
+    messages: int
+    first_ns: int  # log time
+    last_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Index:
+    """The end of a file, as far as the file has it."""
+
+    schemas: Mapping[int, Schema]
+    channels: Mapping[int, Channel]
+    chunks: Mapping[int, ChunkIndex]  # by their place in the file
+    inside: Mapping[int, frozenset[int]]  # place of a chunk -> channels with messages in it
+    seen: Mapping[int, Seen] | None  # by channel; None: the index does not tell of every message
+
+
+def read_index(file: BufferedReader) -> Index:
+    """Read the index; it is empty where the file has none, or none that makes sense."""
+    try:
+        summary = make_reader(file).get_summary()
+    except (*DAMAGE, OSError):  # an OSError: the file is shorter than a footer
+        summary = None
+    if summary is None:
+        return Index({}, {}, {}, {}, None)
+    chunks = {chunk.chunk_start_offset: chunk for chunk in summary.chunk_indexes}
+    inside: dict[int, frozenset[int]] = {}
+    seen: dict[int, Seen] | None = {}
+    try:
+        for place, chunk in chunks.items():
+            found = dict(_entries(file, chunk))
+            inside[place] = frozenset(found)
+            for channel, entries in found.items():
+                times = entries[:, 0]
+                new = Seen(len(times), int(times.min()), int(times.max()))
+                seen[channel] = _together(seen[channel], new) if channel in seen else new
+    except (*DAMAGE, OSError):
+        seen = None
+    if seen is not None and not _agrees(seen, summary):
+        seen = None
+    return Index(summary.schemas, summary.channels, chunks, inside, seen)
+
+
+def _entries(file: BufferedReader, chunk: ChunkIndex) -> Iterator[tuple[int, Entries]]:
+    """Yield the channels that have messages in a chunk, and where those are."""
+    file.seek(chunk.chunk_start_offset + chunk.chunk_length)
+    data = file.read(chunk.message_index_length)
+    at = 0
+    while at < len(data):
+        op, length = HEAD.unpack_from(data, at)
+        if op != Opcode.MESSAGE_INDEX:
+            raise ValueError("no message index")
+        body, at = at + HEAD.size, at + HEAD.size + length
+        entries = np.frombuffer(data, "<u8", (length - 6) // 16 * 2, body + 6).reshape(-1, 2)
+        if len(entries):
+            yield int.from_bytes(data[body : body + 2], "little"), entries
+
+
+def _together(a: Seen, b: Seen) -> Seen:
+    return Seen(a.messages + b.messages, min(a.first_ns, b.first_ns), max(a.last_ns, b.last_ns))
+
+
+def _agrees(seen: Mapping[int, Seen], summary: Summary) -> bool:
+    """Tell whether the index tells of as many messages as the file's statistics, all of channels that are named."""
+    if summary.statistics is None:
+        return False
+    stated = {channel: count for channel, count in summary.statistics.channel_message_counts.items() if count}
+    possible = all(one.last_ns < 1 << 63 for one in seen.values())
+    named = summary.channels.keys() >= seen.keys()
+    return named and possible and stated == {channel: one.messages for channel, one in seen.items()}
+
+
+def indexed_messages(
+    file: BufferedReader, index: Index, channels: Collection[int]
+) -> Iterator[tuple[int, int, memoryview]]:
+    """Yield channel, log time and bytes of the messages of some channels; the bytes are good until the next.
+
+    Raises DisagreementError where anything is not as the index says; chunks without such a message are not looked at.
+    """
+    chunks = ChunkReader(file)
+    for place, chunk in sorted(index.chunks.items()):
+        if index.inside[place].isdisjoint(channels):
+            continue
+        try:
+            found = {channel: entries for channel, entries in _entries(file, chunk) if channel in channels}
+            file.seek(place)
+            op, length = HEAD.unpack(file.read(HEAD.size))
+            data = chunks.read(length, length)
+        except DAMAGE as err:
+            raise DisagreementError from err
+        if op != Opcode.CHUNK or not data.sound:
+            raise DisagreementError
+        for channel, entries in found.items():
+            starts, ends = _places(data.data, channel, entries)
+            for time_ns, start, end in zip(entries[:, 0].tolist(), starts, ends, strict=True):
+                yield channel, time_ns, data.data[start:end]
+
+
+def _places(data: memoryview, channel: int, entries: Entries) -> tuple[list[int], list[int]]:
+    """Return where messages begin and end in a chunk; raise DisagreementError where there is none, or another one."""
+    at = entries[:, 1].astype(np.int64)
+    if at.min() < 0 or at.max() + MESSAGE.itemsize > len(data):
+        raise DisagreementError
+    rows = np.frombuffer(data, np.uint8)[at[:, np.newaxis] + np.arange(MESSAGE.itemsize)]
+    heads = rows.view(MESSAGE)[:, 0]
+    right = (heads["op"] == Opcode.MESSAGE) & (heads["channel"] == channel) & (heads["time_ns"] == entries[:, 0])
+    right &= heads["size"] <= len(data)
+    ends = at + HEAD.size + heads["size"].astype(np.int64)
+    if not right.all() or ends.max() > len(data):
+        raise DisagreementError
+    return (at + MESSAGE.itemsize).tolist(), ends.tolist()

@@ -1,0 +1,172 @@
+"""MCAP files (https://mcap.dev): chunked or not, indexed or not, zstd or lz4, also cut short or damaged.
+
+A file that is as its own index says is read by it. Any other is walked through front to back, so that it still gives
+what it holds, and what it has lost is said.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import chain, islice
+from pathlib import Path
+
+from mcap.records import Channel, Schema
+
+from usbldr.io.decoding.decoders import (
+    Decoder,
+    Key,
+    Stream,
+    chosen_streams,
+    collect,
+    decoder_of,
+    decoder_without_definition,
+    json_decoder,
+)
+from usbldr.io.decoding.decoders import Message as Payload
+from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.formats.decompression import or_unknown
+from usbldr.io.formats.mcap_index import DisagreementError, Index, indexed_messages, read_index
+from usbldr.io.formats.mcap_records import Message, Walk
+from usbldr.io.log import Finding
+from usbldr.io.reader import Records, TopicInfo, utc
+
+
+class McapLog:
+    """An MCAP file."""
+
+    format = "MCAP"
+
+    def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
+        """Open nothing yet; ``path`` has been found to be MCAP by its first bytes."""
+        self.path = path
+        self._definitions = known
+        self._unfit: dict[str, Finding] = {}
+        self._walk: Walk | None = None  # the last one through the file; None: it was read by its index
+        self._schemas: dict[int, Schema] = {}
+        self._known: dict[Key, Stream] = {}
+        self._keys: dict[int, Key] = {}  # by the file's numbers of its channels
+
+    @cached_property
+    def _index(self) -> Index:
+        with self.path.open("rb") as file:
+            return read_index(file)
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics."""
+        return tuple(stream.info() for stream in self._streams.values())
+
+    @cached_property
+    def _streams(self) -> dict[Key, Stream]:
+        """Return what the index knows of each (topic, type), else what one walk through the file sees."""
+        if self._index.seen is None:
+            for key, time_ns, _ in self._by_walk():
+                self._known[key].saw(1, time_ns, time_ns)
+            return self._known
+        for record in (*self._index.schemas.values(), *self._index.channels.values()):
+            self._register(record)
+        for channel, seen in self._index.seen.items():
+            self._known[self._keys[channel]].saw(*seen)
+        return self._known
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Decode the wanted topics; where one topic has several types, the one with most messages."""
+        streams = self._streams
+        if self._index.seen is not None:
+            try:
+                messages = self._by_index(chosen_streams(streams, wanted))
+                records, self._unfit = collect(self.path, streams, wanted, messages)
+            except DisagreementError:
+                pass
+            else:
+                return records
+        records, self._unfit = collect(self.path, streams, wanted, self._by_walk())
+        return records
+
+    def _by_index(self, wanted: set[Key]) -> Iterator[Payload]:
+        """Yield the wanted messages of a file that is as its index says."""
+        keys = {number: key for number, key in self._keys.items() if key in wanted}
+        with self.path.open("rb") as file:
+            for channel, time_ns, data in indexed_messages(file, self._index, keys.keys()):
+                yield keys[channel], time_ns, data
+
+    def _by_walk(self) -> Iterator[Payload]:
+        """Yield all messages of any file, front to back.
+
+        What the index repeats of schemas and channels comes first: where the first chunk is damaged the others can
+        still be read.
+        """
+        with self.path.open("rb") as file:
+            self._walk = Walk(file, self.path.stat().st_size, self._index.chunks)
+            for record in chain(self._index.schemas.values(), self._index.channels.values(), self._walk):
+                if not isinstance(record, Message):
+                    self._register(record)
+                elif key := self._keys.get(record.channel):
+                    yield key, record.time_ns, record.data
+
+    def _register(self, record: Schema | Channel) -> None:
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+            return
+        schema = self._schemas.get(record.schema_id)
+        key = (record.topic, schema.name if schema else "")
+        if key not in self._known:
+            self._known[key] = Stream(*key, record.message_encoding, self._decoder(record, schema))
+        self._keys[record.id] = key
+
+    def _decoder(self, channel: Channel, schema: Schema | None) -> Decoder | str:
+        """Return the decoder of a topic, or in a few words why there is none."""
+        encoding = channel.message_encoding
+        if schema is None or not schema.data:
+            if schema is not None and encoding == "cdr" and schema.name:
+                return decoder_without_definition(schema.name, self._definitions, self._samples(channel.id))
+            if schema is not None and encoding == "json" and schema.name:
+                return json_decoder(schema.name, self._samples(channel.id))
+            return decoder_of(schema.name if schema else "", b"", encoding, "")
+        decoder = decoder_of(schema.name, schema.data, encoding, schema.encoding)
+        if encoding == "json" and not isinstance(decoder, str) and not decoder.fields:  # a schema of any object at all
+            return json_decoder(schema.name, self._samples(channel.id))
+        return decoder
+
+    def _samples(self, channel: int) -> list[bytes]:
+        """Return some messages of a channel, none where the index cannot tell."""
+        if self._index.seen is None:
+            return []
+        try:
+            with self.path.open("rb") as file:
+                return [bytes(data) for _, _, data in islice(indexed_messages(file, self._index, {channel}), 5)]
+        except DisagreementError:
+            return []
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what is missing of the file."""
+        times = [t for stream in self._streams.values() for t in (stream.first_ns, stream.last_ns) if t is not None]
+        span = f", the last {(max(times) - min(times)) / 1e9:.1f} s after the first" if times else ""
+        said = [] if self._walk is None else _losses(self._walk, span)
+        return (*said, *self._unfit.values())
+
+
+def _losses(walk: Walk, span: str) -> list[Finding]:
+    """Say what a walk could not read."""
+    said: list[Finding] = []
+    if not walk.complete:
+        text = (
+            f"the file is cut or broken at byte {walk.broken_at} of {walk.size}: "
+            f"{walk.messages} messages could be read{span}"
+        )
+        said.append(Finding("TRUNCATED", text, lost_data=True))
+    elif not walk.finished:
+        said.append(Finding("TRUNCATED", f"the file's index is missing; all {walk.messages} messages could be read"))
+    if walk.lost_chunks:
+        total = f" of {walk.promised}" if walk.promised is not None else ""
+        first, last = min(start for start, _ in walk.lost_chunks), max(end for _, end in walk.lost_chunks)
+        text = (
+            f"{len(walk.lost_chunks)} chunks are damaged{or_unknown(walk.unknown)} "
+            f"(logged between {utc(first)} and {utc(last)}): {walk.messages}{total} messages could be read"
+        )
+        said.append(Finding("DAMAGED", text, lost_data=True))
+    elif walk.complete and walk.broken_at is not None:
+        text = f"the file is broken at byte {walk.broken_at} of {walk.size}: {walk.messages} messages could be read"
+        said.append(Finding("DAMAGED", text, lost_data=walk.promised is None or walk.messages < walk.promised))
+    if walk.undated:
+        text = f"{walk.undated} messages have an impossible log time and are left out"
+        said.append(Finding("DAMAGED", text, lost_data=True))
+    return said

@@ -1,0 +1,127 @@
+"""NMEA 0183 sentences as topics: those of a text file, and those that a text topic of another log carries.
+
+Each kind of sentence is a topic of its own: "/GPGGA" of a file, "/nmea/GPGGA" of the topic "/nmea". A line of a file
+may begin with the time at which it was logged.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+from usbldr.filters.errors import LogError
+from usbldr.io.decoding.nmea_sentences import SENTENCE, Spoken, spoken, unfitting
+from usbldr.io.log import Finding
+from usbldr.io.reader import Reader, Records, TopicInfo
+
+CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
+"""Last part of the type of a topic that may carry sentences, and its field."""
+SPOKEN = re.compile(r"nmea|sentence|serial|usbl|ssbl|modem|acoustic|ranger|hipap|gaps|gps|gnss|heading|gyro|hdt")
+"""Words in the name of a plain text topic that carries sentences."""
+
+
+def looks_like_nmea(head: bytes) -> bool:
+    """Tell whether a file's first bytes are text of which most lines hold a sentence."""
+    if b"\0" in head:
+        return False
+    lines = [line for line in head.decode("utf-8", errors="replace").splitlines() if line.strip()]
+    return sum(SENTENCE.search(line) is not None for line in lines) > len(lines) / 2
+
+
+class NmeaFile:
+    """A text file of sentences."""
+
+    format = "NMEA text"
+
+    def __init__(self, path: Path) -> None:
+        """Read nothing yet."""
+        self.path = path
+        self._undecoded: dict[str, int] = {}
+
+    @cached_property
+    def _spoken(self) -> Spoken:
+        try:
+            with self.path.open(encoding="utf-8", errors="replace") as lines:
+                return spoken(self.path.name, lines)
+        except OSError as err:
+            raise LogError(f"{self.path}: cannot be read ({err.strerror})") from err
+
+    @cached_property
+    def _topics(self) -> Mapping[str, tuple[str, TopicInfo]]:
+        return self._spoken.topics("")
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the kinds of sentences."""
+        return tuple(info for _, info in self._topics.values())
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Parse the wanted kinds."""
+        found: dict[str, Records] = {}
+        for topic, paths in wanted.items():
+            found[topic], self._undecoded[topic] = self._spoken.by_name[self._topics[topic][0]].records(paths)
+        return found
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what was dropped."""
+        return (*self._spoken.findings, *unfitting(self._undecoded))
+
+
+class SpokenLog:
+    """A log some of whose text topics carry sentences, which are topics of their own beside its others."""
+
+    def __init__(self, carried: Reader, carriers: Mapping[str, str]) -> None:
+        """Take the log and, by topic, the field that holds the text."""
+        self._carried, self._carriers = carried, carriers
+        self.path, self.format = carried.path, carried.format
+        self._undecoded: dict[str, int] = {}
+
+    @cached_property
+    def _spoken(self) -> Mapping[str, Spoken]:
+        """Return the sentences by the topic that carries them."""
+        stamped = {t.name for t in self._carried.topics() if t.has("header.stamp")}
+        wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in self._carriers.items()}
+        records = self._carried.read(wanted)
+        return {
+            topic: spoken(
+                topic, map(str, r.columns[self._carriers[topic]]), r.received_ns, r.columns.get("header.stamp")
+            )
+            for topic, r in records.items()
+        }
+
+    @cached_property
+    def _topics(self) -> Mapping[str, tuple[Spoken, str, TopicInfo]]:
+        found: dict[str, tuple[Spoken, str, TopicInfo]] = {}
+        for topic, told in self._spoken.items():
+            found |= {full: (told, name, info) for full, (name, info) in told.topics(topic).items()}
+        return found
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the log's own topics and the kinds of sentences."""
+        return (*self._carried.topics(), *(info for _, _, info in self._topics.values()))
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read the log's own topics in one pass, and parse the wanted sentences."""
+        own = {topic: paths for topic, paths in wanted.items() if topic not in self._topics}
+        found = dict(self._carried.read(own)) if own else {}
+        for topic, paths in wanted.items():
+            if topic not in own:
+                told, name, _ = self._topics[topic]
+                found[topic], self._undecoded[topic] = told.by_name[name].records(paths)
+        return found
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Say what the log lost, and which sentences were dropped."""
+        said = [f for told in self._spoken.values() for f in told.findings if told.by_name or f.code != "NMEA-OTHER"]
+        return (*self._carried.findings(), *said, *unfitting(self._undecoded))
+
+
+def with_sentences(log: Reader) -> Reader:
+    """Return a log whose text topics may carry sentences with these as topics; another as it is."""
+    carriers: dict[str, str] = {}
+    for topic in log.topics():
+        last = topic.type.rpartition("/")[2].lower()
+        field = CARRIERS.get(last)
+        told = last == "sentence" or SPOKEN.search(topic.name.lower())
+        if field and told and topic.count and not topic.problem and topic.has(field):
+            carriers[topic.name] = field
+    return SpokenLog(log, carriers) if carriers else log

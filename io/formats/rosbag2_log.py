@@ -1,0 +1,118 @@
+"""rosbag2 recordings: a folder of .db3 or .mcap parts with or without its metadata.yaml, or a .db3 file alone."""
+
+import re
+from pathlib import Path
+from typing import Any, cast
+
+from usbldr.filters.errors import LogError
+from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.formats.joined import JoinedLog, Part
+from usbldr.io.log import Finding
+from usbldr.io.reader import Reader
+
+STORAGES = (".db3", ".mcap")
+PACKED = (".db3.zstd", ".mcap.zstd")
+
+
+def holds_recording(folder: Path) -> bool:
+    """Tell whether a folder is a recording: it has metadata.yaml, or parts and nothing that could be CSV."""
+    if (folder / "metadata.yaml").is_file():
+        return True
+    return any(_parts(folder)) or any(file.name.endswith(PACKED) for file in folder.iterdir())
+
+
+def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
+    """Return the reader of a recording; raise LogError where a folder holds none that can be read."""
+    if not path.is_dir():
+        return _reader(path, known)
+    there = _parts(path)
+    named = _named(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else []
+    findings: list[Finding] = []
+    if named:
+        files, findings = _found(path, [path / name for name in named], there)
+    else:
+        files, findings = _numbered(path, there), _gaps(there)
+    return JoinedLog(path, "rosbag2 folder", tuple(Part(_reader(file, known)) for file in files), tuple(findings))
+
+
+def _reader(file: Path, known: Definitions) -> Reader:
+    """Return the reader of one part, by its first bytes."""
+    with file.open("rb") as opened:
+        head = opened.read(16)
+    if head.startswith(b"\x89MCAP0\r\n"):
+        from usbldr.io.formats.mcap_log import McapLog
+
+        return McapLog(file, known)
+    if head.startswith(b"SQLite format 3\x00"):
+        from usbldr.io.formats.db3_log import Db3Log
+
+        return Db3Log(file, known)
+    raise LogError(f"{file}: " + ("the file is empty" if not head else "is neither sqlite3 nor MCAP"))
+
+
+def _parts(folder: Path) -> list[Path]:
+    """List the files of a folder that can be parts, part 2 before part 10."""
+    files = [file for file in folder.iterdir() if file.suffix in STORAGES and file.is_file()]
+    return sorted(files, key=lambda file: [int(s) if s.isdecimal() else s for s in re.split(r"(\d+)", file.name)])
+
+
+def _named(metadata: Path) -> list[str]:
+    """Return the files that metadata.yaml names."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        content: Any = cast("Any", YAML(typ="safe")).load(metadata.read_text(encoding="utf-8"))
+        names: list[object] = list(content["rosbag2_bagfile_information"]["relative_file_paths"] or [])
+    except (YAMLError, KeyError, TypeError, UnicodeDecodeError):
+        return []  # as good as none: what lies in the folder is read
+    return [Path(str(name)).name for name in names]  # the first rosbag2 wrote the folder before each
+
+
+def _found(folder: Path, named: list[Path], there: list[Path]) -> tuple[list[Path], list[Finding]]:
+    """Return which of the named files can be read, and what is to be said of the others."""
+    present = [file for file in named if file.is_file()]
+    missing = [file for file in named if not file.is_file()]
+    packed = [file.name for file in present if file.name.endswith(PACKED)]
+    if packed:
+        unpacked = [file.with_suffix("") for file in present if file.name.endswith(PACKED)]
+        if not all(file.is_file() for file in unpacked):
+            raise LogError(f"{folder}: {packed[0]} is compressed with zstd; unpack it first (zstd -d {packed[0]})")
+        present = [file.with_suffix("") if file.name.endswith(PACKED) else file for file in present]
+    if not missing:
+        return present, []
+    names = ", ".join(file.name for file in missing)
+    others = [file for file in there if file not in present]
+    if len(others) == len(missing):
+        other = ", ".join(file.name for file in others)
+        text = f"metadata.yaml names {names}, which is not there; {other} is read in its place"
+        return sorted([*present, *others], key=there.index), [Finding("RENAMED", text)]
+    if not present:
+        inside = ", ".join(sorted(child.name for child in folder.iterdir())[:5])
+        raise LogError(f"{folder}: metadata.yaml names {names}, which is not there (the folder holds {inside})")
+    return present, [Finding("MISSING-PART", f"{names} is missing: metadata.yaml names it", lost_data=True)]
+
+
+def _numbered(folder: Path, there: list[Path]) -> list[Path]:
+    """Return the parts of a folder without metadata; raise LogError where they are several recordings."""
+    if not there:
+        packed = next(file.name for file in sorted(folder.iterdir()) if file.name.endswith(PACKED))
+        raise LogError(f"{folder}: {packed} is compressed with zstd; unpack it first (zstd -d {packed})")
+    recordings = {(re.sub(r"_\d+$", "", file.stem), file.suffix) for file in there}
+    if len(recordings) > 1:
+        names = ", ".join(file.name for file in there[:5])
+        raise LogError(
+            f"{folder}: holds {len(recordings)} recordings ({names}); name one of them, or join them with --with"
+        )
+    return there
+
+
+def _gaps(there: list[Path]) -> list[Finding]:
+    """Say which of several numbered parts are absent."""
+    found = [re.fullmatch(r"(.*)_(\d+)", file.stem) for file in there]
+    numbers = {int(match[2]) for match in found if match}
+    missing = sorted(set(range(max(numbers, default=0) + 1)) - numbers) if len(numbers) > 1 else []
+    if not missing:
+        return []
+    names = ", ".join(str(number) for number in missing)
+    return [Finding("MISSING-PART", f"part {names} is missing: the parts are numbered from 0", lost_data=True)]

@@ -1,0 +1,151 @@
+"""Message types of Doppler velocity logs, and what makes a record of theirs invalid.
+
+Sources: the .msg files of the ROS packages named, and the drivers that fill them. Water Linked's axes are x forward, y
+starboard, z down (docs/dvl/axes.md of waterlinked/docs), and every ROS driver copies them, whatever its frame_id says.
+"""
+
+import numpy as np
+
+from usbldr.filters.types import Mask, Vector
+from usbldr.io.messages.layouts import Layout, Raw, own, xyz
+
+FRD = {"axes": "FRD"}
+TWIST = xyz("twist.twist.linear")
+TWIST_COVARIANCE = {"own_covariance": "twist.covariance.0"}
+SIMULATED = xyz("velocity") | {"own_covariance": "velocity_covariance.0"}  # uuv_simulator: 0 unknown, -1 invalid
+AGES = {"validity_us": "time_of_validity", "transmission_us": "time_of_transmission"}
+
+DVL = (  # a driver's messages rank before twists made of them, those with a flag of validity before those without
+    Layout(
+        "dvl",  # ds_sensor_msgs/Dvl (WHOI): in the coordinates that each record names
+        xyz("velocity") | {"covariance": "velocity_covar.0", "coordinates": "coordinate_mode"},
+        {"mode": "velocity_mode", "good_beams": "num_good_beams"},
+        "by type",
+        rank=1,
+    ),
+    Layout(
+        "dvl",  # marine_acoustic_msgs/Dvl: x forward, z where the DVL points; a covariance of -1 is only unknown
+        xyz("velocity") | {"covariance": "velocity_covar.0", "good_beams": "num_good_beams"},
+        {"mode": "velocity_mode", "beams_valid": "beam_velocities_valid"},
+        "by type",
+        FRD,
+        rank=1,
+    ),
+    Layout(
+        "dvl",  # Water Linked's and dvl_msgs/DVL, with and without covariance
+        xyz("velocity") | {"velocity_valid": "velocity_valid"},
+        {"covariance": "covariance.0", "sd": "fom", **AGES},
+        "by type",
+        FRD,
+        rank=0,
+    ),
+    Layout(
+        "transducerreportstamped",  # waterlinked_dvl (ROS 1): the same report, one level down
+        {axis: f"report.v{axis}" for axis in "xyz"} | {"velocity_valid": "report.velocity_valid"},
+        {"covariance": "report.covariance.0", "sd": "report.fom"}
+        | {"validity_ns": "report.time_of_validity", "transmission_ns": "report.time_of_transmission"},
+        "by type",
+        FRD,
+        rank=0,
+    ),
+    Layout("dvl", SIMULATED, {}, "by type", FRD, packages=("cola2", "stonefish", "smarc"), rank=2),  # bodies are FRD
+    Layout("dvl", SIMULATED, {"mode": "velocity_reference"}, "by type", rank=2),  # uuv_sensor(_ros_plugins)_msgs
+    Layout("dvl", xyz("velocity") | {"sd": "figureOfMerit"}, {}, "by type"),  # nortek_dvl/Dvl
+    Layout(
+        "linkquestdvl",  # cola2_msgs: the bottom's motion past the instrument, so that every sign is turned
+        {"x": "velocityInst.0", "y": "velocityInst.1", "z": "velocityInst.2", "velocity_valid": "velocityInstFlag"},
+        {},
+        "by type",
+        {"axes": "BPU"},
+    ),
+    Layout(
+        "teledyneexplorerdvl",  # cola2_msgs: bottom track in instrument axes
+        {"x": "bi_x_axis", "y": "bi_y_axis", "z": "bi_z_axis", "status": "bi_status"},
+        {},
+        "by type",
+        FRD,
+    ),
+    *(  # mavros: what was told to the autopilot
+        Layout(
+            kind,
+            {},
+            recognised="only when named",
+            topic=r"vision_speed",
+            refused="holds velocities in earth axes; record those of the DVL itself",
+        )
+        for kind in ("twiststamped", "twistwithcovariancestamped", "vector3stamped")
+    ),
+    Layout("twistwithcovariancestamped", TWIST, TWIST_COVARIANCE, rank=3),
+    Layout("odometry", TWIST, TWIST_COVARIANCE, frame="child_frame_id", rank=4),
+    Layout("twiststamped", xyz("twist.linear"), rank=3),
+    Layout(
+        "dvl",
+        {"x": "starboard_mps", "y": "forward_mps"},
+        {"z": "up_mps", "sd": "sd_mps", "velocity_valid": "valid"},
+        "by type",
+        fixed={"axes": "SFU", "unit": "m/s"},
+    ),
+    Layout("dvl", own("x", "y"), {"z": "z", "sd": "sd_mps", "velocity_valid": "valid"}, "by type"),
+    Layout(
+        "bottomtrack",  # nortek_dvl333_msgs
+        {"beam": "vel_beam0"},
+        refused="holds velocities along the beams alone; record XYZ velocities",
+    ),
+    Layout("dvlsensorrange", {"range": "range"}, refused="holds ranges and no velocities"),  # holoocean_interfaces
+)
+
+BEAM, EARTH, WATER = 0, 3, 2  # of coordinate_mode; of velocity_mode and velocity_reference
+TOO_FAST = "faster than 20 m/s"
+NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
+
+
+def dvl_causes(raw: Raw, speed_mps: Vector, least_beams: int | None) -> dict[str, Mask]:
+    """Return by cause which DVL records (n,) are invalid, by what their family of messages says.
+
+    ``speed_mps`` = |v|; ``least_beams`` None: three where any record tells its good beams at all.
+    """
+    x, y, z = (raw.number(axis) for axis in "xyz")
+    causes = {"not a number": ~(np.isfinite(x) & np.isfinite(y))}
+    if "velocity_valid" in raw.values:
+        causes["flagged invalid"] = raw.number("velocity_valid") == 0
+    elif "status" in raw.values:
+        causes["without status A"] = np.char.upper(raw.text("status")) != "A"
+    else:
+        causes["exactly zero"] = (x == 0) & (y == 0) & ((z == 0) | np.isnan(z))
+    causes["in beam coordinates"] = raw.number("coordinates") == BEAM
+    causes["in earth coordinates"] = raw.number("coordinates") == EARTH
+    beams = raw.number("good_beams")
+    if least_beams is not None or np.any(beams > 0):
+        least = 3 if least_beams is None else least_beams
+        causes[f"fewer than {least} good beams"] = beams < least
+    causes["water track"] = raw.number("mode") == WATER
+    beams_valid = raw.number("beams_valid")
+    if np.any(beams_valid == 1):
+        causes["beam velocities flagged invalid"] = beams_valid == 0
+    causes["negative covariance"] = raw.number("own_covariance") < 0
+    causes[TOO_FAST] = speed_mps > 20.0
+    return causes
+
+
+def in_millimetres(raw: Raw, causes: dict[str, Mask]) -> bool:
+    """Tell whether records are faster than 20 m/s too often for m/s: one in ten of those that nothing else rules out.
+
+    One and the same velocity again and again stands for none; a DVL without bottom lock writes so.
+    """
+    others = [mask for cause, mask in causes.items() if cause != TOO_FAST]
+    known = ~np.any(others, axis=0)
+    fast = known & causes[TOO_FAST]
+    _, counts = np.unique(np.column_stack([raw.number("x"), raw.number("y")])[fast], axis=0, return_counts=True)
+    often = np.sum(fast) >= max(3, 0.1 * np.sum(known))
+    return bool(often and counts.max() <= np.sum(fast) / 2)
+
+
+def dvl_advice(causes: dict[str, Mask], free: bool, columns: str) -> str:
+    """Return what to do where no record is good, as the end of a sentence; empty where nothing helps.
+
+    ``free``: nobody has stated the unit; ``columns``: what has to be stated beside it.
+    """
+    if any(np.any(causes[f"in {where} coordinates"]) for where in ("beam", "earth")):
+        return NO_COORDINATES
+    fast = np.mean(causes[TOO_FAST]) > 0.5 and free
+    return f'; if they are mm/s, state {columns}unit = "mm/s" under [dvl]' if fast else ""

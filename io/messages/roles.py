@@ -1,0 +1,206 @@
+"""Which topic is which sensor: by option, by configuration, else recognised by message type and topic name."""
+
+import difflib
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.log import Finding
+from usbldr.io.messages.layouts import Layout
+from usbldr.io.messages.registry import LAYOUTS, layout_of
+from usbldr.io.reader import TopicInfo
+
+ROLES = ("dvl", "compass", "usbl", "gps", "depth")
+
+GPS_ITSELF = r"gps|gnss|navsat|global_position"
+HINTS: Mapping[str, str] = {
+    "dvl": r"dvl|velocity_report|bottom_?track|nortek|a50|a125",
+    "compass": r"compass|heading|hdg|hdt|ahrs|imu|gyro",
+    "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/",
+    "gps": rf"{GPS_ITSELF}|fix",
+    "depth": r"depth|pressure",
+}
+"""Words of topic names that speak for a role."""
+
+NO_SENSOR = re.compile(
+    r"(^|[/_])(filtered|odometry|odom|ekf|ukf|estimate|estimated|ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
+)
+"""Words of topic names that speak of something computed, or simulated beside the sensors."""
+
+SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
+"""Ends of topic names that come after all others: an Imu without orientation; what mavros made of GPS and the rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A topic taken for a role."""
+
+    topic: TopicInfo
+    layout: Layout
+    chosen_by: str  # "option", "configuration", "type and name"
+    behind: tuple[TopicInfo, ...] = ()  # what could be the role, too, and comes after it by its type
+
+
+class Candidates(NamedTuple):
+    """The topics that could be a role."""
+
+    best: list[TopicInfo]  # of several, the user has to choose
+    behind: list[TopicInfo]  # those that come after one of them by their types
+
+
+@dataclass(frozen=True, slots=True)
+class Roles:
+    """The roles of a log, and what keeps a role from being filled."""
+
+    chosen: Mapping[str, Choice]
+    unclear: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Say which topics stand behind those chosen."""
+        return tuple(_preferred(role, choice) for role, choice in self.chosen.items() if choice.behind)
+
+
+def choose_roles(
+    log: Path, topics: Sequence[TopicInfo], options: Mapping[str, str], configured: Mapping[str, str]
+) -> Roles:
+    """Fill the roles; ``options`` and ``configured`` map roles to topics, or to "none" to leave a role empty."""
+    chosen: dict[str, Choice] = {}
+    unclear: dict[str, UsbldrError] = {}
+    for role in ROLES:
+        name = options.get(role) or configured.get(role)
+        if name is not None and name != "none":
+            try:
+                chosen[role] = named(log, topics, role, name, "option" if role in options else "configuration")
+            except UsbldrError as err:
+                unclear[role] = err
+    for role in ROLES:
+        if role not in options and role not in configured:
+            taken = {choice.topic.name for choice in chosen.values()}
+            found, behind = candidates(role, topics, taken)
+            if len(found) > 1:
+                unclear[role] = UsageError(_which(log, role, found))
+            elif found:
+                layout = layout_of(role, found[0])
+                assert layout is not None, "a candidate has a layout"
+                chosen[role] = Choice(found[0], layout, "type and name", tuple(behind))
+            elif broken := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
+                unclear[role] = _unreadable(log, role, broken[0])
+            elif useless := [topic for topic in topics if topic.count and _useless(role, topic)]:
+                unclear[role] = _refused(log, role, useless[0])
+    return Roles({role: chosen[role] for role in ROLES if role in chosen}, unclear)
+
+
+def named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> Choice:
+    """Return the topic of that name as the role; raise LogError or UsageError where that is impossible."""
+    topic = find(topics, name)
+    if topic is None:
+        near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
+        hint = f"; did you mean {' or '.join(near)}?" if near else ""
+        raise LogError(f"{log}: no topic {name} for the {role}{hint} (topics in this log: {_listed(topics)})")
+    if topic.problem:
+        raise _unreadable(log, role, topic)
+    if topic.count == 0:
+        raise LogError(f"{log}: {topic.name}, named for the {role}, has no messages")
+    layout = layout_of(role, topic)
+    if layout is None:
+        known = ", ".join(sorted({layout.type for layout in LAYOUTS[role] if not layout.refused}))
+        raise UsageError(f"{log}: {topic.name} is of type {topic.type}, which cannot serve as {role} (only {known})")
+    if layout.refused:
+        raise _refused(log, role, topic)
+    return Choice(topic, layout, chosen_by)
+
+
+def find(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
+    """Return the topic of that name: with or without the first "/"; of CSV files also by its last part alone."""
+    topics = list(topics)
+    slashed = "/" + name.lstrip("/")
+    last = "/" + slashed.rpartition("/")[2]
+    exact = [t for t in topics if t.name in (name, slashed)]
+    alone = [t for t in topics if t.encoding == "csv" and t.name == last]
+    found = sorted(exact or alone, key=lambda t: -t.count)
+    return found[0] if found else None
+
+
+def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = ()) -> Candidates:
+    """Return the topics that could be the role: those that a hint in the name speaks for before the others.
+
+    Of these, without those that are ``taken``, the types that stand first in their sensor's order of preference.
+    """
+    ranks: dict[TopicInfo, int | None] = {}
+    hinted: list[TopicInfo] = []
+    for topic in topics:
+        layout = layout_of(role, topic)
+        if (
+            layout is None
+            or layout.refused
+            or topic.count == 0
+            or topic.problem
+            or NO_SENSOR.search(topic.name.lower())
+        ):
+            continue
+        hints = _hints(topic.name)
+        own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
+        by_type = layout.recognised == "by type" and (role in hints or not hints or own)
+        if by_type or (layout.recognised == "by type and name" and role in hints):
+            ranks[topic] = layout.rank
+            hinted += [topic] if role in hints else []
+    best = hinted or list(ranks)
+    best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
+    free = [topic for topic in best if topic.name not in taken]
+    first = min((rank for topic in free if (rank := ranks[topic]) is not None), default=None)
+    behind = [topic for topic in free if ranks[topic] not in (first, None)]
+    return Candidates([topic for topic in free if topic not in behind], behind)
+
+
+def _hints(name: str) -> set[str]:
+    """Return the sensors that a topic's name speaks for; a "fix" is one of GPS only where nothing says of the USBL."""
+    name = name.lower()
+    hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}
+    return hints - {"gps"} if "usbl" in hints and not re.search(GPS_ITSELF, name) else hints
+
+
+def _preferred(role: str, choice: Choice) -> Finding:
+    others = "; ".join(f"{topic.name} ({topic.type}, {topic.count} messages)" for topic in choice.behind)
+    text = (
+        f"{choice.topic.name}: taken for the {role}, for by its type it comes before {others}; "
+        f"choose another with --{role} TOPIC or with topic under [{role}]"
+    )
+    return Finding("ROLE-PREFERRED", text)
+
+
+def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
+    return LogError(f"{log}: {topic.name} cannot be read as the {role}: {topic.problem}")
+
+
+def _useless(role: str, topic: TopicInfo) -> bool:
+    """Tell whether a topic is known for the role but cannot serve; one that would only serve where named is neither."""
+    layout = layout_of(role, topic)
+    return layout is not None and layout.refused != "" and layout.recognised != "only when named"
+
+
+def _refusal(role: str, topic: TopicInfo) -> str:
+    layout = layout_of(role, topic)
+    return layout.refused if layout else ""
+
+
+def _refused(log: Path, role: str, topic: TopicInfo) -> UsageError:
+    why = _refusal(role, topic)
+    return UsageError(
+        f"{log}: {topic.name} ({topic.type}) cannot serve as {role}: it {why} (--{role} none: do without)"
+    )
+
+
+def _which(log: Path, role: str, found: Sequence[TopicInfo]) -> str:
+    described = "; ".join(f"{t.name} ({t.type}, {t.count} messages, {t.rate_hz:.2f} Hz)" for t in found)
+    choose = f"choose one with --{role} TOPIC or with topic under [{role}] in the configuration"
+    return f"{log}: {len(found)} topics could be the {role}: {described}; {choose}"
+
+
+def _listed(topics: Sequence[TopicInfo]) -> str:
+    names = [topic.name for topic in topics]
+    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
+    return ", ".join(names[:20]) + more if names else "none"

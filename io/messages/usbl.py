@@ -1,0 +1,172 @@
+"""Message types of acoustic positioning systems.
+
+Sources: the .msg files and drivers of the packages named, the SeaTrac serial interface for its raw integers, and for
+sentences the manuals named in nmea_kinds. A north that a modem made of its own compass may be magnetic: mount_deg of
+the configuration turns it.
+"""
+
+import math
+from dataclasses import replace
+
+from usbldr.io.decoding.nmea_kinds import ELLIPSE
+from usbldr.io.messages.layouts import Layout, own, plane_covariance, xyz
+from usbldr.io.messages.positions import NAVSAT, NAVSAT_MORE, OWN_COVARIANCE, PLACES, own_places
+
+LATLON = {"kind": "latlon"}
+OF_HEAD = {"kind": "position", "relative_to": "head"}
+ENU_OF_HEAD, NED_OF_HEAD = ({**OF_HEAD, "frame": frame} for frame in ("ENU", "NED"))
+TARGET = {"target": "target", "status": "fix_status", "sd_m": "sd_m"}
+RANGE_BEARING = {"kind": "range_bearing"}
+SURER = "log Cartesian coordinates (C) or latitudes and longitudes (R)"
+TILTED = "has a frame that is tilted with the instrument; log its head-up, north-up or east-up frame"
+
+BODY_SFD, BODY_FRD = ({**OF_HEAD, "frame": "body", "axes": axes} for axes in ("SFD", "FRD"))
+
+SENTENCES = (
+    Layout("psimssb_c_h", own("x", "y"), own("z") | TARGET, "by type", BODY_SFD),
+    *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", BODY_FRD) for kind in ("ptsax", "pevossb_h")),
+    *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", NED_OF_HEAD) for kind in ("psimssb_c_n", "pevossb_n")),
+    *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", ENU_OF_HEAD) for kind in ("psimssb_c_e", "pevossb_e")),
+    *(
+        Layout(kind, own("lat_deg", "lon_deg"), TARGET, "by type", LATLON)
+        for kind in ("psimssb_r", "psimssb_d", "pevossb_g")
+    ),
+    Layout("rth", own("slant_range_m", "bearing_deg"), own("elevation_deg"), "by type", RANGE_BEARING),
+    Layout("tlc", own("lat_deg", "lon_deg"), recognised="by type", defaults=LATLON),
+    Layout("ptsag", own("lat_deg", "lon_deg"), own("target") | {"status": "fix_status"}, "by type", LATLON),
+    Layout("psonlld", own("lat_deg", "lon_deg"), own("target", *ELLIPSE) | {"status": "fix_status"}, "by type", LATLON),
+    *(
+        Layout(kind, {}, recognised="by type", refused=why)
+        for kind, why in {
+            "psimssb_u": f"holds UTM coordinates without their zone; {SURER}",
+            "psimssb_p": f"holds polar coordinates, whose order and units are not known here; {SURER}",
+            "psimssb_c_g": f"holds Cartesian coordinates in an orientation G, which is not known here; {SURER}",
+            "psimssb_r_e": "holds radians east-up, of which it is not known here which is the latitude; log R with G",
+            "psonall": "holds eastings and northings of a grid that it does not name; log PSONLLD",
+            "ptsay": "holds offsets along axes that are not known here; log PTSAG or PTSAX",
+            "pevossa": "tells angles alone, which are no fix; log PEVOSSB",
+            "pevossb_t": TILTED,
+            "pevossb_b": TILTED,
+        }.items()
+    ),
+    # a position of the target, as Water Linked's UGPS sends it: known by the topic's name alone
+    *(
+        Layout(kind, own("lat_deg", "lon_deg"), own("target") | {"status": "fix_status"}, "by type and name", LATLON)
+        for kind in ("gga", "gll", "tll")
+    ),
+)
+"""Kinds of NMEA sentences."""
+
+DEGREES = {"lat_deg": "latitude", "lon_deg": "longitude"}
+AGE = {"sent_s": "current_time", "valid_s": "measurement_time"}
+ACCURATE = {"sd_m": "accuracy", "target": "remote_address"}
+
+MODEMS = (
+    Layout(  # dmac and farol_msgs: of the modem's AHRS, ranges of 1500 m/s
+        "musblfix",
+        xyz("relative_position") | {"fix_kind": "type"},
+        plane_covariance("position_covariance", 0, 1, 4) | {"target": "source_id"},
+        "by type",
+        ENU_OF_HEAD,
+    ),
+    *(  # USBLLONG: evologics_ros_sync, vehicle_interface, nanoauv_localization_msgs; ROS 1 has capitals
+        Layout(kind, {"x": e, "y": n, "z": u}, ACCURATE | AGE, "by type", ENU_OF_HEAD)
+        for kind in ("evologicsusbllong", "acousticmodemusbllong")
+        for e, n, u in ("enu", "ENU", "END")
+    ),
+    Layout("evologicsusbllong", xyz("enu"), ACCURATE, "by type", ENU_OF_HEAD),  # mvp_acomm: without header
+    Layout("usbldata", xyz("enu"), ACCURATE | AGE, "by type", ENU_OF_HEAD),  # acomms_msgs
+    Layout(  # seatrac_interfaces: whole decimetres
+        "modemrec",
+        {"x": "position_easting", "y": "position_northing", "valid": "includes_position"},
+        {"z": "position_depth", "outlier": "position_flt_error", "target": "src_id"},
+        "by type",
+        ENU_OF_HEAD,
+        scale=dict.fromkeys("xyz", 0.1),
+    ),
+    *(  # seatrac_driver: metres
+        Layout(
+            kind,
+            {"x": f"{fix}.position_easting", "y": f"{fix}.position_northing", "valid": f"{fix}.position_valid"},
+            {
+                "z": f"{fix}.position_depth",
+                "outlier": f"{fix}.position_filter_error",
+                "target": f"{fix}.source_id",
+            },
+            "by type",
+            ENU_OF_HEAD,
+        )
+        for kind in ("transceiverfixstatus", "navigationqueryresponsestatus")
+        for fix in ("fix", "acoustic_fix")
+    ),
+    Layout("beaconinfo", xyz("relative_position"), {"target": "beacon_id"}, "by type", BODY_FRD),  # stonefish
+    Layout(  # holoocean_interfaces: radians, from its bow to port and from the horizon up; its z is not the other's
+        "acousticbeaconsensor",
+        {"slant_range_m": "range", "bearing_deg": "azimuth", "elevation_deg": "elevation", "reply": "msg_type"},
+        {"target": "from_beacon"},
+        "by type",
+        RANGE_BEARING | {"frame": "body"},
+        scale={"bearing_deg": -math.degrees(1.0), "elevation_deg": math.degrees(1.0)},
+        stamp="timestamp",
+    ),
+    Layout(  # vehicle_interface, nanoauv_localization_msgs: what measurement_time counts from, it does not say
+        "acousticlocalization",
+        DEGREES,
+        {"target": "sender_address", "sd_m": "accuracy"},
+        "by type",
+        LATLON,
+    ),
+    Layout("position", own("depth") | DEGREES | {"age_s": "age"}, {"target": "name"}, "by type", LATLON),  # sonardyne
+    *(  # sonardyne's positions/NAME
+        Layout("geopointstamped", {q: f"{place}.{path}" for q, path in DEGREES.items()}, defaults=LATLON)
+        for place in ("position", "geo_point")
+    ),
+    *(
+        Layout(kind, {}, recognised="by type", refused=f"tells {what} alone, which are no fix")
+        for kind, what in (("acousticmodemusblangles", "angles"), ("acousticmodemrange", "ranges"))
+    ),
+)
+"""Messages of their drivers."""
+
+TOPSIDE_BOX = "counts along the axes of the topside box from its first fix; take /waterlinked/fix"
+
+
+def _ranked(layout: Layout) -> Layout:
+    """Rank what needs no head before what needs its place, and that before what needs its heading, too."""
+    kind, frame = (layout.defaults.get(key) for key in ("kind", "frame"))
+    if kind not in ("latlon", "position"):
+        return layout
+    return replace(layout, rank=0 if kind == "latlon" else 2 if frame == "body" else 1)
+
+
+_UNRANKED = (
+    Layout(
+        "odometry",  # waterlinked_underwater_gps_ros, as is utm
+        xyz("pose.pose.position"),
+        recognised="only when named",
+        topic=r"waterlinked/odom$",
+        refused=TOPSIDE_BOX,
+    ),
+    Layout(
+        "point",
+        own("x", "y"),
+        recognised="only when named",
+        topic=r"/utm$",
+        refused="holds UTM coordinates without their zone; take the topic of latitudes and longitudes",
+    ),
+    *PLACES,
+    Layout("navsatfix", NAVSAT, NAVSAT_MORE, defaults=LATLON),
+    *own_places("usbl"),
+    Layout(
+        "usbl",
+        own("slant_range_m", "bearing_deg"),
+        own("elevation_deg", "depth_m") | OWN_COVARIANCE,
+        "by type",
+        fixed={"kind": "range_bearing"},
+    ),
+    Layout("usbl", own("x", "y"), own("z", "sd_m"), "by type"),
+    *MODEMS,
+    *SENTENCES,
+)
+
+USBL = tuple(_ranked(layout) for layout in _UNRANKED)

@@ -1,0 +1,1 @@
+"""Results out: report.json, report.md, tables, tracks, the run directory."""

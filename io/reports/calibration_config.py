@@ -1,0 +1,86 @@
+"""A configuration for the next dive: this dive's, with the errors of sensors that a filter found added to it.
+
+The file stays as its author wrote it but for those lines. Signs and units are those of docs/configuration.md: degrees
+clockwise, an error is positive where the sensor reads too much.
+"""
+
+import operator
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from usbldr.filters.errors import UsageError
+from usbldr.filters.models.calibration import NARROWED, assumed_sd, found
+from usbldr.filters.types import Trajectory
+from usbldr.io.log import Log
+from usbldr.io.settings.configuration import check
+from usbldr.io.settings.toml_edit import commented_out, with_key
+
+
+def _scales(stated: float, found: float) -> float:
+    """Return the scale error of a DVL whose readings err by the one after the other was taken off."""
+    return (1 + stated) * (1 + found) - 1
+
+
+class Key(NamedTuple):
+    """Where an error is stated, and how one that is found adds to one that was stated."""
+
+    section: str
+    key: str
+    digits: int
+    added: Callable[[float, float], float] = operator.add
+
+
+KEYS: Mapping[str, Key] = {
+    "dvl_scale": Key("dvl", "scale_error", 5, _scales),
+    "dvl_mount_deg": Key("dvl", "mount_deg", 3),
+    "heading_bias_deg": Key("compass", "bias_deg", 3),
+    "deviation_sin_deg": Key("compass", "deviation_sin_deg", 3),
+    "deviation_cos_deg": Key("compass", "deviation_cos_deg", 3),
+    "usbl_latency_s": Key("usbl", "latency_s", 3),
+}
+"""By the name that an error has at the border; a USBL bias that wanders is no property of the sensor."""
+
+
+def next_configuration(log: Log, trajectory: Trajectory) -> str:
+    """Return the text of a configuration that subtracts what was found beside what was subtracted already.
+
+    An error that the dive hardly told is left as it was, and the dive's own start becomes a comment. Raises UsageError
+    where the track has no such errors, or where the configuration states a key in a form that cannot be changed.
+    """
+    errors = found(trajectory)
+    if not errors:
+        raise UsageError(f"{trajectory.filter} estimated no errors of sensors that could be written")
+    text = "schema = 1\n" if log.configuration is None else log.configuration.read_text(encoding="utf-8")
+    expected: dict[str, Any] = tomllib.loads(text)
+    title = [f"# Errors of sensors that {trajectory.filter} found on {log.path.name} are added to what was stated."]
+    assumed = assumed_sd(log.assumptions.errors)
+    for error in errors:
+        value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
+        if place is None or sd > NARROWED * assumed[error.name]:
+            why = "it wanders, so it is that dive's own" if place is None else "that dive hardly told it"
+            title.append(f"# {error.title}: {value:.4f} +- {sd:.4f}, left out: {why}.")
+            continue
+        section: dict[str, Any] = expected.setdefault(place.section, {})
+        before = float(section.get(place.key, 0.0))
+        section[place.key] = after = round(place.added(before, value), place.digits)
+        said = f"{before:g} stated, {value:+.{place.digits}f} +- {sd:.{place.digits}f} found"
+        text = with_key(text, place.section, place.key, f"{after!r}  # {said}")
+    expected.pop("start", None)
+    text = commented_out(text, "start", "where that dive began; state the next one's start, if it is known:")
+    return _verified("\n".join(title) + "\n" + text, expected, log)
+
+
+def _verified(text: str, expected: dict[str, Any], log: Log) -> str:
+    """Return the text if it says what it should, whatever form its author had given it."""
+    file = log.configuration or Path("usbldr.toml")
+    try:
+        said = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        said = {}
+    if said != expected:
+        sections = ", ".join(f"[{name}]" for name in dict.fromkeys(key.section for key in KEYS.values()))
+        raise UsageError(f"{file}: cannot be changed line by line: give {sections} headers and lines of their own")
+    check(said, file)
+    return text

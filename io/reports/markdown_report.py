@@ -1,0 +1,93 @@
+"""report.md: the run for a reader, with its tables, conventions, findings and pictures."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from usbldr.io.reader import utc
+from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.report_text import (
+    INFLUENCE,
+    LEFT_OUT,
+    Table,
+    context,
+    error_table,
+    health,
+    influence_table,
+    left_out_table,
+    method_table,
+)
+
+Picture = tuple[str, str]  # file name, caption
+
+
+def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
+    """Write report.md; the pictures lie beside it."""
+    parts = [
+        f"# {run.filter} on {run.log.path.name}",
+        f"**{run.verdict}.**",
+        _pairs(context(run)),
+    ]
+    if run.scored.report is not None:
+        parts += ["## Errors", _table(error_table(run.scored.report)), _table(method_table(run))]
+    if told := health(run):
+        parts += ["## Health", _pairs(told)]
+    if len((fixes := influence_table(run)).rows):
+        parts += ["## Influential fixes", INFLUENCE, _table(fixes)]
+    if run.left_out:
+        parts += ["## Fixes left out", LEFT_OUT, _table(left_out_table(run))]
+    if run.warnings:
+        parts += ["## Warnings", _bullets(run.warnings)]
+    if pictures:
+        parts += ["## Pictures", *(f"{caption}:\n\n![{caption}]({name})" for name, caption in pictures)]
+    parts += ["## How the log was understood", _sensors(run)]
+    if run.log.findings:
+        parts += ["## Findings", _bullets([f"`{finding.code}` {finding.text}" for finding in run.log.findings])]
+    parts += ["## How to read this", _bullets(_definitions(run))]
+    (folder / "report.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def _sensors(run: Run) -> str:
+    rows = tuple(
+        (role, f"`{p.topic}`", p.type, f"{p.used} of {p.messages}", p.chosen_by, "; ".join(p.conventions))
+        for role, p in run.log.provenance.items()
+    )
+    heads = ("topic", "type", "records used", "chosen by", "conventions")
+    origin = run.log.origin
+    plane = "unknown, so there is no latitude and longitude"
+    if origin is not None:
+        plane = f"{origin.lat_deg:.9f} N, {origin.lon_deg:.9f} E ({origin.source})"
+    facts = [("start", utc(run.log.start_ns)), ("origin", plane), ("sha256", run.log.sha256)]
+    return f"{_table(Table('sensor', heads, rows))}\n\n{_pairs(facts)}"
+
+
+def _definitions(run: Run) -> list[str]:
+    lines = [
+        "Errors are estimate minus truth; truth is interpolated linearly to the track's own times, never across its "
+        "long gaps.",
+        "Mean, median, std, min, max and p95 of an axis are of its absolute error; bias is the signed mean. "
+        "CEP50 and CEP95 are the median and the 95th percentile of the horizontal error.",
+        "NEES is the squared error normalised by the filter's covariance (plus the truth's own sigma where known). Its "
+        "bounds count independent errors only, because neighbouring ones are alike.",
+        "`track_*.csv` is the track as the filter left it; `errors_*.csv`, `track.tum` and `truth.tum` are what was "
+        "scored, after the alignment.",
+        "Every number here stands in `report.json` under its own name.",
+    ]
+    if run.order == "validity":
+        lines.append("Fixes were used at their time of validity, as an offline tool can; a vehicle knows them later.")
+    else:
+        lines.append("Each estimate knows the fixes that had arrived by then, as a vehicle under way does.")
+    return lines
+
+
+def _table(table: Table) -> str:
+    align = ["---", *("---:" for _ in table.heads)] if table.title != "sensor" else ["---"] * (1 + len(table.heads))
+    lines = [(table.title, *table.heads), tuple(align), *table.rows]
+    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in lines)
+
+
+def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
+    return _bullets([f"**{label}**: {text}" for label, text in pairs])
+
+
+def _bullets(lines: Sequence[str]) -> str:
+    return "\n".join(f"* {line}" for line in lines)

@@ -1,0 +1,275 @@
+"""One run in values, and its machine-readable files: report.json and the CSV tables. SI units, as the names say."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.evaluation.consistency import DOF, consistency_verdict, worst_fate
+from usbldr.filters.evaluation.evaluation import ErrorReport
+from usbldr.filters.evaluation.influence import Influence, LeftOut, influences, influential, innovation_m
+from usbldr.filters.evaluation.metrics import METRICS
+from usbldr.filters.evaluation.summary_sentence import verdict
+from usbldr.filters.models.calibration import found
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.types import Timeline, Trajectory, Truth, Update
+from usbldr.io.log import Log
+from usbldr.io.reader import utc
+from usbldr.io.reports.run_directory import REPORT
+from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
+
+SCHEMA = 1
+
+
+class Scored(NamedTuple):
+    """A track and its errors; no errors where the log has no truth."""
+
+    trajectory: Trajectory
+    report: ErrorReport | None
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Everything that the report of one run tells."""
+
+    log: Log
+    timeline: Timeline
+    scored: Scored
+    baselines: tuple[Scored, ...] = ()  # usbl and dr, judged in the same way
+    order: str = "validity"  # of the fixes
+    seed: int = 0
+    options: Mapping[str, object] = field(default_factory=dict[str, object])  # as the user gave them
+    configuration: Mapping[str, object] | None = None  # content of the configuration file
+    left_out: tuple[LeftOut, ...] = ()  # runs without one fix, where the user asked for them
+
+    @property
+    def filter(self) -> str:
+        """Name of the method."""
+        return self.scored.trajectory.filter
+
+    @property
+    def truth(self) -> Truth | None:
+        """The reference that judged the run."""
+        return self.log.truth
+
+    @property
+    def verdict(self) -> str:
+        """Return the sentence that every table ends in."""
+        if self.scored.report is None:
+            return f"{self.filter}: no truth in {self.log.path.name}, so nothing to judge it by"
+        return verdict(self.scored.report, [other.report for other in self.baselines if other.report is not None])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the filter and its evaluation had to warn of."""
+        report = self.scored.report
+        judged = () if report is None else report.warnings
+        known = self.log.assumptions
+        if report is not None and not known.calibrate and _too_sure(report):
+            hint = "--calibrate auto estimates those errors of the sensors that the log can tell"
+            if known.observed:
+                hint = "no error of a sensor that it could estimate shows in the log; see usbldr doctor for others"
+            judged = (*judged, f"{self.filter} claims to know its place far better than it does: {hint}")
+        return self.scored.trajectory.warnings + judged
+
+
+def _too_sure(report: ErrorReport) -> bool:
+    """Return whether the sigmas are less than half of what the errors show, and no chance explains it."""
+    m = report.metrics
+    return m.get("nees_mean", 0.0) > max(4 * DOF, m.get("nees_high", math.inf))
+
+
+def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
+    """Return each USBL fix with what the filter made of it; dr and usbl judge none."""
+    by_fix: dict[int, list[Update]] = {}
+    for update in trajectory.updates:
+        if update.sensor == "usbl":
+            by_fix.setdefault(update.row, []).append(update)
+    judges = any(update.sensor == "usbl" for update in trajectory.updates)
+    rows = [_fate(by_fix.get(row, []), judges) for row in range(len(timeline.fix_time_s))]
+    table = pd.DataFrame(rows, columns=["innovation_east_m", "innovation_north_m", "nis", "dof", "fate", "why"])
+    table.insert(0, "time_s", timeline.fix_time_s)
+    table.insert(1, "received_s", timeline.fix_received_s)
+    table.insert(2, "east_m", timeline.fix_m[:, 0])
+    table.insert(3, "north_m", timeline.fix_m[:, 1])
+    shifts = influences(trajectory)
+    for place, axis in ((6, "east"), (7, "north")):
+        name = f"shift_{axis}_m"
+        told = [getattr(shifts[row], name) if row in shifts else math.nan for row in range(len(table))]
+        table.insert(place, name, told)
+    return table.round({"nis": 4})
+
+
+def _fate(updates: list[Update], judges: bool) -> tuple[float, float, float, int, str, str]:
+    """Sum up one fix, which is one update of two axes or two of one: the worse fate is the fix's."""
+    if not updates:
+        why = "outside the span of the run" if judges else "the method judges no fix"
+        return math.nan, math.nan, math.nan, 0, "not used" if judges else "", why
+    nis, dof = sum(u.nis for u in updates), sum(u.dof for u in updates)
+    fate = worst_fate(u.fate for u in updates)
+    nominal = min(u.nominal_share for u in updates)
+    why = {
+        "used": "",
+        "down-weighted": f"more likely an outlier: probability {nominal:.2f} of the nominal noise",
+        "rejected": f"refused by the gate or the guard: NIS {nis:.1f} where {dof} is right",
+    }[fate]
+    return *innovation_m(updates), nis, dof, fate, why
+
+
+def errors_table(report: ErrorReport) -> pd.DataFrame:
+    """Return the errors at the scored epochs, after the alignment; the sigmas include the truth's own where known."""
+    sd = np.full(report.error_m.shape, np.nan) if report.sd_m is None else report.sd_m
+    return pd.DataFrame(
+        {
+            "time_s": report.time_s,
+            "error_east_m": report.error_m[:, 0],
+            "error_north_m": report.error_m[:, 1],
+            "sd_east_m": sd[:, 0],
+            "sd_north_m": sd[:, 1],
+        }
+    )
+
+
+def write_tables(folder: Path, run: Run) -> None:
+    """Write the CSV tables and the tracks for other programs."""
+    trajectory, report = run.scored
+    fast, slow = _grid_names(run)
+    fixes = fixes_table(run.timeline, trajectory)
+    write_csv(folder / f"track_{fast}.csv", track_table(trajectory, run.log.origin))
+    write_csv(folder / "fixes.csv", fixes)
+    if report is not None:
+        write_csv(folder / f"errors_{slow}.csv", errors_table(report))
+        yaw = None if (psi := trajectory.state("psi")) is None else np.interp(report.time_s, trajectory.time_s, psi)
+        if yaw is not None:
+            yaw = yaw + report.alignment.rotation_rad
+        write_tum(folder / "track.tum", run.log.start_ns, report.time_s, report.estimate_m, yaw)
+        write_tum(folder / "truth.tum", run.log.start_ns, report.time_s, report.truth_m)
+    if run.log.origin is not None:
+        write_geojson(folder / "track.geojson", trajectory, run.truth, fixes, run.log.origin)
+        write_kml(folder / "track.kml", f"{run.filter} on {run.log.path.name}", trajectory, run.truth, run.log.origin)
+
+
+def _grid_names(run: Run) -> tuple[str, str]:
+    """Return what to call the track's and the errors' own times: "5hz" and "1hz", or "fixes" for raw fixes."""
+    if run.filter == "usbl":
+        return "fixes", "fixes"
+    t = run.timeline.time_s
+    rates = [1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0 for times in (t, t[run.timeline.slow])]
+    return f"{rates[0]:.4g}hz", f"{rates[1]:.4g}hz"
+
+
+def write_json(folder: Path, run: Run) -> None:
+    """Write report.json, the last file of a run: it names all others."""
+    files = sorted(path.name for path in folder.iterdir())
+    text = json.dumps(strict({**describe(run), "files": files}), indent=1, allow_nan=False, ensure_ascii=False)
+    (folder / REPORT).write_text(text + "\n", encoding="utf-8")
+
+
+def describe(run: Run) -> dict[str, Any]:
+    """Return the content of report.json but for its list of files."""
+    log, (trajectory, report) = run.log, run.scored
+    t = run.timeline.time_s
+    return {
+        "schema": SCHEMA,
+        "tool": {"name": "usbldr", "version": version("usbldr"), "numpy": np.__version__},
+        "log": {"name": log.path.name, "sha256": log.sha256, "format": log.format},
+        "time_base": {
+            "start_ns": log.start_ns,
+            "start_utc": utc(log.start_ns),
+            "epochs": len(t),
+            "epoch_s": round(float(np.median(np.diff(t))), 9) if len(t) > 1 else None,
+            "end_s": float(t[-1]),
+        },
+        "origin": log.origin,
+        "filter": run.filter,
+        "particles": trajectory.particles,
+        "seed": run.seed,
+        "order": run.order,
+        "options": run.options,
+        "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
+        "assumptions": _assumptions(log.assumptions),
+        "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in found(trajectory)},
+        "influential_fixes": [_influence(fix) for fix in influential(trajectory)],
+        "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.left_out],
+        "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
+        "returns": [one._asdict() for one in trajectory.returns],
+        "sensors": log.provenance,
+        "findings": log.findings,
+        "outages": run.timeline.outages,
+        "truth": _truth(run.truth),
+        **_judged(report),
+        "baselines": {other.trajectory.filter: _judged(other.report) for other in run.baselines},
+        "warnings": run.warnings,
+        "verdict": run.verdict,
+    }
+
+
+def _influence(fix: Influence) -> dict[str, Any]:
+    return {**fix._asdict(), "shift_m": fix.shift_m}
+
+
+def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
+    """Return the model side of the run; a noise family, which is known by its class alone, is named."""
+    told: dict[str, Any] = strict(assumptions)
+    for sensor in ("dvl", "compass", "usbl", "gps"):
+        told[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **told[sensor]}
+    told["tuned"] = [number._asdict() for number in assumptions.tuned]
+    told["settled"] = [number._asdict() for number in assumptions.settled]
+    return told
+
+
+def _truth(truth: Truth | None) -> dict[str, Any] | None:
+    if truth is None:
+        return None
+    return {
+        "kind": truth.kind,
+        "source": truth.source,
+        "rows": len(truth.time_s),
+        "start_s": float(truth.time_s[0]) if len(truth.time_s) else None,
+        "end_s": float(truth.time_s[-1]) if len(truth.time_s) else None,
+        "max_gap_s": truth.max_gap_s,
+    }
+
+
+def _judged(report: ErrorReport | None) -> dict[str, Any]:
+    """Return the errors of one track; every name of METRICS is there, null where it does not apply."""
+    if report is None:
+        return {"metrics": None}
+    return {
+        "window": report.window._asdict(),
+        "aid": report.aid,
+        "alignment": {
+            "name": report.alignment.name,
+            "rotation_clockwise_deg": math.degrees(0.0 - report.alignment.rotation_rad),
+            "shift_east_m": report.alignment.shift_m[0],
+            "shift_north_m": report.alignment.shift_m[1],
+        },
+        "matching": report.matching._asdict(),
+        "metrics": {**dict.fromkeys(METRICS), **report.metrics},
+        "consistency": consistency_verdict(report.metrics) or None,
+        "surfacings": [surfacing._asdict() for surfacing in report.surfacings],
+    }
+
+
+def strict(value: object) -> Any:
+    """Turn values into what JSON knows: NaN and infinity become null, dataclasses become objects."""
+    if value is None or isinstance(value, bool | str | int):
+        return value
+    if isinstance(value, np.generic):
+        return strict(cast(object, value.item()))
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: strict(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): strict(item) for key, item in cast(Mapping[object, object], value).items()}
+    if isinstance(value, np.ndarray | Sequence | set | frozenset):
+        return [strict(item) for item in cast(Iterable[object], value)]
+    return str(value)

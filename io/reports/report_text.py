@@ -1,0 +1,268 @@
+"""What a reader is told of a run, as titles, rows and sentences: the terminal and report.md only set it.
+
+Every number stands in report.json under its own name; "" where it does not apply.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from usbldr.filters.evaluation.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
+from usbldr.filters.evaluation.evaluation import ErrorReport, Window
+from usbldr.filters.evaluation.influence import influential
+from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
+from usbldr.filters.models.calibration import Found, found
+from usbldr.filters.models.parameters import Observed, Span
+from usbldr.filters.replay.position_fixes import windows_text
+from usbldr.filters.types import Return
+from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.tuned_config import tuned_text
+
+ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
+
+TRUTHS = {
+    "gps": "GPS",
+    "slam": "SLAM, not GPS",
+    "simulated": "simulated",
+    "other": "other than GPS",
+}
+
+
+class Table(NamedTuple):
+    """A title, column heads and rows of text; the first column labels its row."""
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def context(run: Run) -> list[tuple[str, str]]:
+    """Return what has to stand beside every number: log, truth and its share, order of fixes, alignment."""
+    length_s = float(run.timeline.time_s[-1])
+    lines = [("log", f"{run.log.path.name} ({run.log.format}), {length_s:.0f} s")]
+    if run.configuration is not None and run.log.configuration is not None:
+        lines.append(("settings", run.log.configuration.name))
+    windows = run.log.assumptions.aid
+    aid = [("aid", aid_text(windows))] if windows else []
+    report = run.scored.report
+    if report is None:
+        return [*lines, ("truth", "none"), *aid, ("fixes", ORDERS[run.order])]
+    m = report.matching
+    share = f"{m.matched} of {m.offered} epochs ({100 * m.matched / m.offered:.0f} % of the run)"
+    lines.append(("truth", f"{TRUTHS.get(report.truth_kind, report.truth_kind)}: {report.truth_source}"))
+    lines.append(("compared", f"{share}, resting on {m.truth_rows} truth samples{_left_out(report)}"))
+    if report.window != Window():
+        lines.append(("window", window_text(report.window)))
+    lines += aid
+    lines.append(("fixes", ORDERS[run.order]))
+    lines.append(("alignment", report.alignment.sentence))
+    return lines
+
+
+def _left_out(report: ErrorReport) -> str:
+    m = report.matching
+    reasons = {
+        "before or after the truth": m.outside_truth,
+        "outside the window": m.outside_window,
+        "in gaps of the truth": m.in_gap,
+        "where GPS aids": m.aided,
+        "without a position": m.undefined,
+    }
+    said = ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
+    return f"; left out: {said}" if said else ""
+
+
+def window_text(window: Window) -> str:
+    """Say which truth rows were chosen."""
+    start = "the start" if math.isinf(window.start_s) else f"{window.start_s:g} s"
+    end = "the end" if math.isinf(window.end_s) else f"{window.end_s:g} s"
+    return f"truth rows from {start} to {end} of the log"
+
+
+def aid_text(windows: Sequence[Span]) -> str:
+    """Say where GPS aided the filters."""
+    return f"GPS fixes used as measurements from {windows_text(windows)} of the log, where nothing is scored"
+
+
+def error_table(report: ErrorReport) -> Table:
+    """Return the error of east, north and their length, evo's statistics first."""
+    heads = ("rmse", "mean", "median", "std", "min", "max", "p95", "bias", "final")
+    rows: list[tuple[str, ...]] = []
+    for axis in ("east", "north"):
+        names = [f"rmse_{axis}_m", *(f"{name}_abs_{axis}_m" for name in heads[1:7]), f"bias_{axis}_m"]
+        rows.append((f"|{axis}|", *(metres(report, name) for name in names), ""))
+    names = [f"{name}_horizontal_m" for name in (*heads[:7], "bias", "final")]
+    rows.append(("horizontal", *(metres(report, name) for name in names)))
+    return Table("error in m", heads, tuple(rows))
+
+
+def method_table(run: Run) -> Table:
+    """Return the method beside doing without: raw fixes and dead reckoning."""
+    heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "covered")
+    names = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m", "rmse_horizontal_m", "median_horizontal_m")
+    rows: list[tuple[str, ...]] = []
+    for scored in (run.scored, *run.baselines):
+        report = scored.report
+        if report is None or any(row[0] == report.filter for row in rows):
+            continue
+        numbers = [metres(report, name) for name in (*names, "p95_horizontal_m", "max_horizontal_m")]
+        share = f"{100 * report.metrics['coverage']:.0f} %"
+        rows.append((report.filter, *numbers, f"{report.matching.matched}", share))
+    return Table("mean error in m", heads, tuple(rows))
+
+
+INFLUENCE = (
+    "Without that fix the track would have lain so far elsewhere at that moment; later fixes wear it off. A shift to "
+    "the north-east says that the fix drew the track there."
+)
+COMPASS_POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+
+
+def influence_table(run: Run) -> Table:
+    """Return the fixes that moved the track most, what they said, and what the filter made of them."""
+    heads = ("time [s]", "moved the track by [m]", "to", "lay off by [m]", "was")
+    rows = [
+        (
+            f"{fix.row}",
+            f"{fix.time_s:.1f}",
+            f"{fix.shift_m:.2f}",
+            _towards(fix.shift_east_m, fix.shift_north_m),
+            f"{math.hypot(fix.innovation_east_m, fix.innovation_north_m):.2f}",
+            fix.fate,
+        )
+        for fix in influential(run.scored.trajectory)
+    ]
+    return Table("fix", heads, tuple(rows))
+
+
+LEFT_OUT = (
+    "The whole dive filtered again, each time without one of the fixes that moved the track most when they came; noise "
+    "and calibrated errors stay those that the whole log told. The shift is how far the two tracks lie apart; the "
+    "error's change is without minus with: below 0 the track is better without the fix."
+)
+
+
+def left_out_table(run: Run) -> Table:
+    """Return what the track would have been without each of some fixes, the largest effect first."""
+    heads = ("time [s]", "largest shift [m]", "at [s]", "mean shift [m]", "mean error changes by [m]")
+    rows = [
+        (
+            f"{one.fix.row}",
+            f"{one.fix.time_s:.1f}",
+            f"{one.largest_shift_m:.2f}",
+            f"{one.largest_at_s:.1f}",
+            f"{one.mean_shift_m:.3f}",
+            "" if math.isnan(one.error_change_m) else f"{one.error_change_m:+.3f}",
+        )
+        for one in sorted(run.left_out, key=lambda one: -one.largest_shift_m)
+    ]
+    return Table("without fix", heads, tuple(rows))
+
+
+def _towards(east_m: float, north_m: float) -> str:
+    """Return the compass point of a shift."""
+    return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]
+
+
+def health(run: Run) -> list[tuple[str, str]]:
+    """Return sentences on consistency, sensors, particles, surfacings, drift, outages and speed."""
+    report = run.scored.report
+    lines: list[tuple[str, str]] = []
+    if report is not None:
+        m = report.metrics
+        if "nees_mean" in m:
+            inside = ", ".join(f"{100 * m[f'inside_{k}_sigma']:.0f}" for k in (1, 2, 3))
+            right = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_INSIDE)
+            lines.append(
+                (
+                    "NEES",
+                    f"{m['nees_mean']:.2f}: {consistency_verdict(m)} (2 is right, {m['nees_low']:.2f} to "
+                    f"{m['nees_high']:.2f} in 95 of 100 runs)",
+                )
+            )
+            lines.append(("sigmas", f"{inside} % of the errors inside 1, 2, 3 sigma ({right} are right)"))
+        for sensor in [name.removeprefix("updates_used_") for name in m if name.startswith("updates_used_")]:
+            lines.append((sensor, _sensor(report, sensor)))
+        if "ess_mean_ratio" in m:
+            ess = f"{100 * m['ess_mean_ratio']:.0f} % of {run.scored.trajectory.particles} particles"
+            moved = f", {100 * m['acceptance_mean']:.0f} % of the moves accepted" if "acceptance_mean" in m else ""
+            lines.append(("ESS", ess + moved))
+        if calibrated := found(run.scored.trajectory):
+            lines.append(("calibrated", ", ".join(_error_found(error) for error in calibrated)))
+        if observed := run.log.assumptions.observed:
+            lines.append(("observed", _observed(observed)))
+        if settled := run.log.assumptions.settled:
+            lines.append(("by the log", ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in settled)))
+        if "surfacing_error_m" in m:
+            way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
+            many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
+            when = f"at the first truth after a gap over {SURFACING_GAP_S:.0f} s{many}"
+            lines.append(("surfacing", f"{m['surfacing_error_m']:.2f} m {when}{way}"))
+        if "filter_time_s" in m:
+            lines.append(("speed", f"{m['filter_time_s']:.2f} s, {m['real_time_factor']:.0f} times real time"))
+    if tuned := run.log.assumptions.tuned:
+        lines.append(("tuned", "; ".join(tuned_text(number) for number in tuned)))
+    for scored in (run.scored, *run.baselines):
+        if scored.report is not None and "drift_percent" in scored.report.metrics:
+            m = scored.report.metrics
+            text = f"{m['drift_percent']:.2f} % of {m['distance_m']:.0f} m travelled"
+            lines.append((f"{scored.report.filter} drift", f"{m['final_horizontal_m']:.2f} m at the end, {text}"))
+            break
+    if run.timeline.outages:
+        lines.append(("outages", _outages(run)))
+    if returns := run.scored.trajectory.returns:
+        lines.append(("usbl back", _returns(returns)))
+    return lines
+
+
+def _sensor(report: ErrorReport, sensor: str) -> str:
+    m = report.metrics
+    stem, what = ("fixes_{}", "fixes") if sensor == "usbl" else (f"updates_{{}}_{sensor}", "updates")
+    counts = {fate: m[stem.format(fate.replace("-", "_"))] for fate in FATES}
+    told = ", ".join(f"{count:.0f} {fate}" for fate, count in counts.items() if count or fate == "used")
+    nis = ""
+    if f"nis_mean_{sensor}" in m:
+        nis = f"NIS {m[f'nis_mean_{sensor}']:.2f} ({m[f'nis_expected_{sensor}']:.0f} is right); "
+    gap = f"; at most {m['longest_fix_gap_s']:.1f} s without one" if sensor == "usbl" else ""
+    return f"{nis}{what}: {told}{gap}"
+
+
+def _error_found(error: Found) -> str:
+    """Tell a sensor's error as it stood at the end."""
+    unit = f" {error.unit}" if error.unit else ""
+    return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
+
+
+def _observed(observed: Sequence[Observed]) -> str:
+    """Say which errors of sensors the log can tell, and how far it narrows the sigma of each."""
+    verdicts: dict[str, list[str]] = {}
+    for told in observed:
+        verdicts.setdefault(told.verdict, []).append(f"{told.key} (sigma to {100 * told.narrowed:.0f} %)")
+    return "; ".join(f"{verdict}: {', '.join(keys)}" for verdict, keys in verdicts.items())
+
+
+def _outages(run: Run) -> str:
+    """Count the outages of each sensor and name its longest."""
+    said: list[str] = []
+    for sensor in sorted({outage.sensor for outage in run.timeline.outages}):
+        mine = [outage for outage in run.timeline.outages if outage.sensor == sensor]
+        longest = max(mine, key=lambda outage: outage.end_s - outage.start_s)
+        span = f"{longest.end_s - longest.start_s:.1f} s at {longest.start_s:.0f} s"
+        said.append(f"{sensor} {len(mine)}, the longest {span}" if len(mine) > 1 else f"{sensor} {span}")
+    return "; ".join(said)
+
+
+def _returns(returns: Sequence[Return]) -> str:
+    """Tell of the return of the USBL that lay farthest from the track."""
+    one = max(returns, key=lambda one: one.sigmas)
+    said = (
+        f"after {one.end_s - one.start_s:.1f} s at {one.end_s:.0f} s the fixes lay {one.off_m:.2f} m from the track, "
+        f"{one.sigmas:.1f} sigma, and moved it {one.moved_m:.2f} m; its sigma had grown from {one.sd_start_m:.2f} to "
+        f"{one.sd_end_m:.2f} m"
+    )
+    return said if len(returns) == 1 else f"{len(returns)} times; at worst {said}"
+
+
+def metres(report: ErrorReport, name: str) -> str:
+    """Return a metric in metres to the millimetre, "" where it does not apply."""
+    return f"{report.metrics[name]:z.3f}" if name in report.metrics else ""

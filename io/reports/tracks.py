@@ -1,0 +1,156 @@
+"""Tracks as other programs read them: TUM text (evo, trajectopy), GeoJSON and KML (any map), and our own CSV.
+
+East and north metres in, with seconds since the log's start; absolute Unix time and WGS84 degrees out.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.evaluation.consistency import sigmas
+from usbldr.filters.models.calibration import found
+from usbldr.filters.types import Array, Indices, Trajectory, Truth, Vector
+from usbldr.io.geodesy import to_geodetic
+from usbldr.io.log import Origin
+
+MAP_STEP_S = 1.0  # a map shows no more than a point a second
+
+DECIMALS = {"s": 9, "m": 4, "m2": 9, "deg": 9, "heading_deg": 4, "mps": 5, "scale": 7}
+"""Digits written for a column, by its name or by the unit that ends it: 1 ns, 0.1 mm, 0.1 mm on the ground."""
+
+
+def write_csv(path: Path, table: pd.DataFrame) -> None:
+    """Write a table with as many digits as its units are worth; unknown is an empty cell."""
+    keys = {name: name if name in DECIMALS else name.rsplit("_", 1)[-1] for name in map(str, table)}
+    digits = {name: DECIMALS[key] for name, key in keys.items() if key in DECIMALS}
+    table.round(digits).to_csv(path, index=False, lineterminator="\n")
+
+
+def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
+    """Return the track as the method left it, without any alignment, one row an epoch.
+
+    The errors of sensors that were estimated stand behind, each with its sigma.
+    """
+    unknown = np.full(len(trajectory.time_s), np.nan)
+    psi, cov = trajectory.state("psi"), trajectory.position_cov_m2
+    u, v = trajectory.state("u"), trajectory.state("v")
+    sd = np.full((len(unknown), 2), np.nan) if cov is None else sigmas(cov)
+    lat, lon = (unknown, unknown) if origin is None else to_geodetic(origin, *trajectory.position_m.T)
+    calibrated = {
+        name: values for e in found(trajectory) for name, values in ((e.name, e.value), (f"sd_{e.name}", e.sd))
+    }
+    return pd.DataFrame(
+        {
+            "time_s": trajectory.time_s,
+            "east_m": trajectory.position_m[:, 0],
+            "north_m": trajectory.position_m[:, 1],
+            "sd_east_m": sd[:, 0],
+            "sd_north_m": sd[:, 1],
+            "cov_en_m2": unknown if cov is None else cov[:, 0, 1],
+            "heading_deg": unknown if psi is None else np.degrees(-psi) % 360,
+            "starboard_mps": unknown if u is None else u,
+            "forward_mps": unknown if v is None else v,
+            "lat_deg": lat,
+            "lon_deg": lon,
+            **calibrated,
+        }
+    )
+
+
+def write_tum(path: Path, start_ns: int, time_s: Vector, position_m: Array, yaw_rad: Vector | None = None) -> None:
+    """Write `timestamp x y z qx qy qz qw`: Unix seconds to the nanosecond, x east, y north, z 0.
+
+    The quaternion turns x to the bow, as in REP 103: yaw is 0 when the bow points east. Without a yaw it is 0 0 0 1.
+    """
+    half = np.zeros(len(time_s)) if yaw_rad is None else (yaw_rad + np.pi / 2) / 2
+    stamps = [start_ns + round(t * 1e9) for t in time_s.tolist()]
+    rows = zip(stamps, position_m.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
+    with path.open("w", encoding="utf-8", newline="\n") as out:
+        for ns, (east, north), qz, qw in rows:
+            seconds, rest = divmod(ns, 1_000_000_000)
+            out.write(f"{seconds}.{rest:09d} {east:.6f} {north:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n")
+
+
+def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes: pd.DataFrame, origin: Origin) -> None:
+    """Write the track, the truth (cut at its long gaps) and the fixes with their fate, as RFC 7946."""
+    features: list[dict[str, Any]] = [
+        {
+            "type": "Feature",
+            "properties": {"name": trajectory.filter, "role": "estimate"},
+            "geometry": {"type": "LineString", "coordinates": _track_line(trajectory, origin)},
+        }
+    ]
+    if truth is not None:
+        features.append(
+            {
+                "type": "Feature",
+                "properties": {"name": f"truth ({truth.kind})", "role": "truth", "source": truth.source},
+                "geometry": {"type": "MultiLineString", "coordinates": _truth_lines(truth, origin)},
+            }
+        )
+    places = _coordinates(fixes[["east_m", "north_m"]].to_numpy(), origin)
+    for place, t, fate in zip(places, fixes["time_s"].tolist(), fixes["fate"].tolist(), strict=True):
+        features.append(
+            {
+                "type": "Feature",
+                "properties": {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "fate": fate},
+                "geometry": {"type": "Point", "coordinates": place},
+            }
+        )
+    text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def write_kml(path: Path, name: str, trajectory: Trajectory, truth: Truth | None, origin: Origin) -> None:
+    """Write the track and the truth as lines on the water, KML 2.2."""
+    lines = [(trajectory.filter, "ffb27200", [_track_line(trajectory, origin)])]  # colours are alpha, blue, green, red
+    if truth is not None:
+        lines.append((f"truth ({truth.kind})", "ff000000", _truth_lines(truth, origin)))
+    placemarks = "".join(
+        f"<Placemark><name>{escape(label)}</name><Style><LineStyle><color>{colour}</color><width>2</width></LineStyle>"
+        f"</Style><MultiGeometry>{''.join(_kml_line(line) for line in parts)}</MultiGeometry></Placemark>\n"
+        for label, colour, parts in lines
+    )
+    path.write_text(
+        '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
+        f"<name>{escape(name)}</name>\n{placemarks}</Document></kml>\n",
+        encoding="utf-8",
+    )
+
+
+def _kml_line(line: list[list[float]]) -> str:
+    return f"<LineString><coordinates>{' '.join(f'{lon},{lat}' for lon, lat in line)}</coordinates></LineString>"
+
+
+def _track_line(trajectory: Trajectory, origin: Origin) -> list[list[float]]:
+    defined = np.isfinite(trajectory.position_m).all(axis=1)
+    time_s, position_m = trajectory.time_s[defined], trajectory.position_m[defined]
+    line = _coordinates(position_m[_a_point_a_second(time_s)], origin)
+    return line if len(line) > 1 else line * 2  # a line has two ends
+
+
+def _truth_lines(truth: Truth, origin: Origin) -> list[list[list[float]]]:
+    cuts = np.flatnonzero(np.diff(truth.time_s) > truth.max_gap_s) + 1
+    lines: list[list[list[float]]] = []
+    for part in np.split(np.arange(len(truth.time_s)), cuts):
+        shown = part[_a_point_a_second(truth.time_s[part])]
+        if len(shown) > 1:
+            lines.append(_coordinates(truth.position_m[shown], origin))
+    return lines
+
+
+def _a_point_a_second(time_s: Vector) -> Indices:
+    """Return the indices of the first point of each second, and of the last of all."""
+    if not len(time_s):
+        return np.empty(0, dtype=np.intp)
+    _, first = np.unique(np.floor(time_s / MAP_STEP_S), return_index=True)
+    return np.union1d(first, [len(time_s) - 1])
+
+
+def _coordinates(position_m: Array, origin: Origin) -> list[list[float]]:
+    lat, lon = to_geodetic(origin, *position_m.T)
+    return np.column_stack([lon, lat]).round(DECIMALS["deg"]).tolist()

@@ -1,0 +1,42 @@
+"""What --tune found, for people and as the sections of a configuration that say the same."""
+
+from collections.abc import Mapping
+
+from usbldr.filters.models.parameters import Assumptions, Tuned
+from usbldr.io.log import Log
+from usbldr.io.scenarios.simulated_log import noise_text, toml_text
+
+TUNED = "tuned.toml"  # in a run directory
+
+
+def tuned_text(number: Tuned) -> str:
+    """Tell one number: before, after, and one sigma down and up."""
+    name = number.name.replace("_", " ")
+    if not number.told:
+        return f"{name} {number.before:.3g} as before (the log hardly tells)"
+    return f"{name} {number.before:.3g} to {number.after:.3g} ({number.low:.3g} to {number.high:.3g})"
+
+
+def tuned_toml(log: Log) -> str:
+    """Return a configuration that states what was tuned, to be merged into that of the log."""
+    title = [
+        f"Noise that usbldr --tune found in {log.path.name} by the predictive likelihood, without the truth.",
+        "To use it again, copy these keys into usbldr.toml. One sigma down and up stands in brackets.",
+        *(tuned_text(number) for number in log.assumptions.tuned),
+    ]
+    return toml_text(title, _sections(log.assumptions), {})
+
+
+def _sections(found: Assumptions) -> Mapping[str, Mapping[str, str]]:
+    errors = found.errors
+    calibrate = {"states": str(list(found.calibrate)).replace("'", '"')}
+    if "latency" in found.calibrate:
+        calibrate["latency_sd_s"] = repr(errors.latency_s)
+    if "usbl-bias" in found.calibrate:
+        calibrate |= {"usbl_bias_sd_m": repr(errors.usbl_bias_m), "usbl_bias_time_s": repr(errors.usbl_bias_s)}
+    return {
+        "dvl": {"sd_scale": repr(found.dvl_sd_scale)},
+        "usbl": {"sd_scale": repr(found.usbl_sd_scale), "noise": noise_text(found.usbl, "m")},
+        "process": {"velocity_mps": repr(found.process.velocity_mps)},
+        "calibrate": calibrate,
+    }

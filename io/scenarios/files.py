@@ -1,0 +1,26 @@
+"""Write a simulated log and its configuration, whole or not at all."""
+
+from pathlib import Path
+
+from usbldr.filters.simulation.scenario import Scenario
+from usbldr.io.log import Log
+from usbldr.io.scenarios.simulated_log import configuration_text, simulated_log
+from usbldr.io.writers.write_log import conventions_of, form_of, write_records, write_whole
+
+
+def write_scenario(
+    scenario: Scenario, seed: int, out: Path, force: bool = False, stated: str | None = None
+) -> tuple[Log, Path]:
+    """Write to ``out``, in the stated form or the one of its name; return the log and the configuration's path.
+
+    Raises UsageError as log_files.write_whole does.
+    """
+    form = form_of(out, stated)
+    log = simulated_log(scenario, seed)
+    remarks = {"scenario": scenario.name, "seed": str(seed)}
+    configuration = configuration_text(scenario, seed, conventions_of(log, form, exported=False))
+
+    def make(target: Path) -> None:
+        write_records(log, target, form, remarks, exported=False)
+
+    return log, write_whole(out, form, configuration, make, force)

@@ -1,0 +1,228 @@
+"""The sections of a scenario's file as types: which keys there are, in which unit, and which values make no sense.
+
+Angles are degrees clockwise, velocities starboard and forward, positions east and north. docs/scenarios.md explains
+each key.
+"""
+
+from typing import Annotated, Literal, TypeAlias
+
+from msgspec import Meta
+
+from usbldr.io.settings.limits import Lever, NotNegative, Positive
+from usbldr.io.settings.noise_sections import CompassNoise, DvlNoise, ProcessSection, Section, StartSection, UsblNoise
+
+Part: TypeAlias = Annotated[float, Meta(ge=0, lt=1)]
+Pair: TypeAlias = tuple[float, float]
+Stretch: TypeAlias = tuple[NotNegative, NotNegative]
+
+MOST = 10_000_000  # records of a sensor in a dive: three weeks at 5 Hz
+
+
+class VehicleSection(Section, frozen=True, kw_only=True):
+    """Where the dive begins."""
+
+    east_m: float = 0.0
+    north_m: float = 0.0
+    depth_m: NotNegative = 0.0
+    heading_deg: float = 0.0
+
+
+class LegSection(Section, frozen=True, kw_only=True):
+    """A stretch of constant velocity through the water, in the body, and constant turn rate."""
+
+    duration_s: Positive
+    starboard_mps: float = 0.0
+    forward_mps: float = 0.0
+    turn_rate_dps: float = 0.0
+
+
+class CurrentSection(Section, frozen=True, kw_only=True):
+    """The velocity of the water."""
+
+    east_mps: float = 0.0
+    north_mps: float = 0.0
+
+
+class DrawnSection(Section, frozen=True, kw_only=True):
+    """A walk drawn for each seed from what the filters are told."""
+
+    step_s: Positive = 0.2
+    dvl_scale_sd: NotNegative = 0.0
+    dvl_mount_sd_deg: NotNegative = 0.0
+
+
+class SensorSection(Section, frozen=True, kw_only=True):
+    """When the records of a sensor come, and which are lost."""
+
+    rate_hz: Positive
+    latency_s: float = 0.0
+    delay_s: NotNegative = 0.0
+    delay_spread_s: NotNegative = 0.0
+    jitter_s: NotNegative = 0.0
+    clock_offset_s: float = 0.0
+    dropout_share: Part = 0.0
+    silences_s: tuple[Stretch, ...] = ()
+    correlated_time_s: Positive = 60.0
+    outlier_share: Part = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse records that could overtake each other, and silences that end before they begin."""
+        if self.jitter_s * self.rate_hz > 1:
+            raise ValueError(f"jitter_s must not exceed the {1 / self.rate_hz:g} s between two records")
+        forwards(self.silences_s, "silences_s")
+
+
+class DvlSensor(SensorSection, frozen=True, kw_only=True):
+    """The Doppler velocity log."""
+
+    sd_mps: NotNegative
+    noise: DvlNoise | None = None
+    scale_error: Annotated[float, Meta(gt=-1)] = 0.0
+    mount_deg: float = 0.0
+    bias_mps: Pair = (0.0, 0.0)
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    water_track_s: tuple[Stretch, ...] = ()
+    correlated_sd_mps: NotNegative = 0.0
+    outlier_mps: tuple[NotNegative, NotNegative] = (0.5, 2.0)
+    told_sd_mps: Positive | None = None
+    told_noise: DvlNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse stretches that end before they begin."""
+        SensorSection.__post_init__(self)
+        forwards((*self.water_track_s, self.outlier_mps), "water_track_s and outlier_mps")
+
+
+class CompassSensor(SensorSection, frozen=True, kw_only=True):
+    """The heading sensor."""
+
+    sd_deg: NotNegative
+    noise: CompassNoise | None = None
+    bias_deg: float = 0.0
+    deviation_sin_deg: float = 0.0
+    deviation_cos_deg: float = 0.0
+    correlated_sd_deg: NotNegative = 0.0
+    outlier_deg: tuple[NotNegative, NotNegative] = (10.0, 90.0)
+    told_sd_deg: Positive | None = None
+    told_noise: CompassNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a range that ends before it begins."""
+        SensorSection.__post_init__(self)
+        forwards((self.outlier_deg,), "outlier_deg")
+
+
+class HeadPlaceSection(Section, frozen=True, kw_only=True):
+    """The fixed end of the line of sight."""
+
+    east_m: float = 0.0
+    north_m: float = 0.0
+    depth_m: NotNegative = 0.0
+
+
+class MultipathSection(Section, frozen=True, kw_only=True):
+    """Clusters of false fixes."""
+
+    offset_m: tuple[NotNegative, NotNegative]
+    scatter_m: NotNegative = 0.0
+    share: Annotated[float, Meta(gt=0, le=1)] = 1.0
+    clusters_s: tuple[Stretch, ...] = ()
+    every_s: NotNegative = 0.0
+    lasts_s: NotNegative = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse clusters that end before they begin."""
+        forwards((*self.clusters_s, self.offset_m), "clusters_s and offset_m")
+
+
+class AccuracySection(Section, frozen=True, kw_only=True):
+    """1-sigma of a fix: for each axis, or along and across the line of sight."""
+
+    sd_m: NotNegative = 0.0
+    sd_rel: NotNegative = 0.0
+    bearing_sd_deg: Positive | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what says nothing."""
+        if not self.sd_m and not self.sd_rel:
+            raise ValueError("state sd_m, sd_rel or both")
+
+
+class UsblSensor(SensorSection, frozen=True, kw_only=True):
+    """The acoustic positioning system."""
+
+    accuracy: AccuracySection
+    noise: UsblNoise | None = None
+    head: HeadPlaceSection = HeadPlaceSection()
+    inverted: bool = False
+    scale_error: Annotated[float, Meta(gt=-1)] = 0.0
+    mount_deg: float = 0.0
+    bias_m: Pair = (0.0, 0.0)
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    correlated_sd_m: NotNegative = 0.0
+    outlier_m: tuple[NotNegative, NotNegative] = (5.0, 40.0)
+    multipath: MultipathSection | None = None
+    told_accuracy: AccuracySection | None = None
+    told_noise: UsblNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a range that ends before it begins."""
+        SensorSection.__post_init__(self)
+        forwards((self.outlier_m,), "outlier_m")
+
+
+class GpsSensor(SensorSection, frozen=True, kw_only=True):
+    """The satellite receiver: the truth of the log."""
+
+    sd_m: NotNegative = 0.0
+    noise: UsblNoise | None = None
+    bias_m: Pair = (0.0, 0.0)
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    correlated_sd_m: NotNegative = 0.0
+    outlier_m: tuple[NotNegative, NotNegative] = (5.0, 40.0)
+    told_sd_m: Positive | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a range that ends before it begins."""
+        SensorSection.__post_init__(self)
+        forwards((self.outlier_m,), "outlier_m")
+
+
+class ScenarioFile(Section, frozen=True, kw_only=True):
+    """A whole scenario."""
+
+    schema: Literal[1]
+    about: str
+    duration_s: Positive
+    leg: Annotated[tuple[LegSection, ...], Meta(min_length=1)]
+    dvl: DvlSensor
+    compass: CompassSensor
+    usbl: UsblSensor
+    gps: GpsSensor
+    vehicle: VehicleSection = VehicleSection()
+    current: CurrentSection = CurrentSection()
+    drawn: DrawnSection | None = None
+    process: ProcessSection = ProcessSection()
+    start: StartSection | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a drawn dive without a start to be drawn about, or with what it cannot have."""
+        if self.drawn is not None and self.start is None:
+            raise ValueError("[drawn] needs [start]: the dive begins about it, within its sigmas")
+        if self.drawn is not None and (self.current.east_mps or self.current.north_mps):
+            raise ValueError("[drawn] and [current] exclude each other")
+        counts = {f"{name}.rate_hz": getattr(self, name).rate_hz for name in ("dvl", "compass", "usbl", "gps")}
+        if self.drawn is not None:
+            counts["drawn.step_s"] = 1 / self.drawn.step_s
+        if self.usbl.multipath is not None and self.usbl.multipath.every_s:
+            counts["usbl.multipath.every_s"] = 1 / self.usbl.multipath.every_s
+        for key, per_s in counts.items():
+            if self.duration_s * per_s > MOST:
+                raise ValueError(f"{key} and duration_s make {self.duration_s * per_s:.2g}, at most {MOST:.0e} fit")
+
+
+def forwards(stretches: tuple[Pair, ...], name: str) -> None:
+    """Refuse a pair that goes backwards."""
+    for first, last in stretches:
+        if last < first:
+            raise ValueError(f"{name}: [{first:g}, {last:g}] goes backwards")

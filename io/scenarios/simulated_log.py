@@ -1,0 +1,214 @@
+"""Simulated logs: a scenario as the tables that reading its file would give, and as files with their configuration.
+
+The configuration says what a careful user would know beforehand: the noise, the start, the conventions of the file. It
+never says a true bias, scale, misalignment or latency.
+"""
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pandas as pd
+import pymap3d  # pyright: ignore[reportMissingTypeStubs]
+
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
+from usbldr.filters.models.parameters import Assumptions, LeverArm
+from usbldr.filters.simulation.scenario import Scenario
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.filters.types import Array, Truth, Vector
+from usbldr.io.conventions.usbl_covariance import floored
+from usbldr.io.log import COLUMNS, Log, Origin, Provenance
+from usbldr.io.reader import Column
+from usbldr.io.writers.write_log import WRITTEN_BY
+
+Told = TypeVar("Told")
+START_NS = 1_767_225_600_000_000_000  # 2026-01-01T00:00:00Z: a fixed date, so that the same seed gives the same bytes
+ORIGIN = Origin(45.0, -30.0, "[map]")  # invented: the open Atlantic
+
+
+def simulated_log(scenario: Scenario, seed: int) -> Log:
+    """Return the log that writing the scenario and reading it back would give, without a file."""
+    start_ns, tables = _tables(scenario, seed)
+    gps = tables.get("gps")
+    truth = None
+    if gps is not None:
+        truth = Truth(
+            time_s=gps["time_s"].to_numpy(),
+            position_m=gps[["east_m", "north_m"]].to_numpy(),
+            sd_m=gps["sd_m"].to_numpy(),
+            kind="simulated",
+            source=f"{scenario.name}/gps",
+        )
+    return Log(
+        path=Path(scenario.name),
+        sha256=_digest(tables),
+        format="simulated",
+        start_ns=start_ns,
+        tables=tables,
+        provenance={
+            sensor: Provenance(f"{scenario.name}/{sensor}", "simulated", "scenario", (f"seed {seed}",), len(t), len(t))
+            for sensor, t in tables.items()
+        },
+        assumptions=Assumptions(
+            process=scenario.process,
+            dvl=_told(scenario.dvl.told_noise, scenario.dvl.noise),
+            compass=_told(scenario.compass.told_noise, scenario.compass.noise),
+            usbl=_told(scenario.usbl.told_noise, scenario.usbl.noise),
+            dvl_lever_m=scenario.dvl.lever_m,
+            usbl_lever_m=scenario.usbl.lever_m,
+            gps_lever_m=scenario.gps.lever_m,
+            start=scenario.start,
+        ),
+        origin=ORIGIN,
+        truth=truth,
+    )
+
+
+def _told(stated: Told | None, true: Told) -> Told:
+    """Return what a filter is told of a quantity: what the scenario states, else the truth."""
+    return true if stated is None else stated
+
+
+def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the usbldr.toml of a simulated log; ``conventions`` are the keys of each section that the file needs."""
+    dvl, compass, usbl, process = scenario.dvl, scenario.compass, scenario.usbl, scenario.process
+    accuracy = _told(usbl.told_accuracy, usbl.accuracy)
+    sections: dict[str, dict[str, str]] = {
+        "map": {"origin_lat_deg": f"{ORIGIN.lat_deg!r}", "origin_lon_deg": f"{ORIGIN.lon_deg!r}"},
+        "dvl": {
+            "sd_mps": repr(_told(dvl.told_sd_mps, dvl.sd_mps)),
+            "noise": noise_text(_told(dvl.told_noise, dvl.noise), "mps"),
+            **_lever(dvl.lever_m),
+        },
+        "compass": {
+            "sd_deg": repr(degrees(_told(compass.told_sd_rad, compass.sd_rad))),
+            "noise": noise_text(_told(compass.told_noise, compass.noise), "deg"),
+        },
+        "usbl": {
+            "sd_m": repr(accuracy.sd_m) if accuracy.constant else '"message"',
+            "noise": noise_text(_told(usbl.told_noise, usbl.noise), "m"),
+            **_lever(usbl.lever_m),
+        },
+        "gps": _lever(scenario.gps.lever_m),
+        "truth": {"kind": '"simulated"'},
+        "process": {
+            "position_m": f"{process.position_m!r}",
+            "heading_deg": f"{degrees(process.yaw_rad)!r}",
+            "velocity_mps": f"{process.velocity_mps!r}",
+            "turn_rate_dps": f"{degrees(process.turn_rate_radps)!r}",
+            **({"uncalibrated_m": f"{process.uncalibrated_m!r}"} if process.uncalibrated_m else {}),
+        },
+        "calibrate": {"states": "[]"},
+    }
+    if scenario.start is not None:
+        start = scenario.start
+        sections["start"] = {
+            "east_m": f"{start.east_m!r}",
+            "north_m": f"{start.north_m!r}",
+            "sd_m": f"{start.sd_m!r}",
+            "heading_sd_deg": f"{degrees(start.sd_yaw_rad)!r}",
+            "velocity_sd_mps": f"{start.sd_mps!r}",
+            "turn_rate_sd_dps": f"{degrees(start.sd_radps)!r}",
+        }
+    title = (
+        f"{WRITTEN_BY} simulate {scenario.name} --seed {seed}",
+        "What a careful user knows: noise, start and conventions; never a true bias, scale or latency.",
+    )
+    return toml_text(title, sections, conventions)
+
+
+def toml_text(
+    title: Sequence[str], sections: Mapping[str, Mapping[str, str]], conventions: Mapping[str, Mapping[str, str]]
+) -> str:
+    """Return a usbldr.toml; ``sections`` hold TOML values, ``conventions`` words of the same sections."""
+    lines = [*(f"# {line}" for line in title), "schema = 1"]
+    for section, keys in sections.items():
+        stated = {name: f'"{value}"' for name, value in conventions.get(section, {}).items()} | dict(keys)
+        if stated:
+            lines += ["", f"[{section}]", *(f"{name} = {value}" for name, value in stated.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _lever(arm_m: LeverArm) -> dict[str, str]:
+    return {"lever_arm_m": str(list(arm_m))} if any(arm_m) else {}
+
+
+def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]]:
+    """Return the absolute time of time_s = 0, and each sensor's table; one without records has none."""
+    dive = simulate(scenario, seed)
+    dvl, compass, gps = scenario.dvl, scenario.compass, scenario.gps
+    cov_m2 = floored(dive.fix_cov_m2)
+    gps_sd_m = _told(gps.told_sd_m, gps.sd_m) or math.nan  # no format can say "exact": 0 is how many say "unknown"
+    lat_deg, lon_deg = _at_sea_level(dive.gps.value)
+    columns: dict[str, tuple[Column | float, ...]] = {
+        "dvl": (*dive.dvl.value.T, 0.0, _told(dvl.told_sd_mps, dvl.sd_mps), dive.dvl.valid),
+        "compass": (_heading_deg(dive.compass.value[:, 0]), degrees(_told(compass.told_sd_rad, compass.sd_rad))),
+        "usbl": (*dive.usbl.value.T, cov_m2[:, 0, 0], cov_m2[:, 0, 1], cov_m2[:, 1, 1]),
+        "gps": (*dive.gps.value.T, gps_sd_m, lat_deg, lon_deg),
+    }
+    records = {"dvl": dive.dvl, "compass": dive.compass, "usbl": dive.usbl, "gps": dive.gps}
+    times = [found.time_s[0] for sensor, found in records.items() if sensor != "gps" and len(found.time_s)]
+    first_s = min(times, default=0.0)
+    made = {
+        s: pd.DataFrame(
+            dict(zip(COLUMNS[s], (found.time_s - first_s, found.received_s - first_s, *columns[s]), strict=True))
+        )
+        for s, found in records.items()
+        if len(found.time_s)
+    }
+    return START_NS + round(first_s * 1e9), made
+
+
+def _at_sea_level(position_m: Array) -> tuple[Vector, Vector]:
+    """Return latitude and longitude of east, north (n, 2) for a receiver at height 0.
+
+    The tangent plane lies 8 cm above the sea 1 km from the origin; the height below it is found by iterating, so that
+    readers that take the altitude and readers that do not agree.
+    """
+    to_geodetic: Callable[..., tuple[Vector, Vector, Vector]] = pymap3d.enu2geodetic  # pyright: ignore
+    east, north = position_m.T
+    up = np.zeros(len(east))
+    lat, lon, height = up, up, up
+    for _ in range(3):  # each leaves 1e-7 of the error
+        up = up - height
+        lat, lon, height = to_geodetic(east, north, up, ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0)
+    return lat, lon
+
+
+def _heading_deg(yaw_rad: Vector) -> Vector:
+    return np.degrees(-yaw_rad) % 360.0
+
+
+def degrees(angle_rad: float) -> float:
+    """Degrees with the fewest digits that bring back the angle: 0.1 deg in a scenario is 0.1 in its file."""
+    candidates = [float(f"{math.degrees(angle_rad):.{digits}g}") for digits in range(1, 18)]
+    return next((deg for deg in candidates if math.radians(deg) == angle_rad), candidates[-1])
+
+
+def noise_text(family: NoiseFamily, unit: str) -> str:
+    """Return the family as a TOML value."""
+    match family:
+        case Gaussian():
+            keys = 'kind = "gaussian"'
+        case Mixture():
+            keys = f'kind = "mixture", share = {family.share!r}, variance_ratio = {family.variance_ratio!r}'
+        case Contamination():
+            sd = degrees(family.sd) if unit == "deg" else family.sd
+            keys = f'kind = "contamination", share = {family.share!r}, sd_{unit} = {sd!r}'
+        case StudentT():
+            keys = f'kind = "student-t", dof = {family.dof!r}'
+        case _:
+            raise TypeError(f"no TOML form for the noise {family!r}")
+    return f'{{ {keys}, per = "{"scalar" if family.per_scalar else "record"}" }}'
+
+
+def _digest(tables: Mapping[str, pd.DataFrame]) -> str:
+    digest = hashlib.sha256()
+    for sensor, table in tables.items():
+        digest.update(sensor.encode())
+        for column in table:
+            digest.update(table[column].to_numpy().tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,276 @@
+"""The sections of usbldr.toml as types: which keys there are, in which unit, and which values make no sense.
+
+Every key that states an error of a sensor (mount_deg, bias_deg, scale_error, latency_s) is later subtracted from its
+readings; declination_deg is added; angles are degrees clockwise. docs/configuration.md explains each key.
+"""
+
+from typing import Annotated, Literal, TypeAlias
+
+from msgspec import Meta
+
+from usbldr.io.axes import axis_signs
+from usbldr.io.settings.limits import (
+    ClockOffset,
+    Degrees,
+    Depth,
+    Deviation,
+    Factor,
+    Gap,
+    Latency,
+    Latitude,
+    Lever,
+    Longitude,
+    Metres,
+    SdDegrees,
+    SdMetres,
+    SdSpeed,
+    SpreadDegrees,
+    SpreadMetres,
+)
+from usbldr.io.settings.noise_sections import (
+    CalibrateSection,
+    CompassNoise,
+    DvlNoise,
+    ProcessSection,
+    Section,
+    StartSection,
+    UsblNoise,
+)
+
+LEAST_SCALE, MOST_SCALE = -0.9, 10.0  # of a DVL's scale_error: what is further off is another unit
+Clock: TypeAlias = Literal["header", "log"]
+UsblColumn: TypeAlias = Literal[
+    "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m"
+]
+Time: TypeAlias = Literal["time_ns", "time_unix_s", "time_s", "received_ns", "received_unix_s"]
+
+
+class MapSection(Section, frozen=True, kw_only=True):
+    """The point that the local plane touches."""
+
+    origin_lat_deg: Latitude
+    origin_lon_deg: Longitude
+
+
+class DvlSection(Section, frozen=True, kw_only=True):
+    """The Doppler velocity log."""
+
+    topic: str | None = None
+    columns: dict[Time | Literal["x", "y", "z", "sd_mps", "valid"], str] | None = None
+    axes: str | None = None
+    mount_deg: Degrees = 0.0
+    unit: Literal["m/s", "cm/s", "mm/s", "km/h", "ft/s", "knots"] | None = None
+    scale_error: Annotated[float, Meta(ge=LEAST_SCALE, le=MOST_SCALE)] = 0.0
+    sd_mps: SdSpeed | Literal["message"] | None = None
+    sd_scale: Factor = 1.0
+    min_good_beams: Annotated[int, Meta(ge=0, le=100)] | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    time: Clock | None = None
+    latency_s: Latency = 0.0
+    noise: DvlNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse axes that are no three directions at right angles."""
+        if self.axes is not None:
+            axis_signs(self.axes)
+
+
+class CompassSection(Section, frozen=True, kw_only=True):
+    """The heading sensor."""
+
+    topic: str | None = None
+    columns: dict[Time | Literal["heading", "sd_deg"], str] | None = None
+    convention: Literal["ENU", "NED", "compass"] | None = None
+    unit: Literal["deg", "rad"] | None = None
+    bias_deg: Degrees = 0.0
+    deviation_sin_deg: Deviation = 0.0
+    deviation_cos_deg: Deviation = 0.0
+    declination_deg: Degrees | Literal["auto"] | None = None
+    sd_deg: SdDegrees | Literal["message"] | None = None
+    time: Clock | None = None
+    latency_s: Latency = 0.0
+    noise: CompassNoise | None = None
+
+
+class Head(Section, frozen=True, kw_only=True):
+    """The USBL head: fixed, or on a ship whose place and heading are topics of the log."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    east_m: Metres | None = None
+    north_m: Metres | None = None
+    depth_m: Depth = 0.0
+    topic: str | None = None
+    sd_m: SpreadMetres | None = None
+    heading_deg: Degrees | None = None
+    heading_topic: str | None = None
+    heading_convention: Literal["ENU", "NED", "compass"] | None = None
+    heading_bias_deg: Degrees = 0.0
+    heading_declination_deg: Degrees | Literal["auto"] | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    max_gap_s: Gap = 3.0
+
+    def __post_init__(self) -> None:
+        """Refuse a head that is nowhere or in two places, and one that cannot know its heading."""
+        place = (self.lat_deg, self.lon_deg, self.east_m, self.north_m)
+        if self.topic is not None and any(v is not None for v in place):
+            raise ValueError("state either where the head is or the topic that tells it")
+        if self.topic is None:
+            refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
+        if self.heading_deg is not None and self.heading_topic is not None:
+            raise ValueError("state either heading_deg or heading_topic")
+        if any(self.lever_arm_m) and self.heading_deg is None and self.heading_topic is None:
+            raise ValueError("a lever_arm_m is turned by the ship's heading; state heading_topic or heading_deg")
+
+
+class Beacon(Section, frozen=True, kw_only=True):
+    """A fixed beacon, where the vehicle carries the USBL head."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    east_m: Metres | None = None
+    north_m: Metres | None = None
+    depth_m: Depth = 0.0
+    sd_m: SpreadMetres = 0.0
+    max_gap_s: Gap = 3.0
+
+    def __post_init__(self) -> None:
+        """Refuse a beacon that is nowhere or in two places."""
+        refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
+
+
+def refuse_nowhere(lat_deg: float | None, lon_deg: float | None, east_m: float | None, north_m: float | None) -> None:
+    """Raise ValueError unless a place is stated, and in one way."""
+    geodetic = lat_deg is not None and lon_deg is not None
+    local = east_m is not None and north_m is not None
+    given = [v for v in (lat_deg, lon_deg, east_m, north_m) if v is not None]
+    if geodetic == local or len(given) != 2:
+        raise ValueError("state either lat_deg and lon_deg or east_m and north_m")
+
+
+class UsblSection(Section, frozen=True, kw_only=True):
+    """The acoustic positioning system."""
+
+    topic: str | None = None
+    columns: dict[Time | UsblColumn, str] | None = None
+    kind: Literal["position", "latlon", "range_bearing"] | None = None
+    frame: Literal["ENU", "NED", "body"] | None = None
+    relative_to: Literal["map", "head"] | None = None
+    head: Head | None = None
+    beacon: Beacon | None = None
+    target: str | int | None = None
+    axes: str | None = None
+    mount_deg: Degrees = 0.0
+    sound_speed_scale: Annotated[float, Meta(ge=0.5, le=2)] = 1.0
+    sd_m: SdMetres | Literal["message"] | None = None
+    sd_scale: Factor = 1.0
+    range_sd_m: SpreadMetres | None = None
+    range_sd_rel: Annotated[float, Meta(ge=0, le=10)] | None = None
+    bearing_sd_deg: SdDegrees | None = None
+    heading_sd_deg: SpreadDegrees | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    time: Clock | None = None
+    latency_s: Latency = 0.0
+    noise: UsblNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse keys that contradict each other."""
+        if self.axes is not None:
+            axis_signs(self.axes)
+        if self.head is not None and self.beacon is not None:
+            raise ValueError("the head is either at a known place (head) or on the vehicle (beacon)")
+        if self.beacon is not None and self.relative_to == "map":
+            raise ValueError('a beacon is measured from the vehicle: relative_to cannot be "map"')
+        if self.frame == "body" and self.relative_to == "map":
+            raise ValueError('frame = "body" counts from the head: relative_to cannot be "map"')
+        polar = [self.range_sd_m, self.range_sd_rel, self.bearing_sd_deg]
+        if self.sd_m is not None and any(v is not None for v in polar):
+            raise ValueError("sd_m excludes range_sd_m, range_sd_rel and bearing_sd_deg")
+        known_end = self.head is not None or self.beacon is not None
+        if any(v is not None for v in polar):
+            if self.bearing_sd_deg is None or not (self.range_sd_m or self.range_sd_rel):
+                raise ValueError("range_sd_m or range_sd_rel and bearing_sd_deg belong together")
+            if not known_end:
+                raise ValueError("range_sd_m, range_sd_rel and bearing_sd_deg need the head's position (head = {...})")
+        if not known_end and (self.relative_to == "head" or self.kind == "range_bearing" or self.frame == "body"):
+            raise ValueError("the head's position is missing (head = { lat_deg = ..., lon_deg = ..., depth_m = ... })")
+
+
+class GpsSection(Section, frozen=True, kw_only=True):
+    """The satellite receiver: truth by default, a sensor of the filter only in the windows of --aid."""
+
+    topic: str | None = None
+    columns: dict[Time | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
+    frame: Literal["ENU", "NED", "latlon"] | None = None
+    sd_m: SdMetres | Literal["message"] | None = None
+    lever_arm_m: Lever = (0.0, 0.0, 0.0)
+    time: Clock | None = None
+    latency_s: Latency = 0.0
+    noise: UsblNoise | None = None
+
+
+class DepthSection(Section, frozen=True, kw_only=True):
+    """The pressure or depth sensor."""
+
+    topic: str | None = None
+    columns: dict[Time | Literal["depth_m", "pressure"], str] | None = None
+    unit: Literal["Pa", "hPa", "dbar", "bar", "m"] | None = None
+    surface_pa: Annotated[float, Meta(ge=0, le=1e7)] | None = None
+    positive: Literal["down", "up"] | None = None
+    time: Clock | None = None
+    latency_s: Latency = 0.0
+
+
+class TruthSection(Section, frozen=True, kw_only=True):
+    """The reference that errors are taken against."""
+
+    topic: str | None = None
+    file: str | None = None
+    kind: Literal["gps", "slam", "simulated", "other"] | None = None
+    frame: Literal["ENU", "NED", "latlon"] | None = None
+    skip_rows: Annotated[int, Meta(ge=0, le=1_000_000_000)] = 0
+    max_gap_s: Gap = 30.0
+    columns: dict[Literal["time_ns", "time_unix_s", "time_s", "x", "y", "sd_m"], str] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two sources."""
+        if self.topic is not None and self.file is not None:
+            raise ValueError("state either topic or file")
+        if self.topic is not None and self.columns is not None:
+            raise ValueError("columns belong to a file, not to a topic")
+
+
+class FileSection(Section, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Another file of the same dive, or the log itself: its clock minus the clock of the dive."""
+
+    path: str
+    clock_offset_s: ClockOffset = 0.0
+
+
+class Configuration(Section, frozen=True, kw_only=True):
+    """A whole usbldr.toml; without a file, all defaults."""
+
+    schema: Literal[1] = 1
+    map: MapSection | None = None
+    dvl: DvlSection = DvlSection()
+    compass: CompassSection = CompassSection()
+    usbl: UsblSection = UsblSection()
+    gps: GpsSection = GpsSection()
+    depth: DepthSection = DepthSection()
+    truth: TruthSection = TruthSection()
+    process: ProcessSection = ProcessSection()
+    calibrate: CalibrateSection = CalibrateSection()
+    start: StartSection | None = None
+    file: tuple[FileSection, ...] = ()
+
+    def topic(self, role: str) -> str | None:
+        """Return the topic that the file names for a role; "none" switches the role off."""
+        return self.section(role).topic
+
+    def columns(self, role: str) -> dict[str, str]:
+        """Return quantity -> column of a CSV file, empty where the file does not say."""
+        return {str(key): name for key, name in (self.section(role).columns or {}).items()}
+
+    def section(self, role: str) -> DvlSection | CompassSection | UsblSection | GpsSection | DepthSection:
+        """Return the section of a role."""
+        return getattr(self, role)

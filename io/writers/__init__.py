@@ -1,0 +1,1 @@
+"""Logs out: MCAP, ROS 1 bag, rosbag2, CSV."""

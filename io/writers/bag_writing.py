@@ -1,0 +1,38 @@
+"""Write a log as a ROS 1 bag and as a rosbag2 folder (sqlite3), by rosbags."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+
+from usbldr.io.decoding.definitions import known_types
+from usbldr.io.log import Log
+from usbldr.io.writers.ros_messages import Channel, messages
+
+
+def write_bag(log: Log, file: Path, channels: Mapping[str, Channel]) -> None:
+    """Write the sensors of the channels that the log has, in order of arrival, bz2 chunks."""
+    store = known_types(1)
+    writer = BagWriter(file)
+    writer.set_compression(BagWriter.CompressionFormat.BZ2)
+    with writer:
+        connections: dict[str, Any] = {}
+        for sensor, channel in channels.items():
+            if sensor in log.tables:
+                connections[sensor] = writer.add_connection(channel.topic, channel.type, typestore=store)
+        for received_ns, sensor, message in messages(log, channels, store):
+            writer.write(connections[sensor], received_ns, store.serialize_ros1(message, channels[sensor].type))
+
+
+def write_rosbag2(log: Log, folder: Path, channels: Mapping[str, Channel]) -> None:
+    """Make the folder with its metadata.yaml and one .db3 file of the same name."""
+    store = known_types(2)
+    with Rosbag2Writer(folder, version=8) as writer:
+        connections: dict[str, Any] = {}
+        for sensor, channel in channels.items():
+            if sensor in log.tables:
+                connections[sensor] = writer.add_connection(channel.topic, channel.type, typestore=store)
+        for received_ns, sensor, message in messages(log, channels, store):
+            writer.write(connections[sensor], received_ns, store.serialize_cdr(message, channels[sensor].type))

@@ -1,0 +1,189 @@
+"""A log, or a stretch of it, written anew in canonical form, with the configuration that replays it as it was.
+
+Conventions, mounts and offsets of the original have been applied; a latency is kept as one, so that stamps, and with
+them the epochs of a replay, stay what they were.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.models.calibration import AUTO
+from usbldr.filters.models.noise import NoiseFamily
+from usbldr.filters.models.parameters import ProcessNoise, SensorErrors
+from usbldr.filters.types import Truth
+from usbldr.io.inputs import refuse_inputs
+from usbldr.io.log import Log
+from usbldr.io.messages.roles import ROLES
+from usbldr.io.scenarios.simulated_log import degrees, noise_text, toml_text
+from usbldr.io.settings.configuration import configuration_places, read_configuration
+from usbldr.io.writers.write_log import (
+    WRITTEN_BY,
+    configuration_place,
+    conventions_of,
+    form_of,
+    write_records,
+    write_whole,
+)
+
+
+def cut(log: Log, start_s: float, end_s: float) -> Log:
+    """Return the records valid from start to end, seconds of the log, ends included; raise LogError if none is left.
+
+    A known start is forgotten where the beginning is cut off.
+    """
+    tables = {
+        sensor: table[(table["time_s"] >= start_s) & (table["time_s"] <= end_s)].reset_index(drop=True)
+        for sensor, table in log.tables.items()
+    }
+    tables = {sensor: table for sensor, table in tables.items() if len(table)}
+    if not tables:
+        raise LogError(f"{log.path}: no record lies between {start_s:g} and {end_s:g} s")
+    known = log.assumptions if start_s <= 0 else replace(log.assumptions, start=None)
+    return replace(log, tables=tables, assumptions=known, truth=_cut_truth(log.truth, start_s, end_s))
+
+
+def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | None:
+    if truth is None:
+        return None
+    kept = (truth.time_s >= start_s) & (truth.time_s <= end_s)
+    if not kept.any():
+        return None
+    return replace(truth, time_s=truth.time_s[kept], position_m=truth.position_m[kept], sd_m=truth.sd_m[kept])
+
+
+def export(
+    log: Log, out: Path, force: bool = False, stated: str | None = None, read: Sequence[Path] = ()
+) -> tuple[Log, Path]:
+    """Write a log to ``out``, in the stated form or the one of its name; ``read``: what it was read from, if known.
+
+    Return what was written, as tables, and the configuration's path. Raises UsageError as log_files.write_whole does,
+    and where that would touch what was read.
+    """
+    form = form_of(out, stated)
+    _refuse_own(log, out, configuration_place(out, form), read)
+    latencies = _latencies(log)
+    written = _restamped(_with_truth(log), latencies)
+    configuration = _configuration(log, written, conventions_of(written, form, exported=True), latencies)
+
+    def make(target: Path) -> None:
+        write_records(written, target, form, {"exported from": log.path.name}, exported=True)
+
+    return written, write_whole(out, form, configuration, make, force)
+
+
+def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
+    """Refuse to write over what was read, and to put beside the log a configuration that it would then be read by."""
+    simulated = log.format == "simulated"  # its path is but a name
+    known = read if simulated else [log.path, *read, *([log.configuration] if log.configuration else [])]
+    refuse_inputs(out, known)
+    own = log.path.resolve()
+    if not simulated and place.resolve() in configuration_places(own, own.is_dir()):
+        raise UsageError(f"{out}: its configuration {place.name} would also be that of {log.path}; choose another name")
+    refuse_inputs(place, known)
+
+
+def _latencies(log: Log) -> dict[str, float]:
+    """Return by sensor what was taken off its stamps."""
+    if log.configuration is None:
+        return {}
+    stated = read_configuration(log.configuration)
+    return {role: latency for role in ROLES if (latency := getattr(stated, role).latency_s)}
+
+
+def _with_truth(log: Log) -> Log:
+    """Give a truth that is not the log's GPS a table of its own."""
+    if log.truth is None or ("truth" not in log.provenance and "gps" in log.tables):
+        return log
+    east, north = log.truth.position_m.T
+    columns = {"time_s": log.truth.time_s, "received_s": log.truth.time_s, "east_m": east, "north_m": north}
+    table = pd.DataFrame(columns | {"sd_m": log.truth.sd_m})
+    return replace(log, tables=dict(log.tables) | {"truth": table})
+
+
+def _restamped(log: Log, latencies: Mapping[str, float]) -> Log:
+    tables = {s: t.assign(time_s=t["time_s"] + latencies[s]) if s in latencies else t for s, t in log.tables.items()}
+    return replace(log, tables=tables)
+
+
+def _configuration(
+    log: Log, written: Log, conventions: Mapping[str, Mapping[str, str]], latencies: Mapping[str, float]
+) -> str:
+    known, process = log.assumptions, log.assumptions.process
+    sections: dict[str, dict[str, str]] = {}
+    if log.origin is not None:
+        sections["map"] = {"origin_lat_deg": repr(log.origin.lat_deg), "origin_lon_deg": repr(log.origin.lon_deg)}
+    sections["dvl"] = _of_sensor(known.dvl, "mps", known.dvl_sd_scale) | {"lever_arm_m": str(list(known.dvl_lever_m))}
+    sections["compass"] = _of_sensor(known.compass, "deg")
+    sections["usbl"] = _of_sensor(known.usbl, "m", known.usbl_sd_scale) | {"lever_arm_m": str(list(known.usbl_lever_m))}
+    sections["gps"] = _of_sensor(known.gps, "m") | {"lever_arm_m": str(list(known.gps_lever_m))}
+    sections["depth"] = {}
+    for sensor, latency_s in latencies.items():
+        sections[sensor] |= {"latency_s": repr(latency_s)}
+    sections["truth"] = {"topic": '"none"'}
+    if log.truth is not None:
+        sections["truth"] = {"kind": f'"{log.truth.kind}"', "max_gap_s": repr(float(log.truth.max_gap_s))}
+        if "truth" in written.tables and "truth" not in conventions:
+            sections["truth"] |= {"topic": '"/truth"'}
+        if "truth" not in written.tables and (skipped := _skipped(log)):
+            sections["truth"] |= {"skip_rows": str(skipped)}
+    default = ProcessNoise()
+    walks = {
+        "position_m": (process.position_m, default.position_m, process.position_m),
+        "heading_deg": (process.yaw_rad, default.yaw_rad, degrees(process.yaw_rad)),
+        "velocity_mps": (process.velocity_mps, default.velocity_mps, process.velocity_mps),
+        "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, degrees(process.turn_rate_radps)),
+        "uncalibrated_m": (process.uncalibrated_m, default.uncalibrated_m, process.uncalibrated_m),
+    }
+    states = '"auto"' if known.calibrate == (AUTO,) else json.dumps(known.calibrate)
+    sections["calibrate"] = {"states": states} | _sizes(known.errors)
+    sections["process"] = {key: repr(value) for key, (own, usual, value) in walks.items() if own != usual}
+    start = known.start
+    if start is not None and not math.isnan(start.east_m):
+        sections["start"] = {
+            "east_m": repr(start.east_m),
+            "north_m": repr(start.north_m),
+            "sd_m": repr(start.sd_m),
+            "heading_sd_deg": repr(degrees(start.sd_yaw_rad)),
+            "velocity_sd_mps": repr(start.sd_mps),
+            "turn_rate_sd_dps": repr(degrees(start.sd_radps)),
+        }
+    title = (
+        f"{WRITTEN_BY} export {log.path.name}",
+        "Mounts, offsets and signs of the original have been applied to the records.",
+    )
+    return toml_text(title, sections, conventions)
+
+
+def _skipped(log: Log) -> int:
+    """Return how many GPS rows lie before the truth that is made of them."""
+    if log.truth is None or "gps" not in log.tables:
+        return 0
+    first = (log.truth.time_s[0], *log.truth.position_m[0])
+    same = (log.tables["gps"][["time_s", "east_m", "north_m"]].to_numpy(dtype=float) == first).all(axis=1)
+    return int(same.argmax())
+
+
+def _sizes(errors: SensorErrors) -> dict[str, str]:
+    """Return the sizes of errors that are not the usual ones, by their keys under [calibrate]."""
+    default = SensorErrors()
+    sizes = {
+        "scale_sd": (errors.scale, default.scale, errors.scale),
+        "mount_sd_deg": (errors.misalignment_rad, default.misalignment_rad, degrees(errors.misalignment_rad)),
+        "heading_sd_deg": (errors.heading_rad, default.heading_rad, degrees(errors.heading_rad)),
+        "heading_walk_deg": (errors.heading_walk_rad, default.heading_walk_rad, degrees(errors.heading_walk_rad)),
+        "deviation_sd_deg": (errors.deviation_rad, default.deviation_rad, degrees(errors.deviation_rad)),
+        "latency_sd_s": (errors.latency_s, default.latency_s, errors.latency_s),
+        "usbl_bias_sd_m": (errors.usbl_bias_m, default.usbl_bias_m, errors.usbl_bias_m),
+        "usbl_bias_time_s": (errors.usbl_bias_s, default.usbl_bias_s, errors.usbl_bias_s),
+    }
+    return {key: repr(value) for key, (own, usual, value) in sizes.items() if own != usual}
+
+
+def _of_sensor(noise: NoiseFamily, unit: str, sd_scale: float = 1.0) -> dict[str, str]:
+    return {"noise": noise_text(noise, unit)} | ({"sd_scale": repr(sd_scale)} if sd_scale != 1 else {})

@@ -1,0 +1,237 @@
+"""A log as ROS messages of the usual types, for every container of them.
+
+Values keep all their digits. Log time is the time of arrival, the header's stamp the time of validity.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from rosbags.typesys.store import Typestore
+
+from usbldr.io.conventions.dvl_depth import SURFACE_PA, WATER_PA_PER_M
+from usbldr.io.log import Log
+
+Row: TypeAlias = Mapping[str, Any]  # one record of a table, by the names of COLUMNS
+Message: TypeAlias = Any  # rosbags makes the classes of messages at run time
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """How a sensor's table becomes messages, and what a configuration has to say of them."""
+
+    topic: str
+    type: str
+    message: Callable[["Makers", Row], Message]
+    conventions: Mapping[str, str]  # keys of the sensor's section
+
+
+class Makers:
+    """The classes of a typestore, and the parts that messages share."""
+
+    def __init__(self, store: Typestore) -> None:
+        self.types: Mapping[str, Any] = store.types
+        self._sequenced = "seq" in dict(store.fielddefs["std_msgs/msg/Header"][1])  # ROS 1
+
+    def make(self, type_name: str, *fields: Any) -> Message:
+        """Return a message with its fields in the order of the definition."""
+        return self.types[type_name](*fields)
+
+    def header(self, row: Row, frame: str) -> Message:
+        """Return the header: time of validity and frame."""
+        sec, nanosec = divmod(int(row["stamp_ns"]), 1_000_000_000)
+        sequence = (0,) if self._sequenced else ()
+        stamp = self.make("builtin_interfaces/msg/Time", sec, nanosec)
+        return self.make("std_msgs/msg/Header", *sequence, stamp, frame)
+
+    def vector(self, x: float, y: float, z: float) -> Message:
+        """Return a geometry_msgs/Vector3."""
+        return self.make("geometry_msgs/msg/Vector3", x, y, z)
+
+
+def _dvl(m: Makers, row: Row) -> Message:
+    """The message's own axes: x forward, y starboard, z down."""
+    x, y, z = row["forward_mps"], row["starboard_mps"], -row["up_mps"]
+    variance = row["sd_mps"] ** 2
+    nothing = np.zeros(4, dtype=np.float32)
+    return m.make(
+        "marine_acoustic_msgs/msg/Dvl",
+        m.header(row, "dvl_link"),
+        1,  # bottom track
+        0,  # one piston for each beam
+        m.vector(x, y, z),
+        np.full(9, -1.0) if math.isnan(variance) else np.diag(np.full(3, variance)).ravel(),
+        math.nan,  # altitude
+        math.atan2(y, x),
+        math.hypot(x, y),
+        4 if row["valid"] else 0,
+        1500.0,
+        False,  # no beam ranges
+        False,  # no beam velocities
+        [m.vector(0.0, 0.0, 0.0)] * 4,
+        np.zeros(4),
+        nothing,
+        nothing,
+        nothing,
+        nothing,
+    )
+
+
+def _imu(m: Makers, row: Row) -> Message:
+    """REP 103: the yaw of the quaternion is counter-clockwise from east, so 90 degrees minus the heading."""
+    half = math.radians(90.0 - row["heading_deg"]) / 2
+    variance = math.radians(row["sd_deg"]) ** 2
+    unknown = np.full(9, -1.0)  # REP 145: no such data
+    return m.make(
+        "sensor_msgs/msg/Imu",
+        m.header(row, "imu_link"),
+        m.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half)),
+        np.zeros(9) if math.isnan(variance) else np.diag(np.full(3, variance)).ravel(),
+        m.vector(0.0, 0.0, 0.0),
+        unknown,
+        m.vector(0.0, 0.0, 0.0),
+        unknown,
+    )
+
+
+def _point(m: Makers, row: Row) -> Message:
+    point = m.make("geometry_msgs/msg/Point", row["east_m"], row["north_m"], 0.0)
+    return m.make("geometry_msgs/msg/PointStamped", m.header(row, "map"), point)
+
+
+def _navsat(m: Makers, row: Row) -> Message:
+    known = not math.isnan(row["sd_m"])
+    return m.make(
+        "sensor_msgs/msg/NavSatFix",
+        m.header(row, "gps_antenna"),
+        m.make("sensor_msgs/msg/NavSatStatus", 0, 1),  # a fix, by GPS
+        row["lat_deg"],
+        row["lon_deg"],
+        0.0,  # altitude
+        np.diag(np.full(3, row["sd_m"] ** 2)).ravel() if known else np.zeros(9),
+        2 if known else 0,  # covariance: diagonal known, or unknown
+    )
+
+
+def _known_validity(m: Makers, row: Row) -> Message:
+    """The DVL message that knows of validity beside the velocity, so that standing still stays valid."""
+    return m.make(
+        "dvl_msgs/msg/DVL",
+        m.header(row, "dvl_link"),
+        0.0,  # since the last report, unknown
+        m.vector(row["forward_mps"], row["starboard_mps"], -row["up_mps"]),
+        row["sd_mps"],
+        np.zeros(0),  # no covariance
+        math.nan,  # altitude
+        [],  # no beams
+        bool(row["valid"]),
+        0,
+        0,  # no other times than the header's
+        0,
+        "json_v3.1",
+    )
+
+
+def _fix(m: Makers, row: Row) -> Message:
+    """A position and its covariance in the plane; one sd stands for a round covariance."""
+    covariance = np.zeros(36)
+    variance = row.get("sd_m", math.nan) ** 2
+    if "cov_ee_m2" in row or not math.isnan(variance):
+        covariance[[0, 1, 6, 7]] = [
+            row.get("cov_ee_m2", variance),
+            row.get("cov_en_m2", 0.0),
+            row.get("cov_en_m2", 0.0),
+            row.get("cov_nn_m2", variance),
+        ]
+    point = m.make("geometry_msgs/msg/Point", row["east_m"], row["north_m"], 0.0)
+    pose = m.make("geometry_msgs/msg/Pose", point, m.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0))
+    in_plane = m.make("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
+    return m.make("geometry_msgs/msg/PoseWithCovarianceStamped", m.header(row, "map"), in_plane)
+
+
+def _pressure(m: Makers, row: Row) -> Message:
+    """The pressure in sea water, by the density and the surface that a reader takes by default."""
+    pressure_pa = SURFACE_PA + row["depth_m"] * WATER_PA_PER_M
+    return m.make("sensor_msgs/msg/FluidPressure", m.header(row, "pressure_link"), pressure_pa, 0.0)
+
+
+CHANNELS: Mapping[str, Channel] = {
+    "dvl": Channel("/dvl/data", "marine_acoustic_msgs/msg/Dvl", _dvl, {"topic": "/dvl/data", "axes": "FRD"}),
+    "compass": Channel("/imu/data", "sensor_msgs/msg/Imu", _imu, {"topic": "/imu/data", "convention": "ENU"}),
+    "usbl": Channel(
+        "/usbl/fix",
+        "geometry_msgs/msg/PointStamped",
+        _point,
+        {"topic": "/usbl/fix", "kind": "position", "frame": "ENU", "relative_to": "map"},
+    ),
+    "gps": Channel("/gps/fix", "sensor_msgs/msg/NavSatFix", _navsat, {"topic": "/gps/fix"}),
+}
+"""A sensor is one line."""
+
+POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+EXPORTED: Mapping[str, Channel] = {
+    "dvl": Channel(
+        "/dvl/data", "dvl_msgs/msg/DVL", _known_validity, {"topic": "/dvl/data", "axes": "FRD", "sd_mps": "message"}
+    ),
+    "compass": Channel(
+        "/imu/data", "sensor_msgs/msg/Imu", _imu, {"topic": "/imu/data", "convention": "ENU", "sd_deg": "message"}
+    ),
+    "usbl": Channel(
+        "/usbl/fix",
+        POSE,
+        _fix,
+        {"topic": "/usbl/fix", "kind": "position", "frame": "ENU", "relative_to": "map", "sd_m": "message"},
+    ),
+    "gps": CHANNELS["gps"],
+    "depth": Channel("/depth", "sensor_msgs/msg/FluidPressure", _pressure, {"topic": "/depth", "unit": "Pa"}),
+    "truth": Channel("/truth", POSE, _fix, {"topic": "/truth", "frame": "ENU"}),
+}
+"""As CHANNELS, with messages that carry every canonical value: each record's own sigma, and its validity."""
+
+LOCAL_GPS = Channel("/gps/fix", POSE, _fix, {"topic": "/gps/fix", "frame": "ENU"})
+"""For a plane whose place on earth nobody knows."""
+
+
+def channels_of(log: Log, exported: bool) -> Mapping[str, Channel]:
+    """Return how each sensor becomes messages; ``exported``: such that carry every canonical value.
+
+    Fixes that have each its own covariance always carry it.
+    """
+    if not exported:
+        fixes = log.tables.get("usbl")
+        alike = fixes is None or all(fixes[name].nunique() <= 1 for name in ("cov_ee_m2", "cov_en_m2", "cov_nn_m2"))
+        return CHANNELS if alike else {**CHANNELS, "usbl": EXPORTED["usbl"]}
+    placed = "gps" not in log.tables or bool(log.tables["gps"]["lat_deg"].notna().all())
+    return EXPORTED if placed else {**EXPORTED, "gps": LOCAL_GPS}
+
+
+class Stamped(NamedTuple):
+    """A message to be written."""
+
+    received_ns: int
+    sensor: str
+    message: Message
+
+
+def messages(log: Log, channels: Mapping[str, Channel], store: Typestore) -> list[Stamped]:
+    """Return the log's records as messages, in order of arrival."""
+    makers = Makers(store)
+    made = [
+        Stamped(received_ns, sensor, channels[sensor].message(makers, row))
+        for sensor, received_ns, row in _rows(log, channels)
+    ]
+    return sorted(made, key=lambda stamped: stamped.received_ns)
+
+
+def _rows(log: Log, sensors: Mapping[str, Channel]) -> Iterator[tuple[str, int, Row]]:
+    for sensor in sensors:
+        for row in log.tables[sensor].to_dict("records") if sensor in log.tables else ():
+            stamp_ns, received_ns = nanoseconds(log, row["time_s"]), nanoseconds(log, row["received_s"])
+            yield sensor, received_ns, {str(name): value for name, value in row.items()} | {"stamp_ns": stamp_ns}
+
+
+def nanoseconds(log: Log, time_s: float) -> int:
+    """Return absolute time, nanoseconds since 1970."""
+    return log.start_ns + round(time_s * 1e9)

@@ -1,0 +1,138 @@
+"""Odd and broken logs that others made: `usbldr info` lists what is there, and says what is not, in a sentence."""
+
+import json
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+
+from usbldr.filters.errors import UsbldrError
+from usbldr.io.formats.detect import open_log
+from usbldr_cli.main import cli
+
+# file -> exit code, messages counted (the collection's expected.json), and words that the page must hold
+ZOO: dict[str, tuple[int, int | None, str]] = {
+    "01_TenMessages.mcap": (0, 10, "no topic here is a sensor"),
+    "02_TenMessages-ch-chx-mx-pad-rch-rsh-st-sum.mcap": (0, 10, "no topic here is a sensor"),
+    "03_TenMessages-ch-pad.mcap": (0, 10, "no topic here is a sensor"),
+    "04_TenMessages-ch-mx.mcap": (0, 10, "no topic here is a sensor"),
+    "05_OneMessage-rsh-sum.mcap": (0, 1, "no topic here is a sensor"),
+    "06_OneAttachment-ax-pad-st-sum.mcap": (0, 0, "holds no messages"),
+    "07_chatter.db3": (0, 7, "no topic here is a sensor"),
+    "08_test_bad_schema.mcap": (0, 20, "/bad/data: the definition of its type broken_msgs/Garbage is not valid"),
+    "09_test_publish_vs_log_time.mcap": (0, 50, "1970-01-01T00:00:00.500Z"),
+    "10_test_large_file.mcap": (0, 50_000, "/bulk/data"),
+    "11_test.mcap": (0, 2172, "more topics (--all lists them)"),
+    "12_nav2_turtlebot.mcap": (0, 8197, "no topic here is a sensor"),
+    "13_tf_example.bag": (0, 518, "no topic here is a sensor"),
+    "14_tutorial.mcap": (0, 153, "gps: location (type and name), 51 of 51 records used"),
+    "15_cdr_test": (0, 7, "metadata.yaml names cdr_test_0.db3, which is not there; cdr_test.db3 is read in its place"),
+    "16_compressed_bag": (3, None, "is compressed with zstd; unpack it first (zstd -d"),
+    "17_multiple_files": (0, 52, "2021-09-01T08:52:01.838Z to 2021-09-01T08:52:27.339Z"),
+    "18_cdr_test": (0, 7, "no topic here is a sensor"),
+    "19_wrong_rmw_test": (0, 7, "encoding wrong_format"),
+    "20_test": (0, 7, "test_msgs/Primitives"),
+    "21_empty_bag": (0, 0, "holds no messages"),
+    "22_only_services.mcap": (0, 12, "no topic here is a sensor"),
+    "23_talker": (0, 20, "/topic"),  # its metadata.yaml counts none, its table holds 20 rows
+    "24_example-bz2.bag": (0, 8647, "no topic here is a sensor"),
+    "25_example-unsorted-chunks.bag": (0, 3, "1970-01-01T00:00:01.000Z to 1970-01-01T00:00:03.000Z"),
+    "26_no-messages.bag": (0, 0, "holds no messages"),
+    "27_fake_sensors_sample.bag": (0, 20, "no topic here is a sensor"),
+    "28_test.bag": (0, 11, "no topic here is a sensor"),
+    "29_test1.bag": (0, 16_806, "gps: /fix (type and name), 989 of 989 records used"),
+}
+
+
+@pytest.fixture
+def zoo(field_logs: Path) -> Path:
+    return field_logs / "reader_zoo"
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_info_says_of_each_odd_file_what_it_is(zoo: Path, tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    (shutil.copytree if (zoo / name).is_dir() else shutil.copy)(zoo / name, path)
+    before = sorted(str(file) for file in tmp_path.rglob("*"))
+    code, count, words = ZOO[name]
+
+    result = CliRunner().invoke(cli, ["info", str(path), "--config", "none"], standalone_mode=False)
+    told = str(result.exception) if code else result.stdout
+
+    assert words in told
+    if code:
+        assert isinstance(result.exception, UsbldrError)
+        assert result.exception.exit_code == code
+    else:
+        assert result.return_value == code
+        assert len(told.splitlines()) < 70
+        described = json.loads(CliRunner().invoke(cli, ["info", str(path), "--json"]).stdout)["logs"][0]
+        assert sum(topic["messages"] for topic in described["topics"]) == count
+    assert sorted(str(file) for file in tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_replay_refuses_each_odd_file_in_one_sentence(zoo: Path, tmp_path: Path, name: str) -> None:
+    asked = ["replay", str(zoo / name), "--filter", "adf", "--output", str(tmp_path / "run")]
+
+    result = CliRunner().invoke(cli, asked, standalone_mode=False)
+
+    assert isinstance(result.exception, UsbldrError), result.exception
+    assert result.exception.exit_code == 3
+    assert "\n" not in str(result.exception)
+    assert not list(tmp_path.iterdir())
+
+
+def test_info_says_which_sensor_a_replay_would_miss(zoo: Path) -> None:
+    result = CliRunner().invoke(cli, ["info", str(zoo / "29_test1.bag")], standalone_mode=False)
+
+    assert result.return_value == 0
+    assert "not to be replayed as it stands: no dvl data (sensors in this log: compass, gps)" in result.stdout
+
+
+def test_a_bad_definition_leaves_the_other_topics_readable(zoo: Path) -> None:
+    log = open_log(zoo / "08_test_bad_schema.mcap")
+    readable = [topic for topic in log.topics() if not topic.problem]
+
+    read = log.read({topic.name: topic.fields[:1] for topic in readable})
+
+    assert sum(len(records.received_ns) for records in read.values()) == sum(topic.count for topic in readable) > 0
+
+
+def test_log_time_is_arrival_and_publish_time_is_not(zoo: Path) -> None:
+    log = open_log(zoo / "09_test_publish_vs_log_time.mcap")
+    (topic,) = log.topics()
+    with (zoo / "09_test_publish_vs_log_time.mcap").open("rb") as file:
+        messages = [message for _, _, message in make_reader(file).iter_messages()]
+
+    received = log.read({topic.name: topic.fields[:1]})[topic.name].received_ns
+
+    assert received.tolist() == [message.log_time for message in messages]
+    assert received.tolist() != [message.publish_time for message in messages]
+
+
+def test_chunks_out_of_order_are_sorted_by_time(zoo: Path) -> None:
+    log = open_log(zoo / "25_example-unsorted-chunks.bag")
+    (topic,) = log.topics()
+
+    received = log.read({topic.name: topic.fields[:1]})[topic.name].received_ns
+
+    assert received.tolist() == [1_000_000_000, 2_000_000_000, 3_000_000_000]
+
+
+def test_fifty_thousand_messages_are_read_in_a_second_or_two(zoo: Path) -> None:
+    log = open_log(zoo / "10_test_large_file.mcap")
+    (topic,) = log.topics()
+    began = time.process_time()
+
+    received = log.read({topic.name: topic.fields[:1]})[topic.name].received_ns
+
+    assert len(received) == 50_000
+    assert time.process_time() - began < 3  # 0.2 s on an idle machine
+
+
+def test_no_odd_file_is_forgotten(zoo: Path) -> None:
+    assert sorted(ZOO) == sorted(path.name for path in zoo.iterdir() if path.name[0].isdigit())

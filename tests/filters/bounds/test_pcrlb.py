@@ -1,0 +1,231 @@
+"""The bounds against the Kalman filter's errors, Riccati's equation, a batch solution and the paper's own recursion."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+from models import PRIOR, Drift, position_steps
+from usbldr.filters.bounds.pcrlb import AT_ONCE, Bounds, bounds, local_bounds, mean_absolute_error, parallel
+from usbldr.filters.errors import UsageError
+from usbldr.filters.estimators.protocol import Step
+from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.noise import Gaussian, Mixture, Noise
+from usbldr.filters.models.parameters import ProcessNoise
+from usbldr.filters.models.sensors import Measurement, State, UsblFix
+from usbldr.filters.models.states import Layout
+
+Q = (0.3, 0.1)
+R = 0.8
+NOISE = Gaussian().modes(np.array([[R]]))
+EPOCHS = 40
+F = np.array([[1.0, 1.0], [0.0, 1.0]])
+
+
+def linear(q: tuple[float, float] = Q, noise: Noise = NOISE) -> Bounds:
+    steps = list(position_steps(np.zeros(EPOCHS), noise))
+    return bounds(steps, Drift(q), np.zeros((EPOCHS, 2)), PRIOR.cov)
+
+
+def batch(q: tuple[float, float], known: int) -> np.ndarray:
+    """Return the covariance of every state given the first ``known`` readings, (EPOCHS, 2, 2), from one big Gaussian.
+
+    All states are one linear function of the first state and of every step's noise: no recursion, no inverse of Q.
+    """
+    powers = [np.linalg.matrix_power(F, k) for k in range(EPOCHS)]
+    response = np.zeros((EPOCHS, 2, EPOCHS, 2))  # of state k to source j: j = 0 the first state, else noise
+    for k in range(EPOCHS):
+        for j in range(k + 1):
+            response[k, :, j] = powers[k - j]
+    A = response.reshape(2 * EPOCHS, 2 * EPOCHS)
+    sources = np.kron(np.eye(EPOCHS), np.diag(q))
+    sources[:2, :2] = PRIOR.cov
+    joint = A @ sources @ A.T
+    H = np.kron(np.eye(EPOCHS), [[1.0, 0.0]])[:known]
+    rest = joint - joint @ H.T @ np.linalg.solve(H @ joint @ H.T + R * np.eye(known), H @ joint)
+    return np.array([rest[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(EPOCHS)])
+
+
+def test_of_a_linear_gaussian_model_the_filter_bound_settles_where_riccati_says() -> None:
+    predicted = solve_discrete_are(F.T, np.array([[1.0], [0.0]]), np.diag(Q), np.array([[R]]))
+    gain = predicted[:, :1] / (predicted[0, 0] + R)
+
+    np.testing.assert_allclose(linear().filtered[-1], predicted - gain @ predicted[:1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("q", [Q, (0.3, 0.0), (0.0, 0.0)], ids=["drifting", "constant velocity", "no noise at all"])
+def test_of_a_linear_gaussian_model_both_bounds_are_the_batch_solution(q: tuple[float, float]) -> None:
+    got = linear(q)
+
+    np.testing.assert_allclose(got.smoothed, batch(q, EPOCHS), rtol=1e-7, atol=1e-12)
+    for k in (0, 1, 7, EPOCHS - 1):
+        np.testing.assert_allclose(got.filtered[k], batch(q, k + 1)[k], rtol=1e-7, atol=1e-12)
+
+
+def test_of_a_linear_gaussian_model_the_filter_bound_is_the_spread_of_the_optimal_filters_errors() -> None:
+    """20,000 dives are drawn and filtered; all 160 sample covariances within 4.5 standard errors of Wishart's law."""
+    rng = np.random.default_rng(0)
+    dives, want = 20_000, linear().filtered
+    x = PRIOR.mean[:, None] + np.linalg.cholesky(PRIOR.cov) @ rng.normal(size=(2, dives))
+    m, P = np.repeat(PRIOR.mean[:, None], dives, axis=1), PRIOR.cov
+    for k in range(EPOCHS):
+        if k:
+            x = F @ x + np.sqrt(Q)[:, None] * rng.normal(size=x.shape)
+            m, P = F @ m, F @ P @ F.T + np.diag(Q)
+        gain = P[:, :1] / (P[0, 0] + R)
+        m = m + gain * (x[0] + math.sqrt(R) * rng.normal(size=dives) - m[0])
+        P = P - gain @ P[:1]
+        error, C = x - m, want[k]
+
+        standard_error = np.sqrt((np.outer(C.diagonal(), C.diagonal()) + C**2) / dives)
+        assert np.all(np.abs(error @ error.T / dives - C) < 4.5 * standard_error)
+
+
+def test_with_mixture_noise_a_reading_counts_as_one_of_the_variance_that_its_information_has() -> None:
+    """R = 0.8 with eq. (23) tells as much as N(0, 0.8 / 0.52894): the number is from quadrature, see test_fisher.py."""
+    mixture = linear(noise=Mixture().modes(np.array([[R]])))
+    plain = linear(noise=Gaussian().modes(np.array([[R / 0.52894]])))
+
+    np.testing.assert_allclose(mixture.filtered, plain.filtered, rtol=2e-5)
+    np.testing.assert_allclose(mixture.smoothed, plain.smoothed, rtol=2e-5)
+
+
+def wriggling_dives(count: int, process: ProcessNoise, prior_cov: np.ndarray) -> tuple[list[Step], np.ndarray]:
+    """Return 25 steps of compass, DVL and late fixes, and truths (25, 6, count) drawn from motion and prior."""
+    rng = np.random.default_rng(3)
+    layout, dt = Layout(), 0.5
+    scalar = Mixture().modes(np.array([[0.04]]))
+    mean = np.array([0.3, 0.2, 1.2, 0.1, 5.0, -3.0])
+    x = mean[:, None] + np.linalg.cholesky(prior_cov) @ rng.normal(size=(6, count))
+    q = VehicleMotion(layout, process).noise(0.0, dt)
+    steps, truth = [], []
+    for k in range(25):
+        t0, t1 = max(k - 1, 0) * dt, k * dt
+        if k:
+            psi, u, v, r = x[:4]
+            c, s = np.cos(psi + r * dt / 2), np.sin(psi + r * dt / 2)
+            moved = [psi + r * dt, u, v, r, x[4] + (u * c - v * s) * dt, x[5] + (u * s + v * c) * dt]
+            x = np.stack(moved) + np.sqrt(q)[:, None] * rng.normal(size=x.shape)
+        readings = [Measurement(np.zeros(1), State(row), scalar, "dvl", "", k, t1) for row in (0, 1, 2)]
+        if k % 4 == 0:
+            fix = UsblFix(layout, -0.3, (0.4, -1.0, 0.0))
+            readings.append(Measurement(np.zeros(2), fix, Gaussian().modes(np.eye(2)), "usbl", "position", k, t1))
+        steps.append(Step(k, t0, t1, tuple(readings)))
+        truth.append(x)
+    return steps, np.array(truth)
+
+
+def differences(function, x: np.ndarray) -> np.ndarray:
+    """Return a Jacobian by central differences, (k, n)."""
+    eps = 1e-5
+    columns = [(function(x + eps * e) - function(x - eps * e)) / (2 * eps) for e in np.eye(len(x))]
+    return np.stack(columns, axis=1)
+
+
+def moved(x: np.ndarray, dt: float) -> np.ndarray:
+    psi, u, v, r, east, north = x
+    c, s = math.cos(psi + r * dt / 2), math.sin(psi + r * dt / 2)
+    return np.array([psi + r * dt, u, v, r, east + (u * c - v * s) * dt, north + (u * s + v * c) * dt])
+
+
+@pytest.mark.parametrize("count", [1, 12])
+def test_of_a_bent_model_it_is_the_recursion_of_the_paper_and_the_inverse_of_the_joint_information(count: int) -> None:
+    """Eqs. (21), (34) to (36) of Tichavsky et al., written out with inverses, expectations over the drawn truths."""
+    process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
+    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
+    steps, truth = wriggling_dives(count, process, prior_cov)
+    motion = VehicleMotion(Layout(), process)
+
+    got = bounds(steps, motion, truth if count > 1 else truth[:, :, 0], prior_cov)
+
+    fisher = {1: 0.52894 / 0.04 * np.eye(1), 2: np.eye(2)}
+    J = np.linalg.inv(prior_cov)
+    joint = np.zeros((25, 6, 25, 6))
+    joint[0, :, 0] = J
+    for k, step in enumerate(steps):
+        draws = range(count)
+        if k:
+            W = np.linalg.inv(np.diag(motion.noise(step.t0_s, step.t1_s)))
+            Fs = [differences(lambda x: moved(x, 0.5), truth[k - 1, :, i]) for i in draws]
+            D11 = np.mean([f.T @ W @ f for f in Fs], axis=0)
+            D12 = -np.mean(Fs, axis=0).T @ W
+            J = W - D12.T @ np.linalg.inv(J + D11) @ D12
+            joint[k - 1, :, k - 1] += D11
+            joint[k - 1, :, k] += D12
+            joint[k, :, k - 1] += D12.T
+            joint[k, :, k] += W
+        for reading in step.measurements:
+            Hs = [differences(lambda x, g=reading.model: g.predict(x[:, None])[:, 0], truth[k, :, i]) for i in draws]
+            G = np.mean([h.T @ fisher[len(h)] @ h for h in Hs], axis=0)
+            J = J + G
+            joint[k, :, k] += G
+        np.testing.assert_allclose(got.filtered[k], np.linalg.inv(J), rtol=2e-5, atol=1e-8)
+    everything = np.linalg.inv(joint.reshape(150, 150)).reshape(25, 6, 25, 6)
+    for k in range(25):
+        np.testing.assert_allclose(got.smoothed[k], everything[k, :, k], rtol=2e-5, atol=1e-8)
+
+
+def test_a_state_that_is_known_stays_known_and_the_others_have_the_bound_without_it() -> None:
+    process = ProcessNoise(0.1, 0.05, 0.08, 0.0)  # no turn, and none assumed
+    prior_cov = np.diag([0.2, 0.3, 0.3, 0.0, 2.0, 2.0]) ** 2
+    nearly = np.diag([0.2, 0.3, 0.3, 1e-7, 2.0, 2.0]) ** 2
+    steps, truth = wriggling_dives(1, process, nearly)
+
+    got = bounds(steps, VehicleMotion(Layout(), process), truth, prior_cov)
+    want = bounds(steps, VehicleMotion(Layout(), process), truth, nearly)
+
+    np.testing.assert_allclose(got.smoothed[:, 3], 0, atol=1e-15)
+    np.testing.assert_allclose(got.smoothed, want.smoothed, atol=1e-9)
+    np.testing.assert_allclose(got.filtered, want.filtered, atol=1e-9)
+
+
+def test_the_future_never_widens_a_bound_and_the_last_epoch_has_none() -> None:
+    process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
+    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
+    steps, truth = wriggling_dives(5, process, prior_cov)
+    got = bounds(steps, VehicleMotion(Layout(), process), truth, prior_cov)
+
+    assert np.linalg.eigvalsh(got.filtered - got.smoothed).min() > -1e-10
+    np.testing.assert_array_equal(got.smoothed[-1], got.filtered[-1])
+    assert got.smoothed[12, 4, 4] < 0.9 * got.filtered[12, 4, 4]
+
+
+def test_truths_that_differ_have_no_bound_where_the_motion_bends_without_noise() -> None:
+    process = ProcessNoise(0.0, 0.05, 0.08, 0.04)
+    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
+    steps, truth = wriggling_dives(3, process, prior_cov)
+    motion = VehicleMotion(Layout(), process)
+
+    bounds(steps, motion, truth[:, :, 0], prior_cov)  # one truth has one
+    with pytest.raises(UsageError, match="no bound over several truths"):
+        bounds(steps, motion, truth, prior_cov)
+
+
+def test_local_bounds_are_the_mean_of_each_truths_own_and_lie_above_the_bound_of_all() -> None:
+    """(E J)^-1 is at most E (J^-1), in the sense of matrices, for the joint information of the whole dive."""
+    process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
+    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
+    steps, truth = wriggling_dives(AT_ONCE + 3, process, prior_cov)
+    motion = VehicleMotion(Layout(), process)
+    each = [bounds(steps, motion, truth[:, :, i], prior_cov) for i in range(AT_ONCE + 3)]
+
+    local, joint = (function(steps, motion, truth, prior_cov) for function in (local_bounds, bounds))
+
+    for i in (0, 1):  # filter, smoother
+        np.testing.assert_allclose(local[i], np.mean([one[i] for one in each], axis=0), rtol=1e-9, atol=1e-13)
+        assert np.linalg.eigvalsh(local[i] - joint[i]).min() > -1e-10
+    assert joint.filtered[-1, 0, 0] < 0.99 * local.filtered[-1, 0, 0]
+
+
+def test_parallel_is_the_inverse_of_the_sum_of_inverses() -> None:
+    rng = np.random.default_rng(4)
+    a, b = (root @ root.T for root in rng.normal(size=(2, 5, 5)))
+    np.testing.assert_allclose(parallel(a, b), np.linalg.inv(np.linalg.inv(a) + b), rtol=1e-8)
+    assert parallel(np.diag([0.0, 2.0]), np.diag([3.0, 1.0])).tolist() == [[0.0, 0.0], [0.0, 2.0 / 3.0]]
+
+
+def test_the_mean_absolute_error_is_that_of_drawn_gaussians() -> None:
+    draws = np.random.default_rng(5).normal(size=(200_000, 2)) * (0.5, 2.0)
+    cov = np.array([np.diag([9.0, 0.25]), np.diag([9.0, 4.0])])
+    assert mean_absolute_error(cov, 1) == pytest.approx(np.abs(draws).mean(), rel=0.01)

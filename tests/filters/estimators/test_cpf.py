@@ -1,0 +1,182 @@
+"""The cubature particle filter against exact posteriors and the filter that it becomes in special cases."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models import PRIOR, Drift, exact_mixture, position_steps
+from usbldr.filters.estimators.cpf import CubatureParticleFilter
+from usbldr.filters.estimators.kalman import KalmanFilter
+from usbldr.filters.estimators.mode_updates import matched
+from usbldr.filters.estimators.protocol import Step
+from usbldr.filters.models.noise import Gaussian, Mixture
+from usbldr.filters.models.sensors import Measurement, State
+from usbldr.filters.models.sigma_points import cubature
+
+Q = (0.3, 0.1)
+MOTION = Drift(Q)
+
+
+def run(estimator, steps, seed: int = 0):
+    belief = estimator.start(PRIOR)
+    for step in steps:
+        belief = estimator.step(belief, step, lambda k=step.epoch: np.random.default_rng((seed, k)))
+    return belief
+
+
+def test_with_one_noise_mode_every_particle_is_the_kalman_filter() -> None:
+    z = np.random.default_rng(0).normal(size=20)
+    noise = Gaussian().modes(np.array([[0.8]]))
+    particles = CubatureParticleFilter(MOTION, cubature, 7)
+    kalman = KalmanFilter(MOTION, cubature, matched)
+
+    got = particles.estimate(run(particles, position_steps(z, noise)))
+    want = kalman.estimate(run(kalman, position_steps(z, noise)))
+
+    np.testing.assert_allclose(got.mean, want.mean, atol=1e-12)
+    np.testing.assert_allclose(got.cov, want.cov, atol=1e-12)
+    assert got.ess == pytest.approx(7)
+
+
+def test_it_tends_to_the_exact_posterior_over_all_mode_histories() -> None:
+    """2^10 histories are enumerated; the particle filter's error must shrink as 1 / sqrt(N)."""
+    rng = np.random.default_rng(1)
+    noise = Mixture(0.3, 60.0).modes(np.array([[0.2]]))
+    z = np.cumsum(np.ones(10)) + rng.normal(size=10) * np.where(rng.random(10) < 0.3, 3.5, 0.45)
+    want_mean, want_cov = exact_mixture(z, noise, np.array(Q))
+    errors = {}
+    for count, seeds in ((20, 60), (2000, 6)):
+        estimator = CubatureParticleFilter(MOTION, cubature, count)
+        ends = [estimator.estimate(run(estimator, position_steps(z, noise), seed)) for seed in range(seeds)]
+        errors[count] = math.sqrt(np.mean([np.sum((end.mean - want_mean) ** 2) for end in ends]))
+        np.testing.assert_allclose(np.mean([end.mean for end in ends], axis=0), want_mean, atol=0.03)
+        np.testing.assert_allclose(np.mean([end.cov for end in ends], axis=0), want_cov, rtol=0.12, atol=0.01)
+
+    assert errors[2000] < errors[20] / 5
+
+
+@pytest.mark.parametrize("move_steps", [1, 2])
+def test_the_move_leaves_the_posterior_over_modes_unchanged(move_steps: int) -> None:
+    """Particles drawn from the enumerated posterior of the last steps' modes still have it after the move."""
+    noise = Mixture(0.4, 30.0).modes(np.array([[0.3]]))
+    z = np.array([0.2, 3.5, 1.0, 6.0])
+    steps = [
+        Step(
+            k,
+            float(k - 1) if k else 0.0,
+            float(k),
+            tuple(Measurement(z[[2 * k + i]], State(0), noise, "usbl", "east", 0, float(k)) for i in (0, 1)),
+        )
+        for k in (0, 1)
+    ]
+    count = 40_000
+    estimator = CubatureParticleFilter(MOTION, cubature, count, resample_below=0.0, move_steps=2)
+
+    histories = list(itertools.product((0, 1), repeat=4))
+    weights, means, stories = [], [], []
+    for modes in histories:
+        log_w, story = 0.0, []
+        m, P = PRIOR.mean.copy(), PRIOR.cov.copy()
+        F = np.array([[1.0, 1.0], [0.0, 1.0]])
+        for k in (0, 1):
+            if k:
+                m, P = F @ m, F @ P @ F.T + np.diag(Q)
+            start, log_l = None, 0.0
+            for i in (0, 1):
+                e = z[2 * k + i] - m[0]
+                densities = [
+                    share * math.exp(-0.5 * e * e / (P[0, 0] + R[0, 0])) / math.sqrt(2 * math.pi * (P[0, 0] + R[0, 0]))
+                    for share, R in zip(noise.shares, noise.cov, strict=True)
+                ]
+                mode = modes[2 * k + i]
+                log_w += math.log(densities[mode])
+                log_l += math.log(sum(densities))
+                S = P[0, 0] + noise.cov[mode][0, 0]
+                gain = P[:, 0] / S
+                m, P = m + gain * e, P - np.outer(gain, gain) * S
+            story.append((start, log_l, m.copy(), P.copy()))
+        weights.append(math.exp(log_w))
+        means.append(m)
+        stories.append(story)
+    posterior = np.array(weights) / sum(weights)
+
+    rng = np.random.default_rng(2)
+    drawn = rng.choice(len(histories), size=count, p=posterior)
+    belief = run(estimator, steps)
+    bank = belief.bank._replace(
+        mean=np.stack([means[i] for i in range(16)], axis=1)[:, drawn],
+        cov=np.stack([stories[i][1][3] for i in range(16)], axis=2)[:, :, drawn],
+        log_weight=np.full(count, -math.log(count)),
+    )
+    after_first = belief.past[1].start._replace(
+        mean=np.stack([stories[i][0][2] for i in range(16)], axis=1)[:, drawn],
+        cov=np.stack([stories[i][0][3] for i in range(16)], axis=2)[:, :, drawn],
+    )
+    past = (
+        belief.past[0]._replace(log_likelihood=np.array([s[0][1] for s in stories])[drawn]),
+        belief.past[1]._replace(start=after_first, log_likelihood=np.array([s[1][1] for s in stories])[drawn]),
+    )[-move_steps:]
+
+    moved, _, acceptance = estimator._move(bank, past, rng)
+
+    assert 0.3 < acceptance < 0.999
+    # a history is recognised by the mean that it ends in
+    nearest = np.argmin(np.abs(moved.mean[:, :, None] - np.stack(means, axis=1)[:, None]).sum(axis=0), axis=1)
+    share = np.bincount(nearest, minlength=16) / count
+    assert 0.5 * np.abs(share - posterior).sum() < 0.015
+    assert np.mean(nearest != drawn) > 0.2  # it did move
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not() -> None:
+    z = np.random.default_rng(3).normal(size=30)
+    noise = Mixture().modes(np.eye(1))
+    estimator = CubatureParticleFilter(MOTION, cubature, 30)
+    first, again, other = (run(estimator, position_steps(z, noise), seed).bank for seed in (5, 5, 6))
+
+    np.testing.assert_array_equal(first.mean, again.mean)
+    assert not np.array_equal(first.mean, other.mean)
+
+
+def test_a_belief_is_a_value_that_can_be_run_from_again() -> None:
+    z = np.random.default_rng(4).normal(size=12)
+    noise = Mixture().modes(np.eye(1))
+    estimator = CubatureParticleFilter(MOTION, cubature, 30)
+    steps = list(position_steps(z, noise))
+    belief = run(estimator, steps[:6])
+    kept = belief.bank.mean.copy()
+    ends = []
+    for _ in range(2):
+        state = belief
+        for step in steps[6:]:
+            state = estimator.step(state, step, lambda k=step.epoch: np.random.default_rng((0, k)))
+        ends.append(state.bank.mean)
+
+    np.testing.assert_array_equal(*ends)
+    np.testing.assert_array_equal(belief.bank.mean, kept)
+
+
+def test_resampling_resets_the_weights_and_reports_the_least_effective_size() -> None:
+    z = np.random.default_rng(5).normal(size=40) * 3
+    noise = Mixture(0.5, 100.0).modes(np.eye(1) * 0.05)
+    estimator = CubatureParticleFilter(MOTION, cubature, 50)
+    belief = estimator.start(PRIOR)
+    fallen = []
+    for step in position_steps(z, noise):
+        belief = estimator.step(belief, step, lambda k=step.epoch: np.random.default_rng((0, k)))
+        if belief.ess < 25:
+            fallen.append(belief)
+
+    assert fallen
+    for belief in fallen:
+        np.testing.assert_allclose(np.exp(belief.bank.log_weight), 1 / 50)
+        assert 0 < belief.acceptance <= 1
+
+
+def test_without_moves_there_is_no_acceptance() -> None:
+    noise = Mixture(0.5, 100.0).modes(np.eye(1) * 0.05)
+    estimator = replace(CubatureParticleFilter(MOTION, cubature, 50), move_steps=0)
+    belief = run(estimator, position_steps(np.arange(20) * 1.0, noise))
+    assert math.isnan(belief.acceptance)

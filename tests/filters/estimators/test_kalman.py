@@ -1,0 +1,175 @@
+"""The single-Gaussian filters against another library's and against each other."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filterpy.kalman import CubatureKalmanFilter, JulierSigmaPoints, KalmanFilter, UnscentedKalmanFilter
+
+from models import PRIOR, Drift, position_steps
+from usbldr.filters.estimators.gaussian_bank import copies, predict, project, update
+from usbldr.filters.estimators.kalman import KalmanFilter as OurKalmanFilter
+from usbldr.filters.estimators.mode_updates import Gate, collapse, matched
+from usbldr.filters.estimators.protocol import Prior, Step
+from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
+from usbldr.filters.models.parameters import ProcessNoise
+from usbldr.filters.models.sensors import Measurement, UsblFix
+from usbldr.filters.models.sigma_points import cubature, linearised, unscented
+from usbldr.filters.models.states import Layout
+from usbldr.filters.replay.run import FILTERS, Settings
+
+Q = (0.05, 0.02)
+
+
+def no_chance() -> np.random.Generator:
+    raise AssertionError("a Kalman filter leaves nothing to chance")
+
+
+def run(estimator, prior: Prior, steps) -> list:
+    belief, estimates = estimator.start(prior), []
+    for step in steps:
+        belief = estimator.step(belief, step, no_chance)
+        estimates.append(estimator.estimate(belief))
+    return estimates
+
+
+def test_on_a_linear_model_ekf_ckf_and_ukf_are_the_kalman_filter_of_another_library() -> None:
+    z = np.cumsum(np.random.default_rng(0).normal(1.0, 1.0, size=60))
+    noise = Gaussian().modes(np.array([[0.8]]))
+    other = KalmanFilter(dim_x=2, dim_z=1)
+    other.x, other.P = PRIOR.mean[:, None].copy(), PRIOR.cov.copy()
+    other.F, other.H = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    other.Q, other.R = np.diag(Q), np.array([[0.8]])
+    want = []
+    for k, value in enumerate(z):
+        if k:
+            other.predict()
+        other.update(value)
+        want.append((other.x[:, 0].copy(), other.P.copy()))
+
+    for rule in (linearised, cubature, unscented):
+        for policy in (matched, collapse):
+            got = run(OurKalmanFilter(Drift(Q), rule, policy), PRIOR, position_steps(z, noise))
+            for estimate, (mean, cov) in zip(got, want, strict=True):
+                np.testing.assert_allclose(estimate.mean, mean, atol=1e-10)
+                np.testing.assert_allclose(estimate.cov, cov, atol=1e-10)
+
+
+@pytest.mark.parametrize("rule", [cubature, unscented], ids=["ckf", "ukf"])
+def test_on_a_bent_model_ckf_and_ukf_are_those_of_another_library(rule) -> None:
+    """Only the move is non-linear: our three parts equal one pass of sigma points while r has no spread."""
+    rng = np.random.default_rng(1)
+    n, dt, R = 6, 0.5, 0.3 * np.eye(2)
+    process = ProcessNoise(0.1, 0.02, 0.05, 0.0)
+    q = np.diag(np.array([0.02, 0.05, 0.05, 0.0, 0.1, 0.1]) ** 2 * dt)
+    m0 = np.array([0.4, 0.3, 1.5, 0.0, 0.0, 0.0])
+    P0 = np.diag([0.3, 0.2, 0.2, 1e-12, 1.0, 1.0]) ** 2
+
+    def fx(x: np.ndarray, dt: float) -> np.ndarray:
+        psi, u, v, r, east, north = np.ravel(x)
+        c, s = math.cos(psi), math.sin(psi)
+        y = np.array([psi + r * dt, u, v, r, east + (u * c - v * s) * dt, north + (u * s + v * c) * dt])
+        return y.reshape(np.shape(x))
+
+    def hx(x: np.ndarray) -> np.ndarray:
+        return x[4:6]
+
+    if rule is cubature:
+        other = CubatureKalmanFilter(dim_x=n, dim_z=2, dt=dt, hx=hx, fx=fx)
+        other.x = m0[:, None].copy()
+    else:
+        # its points come from an upper root: ours with psi first is the lower one
+        points = JulierSigmaPoints(n, kappa=3 - n, sqrt_method=lambda A: np.linalg.cholesky(A).T)
+        other = UnscentedKalmanFilter(dim_x=n, dim_z=2, dt=dt, hx=hx, fx=fx, points=points)
+        other.x = m0.copy()
+    other.P, other.Q, other.R = P0.copy(), q, R
+    bank = copies(m0, P0, 1)
+    motion = VehicleMotion(Layout(), process)
+    for k in range(15):
+        z = np.array([-0.4 * k, 0.6 * k]) + rng.normal(size=2)
+        other.predict()
+        bank = predict(bank, motion, rule, k * dt, (k + 1) * dt)
+        np.testing.assert_allclose(bank.mean[:, 0], np.ravel(other.x), atol=2e-6)
+        np.testing.assert_allclose(bank.cov[:, :, 0], other.P, atol=2e-6)
+        # the fix is linear: the update has one right answer
+        reading = Measurement(z, UsblFix(Layout(), 0.0), Gaussian().modes(R), "usbl", "position", k, 0.0)
+        bank = update(bank, project(bank, reading, rule), R[:, :, None])
+        H = np.eye(6)[4:6]
+        K = other.P @ H.T @ np.linalg.inv(H @ other.P @ H.T + R)
+        other.x = (np.ravel(other.x) + K @ (z - H @ np.ravel(other.x))).reshape(np.shape(other.x))
+        other.P = (np.eye(6) - K @ H) @ other.P
+        other.P = 0.5 * (other.P + other.P.T)
+        np.testing.assert_allclose(bank.mean[:, 0], np.ravel(other.x), atol=2e-6)
+
+
+def test_collapsing_one_mode_is_the_kalman_filter() -> None:
+    z = np.random.default_rng(2).normal(size=30)
+    noise = Gaussian().modes(np.array([[0.8]]))
+    plain = run(OurKalmanFilter(Drift(Q), cubature, matched), PRIOR, position_steps(z, noise))
+    collapsed = run(OurKalmanFilter(Drift(Q), cubature, collapse), PRIOR, position_steps(z, noise))
+    for a, b in zip(plain, collapsed, strict=True):
+        np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
+        np.testing.assert_allclose(a.cov, b.cov, atol=1e-12)
+
+
+def test_matched_takes_the_mixture_for_one_wide_gaussian() -> None:
+    z = np.random.default_rng(3).normal(size=30)
+    mixture = run(OurKalmanFilter(Drift(Q), cubature, matched), PRIOR, position_steps(z, Mixture().modes(np.eye(1))))
+    wide = run(
+        OurKalmanFilter(Drift(Q), cubature, matched), PRIOR, position_steps(z, Gaussian().modes(3.7 * np.eye(1)))
+    )
+    for a, b in zip(mixture, wide, strict=True):
+        np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
+        np.testing.assert_allclose(a.cov, b.cov, atol=1e-12)
+
+
+def test_a_gated_filter_drops_one_outlier_and_comes_back_from_a_lockout() -> None:
+    noise = Contamination(0.05, 50.0).modes(np.eye(1))
+    quiet = Drift((1e-4, 1e-6))
+    one_outlier = np.where(np.arange(40) == 20, 60.0, np.arange(40) * 1.0)
+    jumped = np.arange(60) * 1.0 + np.where(np.arange(60) >= 20, 80.0, 0.0)
+
+    dropped = run(OurKalmanFilter(quiet, cubature, Gate()), PRIOR, position_steps(one_outlier, noise))
+    recovered = run(OurKalmanFilter(quiet, cubature, Gate()), PRIOR, position_steps(jumped, noise))
+
+    assert [k for k, e in enumerate(dropped) if e.updates[0].fate == "rejected"] == [20]
+    assert all(e.updates[0].fate == "rejected" for e in recovered[20:30])
+    assert recovered[30].updates[0].fate != "rejected"
+    assert abs(recovered[30].mean[0] - jumped[30]) < 5  # at once, not by inches
+    assert abs(recovered[-1].mean[0] - jumped[-1]) < 1
+    assert [e.inflation for e in recovered[:31]] == [1.0] * 30 + [math.inf]  # no smoother passes back over this one
+    assert {e.inflation for e in dropped} == {1.0}
+
+
+def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
+    """East is 60 m off and refused, north is right: east's refusals alone must reopen the gate."""
+    noise = Contamination(0.05, 50.0).modes(np.eye(1))
+    motion = VehicleMotion(Layout(), ProcessNoise(1e-3, 1e-4, 1e-3, 1e-5))
+    prior = Prior(np.array([0.0, 0, 0, 0, 60.0, 0.0]), np.diag([0.01, 0.01, 0.01, 0.001, 1, 1]) ** 2)
+    fixes = [
+        [
+            Measurement(np.zeros(1), UsblFix(Layout(), 0.0, axes=(axis,)), noise, "usbl", name, k, float(k))
+            for axis, name in enumerate(("east", "north"))
+        ]
+        for k in range(20)
+    ]
+    steps = [Step(k, float(max(k - 1, 0)), float(k), tuple(both)) for k, both in enumerate(fixes)]
+
+    east = [estimate.mean[4] for estimate in run(OurKalmanFilter(motion, cubature, Gate()), prior, steps)]
+
+    assert east[5] > 50
+    assert abs(east[-1]) < 3
+
+
+def test_every_filter_in_the_table_steps() -> None:
+    prior = Prior(np.array([0.1, 0, 1, 0, 0, 0.0]), np.diag([0.1, 0.5, 0.5, 0.05, 3, 3]) ** 2)
+    fix = Measurement(np.ones(2), UsblFix(Layout(), -0.1), Contamination().modes(np.eye(2)), "usbl", "position", 0, 0.1)
+    for name, build in FILTERS.items():
+        estimator = build(VehicleMotion(Layout(), ProcessNoise()), replace(Settings(), particles=20))
+        belief = estimator.step(estimator.start(prior), Step(1, 0.0, 0.2, (fix,)), lambda: np.random.default_rng(0))
+        estimate = estimator.estimate(belief)
+        assert np.isfinite(estimate.mean).all(), name
+        assert np.linalg.eigvalsh(estimate.cov).min() > 0, name
+        assert estimate.updates[0].fate in ("used", "down-weighted"), name

@@ -1,0 +1,441 @@
+import dataclasses
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.evaluation.consistency import consistency_verdict, effective_number, nees
+from usbldr.filters.evaluation.evaluation import Window, evaluate
+from usbldr.filters.evaluation.metrics import travelled
+from usbldr.filters.evaluation.summary_sentence import verdict
+from usbldr.filters.types import Trajectory, Truth, Update
+
+
+def truth_of(time_s, position_m, sd_m=math.nan, max_gap_s=30.0):
+    time_s = np.asarray(time_s, dtype=float)
+    return Truth(time_s, np.asarray(position_m, float), np.full(len(time_s), sd_m), "simulated", "/truth", max_gap_s)
+
+
+def track_of(time_s, position_m, cov_m2=None, name="ckf", **more):
+    return Trajectory(name, ("x", "y"), np.asarray(time_s, float), np.asarray(position_m, float), cov_m2, **more)
+
+
+def line(time_s):
+    """Half a metre a second east, two north."""
+    return np.column_stack([0.5 * np.asarray(time_s), 2.0 * np.asarray(time_s)])
+
+
+def shifted(time_s, east_m, north_m):
+    return line(time_s) + np.array([east_m, north_m])
+
+
+SECONDS = np.arange(0.0, 101.0)
+
+
+def test_a_track_on_the_truth_has_no_error_though_its_stamps_fall_between_the_truths() -> None:
+    t = np.arange(0.3, 100.0, 0.7)
+
+    report = evaluate(track_of(t, line(t)), truth_of(SECONDS, line(SECONDS)))
+
+    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-12)
+    assert report.metrics["matched"] == len(t)
+    assert report.metrics["coverage"] == 1.0
+
+
+def test_a_constant_offset_is_bias_mean_rmse_median_and_p95_at_once() -> None:
+    report = evaluate(track_of(SECONDS, shifted(SECONDS, -3.0, 4.0)), truth_of(SECONDS, line(SECONDS)))
+
+    m = report.metrics
+    assert m["bias_east_m"] == pytest.approx(-3.0)
+    assert m["bias_north_m"] == pytest.approx(4.0)
+    for name in ("mean_abs", "rmse", "median_abs", "p95_abs", "max_abs"):
+        assert m[f"{name}_east_m"] == pytest.approx(3.0)
+        assert m[f"{name}_north_m"] == pytest.approx(4.0)
+    for name in ("mean", "rmse", "median", "p95", "max", "final"):
+        assert m[f"{name}_horizontal_m"] == pytest.approx(5.0)
+    assert m["std_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_known_errors_have_the_statistics_that_one_can_count_on_fingers() -> None:
+    east = [3.0, -1.0, 2.0, 0.0]
+
+    track = track_of([0, 1, 2, 3], np.column_stack([east, np.zeros(4)]))
+    m = evaluate(track, truth_of([0, 3], np.zeros((2, 2)))).metrics
+
+    assert m["bias_east_m"] == pytest.approx(1.0)
+    assert m["mean_abs_east_m"] == pytest.approx(1.5)
+    assert m["median_abs_east_m"] == pytest.approx(1.5)
+    assert m["rmse_east_m"] == pytest.approx(math.sqrt(14 / 4))
+    assert m["max_abs_east_m"] == 3.0
+    assert m["final_horizontal_m"] == 0.0
+    assert m["rmse_horizontal_m"] == pytest.approx(math.hypot(m["rmse_east_m"], m["rmse_north_m"]))
+
+
+def test_only_the_times_asked_for_are_scored() -> None:
+    fast = np.arange(0, 501) / 5
+    off = line(fast)
+    off[np.arange(501) % 5 != 0] += 100.0  # between the seconds
+
+    report = evaluate(track_of(fast, off), truth_of(SECONDS, line(SECONDS)), times_s=SECONDS)
+
+    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
+    assert report.matching.matched == report.matching.offered == 101
+
+
+def test_times_outside_the_truth_and_in_its_gaps_are_left_out_and_counted() -> None:
+    truth_s = np.concatenate([np.arange(10.0, 41.0), np.arange(75.0, 91.0)])  # a hole of 35 s
+
+    report = evaluate(track_of(SECONDS, line(SECONDS)), truth_of(truth_s, line(truth_s)))
+
+    assert report.matching.offered == 101
+    assert report.matching.outside_truth == 20  # 0 to 9, 91 to 100
+    assert report.matching.in_gap == 34  # 41 to 74; the ends of the hole are truth
+    assert report.matching.matched == 47
+    assert report.matching.truth_rows == 47
+    assert report.metrics["coverage"] == pytest.approx(47 / 101)
+    assert "47 of 101" in report.warnings[0]
+
+
+def test_a_gap_just_within_the_limit_is_bridged() -> None:
+    report = evaluate(track_of(SECONDS, line(SECONDS)), truth_of([0, 30, 60, 90], line([0, 30, 60, 90])))
+
+    assert report.matching.in_gap == 0
+    assert report.matching.matched == 91
+    assert report.matching.truth_rows == 4
+
+
+def test_the_window_chooses_truth_rows_and_scores_between_those_left() -> None:
+    truth_s = np.arange(0.5, 100.0, 2.0)  # 0.5, 2.5, ...
+
+    report = evaluate(track_of(SECONDS, line(SECONDS)), truth_of(truth_s, line(truth_s)), Window(10.5, 20.0))
+
+    assert (report.time_s[0], report.time_s[-1]) == (11.0, 18.0)  # rows 10.5 to 18.5
+    assert report.matching.outside_window == 11 + 80  # 0 to 10, 21 to 100
+    assert report.matching.outside_truth == 2  # 19, 20: after the last row left
+    assert report.warnings == ()  # the user's own choice is no low coverage
+
+
+def test_first_moves_the_tracks_first_epoch_onto_the_first_truth_row_without_interpolating() -> None:
+    t = SECONDS + 0.5
+
+    report = evaluate(track_of(t, shifted(t, 7.0, -9.0)), truth_of(SECONDS, line(SECONDS)), align="first")
+
+    # the epoch of 0.5 s lies on the truth of 0.0 s, so the whole track is half a second late
+    assert report.alignment.shift_m == pytest.approx((-7.0 - 0.25, 9.0 - 1.0))
+    assert report.metrics["bias_east_m"] == pytest.approx(-0.25)
+    assert report.metrics["bias_north_m"] == pytest.approx(-1.0)
+
+
+def test_first_warns_where_it_joins_instants_far_apart() -> None:
+    t = np.arange(60.0, 100.0)
+
+    report = evaluate(track_of(t, line(t)), truth_of(SECONDS, line(SECONDS)), align="first")
+
+    assert "60.0 s earlier" in report.warnings[0]
+
+
+def test_rigid_takes_back_a_rotation_and_a_shift_and_turns_the_covariance_with_them() -> None:
+    rng = np.random.default_rng(4)
+    true = rng.normal(0, 50, (101, 2))
+    angle = math.radians(25.0)
+    R = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    cov = np.broadcast_to(R.T @ np.diag([9.0, 1.0]) @ R, (101, 2, 2))  # of the track in its own, turned frame
+
+    report = evaluate(track_of(SECONDS, (true - [30, -80]) @ R, cov), truth_of(SECONDS, true), align="rigid")
+
+    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
+    assert report.alignment.rotation_rad == pytest.approx(angle)
+    assert report.alignment.shift_m == pytest.approx((30.0, -80.0))
+    assert report.cov_m2 is not None
+    assert report.cov_m2[0] == pytest.approx(np.diag([9.0, 1.0]))
+    assert "-25.000 deg clockwise" in report.alignment.sentence
+
+
+def test_no_rotation_of_the_track_beats_the_rigid_fit() -> None:
+    rng = np.random.default_rng(5)
+    true = np.cumsum(rng.normal(0, 1, (101, 2)), axis=0)
+    track = track_of(SECONDS, true + rng.normal(0, 2, (101, 2)) + [5, 5])
+
+    best = evaluate(track, truth_of(SECONDS, true), align="rigid")
+
+    assert best.metrics["bias_east_m"] == pytest.approx(0.0, abs=1e-9)
+    for more in (-0.01, 0.01):
+        c, s = math.cos(more), math.sin(more)
+        turned = (best.estimate_m - best.estimate_m.mean(axis=0)) @ np.array([[c, s], [-s, c]])
+        assert np.sum((turned - (true - true.mean(axis=0))) ** 2) > np.sum(best.error_m**2)
+
+
+def test_an_unknown_alignment_or_one_that_cannot_be_fitted_is_a_sentence() -> None:
+    still = np.zeros((101, 2))
+
+    with pytest.raises(UsageError, match="none, first, rigid"):
+        evaluate(track_of(SECONDS, still), truth_of(SECONDS, still), align="se3")
+    with pytest.raises(LogError, match="all at one place"):
+        evaluate(track_of(SECONDS, still), truth_of(SECONDS, still), align="rigid")
+
+
+def test_a_track_that_never_meets_the_truth_is_an_error_that_names_both_spans() -> None:
+    with pytest.raises(LogError, match=r"0\.0 to 100\.0 s.*/truth \(500\.0 to 600\.0 s"):
+        evaluate(track_of(SECONDS, line(SECONDS)), truth_of(SECONDS + 500, line(SECONDS)))
+    with pytest.raises(LogError, match=r"no truth row between 300 and 400 s.*0\.0 to 100\.0 s"):
+        evaluate(track_of(SECONDS, line(SECONDS)), truth_of(SECONDS, line(SECONDS)), Window(300, 400))
+
+
+def test_an_epoch_without_a_position_is_left_out_and_said() -> None:
+    broken = line(SECONDS)
+    broken[90:] = np.nan
+
+    report = evaluate(track_of(SECONDS, broken), truth_of(SECONDS, line(SECONDS)))
+
+    assert report.matching.undefined == 11
+    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
+    assert "no position at 11 epochs" in report.warnings[0]
+
+
+def test_epochs_that_a_track_does_not_have_lower_its_coverage() -> None:
+    report = evaluate(track_of(SECONDS[:51], line(SECONDS[:51])), truth_of(SECONDS, line(SECONDS)), times_s=SECONDS)
+
+    assert report.metrics["coverage"] == pytest.approx(51 / 101)
+
+
+def test_nees_of_errors_drawn_from_the_covariance_is_two_and_inside_its_bounds() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(20_000.0)
+    P = np.array([[4.0, 1.5], [1.5, 1.0]])
+    errors = rng.multivariate_normal([0, 0], P, len(t))
+
+    report = evaluate(track_of(t, errors, np.broadcast_to(P, (len(t), 2, 2))), truth_of(t, np.zeros((len(t), 2))))
+
+    m = report.metrics
+    assert m["nees_mean"] == pytest.approx(2.0, abs=0.06)  # 3 sigma of the mean of 20,000
+    assert m["nees_low"] < 2.0 < m["nees_high"]
+    assert m["nees_high"] - m["nees_low"] == pytest.approx(2 * 1.96 * 2 / math.sqrt(len(t)), rel=0.05)
+    assert [m[f"inside_{k}_sigma"] for k in (1, 2, 3)] == pytest.approx([0.6827, 0.9545, 0.9973], abs=0.005)
+    assert consistency_verdict(m) == "consistent"
+
+
+def test_nees_counts_the_truths_own_sigma() -> None:
+    cov = np.broadcast_to(np.diag([3.0, 8.0]), (101, 2, 2))
+
+    known = evaluate(track_of(SECONDS, shifted(SECONDS, 2.0, 3.0), cov), truth_of(SECONDS, line(SECONDS), sd_m=1.0))
+    unknown = evaluate(track_of(SECONDS, shifted(SECONDS, 2.0, 3.0), cov), truth_of(SECONDS, line(SECONDS)))
+
+    assert known.metrics["nees_mean"] == pytest.approx(4 / 4 + 9 / 9)
+    assert unknown.metrics["nees_mean"] == pytest.approx(4 / 3 + 9 / 8)
+    assert known.sd_m is not None
+    assert known.sd_m[0] == pytest.approx([2.0, 3.0])
+
+
+def test_nees_is_what_the_inverse_says() -> None:
+    rng = np.random.default_rng(1)
+    roots = rng.normal(size=(30, 2, 2))
+    P, e = roots @ roots.transpose(0, 2, 1), rng.normal(size=(30, 2))
+
+    expected = [float(a @ np.linalg.inv(b) @ a) for a, b in zip(e, P, strict=True)]
+
+    assert nees(e, P) == pytest.approx(expected)
+
+
+def test_a_covariance_of_zero_makes_nees_huge_but_raises_nothing() -> None:
+    report = evaluate(track_of(SECONDS, line(SECONDS) + 1, np.zeros((101, 2, 2))), truth_of(SECONDS, line(SECONDS)))
+
+    assert report.metrics["nees_mean"] > 1e10
+    assert consistency_verdict(report.metrics).startswith("over-confident")
+
+
+@pytest.mark.parametrize(("factor", "said"), [(2.6, "over-confident by 2.6"), (0.25, "under-confident by 4.0")])
+def test_the_verdict_on_consistency_is_the_factor_of_the_sigmas(factor: float, said: str) -> None:
+    rng = np.random.default_rng(2)
+    t = np.arange(50_000.0)
+    errors = factor * rng.normal(size=(len(t), 2))
+
+    report = evaluate(track_of(t, errors, np.broadcast_to(np.eye(2), (len(t), 2, 2))), truth_of(t, 0 * errors))
+
+    assert consistency_verdict(report.metrics) == said
+
+
+def test_errors_that_stay_alike_for_long_are_worth_few_independent_ones() -> None:
+    rng = np.random.default_rng(3)
+    M, a = 20_000, 0.95
+    white = rng.normal(size=(M, 2))
+    slow = np.zeros_like(white)
+    for k in range(1, M):
+        slow[k] = a * slow[k - 1] + white[k]
+
+    # the closed form of a first-order Gauss-Markov series: 1 + 2 sum a^2k = (1 + a^2) / (1 - a^2)
+    assert effective_number(slow) == pytest.approx(M * (1 - a**2) / (1 + a**2), rel=0.15)
+    assert effective_number(white) == pytest.approx(M, rel=0.02)
+
+
+def test_bounds_hold_for_correlated_errors_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(6)
+    a, M, runs = 0.9, 1000, 200
+    t, kept = np.arange(float(M)), 0
+    shocks = math.sqrt(1 - a**2) * rng.normal(size=(runs, M, 2))
+    errors = np.zeros((runs, M, 2))
+    errors[:, 0] = rng.normal(size=(runs, 2))
+    for k in range(1, M):
+        errors[:, k] = a * errors[:, k - 1] + shocks[:, k]
+
+    for run in errors:
+        report = evaluate(track_of(t, run, np.broadcast_to(np.eye(2), (M, 2, 2))), truth_of(t, np.zeros((M, 2))))
+        kept += consistency_verdict(report.metrics) == "consistent"
+
+    assert kept / runs == pytest.approx(0.95, abs=0.05)  # bounds for M independent errors keep about 0.5
+
+
+def update(sensor: str, nis: float, dof: int, fate: str) -> Update:
+    return Update(sensor, "position", 0, 0.0, (0.0,) * dof, (1.0,) * dof, nis, dof, fate, 1.0)
+
+
+def test_nis_is_averaged_per_sensor_without_the_rejected() -> None:
+    updates = (
+        update("usbl", 1.0, 2, "used"),
+        update("usbl", 5.0, 2, "down-weighted"),
+        update("usbl", 99.0, 2, "rejected"),
+        update("dvl", 0.5, 1, "used"),
+    )
+    track = track_of(SECONDS, line(SECONDS), updates=updates)
+
+    m = evaluate(track, truth_of(SECONDS, line(SECONDS))).metrics
+
+    assert m["nis_mean_usbl"] == pytest.approx(3.0)
+    assert m["nis_expected_usbl"] == 2.0
+    assert m["nis_mean_dvl"] == pytest.approx(0.5)
+    counts = [m[f"updates_{fate}_usbl"] for fate in ("used", "down_weighted", "rejected")]
+    assert counts == [1, 1, 1]
+
+
+def test_the_first_truth_sample_after_a_long_gap_tells_the_surfacing_error() -> None:
+    truth_s = np.concatenate([np.arange(0.0, 11.0), np.arange(60.5, 100.0)])
+    names = ("u", "v", "x", "y")
+    mean = np.column_stack([np.zeros(101), np.full(101, 2.0), shifted(SECONDS, 3.0, 4.0)])
+    track = Trajectory("ckf", names, SECONDS, mean, None)
+
+    report = evaluate(track, truth_of(truth_s, line(truth_s)))
+
+    (surfacing,) = report.surfacings
+    assert surfacing.time_s == 60.5
+    assert surfacing.gap_s == pytest.approx(50.5)
+    assert surfacing.error_m == pytest.approx(5.0)
+    assert surfacing.distance_m == pytest.approx(101.0)
+    assert report.metrics["surfacing_percent"] == pytest.approx(100 * 5 / 101)
+
+
+def test_raw_fixes_far_apart_tell_no_surfacing_error() -> None:
+    truth_s = np.concatenate([np.arange(0.0, 11.0), np.arange(60.5, 100.0)])
+    t = np.array([2.0, 5.0, 99.0])
+
+    report = evaluate(track_of(t, line(t), name="usbl"), truth_of(truth_s, line(truth_s)))
+
+    assert report.surfacings == ()
+    assert "surfacing_error_m" not in report.metrics
+
+
+def test_drift_of_dead_reckoning_is_per_cent_of_the_way() -> None:
+    mean = np.column_stack([np.full(101, 3.0), np.full(101, 4.0), line(SECONDS)])
+    mean[:, 2] += 0.05 * SECONDS
+    track = Trajectory("dr", ("u", "v", "x", "y"), SECONDS, mean, None, seconds=2.0)
+
+    m = evaluate(track, truth_of(SECONDS, line(SECONDS))).metrics
+
+    assert m["distance_m"] == pytest.approx(500.0)
+    assert m["drift_percent"] == pytest.approx(1.0)
+    assert m["real_time_factor"] == pytest.approx(50.0)
+    way = travelled(track)
+    assert way is not None
+    assert way[50] == pytest.approx(250.0)
+
+
+def test_ess_is_given_as_a_share_of_the_particles() -> None:
+    track = track_of(SECONDS, line(SECONDS), particles=200, ess=np.full(101, 150.0), acceptance=np.full(101, np.nan))
+
+    m = evaluate(track, truth_of(SECONDS, line(SECONDS))).metrics
+
+    assert m["ess_mean_ratio"] == pytest.approx(0.75)
+    assert "acceptance_mean" not in m
+
+
+def test_no_metric_is_ever_nan() -> None:
+    track = track_of([5.0], [[0.0, 0.0]], np.full((1, 2, 2), np.nan), updates=(update("usbl", math.nan, 2, "used"),))
+
+    m = evaluate(dataclasses.replace(track, ess=np.array([np.nan])), truth_of([0, 10], np.zeros((2, 2)))).metrics
+
+    assert all(math.isfinite(value) for value in m.values())
+    assert "nees_mean" not in m
+
+
+def with_mean(name: str, metres: float):
+    return evaluate(track_of(SECONDS, shifted(SECONDS, metres, 0.0), name=name), truth_of(SECONDS, line(SECONDS)))
+
+
+def test_the_verdict_compares_with_doing_without() -> None:
+    usbl, dr = with_mean("usbl", 1.0), with_mean("dr", 2.3)
+
+    def said(name: str, metres: float) -> str:
+        return verdict(with_mean(name, metres), [usbl, dr])
+
+    assert said("cpf", 0.69) == "cpf 0.69 m: 31 % better than the raw USBL, 70 % than DR"
+    assert said("cpf", 1.15) == "cpf 1.15 m: 15 % worse than the raw USBL, 50 % better than DR"
+    assert said("cpf", 6.9) == "cpf 6.90 m: 6.9 times worse than the raw USBL, 3.0 times than DR"
+    assert said("ekf", 1.0) == "ekf 1.00 m: equal to the raw USBL, 57 % better than DR"
+    assert said("usbl", 1.0) == "usbl 1.00 m: 57 % better than DR"
+    assert verdict(usbl) == "usbl 1.00 m mean horizontal error"
+
+
+def uib_field(field_logs: Path, name: str) -> tuple[Trajectory, Truth, int]:
+    """The published fixes and truth read by pandas alone; the log's start is the first truth row."""
+    folder = field_logs / "uib_field" / "csv"
+    if not folder.is_dir():
+        pytest.skip("no uib_field log")
+    truth = pd.read_csv(folder / "graph_vertices_455.txt", skipinitialspace=True, comment="%", header=None)
+    start_s = float(truth[0][0])
+    fixes = pd.read_csv(folder / name, index_col=False, low_memory=False)
+    prefix = "field.pose.pose.position."
+    fix_m = fixes[[prefix + "y", prefix + "x"]].to_numpy()
+    track = track_of(fixes["field.header.stamp"].to_numpy() / 1e9 - start_s, fix_m, name="usbl")
+    return track, truth_of(truth[0][2:] - start_s, truth[[3, 2]][2:]), int(start_s * 1e9)
+
+
+def test_the_published_error_of_uib_field_is_reproduced(field_logs: Path) -> None:
+    track, truth, _ = uib_field(field_logs, "modem_raw.txt")
+
+    report = evaluate(track, truth, Window(4.0, 1084.0), "first")
+
+    assert report.metrics["mean_horizontal_m"] == pytest.approx(1.000, abs=0.005)
+    assert report.metrics["std_horizontal_m"] == pytest.approx(0.545, abs=0.005)
+
+
+def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs: Path, tmp_path: Path) -> None:
+    tool = field_logs.parent / "tools" / "evaluate_track.py"
+    if not tool.is_file():
+        pytest.skip("no evaluate_track.py beside the field logs")
+    track, truth, start_ns = uib_field(field_logs, "modem_delayed_acoustic.txt")
+    table = pd.DataFrame(track.position_m, columns=["east_m", "north_m"])
+    table.insert(0, "time_s", track.time_s + start_ns / 1e9)
+    table.to_csv(tmp_path / "track.csv", index=False)
+    subprocess.run(
+        [sys.executable, tool, "track.csv", field_logs / "uib_field", "--skip", "0", "--json", "out"],
+        check=True,
+        capture_output=True,
+        cwd=tmp_path,
+    )
+    found = pd.read_json(tmp_path / "out", typ="series")
+
+    by_a = evaluate(track, truth, Window(4.0, 1084.5), "first").metrics
+    plain = evaluate(track, truth).metrics
+    rigid = evaluate(track, truth, align="rigid")
+
+    names = {"abs_e": "mean_abs_east_m", "abs_n": "mean_abs_north_m", "mean": "mean_horizontal_m"}
+    names |= {"rmse": "rmse_horizontal_m", "median": "median_horizontal_m", "p95": "p95_horizontal_m"}
+    names |= {"max": "max_horizontal_m", "end": "final_horizontal_m", "n": "matched", "sd": "std_horizontal_m"}
+    for theirs, ours in names.items():
+        assert by_a[ours] == pytest.approx(found["A"][theirs], abs=2e-4)
+        assert plain[ours] == pytest.approx(found["absolute"][theirs], abs=2e-4)
+        assert rigid.metrics[ours] == pytest.approx(found["se2"][theirs], abs=2e-4)
+    assert math.degrees(rigid.alignment.rotation_rad) == pytest.approx(found["se2"]["rotation_deg"], abs=1e-3)

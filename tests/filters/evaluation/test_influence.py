@@ -1,0 +1,164 @@
+"""The fixes that a track hangs on: leaving one out really moves the track by what the table says."""
+
+import csv
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from usbldr.filters.evaluation.influence import influences, influential, innovation_m, left_out, without_fix
+from usbldr.filters.models.noise import Gaussian
+from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
+from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.types import Update
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.library import find_scenario
+from usbldr_cli.main import cli
+from weaving import Faults, dive
+
+ASSUMED = Assumptions(usbl=Gaussian(), start=Start(2.0, 0.0, 3.0))
+
+
+@pytest.mark.parametrize("method", ["ekf", "adf", "cpf", "pf-wekf"])
+def test_without_the_most_influential_fix_the_track_lies_elsewhere_by_its_shift(method: str) -> None:
+    line = dive(Faults(heading_bias_deg=3.0), seconds=80)
+    settings = Settings(particles=20)
+    whole = run(method, line, ASSUMED, settings)
+
+    first = influential(whole, 1)[0]
+    left_out = run(method, without_fix(line, first.row), ASSUMED, settings)
+
+    at = int(np.searchsorted(whole.time_s, first.time_s))
+    shift = whole.position_m[at] - left_out.position_m[at]
+    assert (first.shift_east_m, first.shift_north_m) == pytest.approx(shift, abs=0.02)
+    assert first.shift_m > 0.1
+
+
+def test_the_most_influential_come_first_and_each_fix_once() -> None:
+    track = run("adf", dive(Faults(), seconds=60), ASSUMED)
+
+    told = influential(track, 7)
+
+    shifts = [fix.shift_m for fix in told]
+    assert shifts == sorted(shifts, reverse=True)
+    assert len({fix.row for fix in told}) == 7
+    assert len(influences(track)) == 59
+
+
+def test_a_refused_fix_moves_nothing() -> None:
+    line = dive(Faults(), seconds=60)
+    line.fix_m[30] += 500.0
+
+    refused = influences(run("ekf", line, ASSUMED, Settings(gate=0.99)))[30]
+
+    assert refused.fate == "rejected"
+    assert refused.shift_m == 0
+    assert np.hypot(refused.innovation_east_m, refused.innovation_north_m) > 600
+
+
+def test_two_scalars_and_a_position_are_told_alike() -> None:
+    def update(axis: str, *innovation: float) -> Update:
+        return Update("usbl", axis, 0, 0.0, innovation, innovation, 1.0, len(innovation), "used", 1.0)
+
+    assert innovation_m([update("north", 2.0), update("east", 1.0)]) == (1.0, 2.0)
+    assert innovation_m([update("position", 1.0, 2.0)]) == (1.0, 2.0)
+
+
+def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> None:
+    """A vehicle that knows its way from fix to fix averages them, whatever their number."""
+    line = dive(Faults(), seconds=80)
+    line.fix_m[30] += (40.0, 0.0)
+    line = replace(line, fix_cov_m2=100.0 * np.tile(np.eye(2), (79, 1, 1)))
+    assumed = Assumptions(ProcessNoise(0.0, 1e-3, 0.05, 0.1), usbl=Gaussian(), start=Start(0.0, 0.0, 1000.0))
+    whole = run("ekf", line, assumed)
+    fix = influences(whole)[30]
+
+    told = left_out(fix, whole, run("ekf", without_fix(line, 30), assumed))
+
+    fixes_so_far = np.minimum(np.floor(line.time_s + 1e-9), 79)
+    parts_m = 40 / fixes_so_far[line.time_s >= 31]
+    assert 31 <= told.largest_at_s < 32  # the next fix comes then
+    assert told.largest_shift_m == pytest.approx(40 / 31, rel=0.02)
+    assert told.mean_shift_m == pytest.approx(parts_m.sum() / len(line.time_s), rel=0.02)
+    assert math.isnan(told.error_change_m)
+
+
+def test_leaving_out_another_fix_changes_neither_the_timeline_nor_its_other_fixes() -> None:
+    line = dive(Faults(), seconds=20)
+    before = line.fix_m.copy()
+
+    shorter = without_fix(line, 3)
+
+    np.testing.assert_array_equal(line.fix_m, before)
+    np.testing.assert_array_equal(shorter.fix_m, np.delete(before, 3, axis=0))
+    assert 4.0 not in shorter.fix_time_s
+    assert 4.0 not in shorter.fix_received_s
+    assert len(shorter.fix_cov_m2) == len(before) - 1
+
+
+def replayed(log: Path, method: str, *options: str) -> tuple[Result, Path]:
+    folder = log.parent / f"run-{log.name}"
+    return CliRunner().invoke(cli, ["replay", str(log), "-f", method, "-N", "20", "-o", str(folder), *options]), folder
+
+
+def track(folder: Path) -> np.ndarray:
+    with (folder / "track_5hz.csv").open() as text:
+        return np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(text)])
+
+
+def report(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "report.json").read_text())
+
+
+@pytest.mark.parametrize("method", ["adf", "cpf"])
+def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method: str) -> None:
+    scenario = replace(find_scenario("square"), duration_s=60.0)
+    for name in ("dive", "shorter"):
+        write_scenario(scenario, 3, tmp_path / name)
+    done, folder = replayed(tmp_path / "dive", method, "--leave-one-out", "2")
+    assert done.exit_code == 0, done.output
+    told = report(folder)["leave_one_out"]
+    first = told[0]
+    records = (tmp_path / "shorter" / "usbl.csv").read_text().splitlines(keepends=True)
+    del records[1 + first["fix"]["row"]]
+    (tmp_path / "shorter" / "usbl.csv").write_text("".join(records))
+
+    done, other = replayed(tmp_path / "shorter", method)
+
+    assert done.exit_code == 0, done.output
+    shift_m = np.hypot(*(track(folder) - track(other)).T)
+    assert first["largest_shift_m"] == pytest.approx(shift_m.max(), abs=2e-3)
+    assert first["mean_shift_m"] == pytest.approx(shift_m.mean(), abs=1e-3)
+    errors_m = [report(f)["metrics"]["mean_horizontal_m"] for f in (other, folder)]
+    assert first["error_change_m"] == pytest.approx(errors_m[0] - errors_m[1], abs=1e-9)
+    assert first["largest_shift_m"] > 0.01
+    assert len({one["fix"]["row"] for one in told}) == 2
+
+
+def test_terminal_and_report_show_the_largest_effect_first(tmp_path: Path) -> None:
+    write_scenario(replace(find_scenario("square"), duration_s=60.0), 3, tmp_path / "dive")
+
+    done, folder = replayed(tmp_path / "dive", "adf", "--leave-one-out", "5")
+
+    lines = done.output.splitlines()
+    head = next(k for k, line in enumerate(lines) if line.startswith("without fix"))
+    shifts = [float(line.split()[2]) for line in lines[head + 1 : head + 6]]
+    assert shifts == sorted(shifts, reverse=True)
+    text = (folder / "report.md").read_text()
+    assert "## Fixes left out" in text
+    assert lines[head + 1].split()[0] in text.split("## Fixes left out")[1].split("| ---: |\n")[1].splitlines()[0]
+
+
+@pytest.mark.parametrize("method", ["dr", "pf"])
+def test_a_method_that_tells_of_no_shift_cannot_leave_one_out(tmp_path: Path, method: str) -> None:
+    write_scenario(replace(find_scenario("square"), duration_s=20.0), 3, tmp_path / "dive")
+
+    done, folder = replayed(tmp_path / "dive", method, "--leave-one-out", "1")
+
+    assert f"{method} does not tell what each fix did to it" in str(done.exception)
+    assert not folder.exists()

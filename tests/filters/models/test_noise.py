@@ -1,0 +1,65 @@
+"""Noise modes against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT, chi_square_quantile, robust_sd
+
+R = np.array([[2.0, 0.5], [0.5, 1.0]])
+
+
+def test_the_papers_mixture_is_matched_by_3_7_times_its_nominal_covariance() -> None:
+    np.testing.assert_allclose(Mixture(0.30, 10.0).modes(R).matched, 3.7 * R)
+
+
+def test_shares_add_to_one_and_mode_0_is_nominal() -> None:
+    for family in (Gaussian(), Mixture(), Contamination()):
+        noise = family.modes(R)
+        assert noise.shares.sum() == pytest.approx(1)
+        np.testing.assert_array_equal(noise.cov[0], R)
+    assert StudentT().modes(R).shares.sum() == pytest.approx(1)
+
+
+def test_contamination_adds_a_round_gross_error() -> None:
+    np.testing.assert_allclose(Contamination(0.05, 10.0).modes(R).cov[1], R + 100 * np.eye(2))
+
+
+def test_nine_slices_follow_the_density_of_student_t() -> None:
+    dof, r = 4.0, 2.5
+    noise = StudentT(dof).modes(np.array([[r]]))
+    for x in np.linspace(0, 4, 9) * math.sqrt(r):
+        want = math.gamma((dof + 1) / 2) / math.gamma(dof / 2) / math.sqrt(dof * math.pi * r)
+        want *= (1 + x * x / r / dof) ** (-(dof + 1) / 2)
+
+        got = sum(
+            s * math.exp(-x * x / 2 / v[0, 0]) / math.sqrt(2 * math.pi * v[0, 0])
+            for s, v in zip(noise.shares, noise.cov, strict=True)
+        )
+
+        assert got == pytest.approx(want, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("probability", "dof", "printed"),
+    [
+        (0.95, 1, 3.841),
+        (0.99, 1, 6.635),
+        (0.95, 2, 5.991),
+        (0.99, 2, 9.210),
+        (0.025, 10, 3.247),
+        (0.975, 10, 20.483),
+        (0.95, 100, 124.342),
+    ],
+)
+def test_chi_square_quantiles_agree_with_the_printed_table(probability: float, dof: float, printed: float) -> None:
+    assert chi_square_quantile(probability, dof) == pytest.approx(printed, rel=0.025)
+
+
+def test_robust_sd_sees_the_noise_and_not_the_jumps() -> None:
+    rng = np.random.default_rng(0)
+    series = 0.2 * rng.normal(size=20_000) + np.repeat(rng.normal(size=20), 1000)
+
+    assert robust_sd(np.diff(series)) == pytest.approx(0.2, rel=0.03)
+    assert math.isnan(robust_sd([]))

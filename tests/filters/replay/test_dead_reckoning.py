@@ -1,0 +1,240 @@
+"""Dead reckoning and raw fixes against motions and error laws that are known in closed form."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.replay import dead_reckoning
+from usbldr.filters.simulation.scenario import Leg, Scenario
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.filters.types import Timeline, Vector
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import timeline
+
+PAPER = find_scenario("paper")
+
+EXACT = dataclasses.replace(
+    PAPER,
+    dvl=dataclasses.replace(PAPER.dvl, sd_mps=1e-12, scale_error=0.0),
+    compass=dataclasses.replace(PAPER.compass, sd_rad=1e-12),
+)
+TURNING = dataclasses.replace(EXACT, legs=(Leg(500.0, 0.1, 1.5, 0.02),), duration_s=500.0)
+
+
+def _line(scenario: Scenario, seed: int = 0) -> Timeline:
+    return timeline(simulated_log(scenario, seed))
+
+
+def _with_fixes(line: Timeline, east_m: list[float]) -> Timeline:
+    n = len(east_m)
+    fixes = np.column_stack([np.array(east_m), np.zeros(n)])
+    return dataclasses.replace(line, fix_time_s=np.arange(n, dtype=float), fix_m=fixes)
+
+
+def test_dead_reckoning_without_sensor_errors_follows_the_turns() -> None:
+    track = dead_reckoning.dr(_line(TURNING), np.zeros(2))
+
+    truth = simulate(TURNING, 0).truth
+    # the trapezoid shortens each chord by (r dt)^2 / 12: 1.3e-6 of 750 m
+    np.testing.assert_allclose(track.position_m, truth.position_m, atol=2e-3)
+    np.testing.assert_allclose(track.mean[:, :3], np.column_stack([truth.yaw_rad, truth.velocity_mps]), atol=1e-9)
+    assert track.cov is None
+
+
+@pytest.mark.parametrize("start_time_s", [0.0, 33.3, 500.0])
+def test_dead_reckoning_meets_its_start_at_its_time(start_time_s: float) -> None:
+    line = _line(TURNING)
+
+    track = dead_reckoning.dr(line, np.array([100.0, -50.0]), start_time_s)
+
+    there = [np.interp(start_time_s, track.time_s, axis) for axis in track.position_m.T]
+    np.testing.assert_allclose(there, [100.0, -50.0])
+    from_origin = dead_reckoning.dr(line, np.zeros(2)).position_m
+    np.testing.assert_allclose(np.ptp(track.position_m - from_origin, axis=0), 0, atol=1e-9)
+
+
+def test_a_scale_error_lengthens_the_dead_reckoned_track_by_itself() -> None:
+    scaled = dataclasses.replace(EXACT, dvl=dataclasses.replace(EXACT.dvl, scale_error=0.01))
+
+    track = dead_reckoning.dr(_line(scaled), np.zeros(2))
+
+    np.testing.assert_allclose(track.position_m[-1], 1.01 * simulate(EXACT, 0).truth.position_m[-1], rtol=1e-9)
+
+
+def test_dead_reckoning_of_the_paper_errs_by_half_of_a_hundredth_of_the_way() -> None:
+    c, s = math.cos(math.radians(5)), math.sin(math.radians(5))
+    seeds = range(20)
+
+    errors = [
+        np.abs(dead_reckoning.dr(line, np.zeros(2)).position_m[line.slow] - dive.gps.value).mean(axis=0)
+        for line, dive in ((_line(PAPER, seed), simulate(PAPER, seed)) for seed in seeds)
+    ]
+
+    # 1 % of 909 and 1083 m, half of it on average; heading noise adds the rest (spread over seeds about .4 m)
+    expected = [0.005 * 1000 * (c - s), 0.005 * 1000 * (c + s)]
+    np.testing.assert_allclose(np.mean(errors, axis=0), expected, atol=0.2)
+
+
+def test_raw_fixes_of_the_paper_err_by_the_mean_of_equation_23() -> None:
+    errors = [
+        np.abs(dead_reckoning.usbl(_line(PAPER, seed)).position_m - simulate(PAPER, seed).gps.value)
+        for seed in range(20)
+    ]
+
+    expected = math.sqrt(2 / math.pi) * (0.7 + 0.3 * math.sqrt(10))
+    np.testing.assert_allclose(np.mean(errors, axis=(0, 1)), expected, rtol=0.03)
+
+
+def _errors_of_anchored_dr(log: Log) -> NDArray[np.float64]:
+    """Start on the first truth row; the distance at each truth row, (T,)."""
+    truth = log.truth
+    assert truth is not None
+    track = dead_reckoning.dr(timeline(log), truth.position_m[0], float(truth.time_s[0]))
+    there = [np.interp(truth.time_s, track.time_s, axis) for axis in track.position_m.T]
+    return np.hypot(*(np.column_stack(there) - truth.position_m).T)
+
+
+STPERE = """
+[dvl]
+topic = "/dvl/data"
+axes = "FRD"
+mount_deg = 60.0
+[compass]
+topic = "/imu/data"
+convention = "ENU"
+bias_deg = 86.0
+[usbl]
+topic = "none"
+[gps]
+topic = "/dgps/fix"
+"""
+
+UIB = """
+[dvl]
+topic = "/dvl"
+axes = "FLU"
+mount_deg = 135.0
+[compass]
+topic = "/imu_raw"
+convention = "NED"
+[usbl]
+topic = "none"
+[gps]
+topic = "none"
+[truth]
+topic = "/slam/graph_vertices"
+frame = "NED"
+skip_rows = 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "toml", "reference"),
+    [
+        ("stpere_marina", STPERE, "dead_reckoning_mti_anchored_nominal"),
+        ("uib_field", UIB, "dead_reckoning_anchored"),
+    ],
+)
+def test_dead_reckoning_of_field_logs_is_the_one_computed_elsewhere(
+    field_logs: Path, tmp_path: Path, name: str, toml: str, reference: str
+) -> None:
+    (tmp_path / "usbldr.toml").write_text(toml)
+    expected = json.loads((field_logs / name / "expected.json").read_text())["reference"][reference]
+
+    log = read_log(field_logs / name / f"{name}.mcap", Request(configuration=str(tmp_path / "usbldr.toml")))
+    errors = _errors_of_anchored_dr(log)
+
+    assert len(errors) == expected["n"]
+    assert math.sqrt(np.mean(errors**2)) == pytest.approx(expected["rms_m"], abs=expected["tolerance"]["rms_m"])
+    assert errors.max() == pytest.approx(expected["max_m"], abs=expected["tolerance"]["max_m"])
+    assert errors[-1] == pytest.approx(expected["end_m"], abs=expected["tolerance"]["end_m"])
+
+
+def test_raw_fixes_keep_their_own_times() -> None:
+    line = _with_fixes(_line(EXACT), [1.0, 2.0])
+
+    track = dead_reckoning.usbl(line)
+
+    assert track.time_s.tolist() == [0.0, 1.0]
+    assert track.names == ("x", "y")
+
+
+def _start(line: Timeline) -> tuple[Vector, float]:
+    return dead_reckoning.start_from(line, line.fix_time_s, line.fix_m)
+
+
+def test_the_start_is_where_the_fixes_say_less_the_way_since() -> None:
+    line = _line(EXACT)
+    truth = simulate(EXACT, 0).truth.position_m[::5]
+    moved = truth[20:30] + np.array([40.0, -60.0])
+    line = dataclasses.replace(line, fix_time_s=np.arange(20.0, 30.0), fix_m=moved)
+
+    start, sd_m = _start(line)
+
+    np.testing.assert_allclose(start, [40.0, -60.0], atol=1e-6)
+    assert sd_m == 3.0
+
+
+def test_two_gross_errors_in_five_neither_move_the_start_nor_widen_it() -> None:
+    still = dataclasses.replace(EXACT, legs=(Leg(1000.0, 0.0, 0.0),))
+
+    start, sd_m = _start(_with_fixes(_line(still), [0.1, 50.0, 0.0, 80.0, -0.1]))
+
+    np.testing.assert_allclose(start, [0.1, 0.0], atol=1e-6)
+    assert sd_m == 3.0
+
+
+def test_fixes_that_all_disagree_widen_the_start() -> None:
+    still = dataclasses.replace(EXACT, legs=(Leg(1000.0, 0.0, 0.0),))
+
+    _, sd_m = _start(_with_fixes(_line(still), [-40.0, -10.0, 0.0, 20.0, 50.0]))
+
+    assert sd_m == pytest.approx(1.4826 * 20.0)
+
+
+def test_gps_is_no_part_of_the_start() -> None:
+    line = _line(EXACT)
+    moved = dataclasses.replace(line, gps_m=line.gps_m + 1000.0)
+
+    np.testing.assert_array_equal(_start(moved)[0], _start(line)[0])
+
+
+def test_without_fixes_there_is_one_sentence() -> None:
+    line = _with_fixes(_line(EXACT), [])
+
+    with pytest.raises(LogError, match="no USBL fix"):
+        dead_reckoning.usbl(line)
+
+
+def test_nudged_dead_reckoning_meets_every_fix_and_keeps_its_shape_between() -> None:
+    slow = dataclasses.replace(TURNING, dvl=dataclasses.replace(TURNING.dvl, scale_error=0.2))
+    line = _line(slow)
+    every_20 = slice(0, None, 20)
+    truth = simulate(slow, 0).truth
+    fix_s = line.fix_time_s[every_20]
+    where = np.column_stack([np.interp(fix_s, truth.time_s, axis) for axis in truth.position_m.T])
+    line = dataclasses.replace(line, fix_time_s=fix_s, fix_m=where)
+
+    track = dead_reckoning.nudge(line)
+
+    at_fixes = np.column_stack([np.interp(fix_s, track.time_s, axis) for axis in track.position_m.T])
+    np.testing.assert_allclose(at_fixes, where, atol=1e-9)
+    within = track.time_s <= fix_s[-1]
+    worst = np.hypot(*(track.position_m - truth.position_m)[within].T).max()
+    reckoned = np.hypot(*(dead_reckoning.dr(line, where[0]).position_m - truth.position_m)[within].T).max()
+    # 20 s of a circle of 75 m radius: what a straight line between two offsets misses of a fifth of it
+    assert worst < 0.2 * 75 * (1 - math.cos(0.2)) * 1.05 < reckoned / 10
+
+
+def test_nudging_without_fixes_is_one_sentence() -> None:
+    with pytest.raises(LogError, match="no USBL fix to nudge"):
+        dead_reckoning.nudge(_with_fixes(_line(PAPER), []))

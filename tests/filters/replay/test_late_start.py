@@ -1,0 +1,107 @@
+"""Before the first fix: the track begins with the log, and its sigmas know how little that is based on."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.evaluation.consistency import nees
+from usbldr.filters.models.noise import Gaussian
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.replay.run import FILTERS, Settings, run
+from usbldr.filters.types import Array, Timeline, Trajectory
+from usbldr_cli.main import cli
+from weaving import SD_M, Faults, dive
+
+
+def nees_at_fixes(track: Trajectory, line: Timeline) -> Array:
+    """Return the NEES at the times of fixes, (F,): these are exact to 0.2 m, whether the filter knew them or not."""
+    at = np.searchsorted(track.time_s, line.fix_time_s)
+    return nees(track.position_m[at] - line.fix_m, position_cov_m2(track)[at] + SD_M**2 * np.eye(2))
+
+
+def position_cov_m2(track: Trajectory) -> Array:
+    assert track.position_cov_m2 is not None
+    return track.position_cov_m2
+
+
+# a bootstrap particle filter has to hit the first heading and velocity by chance, fixes or not (assumptions.Start)
+@pytest.mark.parametrize("method", [name for name in FILTERS if name != "pf"])
+def test_every_filter_estimates_from_the_start_on_where_the_first_fix_comes_after_a_minute(method: str) -> None:
+    whole = dive(Faults(), seconds=90)
+    track = run(
+        method, whole.with_fixes(whole.fix_time_s >= 60.0), Assumptions(usbl=Gaussian()), Settings(particles=50)
+    )
+
+    assert track.time_s[0] == 0
+    assert np.isfinite(track.mean).all()
+    assert nees_at_fixes(track, whole)[whole.fix_time_s < 60].mean() < 4
+
+
+def test_a_start_that_was_carried_back_for_minutes_is_as_doubtful_as_what_carried_it() -> None:
+    """240 m straight ahead with a heading that errs by 5 degrees are 20 m. NEES of 10 dives: 20 degrees of freedom."""
+    rng, before, after = np.random.default_rng(3), [], []
+    for seed in range(10):
+        faults = Faults(dvl_scale=float(rng.normal(0, 0.01)), heading_bias_deg=float(rng.normal(0, 5)))
+        whole = dive(faults, seed, seconds=230, weaves=False)
+        assumed = Assumptions(usbl=Gaussian(), calibrate=("scale", "heading"))
+        track = run("ekf", whole.with_fixes(whole.fix_time_s >= 200.0), assumed)
+        value = nees_at_fixes(track, whole)
+        before.append(value[0])
+        after.append(value[(whole.fix_time_s > 205) & (whole.fix_time_s < 220)].mean())
+
+        sd_m = np.sqrt(np.trace(position_cov_m2(track), axis1=1, axis2=2))
+        assert sd_m[0] > 15
+        assert sd_m[0] > 2 * sd_m[990]  # what carried the start back brings the track to the fix
+
+    assert np.mean(before) < 4.5  # 999 of 1000
+    assert np.mean(after) < 4.5
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("blind")
+    (folder / "short.toml").write_text(
+        'schema = 1\nlike = "square"\nabout = "short"\nduration_s = 60.0\n\n'
+        "[vehicle]\neast_m = 300.0\nnorth_m = -200.0\n",
+        encoding="utf-8",
+    )
+    arguments = ["simulate", str(folder / "short.toml"), "-o", str(folder / "dive.mcap")]
+    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+    assert done.exception is None
+    return folder / "dive.mcap"
+
+
+def replayed(log: Path, *options: str) -> object:
+    arguments = ["replay", str(log), "--usbl", "none", "--force", "-q", "-o", str(log.with_name("run")), *options]
+    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    return done.output
+
+
+def test_without_usbl_it_is_said_what_to_state(log: Path) -> None:
+    with pytest.raises(LogError) as fault:
+        replayed(log, "-f", "adf")
+    assert str(fault.value) == (
+        f"{log}: no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or "
+        "let GPS aid it where the vehicle is at the surface (--aid gps@FROM:TO)"
+    )
+
+    with pytest.raises(
+        LogError, match=r"nothing to start from: give --dr-from first-gps or LAT,LON, or state \[start\]"
+    ):
+        replayed(log, "-f", "dr")
+
+
+def test_without_usbl_a_stated_start_or_gps_at_the_surface_will_do(log: Path) -> None:
+    own = log.with_name("dive.usbldr.toml").read_text(encoding="utf-8")
+    started = log.with_name("started.toml")
+    started.write_text(f"{own}\n[start]\neast_m = 300.0\nnorth_m = -200.0\nsd_m = 1.0\n", encoding="utf-8")
+
+    for options in (("--config", str(started)), ("--aid", "gps@0:10")):
+        said = str(replayed(log, "-f", "adf", *options))
+        assert said.startswith("adf 0.")  # metres
+    assert str(replayed(log, "-f", "dr", "--dr-from", "first-gps")).startswith("dr 0.")

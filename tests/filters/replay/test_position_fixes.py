@@ -1,0 +1,190 @@
+"""GPS as an aid: inside the stated windows a measurement, outside them the truth that no filter sees."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.evaluation.evaluation import Window, evaluate
+from usbldr.filters.models.calibration import layout_for
+from usbldr.filters.models.noise import Gaussian
+from usbldr.filters.models.parameters import Assumptions, Start
+from usbldr.filters.models.states import Layout
+from usbldr.filters.replay.position_fixes import GPS_SD_M, gps_fixes, require_gps
+from usbldr.filters.replay.run import FILTERS, Settings, run
+from usbldr.filters.replay.steps import steps
+from usbldr.filters.types import Array, Indices, Timeline, Trajectory, Truth
+
+WINDOWS = ((3.0, 5.0), (20.0, 22.0))
+AIDED = Assumptions(aid=WINDOWS, start=Start(0.0, 0.0, 3.0, sd_yaw_rad=0.01, sd_mps=0.02, sd_radps=0.01))
+GPS_S = np.arange(0.0, 30.5, 0.5)
+
+
+def timeline(gps_m: Array | None = None, sd_m: float = 0.5) -> Timeline:
+    """A vehicle going north at 1 m/s for half a minute, a fix of 2 m every 5 s, GPS twice a second."""
+    t = np.arange(151) / 5
+    one = np.ones(len(t), dtype=np.intp)
+    fix_s = np.arange(0.0, 30.0, 5.0)
+    north = np.tile([0.0, 1.0], (len(t), 1))
+    return Timeline(
+        start_ns=0,
+        time_s=t,
+        slow=np.arange(0, len(t), 5),
+        dvl_mps=north,
+        dvl_count=one,
+        dvl_sd_mps=np.full(len(t), 0.02),
+        yaw_rad=np.zeros(len(t)),
+        yaw_count=one,
+        yaw_sd_rad=np.full(len(t), 0.01),
+        dr_mps=north,
+        dr_yaw_rad=np.zeros(len(t)),
+        fix_time_s=fix_s,
+        fix_received_s=fix_s,
+        fix_m=np.stack([0 * fix_s + 1.5, fix_s], axis=1),
+        fix_cov_m2=np.tile(4.0 * np.eye(2), (len(fix_s), 1, 1)),
+        gps_time_s=GPS_S,
+        gps_m=np.stack([0 * GPS_S, GPS_S], axis=1) if gps_m is None else gps_m,
+        gps_sd_m=np.full(len(GPS_S), sd_m),
+    )
+
+
+def elsewhere(line: Timeline) -> Indices:
+    inside = np.any([(line.gps_time_s >= a) & (line.gps_time_s <= b) for a, b in WINDOWS], axis=0)
+    return np.flatnonzero(~inside)
+
+
+@pytest.mark.parametrize("name", [*FILTERS])
+def test_gps_outside_the_windows_changes_no_bit_and_inside_it_changes_the_track(name: str) -> None:
+    line, settings = timeline(), Settings(particles=200)
+    outside, within = line.gps_m.copy(), line.gps_m.copy()
+    outside[elsewhere(line)] += 1000.0
+    within[7] += 1.0  # 3.5 s
+
+    as_it_is, moved_outside, moved_within = (
+        run(name, timeline(gps), AIDED, settings) for gps in (None, outside, within)
+    )
+
+    np.testing.assert_array_equal(moved_outside.mean, as_it_is.mean)
+    np.testing.assert_array_equal(moved_outside.cov, as_it_is.cov)
+    assert np.any(moved_within.mean[18:] != as_it_is.mean[18:])
+    np.testing.assert_array_equal(moved_within.mean[:17], as_it_is.mean[:17])
+
+
+def test_without_windows_gps_never_reaches_a_filter() -> None:
+    used = [m.sensor for step in steps(timeline(), Assumptions(), Layout()) for m in step.measurements]
+
+    assert "gps" not in used
+
+
+def test_a_gps_fix_pulls_the_track_to_itself_and_its_sigma_says_so() -> None:
+    aided = run("ekf", timeline(), replace(AIDED, gps=Gaussian()), Settings())
+    alone = run("ekf", timeline(), replace(AIDED, aid=()), Settings())
+
+    k = 5 * 5  # after the first window, 5 fixes of 0.5 m
+    assert abs(aided.position_m[k, 0]) < 0.5 < abs(alone.position_m[k, 0])
+    assert aided.position_cov_m2 is not None
+    assert np.sqrt(aided.position_cov_m2[k, 0, 0]) == pytest.approx(0.5 / np.sqrt(5), rel=0.1)
+
+
+def test_each_gps_fix_is_one_robust_measurement_with_its_own_sigma() -> None:
+    line = timeline()
+    used = [m for step in steps(line, AIDED, Layout()) for m in step.measurements if m.sensor == "gps"]
+
+    assert [m.row for m in used] == [6, 7, 8, 9, 10, 40, 41, 42, 43, 44]
+    assert {len(m.noise.shares) for m in used} == {2}  # nominal and gross errors
+    assert {float(m.noise.cov[0, 0, 0]) for m in used} == {0.25}
+
+
+def test_a_fix_without_a_sigma_has_the_usual_one() -> None:
+    for sd_m in (np.nan, 0.0):
+        fixes = gps_fixes(timeline(sd_m=sd_m), replace(AIDED, gps=Gaussian()))
+
+        np.testing.assert_array_equal(fixes.cov_m2[0], GPS_SD_M**2 * np.eye(2))
+
+
+def test_a_gross_gps_error_hardly_moves_a_filter_that_weighs_outliers() -> None:
+    line = timeline()
+    wrong = line.gps_m.copy()
+    wrong[8] += 50.0
+
+    track = run("adf", timeline(wrong), AIDED, Settings())
+
+    assert np.abs(track.position_m[5 * 5] - [0.0, 5.0]).max() < 1.0
+
+
+def test_the_antennas_place_is_taken_off() -> None:
+    """Bow north, antenna 2 m ahead and 1 m to starboard: its fixes lie 2 m north and 1 m east of the vehicle."""
+    line = timeline()
+    at_antenna = line.gps_m + np.array([1.0, 2.0])
+
+    plain = run("ekf", line, AIDED, Settings())
+    levered = run("ekf", timeline(at_antenna), replace(AIDED, gps_lever_m=(1.0, 2.0, 0.5)), Settings())
+
+    np.testing.assert_allclose(levered.position_m[-1], plain.position_m[-1], atol=0.02)
+
+
+def test_errors_of_the_usbl_are_not_laid_to_gps() -> None:
+    """With a correlated USBL error as states the fixes may be 1.5 m off in the east, GPS may not."""
+    assumptions = replace(AIDED, calibrate=("usbl-bias",), aid=((0.0, 30.0),))
+    layout = layout_for(assumptions.calibrate)
+    track = run("ekf", timeline(), assumptions, Settings())
+
+    bias = track.state(next(name for name in layout.names if name.startswith("usbl_bias_e")))
+
+    assert abs(track.position_m[-1, 0]) < 0.3
+    assert bias is not None
+    assert bias[-1] > 0
+
+
+def test_nothing_is_scored_inside_the_windows() -> None:
+    t = np.arange(0.0, 31.0)
+    inside = ((t >= 3) & (t <= 5)) | ((t >= 20) & (t <= 22))
+    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([np.where(inside, 100.0, 1.0), t]), None)
+    truth = Truth(t, np.column_stack([0 * t, t]), np.full(len(t), np.nan), "gps", "/gps")
+
+    report = evaluate(track, truth, aid=WINDOWS)
+
+    assert report.metrics["max_abs_east_m"] == pytest.approx(1.0)
+    assert report.time_s.tolist() == t[~inside].tolist()
+    assert (report.matching.matched, report.matching.aided, report.matching.offered) == (25, 6, 31)
+    assert report.aid == WINDOWS
+    assert report.warnings == ()  # what the user chose is no shortcoming
+
+
+def test_alignment_takes_nothing_from_inside_the_windows() -> None:
+    t = np.arange(0.0, 31.0)
+    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([np.where(t <= 5, 7.0, 1.0), t]), None)
+    truth = Truth(t, np.column_stack([0 * t, t]), np.full(len(t), np.nan), "gps", "/gps")
+
+    report = evaluate(track, truth, align="first", aid=((0.0, 5.0),))
+
+    assert report.alignment.shift_m == pytest.approx((-1.0, 0.0))
+
+
+def test_a_surfacing_that_aids_the_filter_is_no_test_of_it() -> None:
+    t = np.arange(0.0, 200.0)
+    seen = (t <= 10) | ((t >= 60) & (t <= 70)) | (t >= 150)
+    truth = Truth(t[seen], np.column_stack([0 * t, t])[seen], np.full(seen.sum(), np.nan), "gps", "/gps")
+    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([0 * t + 2.0, t]), None)
+
+    assert [s.time_s for s in evaluate(track, truth).surfacings] == [60.0, 150.0]
+    assert [s.time_s for s in evaluate(track, truth, aid=((55.0, 75.0),)).surfacings] == [150.0]
+
+
+def test_windows_over_all_of_the_truth_leave_nothing_to_score() -> None:
+    t = np.arange(0.0, 31.0)
+    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([0 * t, t]), None)
+    truth = Truth(t, np.column_stack([0 * t, t]), np.full(len(t), np.nan), "gps", "/gps")
+
+    with pytest.raises(LogError, match=r"all of its epochs .* lie in the windows that GPS aids"):
+        evaluate(track, truth, Window(), aid=((0.0, 30.0),))
+
+
+def test_a_window_without_gps_is_refused_with_what_there_is() -> None:
+    with pytest.raises(LogError) as told:
+        require_gps(timeline(), ((3.0, 5.0), (40.0, 60.0)), "dive.mcap")
+
+    assert str(told.value) == (
+        "dive.mcap: no GPS fix to aid a filter from 40 to 60 s of the log (its GPS fixes lie between 0.0 and 30.0 s)"
+    )

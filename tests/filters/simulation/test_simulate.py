@@ -1,0 +1,317 @@
+"""The simulator against closed forms, a fine numerical integration and the moments of its noise."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from usbldr.filters.models.noise import Gaussian
+from usbldr.filters.simulation.scenario import Accuracy, Head, Leg, Outliers, Scenario, Timing
+from usbldr.filters.simulation.simulate import rotation, simulate
+from usbldr.filters.simulation.true_motion import motion
+from usbldr.io.scenarios.library import find_scenario, scenario_names
+
+PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
+
+TURNING = dataclasses.replace(
+    PAPER,
+    legs=(Leg(100.0, 0.2, 1.5, 0.05), Leg(50.0, -0.3, 1.0), Leg(200.0, 0.1, 0.8, -0.2)),
+    duration_s=350.0,
+    east_m=12.0,
+    north_m=-7.0,
+)
+
+
+def _without_noise(scenario: Scenario) -> Scenario:
+    return dataclasses.replace(
+        scenario,
+        dvl=dataclasses.replace(scenario.dvl, sd_mps=0.0, scale_error=0.0),
+        compass=dataclasses.replace(scenario.compass, sd_rad=0.0),
+        usbl=dataclasses.replace(scenario.usbl, accuracy=Accuracy(0.0)),
+    )
+
+
+def test_the_paper_ends_where_equation_1_leads_in_a_thousand_seconds() -> None:
+    c, s = math.cos(math.radians(5)), math.sin(math.radians(5))
+
+    truth = simulate(PAPER, 0).truth
+
+    assert truth.time_s[-1] == 1000.0
+    np.testing.assert_allclose(truth.position_m[0], [0, 0], atol=1e-12)
+    np.testing.assert_allclose(truth.position_m[-1], [1000 * (c - s), 1000 * (s + c)], rtol=1e-13)
+
+
+def test_the_paper_has_its_rates() -> None:
+    dive = simulate(PAPER, 0)
+
+    assert [len(r.time_s) for r in (dive.dvl, dive.compass, dive.usbl, dive.gps)] == [5001, 5001, 1001, 1001]
+    np.testing.assert_array_equal(dive.dvl.time_s[:3], [0, 0.2, 0.4])
+
+
+def test_gps_is_the_truth() -> None:
+    dive = simulate(PAPER, 0)
+
+    np.testing.assert_array_equal(dive.gps.value, dive.truth.position_m[::5])
+
+
+def test_sensors_without_noise_tell_the_truth() -> None:
+    dive = simulate(_without_noise(TURNING), 3)
+
+    np.testing.assert_array_equal(dive.dvl.value, dive.truth.velocity_mps)
+    np.testing.assert_array_equal(dive.compass.value[:, 0], dive.truth.yaw_rad)
+    np.testing.assert_array_equal(dive.usbl.value, dive.truth.position_m[::5])
+
+
+def test_a_positive_scale_error_reads_too_fast() -> None:
+    exact = _without_noise(PAPER)
+    fast = dataclasses.replace(exact, dvl=dataclasses.replace(exact.dvl, scale_error=0.01))
+
+    np.testing.assert_allclose(simulate(fast, 0).dvl.value, 1.01)
+
+
+def test_a_dvl_turned_counter_clockwise_sees_surge_as_starboard_velocity() -> None:
+    exact = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0),))
+    turned = dataclasses.replace(exact, dvl=dataclasses.replace(exact.dvl, misalignment_rad=0.1))
+
+    np.testing.assert_allclose(simulate(turned, 0).dvl.value[0], [math.sin(0.1), math.cos(0.1)])
+
+
+def test_a_compass_bias_adds_to_the_yaw() -> None:
+    exact = _without_noise(PAPER)
+    biased = dataclasses.replace(exact, compass=dataclasses.replace(exact.compass, bias_rad=0.02))
+
+    np.testing.assert_allclose(simulate(biased, 0).compass.value, math.radians(5) + 0.02)
+
+
+def test_a_late_stamp_shows_where_the_vehicle_was_earlier_and_a_delay_only_moves_the_arrival() -> None:
+    exact = _without_noise(TURNING)
+    late = dataclasses.replace(exact, usbl=dataclasses.replace(exact.usbl, timing=Timing(latency_s=1.0, delay_s=2.5)))
+
+    fixes = simulate(late, 0).usbl
+
+    np.testing.assert_allclose(fixes.value[1:], simulate(exact, 0).usbl.value[:-1], atol=1e-12)
+    np.testing.assert_allclose(fixes.received_s - fixes.time_s, 2.5)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not() -> None:
+    first, again, other = simulate(PAPER, 7), simulate(PAPER, 7), simulate(PAPER, 8)
+
+    for sensor in ("dvl", "compass", "usbl"):
+        assert getattr(first, sensor).value.tobytes() == getattr(again, sensor).value.tobytes()
+        assert not np.any(getattr(first, sensor).value == getattr(other, sensor).value)
+
+
+def test_what_one_sensor_draws_does_not_hang_on_the_others() -> None:
+    slow = dataclasses.replace(PAPER, dvl=dataclasses.replace(PAPER.dvl, rate_hz=1.5, noise=Gaussian()))
+
+    np.testing.assert_array_equal(simulate(slow, 0).usbl.value, simulate(PAPER, 0).usbl.value)
+    np.testing.assert_array_equal(simulate(slow, 0).compass.value, simulate(PAPER, 0).compass.value)
+
+
+def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
+    silent = dataclasses.replace(
+        PAPER,
+        dvl=dataclasses.replace(PAPER.dvl, timing=Timing(silences_s=((10.0, 20.0), (990.0, 2000.0)))),
+        usbl=dataclasses.replace(PAPER.usbl, timing=Timing(silences_s=((0.0, 5.0),))),
+    )
+
+    dive, whole = simulate(silent, 0), simulate(PAPER, 0)
+
+    kept = np.r_[0:50, 100:4950]  # 5 Hz: the record at 20 s is heard again
+    np.testing.assert_array_equal(dive.dvl.time_s, whole.dvl.time_s[kept])
+    np.testing.assert_array_equal(dive.dvl.value, whole.dvl.value[kept])
+    np.testing.assert_array_equal(dive.usbl.value, whole.usbl.value[5:])
+    assert len(dive.truth.time_s) == 5001
+
+
+def test_jitter_delays_the_stamp_with_the_vehicle_and_spread_delays_the_arrival_alone() -> None:
+    exact = _without_noise(TURNING)
+    late = dataclasses.replace(
+        exact, usbl=dataclasses.replace(exact.usbl, timing=Timing(jitter_s=0.4, delay_s=0.5, delay_spread_s=1.5))
+    )
+
+    fixes = simulate(late, 0).usbl
+
+    jitter_s, delay_s = fixes.time_s - np.arange(len(fixes.time_s)), fixes.received_s - fixes.time_s
+    for drawn, low, high in ((jitter_s, 0.0, 0.4), (delay_s, 0.5, 2.0)):
+        assert low - 1e-9 <= drawn.min() < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < drawn.max() <= high + 1e-9
+        np.testing.assert_allclose(drawn * 1000, np.round(drawn * 1000), atol=1e-6)  # whole milliseconds
+    np.testing.assert_array_equal(fixes.value, motion(TURNING, fixes.time_s).position_m)
+
+
+def test_noise_outliers_jitter_and_delay_leave_each_other_alone() -> None:
+    still = dataclasses.replace(PAPER, legs=(Leg(1000.0, 0.0, 0.0),))  # jitter moves the vehicle nowhere
+    all_at_once = dataclasses.replace(
+        still,
+        usbl=dataclasses.replace(
+            PAPER.usbl,
+            timing=Timing(jitter_s=0.3, delay_s=0.5, delay_spread_s=1.0),
+            outliers=Outliers(0.1, 500.0, 600.0),
+        ),
+    )
+
+    plain, rich = simulate(still, 4).usbl.value, simulate(all_at_once, 4).usbl.value[:1000]
+
+    spared = np.hypot(*(rich - plain[: len(rich)]).T) < 400
+    assert 0.85 < spared.mean() < 0.95
+    np.testing.assert_array_equal(rich[spared], plain[: len(rich)][spared])
+
+
+def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
+    dive = simulate(LAWNMOWER, 0)
+
+    np.testing.assert_allclose(np.median(np.diff(dive.dvl.time_s)), 0.5)
+    np.testing.assert_allclose(np.median(np.diff(dive.compass.time_s)), 0.1)
+    assert np.diff(dive.usbl.time_s).max() == pytest.approx(151.5, abs=1.5)
+    assert np.diff(dive.dvl.time_s).max() == pytest.approx(40.5)
+    delay_s = dive.usbl.received_s - dive.usbl.time_s
+    assert 0.5 <= delay_s.min() < delay_s.max() <= 2.0
+    error_m = np.hypot(*(dive.usbl.value - motion(LAWNMOWER, dive.usbl.time_s).position_m).T)
+    assert 0.02 < (error_m > 5).mean() < 0.1
+
+
+def _with(scenario: Scenario, sensor: str, **errors) -> Scenario:
+    """Return the scenario with errors of one sensor."""
+    return dataclasses.replace(scenario, **{sensor: dataclasses.replace(getattr(scenario, sensor), **errors)})
+
+
+@pytest.mark.parametrize(
+    ("sensor", "bias", "added"),
+    [
+        ("dvl", {"bias_mps": (0.03, -0.04)}, [0.03, -0.04]),
+        ("compass", {"bias_rad": 0.02}, [0.02]),
+        ("usbl", {"bias_m": (0.5, -0.25)}, [0.5, -0.25]),
+        ("gps", {"bias_m": (0.5, -0.25)}, [0.5, -0.25]),
+    ],
+)
+def test_a_positive_bias_is_in_every_record_of_its_sensor_and_in_no_other(
+    sensor: str, bias: dict[str, Any], added: list[float]
+) -> None:
+    plain, biased = simulate(TURNING, 2), simulate(_with(TURNING, sensor, **bias), 2)
+
+    for name in ("dvl", "compass", "usbl", "gps"):
+        difference = getattr(biased, name).value - getattr(plain, name).value
+        np.testing.assert_allclose(difference, np.broadcast_to(added if name == sensor else 0.0, difference.shape))
+
+
+def test_a_dvl_ahead_of_the_reference_point_sweeps_to_port_in_a_left_turn_and_one_to_starboard_runs_ahead() -> None:
+    exact = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0, 0.1),))
+
+    ahead = simulate(_with(exact, "dvl", lever_m=(0.0, 2.0, -1.0)), 0).dvl.value
+    aside = simulate(_with(exact, "dvl", lever_m=(2.0, 0.0, 0.0)), 0).dvl.value
+
+    np.testing.assert_allclose(ahead, np.tile([-0.2, 1.0], (5001, 1)), atol=1e-12)
+    np.testing.assert_allclose(aside, np.tile([0.0, 1.2], (5001, 1)), atol=1e-12)
+
+
+def test_a_levered_dvl_sees_the_derivative_of_its_own_track() -> None:
+    lever = (0.7, -2.0, 0.0)
+    exact = _without_noise(TURNING)
+    as_antenna = simulate(_with(_with(exact, "gps", rate_hz=1000.0), "gps", lever_m=lever), 0).gps
+    dive = simulate(_with(exact, "dvl", lever_m=lever), 0)
+
+    k = np.array([50, 200, 600, 1000])  # seconds times 5, none at a corner
+    slope = (as_antenna.value[200 * k + 1] - as_antenna.value[200 * k - 1]) / 0.002
+    yaw = dive.truth.yaw_rad[k]
+    u, v = dive.dvl.value[k].T
+    np.testing.assert_allclose(
+        np.column_stack([u * np.cos(yaw) - v * np.sin(yaw), u * np.sin(yaw) + v * np.cos(yaw)]), slope, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("sensor", ["usbl", "gps"])
+def test_a_lever_arm_to_starboard_shows_south_of_a_vehicle_that_heads_east(sensor: str) -> None:
+    east = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0),), yaw_rad=-math.pi / 2)
+
+    seen = getattr(simulate(_with(east, sensor, lever_m=(0.5, 2.0, 3.0)), 0), sensor).value
+
+    np.testing.assert_allclose(seen - simulate(east, 0).gps.value, np.tile([2.0, -0.5], (1001, 1)), atol=1e-9)
+
+
+def test_deviation_is_a_sine_and_a_cosine_of_the_heading() -> None:
+    round_about = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0, 2 * math.pi / 1000),))
+    A, B = math.radians(2.0), math.radians(1.0)  # heading h reads h + A sin h + B cos h
+
+    iron = _with(round_about, "compass", deviation_rad=(A, -B))
+    seen, true = -simulate(iron, 0).compass.value[:, 0], -simulate(round_about, 0).compass.value[:, 0]
+
+    np.testing.assert_allclose(seen - true, A * np.sin(true) + B * np.cos(true), atol=1e-12)
+    assert (seen - true).max() == pytest.approx(math.hypot(A, B), rel=1e-4)
+
+
+def test_a_usbl_that_reads_ranges_too_long_shows_the_vehicle_further_from_its_head() -> None:
+    exact = _with(_without_noise(TURNING), "usbl", head=Head(40.0, 30.0, 0.0))
+
+    long = simulate(_with(exact, "usbl", scale_error=0.01), 0).usbl.value - [40.0, 30.0]
+
+    np.testing.assert_allclose(long, 1.01 * (simulate(exact, 0).gps.value - [40.0, 30.0]))
+
+
+def test_a_usbl_that_is_misaligned_turns_its_fixes_counter_clockwise_about_its_head() -> None:
+    east = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 0.0),), east_m=100.0)
+
+    turned = simulate(_with(east, "usbl", misalignment_rad=0.1), 0).usbl.value
+
+    np.testing.assert_allclose(turned, np.tile([100 * math.cos(0.1), 100 * math.sin(0.1)], (1001, 1)))
+
+
+def test_the_compass_error_of_the_boat_turns_the_fixes_of_an_inverted_usbl_about_the_beacon() -> None:
+    """Boat = beacon - R(seen yaw) what was heard in the boat's frame, worked out here by hand."""
+    exact = _with(_without_noise(TURNING), "usbl", head=Head(40.0, 30.0, 1.0), lever_m=(0.2, -2.5, 0.0))
+    boat = _with(_with(exact, "usbl", inverted=True), "compass", bias_rad=0.05, deviation_rad=(0.02, 0.01))
+
+    dive = simulate(boat, 0)
+
+    true, seen = dive.truth.yaw_rad[::5], dive.compass.value[::5, 0]
+    for k in range(0, 351, 25):
+        at_head = dive.truth.position_m[5 * k] + rotation(true[k]) @ [0.2, -2.5]
+        heard = rotation(true[k]).T @ (np.array([40.0, 30.0]) - at_head)
+        np.testing.assert_allclose(dive.usbl.value[k], [40.0, 30.0] - rotation(seen[k]) @ heard, atol=1e-9)
+    upright = simulate(_with(exact, "compass", bias_rad=0.05), 0)
+    np.testing.assert_allclose(upright.usbl.value, simulate(exact, 0).usbl.value)
+
+
+@pytest.mark.parametrize("sensor", ["dvl", "compass", "usbl", "gps"])
+def test_a_clock_that_is_ahead_stamps_and_delivers_later_what_it_saw_in_time(sensor: str) -> None:
+    plain = getattr(simulate(TURNING, 1), sensor)
+
+    ahead = getattr(simulate(_with(TURNING, sensor, timing=Timing(clock_offset_s=0.35)), 1), sensor)
+
+    np.testing.assert_allclose(ahead.time_s - plain.time_s, 0.35)
+    np.testing.assert_allclose(ahead.received_s - plain.received_s, 0.35)
+    np.testing.assert_array_equal(ahead.value, plain.value)
+
+
+@pytest.mark.parametrize("sensor", ["dvl", "compass"])
+def test_a_latency_shows_what_the_vehicle_did_earlier(sensor: str) -> None:
+    exact = _without_noise(TURNING)
+    late = getattr(simulate(_with(exact, sensor, timing=Timing(latency_s=0.4)), 0), sensor)
+
+    np.testing.assert_allclose(late.value[2:], getattr(simulate(exact, 0), sensor).value[:-2], atol=1e-12)
+
+
+def test_without_bottom_lock_the_dvl_sees_the_water_and_says_so() -> None:
+    carried = dataclasses.replace(
+        _without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.2),), yaw_rad=0.0, current_mps=(0.3, -0.2)
+    )
+
+    dvl = simulate(_with(carried, "dvl", water_track_s=((100.0, 130.0),)), 0).dvl
+
+    lost = (dvl.time_s >= 100) & (dvl.time_s < 130)
+    np.testing.assert_array_equal(dvl.valid, ~lost)
+    np.testing.assert_allclose(dvl.value[lost], np.tile([0.0, 1.2], (150, 1)))
+    np.testing.assert_allclose(dvl.value[~lost], np.tile([0.3, 1.0], (4851, 1)))
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_repeats_itself_by_its_seed(name: str) -> None:
+    first, again, other = (simulate(find_scenario(name), seed) for seed in (1, 1, 2))
+
+    for sensor in ("dvl", "compass", "usbl", "gps"):
+        for a, b in zip(getattr(first, sensor), getattr(again, sensor), strict=True):
+            assert a.tobytes() == b.tobytes()
+    for sensor in ("dvl", "compass", "usbl"):
+        assert getattr(first, sensor).value.tobytes() != getattr(other, sensor).value.tobytes()

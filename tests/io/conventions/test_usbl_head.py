@@ -1,0 +1,317 @@
+"""USBL heads on ships and on vehicles: geometry worked out by hand, a ship's way by pymap3d itself."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pymap3d
+import pytest
+
+from dives import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, write_csv, write_mcap, yaw
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.conventions.usbl_head import Samples
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+from usbldr.io.survey import survey
+
+MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
+
+
+def logged(tmp_path: Path, rows: Sequence[Row], toml: str) -> Log:
+    write_mcap(tmp_path / "dive.mcap", sorted(rows, key=lambda row: row[0]))
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "dive.mcap")
+
+
+def sheet(tmp_path: Path, toml: str, **files: str) -> Log:
+    folder = write_csv(tmp_path / "dive", **files)
+    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(folder)
+
+
+def places(log: Log) -> np.ndarray:
+    return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)
+
+
+def covariance(log: Log) -> np.ndarray:
+    columns = ["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]
+    return log.tables["usbl"][columns].to_numpy(dtype=float)[0].reshape(2, 2)
+
+
+def codes(log: Log) -> dict[str, str]:
+    return {finding.code: finding.text for finding in log.findings}
+
+
+def ship(time_ns: int, east_m: float, north_m: float) -> Row:
+    lat, lon, _ = pymap3d.enu2geodetic(east_m, north_m, 0.0, 45.0, 7.0, 0.0)
+    return fix(time_ns, float(lat), float(lon), topic="/ship/fix")
+
+
+def gyro(time_ns: int, heading_deg: float) -> Row:
+    return time_ns, "/ship/heading", HEADING, {"data": heading_deg}
+
+
+ON_SHIP = f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix", heading_topic = "/ship/heading", sd_m = 0.0%s }}\n'
+
+
+def test_a_head_on_a_ship_is_where_the_ship_was_when_the_fix_was_true(tmp_path: Path) -> None:
+    """The ship sails east at 10 m/s; half a second after the first second it is at 15 m."""
+    rows = [ship(T0 + k * SECOND, 10.0 * k, 5.0) for k in range(4)] + [point(T0 + SECOND * 3 // 2, 3.0, 4.0)]
+
+    log = logged(tmp_path, rows, f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix" }}')
+
+    assert places(log)[0] == pytest.approx([15 + 3, 5 + 4], abs=1e-3)
+
+
+def test_late_fixes_are_placed_by_their_time_of_validity(tmp_path: Path) -> None:
+    rows = [ship(T0 + k * SECOND, 10.0 * k, 0.0) for k in range(4)] + [point(T0 + 2 * SECOND, 0.0, 0.0, delay_s=0.9)]
+
+    log = logged(tmp_path, rows, f'{MAP}[usbl]\nlatency_s = 0.5\nhead = {{ topic = "/ship/fix" }}')
+
+    assert places(log)[0] == pytest.approx([15, 0], abs=1e-3)
+
+
+def test_offsets_from_the_bow_turn_with_the_ship(tmp_path: Path) -> None:
+    """Heading east (90 deg): forward is east, starboard is south."""
+    rows = [row for k in range(3) for row in (ship(T0 + k * SECOND, 0.0, 0.0), gyro(T0 + k * SECOND, 90.0))]
+    toml = ON_SHIP % "" + 'frame = "body"\naxes = "FSD"'
+
+    log = logged(tmp_path, [*rows, point(T0 + SECOND, 30.0, 4.0)], toml)
+
+    assert places(log)[0] == pytest.approx([30, -4], abs=1e-3)
+    assert "axes FSD (configuration)" in log.provenance["usbl"].conventions
+
+
+def test_a_heading_that_passes_north_is_interpolated_the_short_way(tmp_path: Path) -> None:
+    rows = [ship(T0, 0.0, 0.0), ship(T0 + 2 * SECOND, 0.0, 0.0), gyro(T0, 358.0), gyro(T0 + 2 * SECOND, 2.0)]
+
+    log = logged(tmp_path, [*rows, point(T0 + SECOND, 100.0, 0.0)], ON_SHIP % "" + 'frame = "body"\naxes = "FSD"')
+
+    assert places(log)[0] == pytest.approx([0, 100], abs=1e-3)
+
+
+def test_a_lever_arm_turns_with_the_ship(tmp_path: Path) -> None:
+    """The head hangs 2 m to starboard and 10 m ahead of the antenna; heading 270, ahead is west, starboard is north."""
+    rows = [row for k in range(3) for row in (ship(T0 + k * SECOND, 50.0, 0.0), gyro(T0 + k * SECOND, 270.0))]
+    toml = ON_SHIP % ", lever_arm_m = [2.0, 10.0, -3.0]"
+
+    log = logged(tmp_path, [*rows, point(T0 + SECOND, 7.0, 8.0)], toml)
+
+    assert places(log)[0] == pytest.approx([50 - 10 + 7, 2 + 8], abs=1e-3)
+
+
+def test_a_turned_instrument_is_turned_back(tmp_path: Path) -> None:
+    """Mounted 30 deg clockwise: what it sees dead ahead is 30 deg to starboard of the bow, and the bow is north."""
+    head = "head = { east_m = 0.0, north_m = 0.0, heading_deg = 0.0 }"
+    toml = f'[usbl]\nframe = "body"\naxes = "FSD"\nmount_deg = 30\n{head}'
+
+    log = logged(tmp_path, [point(T0, 100.0, 0.0)], toml)
+
+    assert places(log)[0] == pytest.approx([50, 100 * math.cos(math.pi / 6)])
+
+
+@pytest.mark.parametrize("missing", ["position", "heading"])
+def test_fixes_inside_a_gap_of_the_ship_are_refused(tmp_path: Path, missing: str) -> None:
+    seconds = {"position": range(20), "heading": range(20)} | {missing: [*range(5), *range(15, 20)]}
+    rows = [ship(T0 + k * SECOND, 0.0, 0.0) for k in seconds["position"]]
+    rows += [gyro(T0 + k * SECOND, 0.0) for k in seconds["heading"]]
+    rows += [point(T0 + k * SECOND, 1.0, 2.0) for k in (2, 4, 9, 15, 25)]
+
+    log = logged(tmp_path, rows, ON_SHIP % "" + 'frame = "body"\naxes = "FSD"')
+
+    assert log.tables["usbl"]["time_s"].tolist() == [0, 2, 13]
+    assert "2 of 5 records are invalid" in codes(log)["USBL-INVALID"]
+    assert "without the ship's position within 3 s" in codes(log)["USBL-INVALID"]
+
+
+def test_between_records_one_interpolates_and_beyond_them_nothing_is_known() -> None:
+    samples = Samples(np.array([0, 2, 10], dtype=np.int64) * SECOND, np.array([[0.0], [4.0], [20.0]]))
+    asked = np.array([-1, 0, 1, 2, 5, 10, 11], dtype=np.int64) * SECOND
+
+    np.testing.assert_array_equal(samples.at(asked)[:, 0], [np.nan, 0, 2, 4, 10, 20, np.nan])
+    np.testing.assert_array_equal(samples.at(asked, 3.0)[:, 0], [np.nan, 0, 2, 4, np.nan, 20, np.nan])
+
+
+def test_the_ships_receiver_is_no_truth_of_the_vehicle(tmp_path: Path) -> None:
+    rows = [*short_dive(), *(ship(T0 + k * SECOND, 0.0, 0.0) for k in range(11))]
+
+    log = logged(tmp_path, rows, f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix" }}')
+
+    assert "gps" not in log.tables
+    assert log.truth is None
+    assert "gps" not in survey(tmp_path / "dive.mcap", Request()).roles
+
+
+def test_what_places_the_head_cannot_judge_the_filter(tmp_path: Path) -> None:
+    rows = [ship(T0, 0.0, 0.0), point(T0, 3.0, 4.0)]
+
+    with pytest.raises(UsageError, match="/ship/fix cannot be the ship and the truth at once"):
+        logged(tmp_path, rows, f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix" }}\n[gps]\ntopic = "/ship/fix"')
+
+
+def test_the_ships_first_fix_is_the_origin_where_there_is_no_other(tmp_path: Path) -> None:
+    log = logged(tmp_path, [ship(T0, 0.0, 0.0), point(T0, 3.0, 4.0)], '[usbl]\nhead = { topic = "/ship/fix" }')
+
+    assert log.origin is not None
+    assert log.origin.lat_deg == pytest.approx(45.0)
+    assert places(log)[0] == pytest.approx([3, 4])
+    assert "MAP-UNKNOWN" not in codes(log)
+
+
+def test_what_would_mend_a_ships_heading_is_a_key_of_the_head(tmp_path: Path) -> None:
+    seconds = [T0 + k * SECOND for k in range(4)]
+    rows = [ship(t, 0.0, 0.0) for t in seconds] + [point(T0 + SECOND, 3.0, 4.0)]
+    rows += [(t, "/ship/hdm", HEADING, {"data": 3.0}) for t in seconds]
+
+    log = logged(tmp_path, sorted(rows, key=lambda row: row[0]), ON_SHIP.replace("/ship/heading", "/ship/hdm") % "")
+
+    assert "state heading_declination_deg in head of [usbl]" in codes(log)["HEADING-MAGNETIC"]
+    assert "[compass]" not in codes(log)["HEADING-UNIT"]
+
+
+def test_a_wrong_gyro_spreads_a_fix_across_the_line_of_sight(tmp_path: Path) -> None:
+    """1 deg at 200 m is 3.49 m across; the ship's receiver adds 0.5 m in any direction; 0.7 m is the sensor's own."""
+    bearing = math.radians(30)
+    along = np.array([math.sin(bearing), math.cos(bearing)])
+    across = np.array([along[1], -along[0]])
+    rows = [ship(T0, 0.0, 0.0), gyro(T0, 0.0), point(T0, 200 * along[1], 200 * along[0])]
+    toml = (ON_SHIP % "").replace("sd_m = 0.0", "sd_m = 0.5") + (
+        'frame = "body"\naxes = "FSD"\nsd_m = 0.7\nheading_sd_deg = 1.0'
+    )
+
+    R = covariance(logged(tmp_path, rows, toml))
+
+    assert along @ R @ along == pytest.approx(0.7**2 + 0.5**2)
+    assert across @ R @ across == pytest.approx(0.7**2 + 0.5**2 + (200 * math.pi / 180) ** 2)
+
+
+def test_heading_noise_of_a_fix_agrees_with_drawn_headings(tmp_path: Path) -> None:
+    """Lever arm and offset turn together: draws of the heading move the fix by what the covariance says."""
+    rng = np.random.default_rng(0)
+    headings = np.radians(40.0 + 0.5 * rng.standard_normal(20_000))
+    starboard, forward = 30.0 + 2.0, 80.0 + 10.0
+    drawn = np.column_stack(
+        [
+            starboard * np.cos(headings) + forward * np.sin(headings),
+            forward * np.cos(headings) - starboard * np.sin(headings),
+        ]
+    )
+    rows = [ship(T0, 0.0, 0.0), gyro(T0, 40.0), point(T0, 80.0, 30.0)]
+    toml = ON_SHIP % ", lever_arm_m = [2.0, 10.0, 0.0]" + (
+        'frame = "body"\naxes = "FSD"\nsd_m = 0.2\nheading_sd_deg = 0.5'
+    )
+
+    log = logged(tmp_path, rows, toml)
+
+    np.testing.assert_allclose(covariance(log) - np.eye(2) * 0.04, np.cov(drawn.T), rtol=0.03, atol=0.01)
+    np.testing.assert_allclose(places(log)[0], drawn.mean(axis=0), atol=0.05)
+
+
+def test_a_head_on_the_vehicle_measures_a_fixed_beacon(tmp_path: Path) -> None:
+    """Heading east, the beacon at (100, 50) is 20 m ahead and 5 m to starboard: the vehicle is west and north of it."""
+    rows = [yaw(T0 + k * SECOND, 0.0) for k in range(3)] + [point(T0 + SECOND, 20.0, 5.0)]
+    toml = '[usbl]\nframe = "body"\naxes = "FSD"\nbeacon = { east_m = 100.0, north_m = 50.0, depth_m = 10.0 }'
+
+    log = logged(tmp_path, rows, toml)
+
+    assert places(log)[0] == pytest.approx([100 - 20, 50 + 5])
+    assert "head on the vehicle, beacon at 100.00 m east, 50.00 m north (configuration)" in (
+        log.provenance["usbl"].conventions
+    )
+
+
+def test_the_vehicles_way_round_a_beacon_is_found_again(tmp_path: Path) -> None:
+    """A vehicle circles a beacon at 25 m, its bow along the circle: the beacon stays abeam, the fixes go round."""
+    rows: list[Row] = []
+    truth: list[tuple[float, float]] = []
+    for k in range(60):
+        angle = 2 * math.pi * k / 60  # counter-clockwise from east of the beacon; the bow is 90 deg further
+        truth.append((10 + 25 * math.cos(angle), 20 + 25 * math.sin(angle)))
+        rows += [yaw(T0 + k * SECOND, math.degrees(angle) + 90), point(T0 + k * SECOND, 0.0, 25.0)]
+    toml = '[usbl]\nframe = "body"\naxes = "FPU"\nbeacon = { east_m = 10.0, north_m = 20.0 }'
+
+    np.testing.assert_allclose(places(logged(tmp_path, rows, toml)), truth, atol=1e-9)
+
+
+def test_inverted_fixes_need_the_heading_of_the_vehicle_near_their_time(tmp_path: Path) -> None:
+    rows = [yaw(T0, 0.0), yaw(T0 + 10 * SECOND, 0.0), *(point(T0 + k * SECOND, 20.0, 0.0) for k in (0, 5))]
+
+    log = logged(tmp_path, rows, '[usbl]\nframe = "body"\naxes = "FSD"\nbeacon = { east_m = 0.0, north_m = 0.0 }')
+
+    assert len(log.tables["usbl"]) == 1
+    assert "1 without a heading at their time" in codes(log)["USBL-INVALID"]
+
+
+def test_inverted_fixes_without_any_compass_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="the vehicle has no compass"):
+        logged(tmp_path, [point(T0, 20.0, 0.0)], '[usbl]\nframe = "body"\nbeacon = { east_m = 0.0, north_m = 0.0 }')
+
+
+def test_a_range_and_bearing_of_a_beacon_from_the_vehicles_bow(tmp_path: Path) -> None:
+    """3-4-5: 50 m of slant range to a beacon 40 m below leave 30 m; heading 60, bearing 30: due east of the vehicle."""
+    log = sheet(
+        tmp_path,
+        '[usbl]\nframe = "body"\nbeacon = { east_m = 0.0, north_m = 0.0, depth_m = 45.0 }',
+        usbl="time_ns,slant_range_m,bearing_deg\n1000000000,50,30",
+        compass="time_ns,heading_deg\n0,60\n2000000000,60",
+        depth="time_ns,depth_m\n0,5.0\n2000000000,5.0",
+    )
+
+    assert places(log)[0] == pytest.approx([-30, 0], abs=1e-9)
+
+
+def test_a_slower_sound_shortens_ranges_before_the_depth_is_taken_off(tmp_path: Path) -> None:
+    """100 m told for 1500 m/s are 96 m at 1440 m/s; 57.6 m below the head leave 76.8 m."""
+    log = sheet(
+        tmp_path,
+        "[usbl]\nsound_speed_scale = 0.96\nhead = { east_m = 0.0, north_m = 0.0 }",
+        usbl="time_ns,slant_range_m,bearing_deg\n0,100,90",
+        depth="time_ns,depth_m\n0,57.6\n2000000000,57.6",
+    )
+
+    assert places(log)[0] == pytest.approx([76.8, 0])
+
+
+def test_offsets_scale_with_the_speed_of_sound_and_places_do_not(tmp_path: Path) -> None:
+    head = "head = { east_m = 100.0, north_m = 0.0 }"
+
+    near = logged(tmp_path, [point(T0, 50.0, 20.0)], f"[usbl]\nsound_speed_scale = 0.98\n{head}")
+    on_map = logged(tmp_path, [point(T0, 50.0, 20.0)], f'[usbl]\nsound_speed_scale = 0.98\nrelative_to = "map"\n{head}')
+
+    assert places(near)[0] == pytest.approx([149, 19.6])
+    assert places(on_map)[0] == pytest.approx([50, 20])
+    assert "sound_speed_scale" in codes(on_map)["KEY-UNUSED"]
+
+
+@pytest.mark.parametrize(
+    ("usbl", "sentence"),
+    [
+        ('head = { topic = "/ship", lat_deg = 1.0, lon_deg = 2.0 }', "state either where the head is or the topic"),
+        ('head = { heading_topic = "/gyro" }', "state either lat_deg and lon_deg or east_m and north_m"),
+        ('head = { topic = "/ship", lever_arm_m = [1.0, 0.0, 0.0] }', "state heading_topic or heading_deg"),
+        ("beacon = { lat_deg = 45.0 }", "state either lat_deg and lon_deg or east_m and north_m"),
+        ("beacon = { east_m = 0.0, north_m = 0.0 }\nhead = { east_m = 0.0, north_m = 0.0 }", "either at a known place"),
+        ('frame = "body"', "the head's position is missing"),
+    ],
+)
+def test_a_head_that_makes_no_sense_is_refused(tmp_path: Path, usbl: str, sentence: str) -> None:
+    with pytest.raises(UsageError, match=sentence):
+        logged(tmp_path, [point(T0, 1.0, 2.0)], f"[usbl]\n{usbl}")
+
+
+def test_a_head_whose_heading_nobody_knows_cannot_turn_a_fix(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="state heading_topic or heading_deg in head"):
+        logged(tmp_path, [point(T0, 1.0, 2.0)], '[usbl]\nframe = "body"\nhead = { east_m = 0.0, north_m = 0.0 }')
+
+
+def test_an_imu_on_the_ship_counts_from_east_unless_stated(tmp_path: Path) -> None:
+    values = {"header.stamp": T0, "orientation.z": 0.0, "orientation.w": 1.0}
+    rows = [ship(T0, 0.0, 0.0), (T0, "/ship/imu", IMU, values), point(T0, 10.0, 0.0)]
+    toml = f'{MAP}[usbl]\nframe = "body"\naxes = "FSD"\nhead = {{ topic = "/ship/fix", heading_topic = "/ship/imu"%s }}'
+
+    east = logged(tmp_path, rows, toml % "")
+    north = logged(tmp_path, rows, toml % ', heading_convention = "NED", heading_bias_deg = 90.0')
+
+    assert places(east)[0] == pytest.approx([10, 0], abs=1e-3)
+    assert places(north)[0] == pytest.approx([-10, 0], abs=1e-3)

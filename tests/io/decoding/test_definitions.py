@@ -1,0 +1,229 @@
+"""Recordings that do not define their messages: what is known, what a user's folder adds, and other languages."""
+
+import sqlite3
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from dives import SECOND, T0
+from usbldr.filters.errors import UsageError
+from usbldr.io.decoding.definitions import SHIPPED, with_folders
+from usbldr.io.decoding.known_messages import KNOWN
+from usbldr.io.formats.db3_log import Db3Log
+from usbldr.io.formats.mcap_log import McapLog
+from usbldr_cli.main import cli
+
+BEAM = "int64 id\nfloat64 velocity\nfloat64 distance\nfloat64 rssi\nfloat64 nsd\nbool valid\n"
+START = "std_msgs/Header header\nfloat64 time\ngeometry_msgs/Vector3 velocity\nfloat64 fom\n"
+OF_2024 = START + "float64 altitude\nDVLBeam[] beams\nbool velocity_valid\nint64 status\nstring form\n"
+OF_2025 = START + (
+    "float64[] covariance\nfloat64 altitude\nDVLBeam[] beams\nbool velocity_valid\nint64 status\n"
+    "int64 time_of_validity\nint64 time_of_transmission\nstring form\n"
+)
+
+
+def undefined_dvl(folder: Path, layout: str) -> Path:
+    """Write ten messages of dvl_msgs/DVL, x counting up, into a db3 that does not define them."""
+    store = get_typestore(Stores.ROS2_FOXY)
+    store.register(get_types_from_msg(BEAM, "dvl_msgs/msg/DVLBeam"))
+    store.register(get_types_from_msg(layout, "dvl_msgs/msg/DVL"))
+    types: Any = store.types
+    with Writer(folder, version=8) as bag:
+        connection = bag.add_connection("/dvl/data", "dvl_msgs/msg/DVL", typestore=store)
+        for k in range(10):
+            stamp = types["builtin_interfaces/msg/Time"](T0 // SECOND + k, 0)
+            header = types["std_msgs/msg/Header"](stamp, "dvl_link")
+            velocity = types["geometry_msgs/msg/Vector3"](float(k), 0.5, 0.25)
+            beams = [types["dvl_msgs/msg/DVLBeam"](i, 0.1, 5.0, -40.0, -90.0, True) for i in range(4)]
+            covariance = [np.arange(9.0)] if "covariance" in layout else []
+            times = [T0 // 1000, T0 // 1000 + 189_000] if "covariance" in layout else []
+            made: Any = types["dvl_msgs/msg/DVL"](
+                header, 0.2, velocity, 0.01, *covariance, 12.0, beams, True, 0, *times, "json_v3"
+            )
+            bag.write(connection, T0 + k * SECOND, store.serialize_cdr(made, "dvl_msgs/msg/DVL"))
+    (file,) = folder.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("DROP TABLE message_definitions")
+    database.close()
+    return file
+
+
+@pytest.mark.parametrize(("layout", "has_covariance"), [(OF_2024, False), (OF_2025, True)])
+def test_the_layout_that_the_bytes_have_is_found(tmp_path: Path, layout: str, has_covariance: bool) -> None:
+    log = Db3Log(undefined_dvl(tmp_path / "a", layout))
+
+    (topic,) = log.topics()
+    dvl = log.read({"/dvl/data": ["velocity.x", "fom", "velocity_valid", "header.stamp"]})["/dvl/data"]
+
+    assert topic.has("covariance.0") == has_covariance
+    np.testing.assert_array_equal(dvl.columns["velocity.x"], np.arange(10.0))
+    np.testing.assert_array_equal(dvl.columns["header.stamp"], T0 + np.arange(10) * SECOND)
+    assert dvl.columns["velocity_valid"].all()
+    assert log.findings() == ()
+
+
+def test_so_it_is_in_an_mcap_file(tmp_path: Path) -> None:
+    with sqlite3.connect(undefined_dvl(tmp_path / "a", OF_2024)) as database:
+        rows = database.execute("SELECT timestamp, data FROM messages").fetchall()
+    database.close()
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema("dvl_msgs/msg/DVL", "ros2msg", b"")
+        channel = writer.register_channel("/dvl/data", "cdr", schema)
+        for time_ns, data in rows:
+            writer.add_message(channel, time_ns, data, time_ns)
+        writer.finish()
+
+    dvl = McapLog(tmp_path / "a.mcap").read({"/dvl/data": ["velocity.x"]})["/dvl/data"]
+
+    np.testing.assert_array_equal(dvl.columns["velocity.x"], np.arange(10.0))
+
+
+def test_bytes_of_no_known_layout_are_named_with_the_way_out(tmp_path: Path) -> None:
+    file = undefined_dvl(tmp_path / "a", OF_2024)
+    with sqlite3.connect(file) as database:
+        database.execute("UPDATE messages SET data = substr(data, 1, length(data) - 20)")
+    database.close()
+
+    log = Db3Log(file)
+
+    assert [topic.problem for topic in log.topics()] == [
+        "the file carries no definition of its type dvl_msgs/msg/DVL, and its messages do not fit the 2 known layouts; "
+        "--msg-path DIR names a folder with the right dvl_msgs/msg/DVL.msg"
+    ]
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """Return a recording of messages that only its maker knows."""
+    text = "std_msgs/Header header\nour_msgs/Angle heading\n"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("float64 degrees\n", "our_msgs/msg/Angle"))
+    store.register(get_types_from_msg(text, "our_msgs/msg/Compass"))
+    types = store.types
+    with Writer(tmp_path / "own", version=8) as bag:
+        connection = bag.add_connection("/compass", "our_msgs/msg/Compass", typestore=store)
+        for k in range(5):
+            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](k, 0), "")
+            made = types["our_msgs/msg/Compass"](header, types["our_msgs/msg/Angle"](float(k)))
+            bag.write(connection, T0 + k, store.serialize_cdr(made, "our_msgs/msg/Compass"))
+    with sqlite3.connect(tmp_path / "own" / "own.db3") as database:
+        database.execute("DROP TABLE message_definitions")
+    database.close()
+    messages = tmp_path / "src" / "our_msgs" / "msg"
+    messages.mkdir(parents=True)
+    (messages / "Compass.msg").write_text("# ours\n" + text)
+    (messages / "Angle.msg").write_text("float64 degrees\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("folder", ["src", "src/our_msgs", "src/our_msgs/msg"])
+def test_a_folder_of_definitions_makes_messages_readable(own: Path, folder: str) -> None:
+    log = Db3Log(own / "own" / "own.db3", with_folders([str(own / folder)]))
+
+    read = log.read({"/compass": ["heading.degrees"]})["/compass"]
+
+    np.testing.assert_array_equal(read.columns["heading.degrees"], np.arange(5.0))
+
+
+def test_the_option_for_it_stands_in_every_command_that_takes_a_log(own: Path) -> None:
+    log = str(own / "own")
+
+    without = CliRunner().invoke(cli, ["info", log])
+    with_it = CliRunner().invoke(cli, ["info", log, "--msg-path", str(own / "src")])
+    wrong = CliRunner().invoke(cli, ["info", log, "--msg-path", str(own / "gone")], standalone_mode=False)
+
+    assert "our_msgs/msg/Compass; --msg-path DIR names a folder with our_msgs/msg/Compass.msg" in without.output
+    assert "--msg-path" not in with_it.output
+    assert isinstance(wrong.exception, UsageError)
+    assert str(wrong.exception) == (f"--msg-path {own / 'gone'}: no such folder; PACKAGE/msg/TYPE.msg is looked for")
+
+
+@pytest.mark.parametrize("content", [b"float64 = =", b"\xff\xfe\x00"])
+def test_a_definition_that_makes_no_sense_is_named(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "our_msgs").mkdir()
+    (tmp_path / "our_msgs" / "Bad.msg").write_bytes(content)
+
+    with pytest.raises(UsageError, match=r"our_msgs/Bad\.msg: is no message definition \("):
+        with_folders([str(tmp_path)])
+
+
+def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"holds no \.msg file"):
+        with_folders([str(tmp_path)])
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_every_known_message_is_known_with_all_its_parts(name: str) -> None:
+    for types in SHIPPED.layouts(name):
+        store = get_typestore(Stores.EMPTY)
+        store.register(dict(types))
+        assert store.get_msgdef(name)
+
+
+IDL = """\
+module our_msgs {
+  module msg {
+    typedef double double__3[3];
+    struct Fix {
+      std_msgs::msg::Header header;
+      double__3 position;
+      boolean valid;
+      string name;
+    };
+  };
+};
+"""
+HEADER_IDL = """\
+module std_msgs { module msg { struct Header { builtin_interfaces::msg::Time stamp; string frame_id; }; }; };
+"""
+TIME_IDL = "module builtin_interfaces { module msg { struct Time { int32 sec; uint32 nanosec; }; }; };\n"
+
+
+def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
+    line = "=" * 80 + "\n"
+    parts = {"our_msgs/msg/Fix": IDL, "std_msgs/msg/Header": HEADER_IDL, "builtin_interfaces/msg/Time": TIME_IDL}
+    definition = "".join(f"{line}IDL: {name}\n{text}" for name, text in parts.items())
+    data = (
+        b"\0\1\0\0"
+        + struct.pack("<iII", 7, 5, 4)
+        + b"map\0"
+        + struct.pack("<3d?xxxI", 1.0, 2.0, 3.0, True, 4)
+        + b"one\0"
+    )
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema("our_msgs/msg/Fix", "ros2idl", definition.encode())
+        channel = writer.register_channel("/fix", "cdr", schema)
+        writer.add_message(channel, T0, data, T0)
+        writer.finish()
+
+    paths = ["header.stamp", "header.frame_id", "position.1", "valid", "name"]
+    read = McapLog(file).read({"/fix": paths})["/fix"]
+
+    assert {path: column[0] for path, column in read.columns.items()} == dict(
+        zip(paths, [7_000_000_005, "map", 2.0, True, "one"], strict=True)
+    )
+
+
+def test_a_schema_without_text_is_read_by_what_is_known_of_its_type(tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"")
+        channel = writer.register_channel("/heading", "cdr", schema)
+        writer.add_message(channel, T0, b"\0\1\0\0" + struct.pack("<d", 12.5), T0)
+        writer.finish()
+
+    assert McapLog(file).read({"/heading": ["data"]})["/heading"].columns["data"].tolist() == [12.5]

@@ -1,0 +1,311 @@
+"""MCAP channels in protobuf and JSON, written by Google's and Python's own libraries."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf import timestamp_pb2
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from mcap.writer import Writer
+
+from dives import SECOND, T0
+from usbldr.filters.errors import LogError
+from usbldr.io.decoding.columns import DefinitionError
+from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
+from usbldr.io.decoding.protobuf import ProtobufDecoder
+from usbldr.io.formats.detect import open_log
+from usbldr.io.read import Request, read_log
+
+
+def field(
+    name: str, number: int, kind: Any, type_name: str = "", repeated: bool = False, optional: bool = False
+) -> Field:
+    made = Field(name=name, number=number, type=kind, label=Field.LABEL_REPEATED if repeated else Field.LABEL_OPTIONAL)
+    if type_name:
+        made.type_name = type_name
+    if optional:
+        made.proto3_optional, made.oneof_index = True, 0
+    return made
+
+
+def descriptors() -> FileDescriptorSet:
+    """Return foxglove.LocationFix and LocationFixes by their published field numbers, and a DVL report of ours."""
+    file = FileDescriptorProto(name="all.proto", package="foxglove", syntax="proto3")
+    file.dependency.append("google/protobuf/timestamp.proto")
+    fix = file.message_type.add(name="LocationFix")
+    fix.enum_type.add(name="PositionCovarianceType").value.add(name="UNKNOWN", number=0)
+    fix.enum_type[0].value.add(name="DIAGONAL_KNOWN", number=2)
+    fix.field.extend(
+        [
+            field("timestamp", 6, Field.TYPE_MESSAGE, ".google.protobuf.Timestamp"),
+            field("frame_id", 7, Field.TYPE_STRING),
+            field("latitude", 1, Field.TYPE_DOUBLE),
+            field("longitude", 2, Field.TYPE_DOUBLE),
+            field("position_covariance", 4, Field.TYPE_DOUBLE, repeated=True),
+            field("position_covariance_type", 5, Field.TYPE_ENUM, ".foxglove.LocationFix.PositionCovarianceType"),
+            field("heading", 10, Field.TYPE_DOUBLE, optional=True),
+            field("raw", 99, Field.TYPE_BYTES),
+        ]
+    )
+    fix.oneof_decl.add(name="_heading")
+    fixes = file.message_type.add(name="LocationFixes")
+    fixes.field.append(field("fixes", 1, Field.TYPE_MESSAGE, ".foxglove.LocationFix", repeated=True))
+    dvl = file.message_type.add(name="DVL")
+    vector = dvl.nested_type.add(name="Vector")
+    vector.field.extend(field(axis, k + 1, Field.TYPE_DOUBLE) for k, axis in enumerate("xyz"))
+    dvl.field.extend(
+        [
+            field("velocity", 1, Field.TYPE_MESSAGE, ".foxglove.DVL.Vector"),
+            field("velocity_valid", 2, Field.TYPE_BOOL),
+            field("again", 3, Field.TYPE_MESSAGE, ".foxglove.DVL"),  # definitions may be recursive
+        ]
+    )
+    stamps = FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(stamps)
+    return FileDescriptorSet(file=[file, stamps])  # an import after what imports it
+
+
+DESCRIPTORS = descriptors()
+POOL = DescriptorPool()
+for _file in reversed(DESCRIPTORS.file):
+    POOL.AddSerializedFile(_file.SerializeToString())
+made_at_run_time: Any = GetMessageClass
+LocationFix, LocationFixes, Dvl = (
+    made_at_run_time(POOL.FindMessageTypeByName(f"foxglove.{name}")) for name in ("LocationFix", "LocationFixes", "DVL")
+)
+TIME = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+SCHEMA = {
+    "title": "foxglove.LocationFix",
+    "type": "object",
+    "properties": {
+        "timestamp": TIME,
+        "frame_id": {"type": "string"},
+        "latitude": {"type": "number"},
+        "longitude": {"type": "number"},
+        "position_covariance": {"type": "array", "items": {"type": "number"}},
+        "position_covariance_type": {"oneOf": [{"title": "UNKNOWN", "const": 0}, {"title": "KNOWN", "const": 3}]},
+        "heading": {"type": ["number", "null"]},
+    },
+}
+
+Channel = tuple[str, str, str, bytes]  # type, encoding, encoding of the definition, definition
+PROTOBUF: Channel = ("foxglove.LocationFix", "protobuf", "protobuf", DESCRIPTORS.SerializeToString())
+JSON: Channel = ("foxglove.LocationFix", "json", "jsonschema", json.dumps(SCHEMA).encode())
+
+
+def write(file: Path, channel: Channel, payloads: Iterable[bytes], topic: str = "location") -> Path:
+    name, encoding, schema_encoding, definition = channel
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema(name, schema_encoding, definition)
+        number = writer.register_channel(topic, encoding, schema)
+        for k, data in enumerate(payloads):
+            writer.add_message(number, T0 + k * SECOND, data, T0 + k * SECOND)
+        writer.finish()
+    return file
+
+
+def in_protobuf(time_ns: int, values: Mapping[str, Any]) -> bytes:
+    made = LocationFix(**values)
+    made.timestamp.seconds, made.timestamp.nanos = divmod(time_ns, SECOND)
+    return made.SerializeToString()
+
+
+def in_json(time_ns: int, values: Mapping[str, Any]) -> bytes:
+    sec, nsec = divmod(time_ns, SECOND)
+    return json.dumps({"timestamp": {"sec": sec, "nsec": nsec}, **values}).encode()
+
+
+BOTH = pytest.mark.parametrize(
+    ("channel", "encode"), [(PROTOBUF, in_protobuf), (JSON, in_json)], ids=["protobuf", "json"]
+)
+BERMUDA = {"latitude": 32.25, "longitude": -64.75, "frame_id": "gps"}
+
+
+@BOTH
+def test_a_foxglove_fix_is_a_gps_fix_at_its_own_time(tmp_path: Path, channel: Channel, encode: Any) -> None:
+    known = {"position_covariance": np.diag([4.0, 4.0, 9.0]).ravel().tolist(), "position_covariance_type": 2}
+    payloads = [encode(T0 - 1, BERMUDA | known), encode(T0 + SECOND - 1, BERMUDA)]
+
+    log = read_log(write(tmp_path / "dive.mcap", channel, payloads))
+
+    table = log.tables["gps"]
+    assert table["lat_deg"].tolist() == [32.25, 32.25]
+    assert table["lon_deg"].tolist() == [-64.75, -64.75]
+    np.testing.assert_allclose(table["sd_m"], [2.0, np.nan])  # an empty covariance is unknown
+    assert log.start_ns == T0 - 1
+    assert table["time_s"].tolist() == [0.0, 1.0]
+    assert log.provenance["gps"].type == "foxglove.LocationFix"
+
+
+def test_a_pose_in_json_may_be_a_usbl_fix(tmp_path: Path) -> None:
+    xyz = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
+    pose = {"type": "object", "properties": {"position": xyz}}
+    schema = {"properties": {"timestamp": TIME, "frame_id": {"type": "string"}, "pose": pose}}
+    channel = ("foxglove.PoseInFrame", "json", "jsonschema", json.dumps(schema).encode())
+    payload = in_json(T0, {"frame_id": "map_ned", "pose": {"position": {"x": 3.0, "y": 4.0, "z": 5.0}}})
+
+    table = read_log(write(tmp_path / "dive.mcap", channel, [payload], "/usbl/fix")).tables["usbl"]
+
+    assert (table["east_m"].iloc[0], table["north_m"].iloc[0]) == (4.0, 3.0)
+
+
+NO_SCHEMA = [("", b""), ("jsonschema", b""), ("jsonschema", b"{}"), ("jsonschema", b'{"type": "object"}')]
+
+
+@pytest.mark.parametrize(("encoding", "definition"), NO_SCHEMA)
+def test_json_whose_schema_tells_no_field_is_read_by_its_messages(
+    tmp_path: Path, encoding: str, definition: bytes
+) -> None:
+    known = {"position_covariance": (np.eye(3) * 4.0).ravel().tolist(), "position_covariance_type": 2}
+    payloads = [b"no json", in_json(T0, {"heading": None}), in_json(T0 + 7, BERMUDA | known)]
+
+    log = read_log(write(tmp_path / "dive.mcap", ("foxglove.LocationFix", "json", encoding, definition), payloads))
+
+    table = log.tables["gps"]
+    assert table[["lat_deg", "lon_deg", "sd_m"]].to_numpy().tolist() == [[32.25, -64.75, 2.0]]
+    assert log.start_ns == T0 + 7
+
+
+def test_json_without_the_name_of_a_type_is_refused(tmp_path: Path) -> None:
+    with (tmp_path / "dive.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_message(writer.register_channel("location", "json", 0), T0, in_json(T0, BERMUDA), T0)
+        writer.finish()
+
+    with pytest.raises(
+        LogError, match=r"location cannot be read as the gps: its messages \(json\) carry no definition"
+    ):
+        read_log(tmp_path / "dive.mcap", Request(topics={"gps": "location"}))
+
+
+def test_times_in_json_without_schema_are_known_by_their_look() -> None:
+    told = {"stamp": "2020-09-13T12:26:40.5Z", "header": {"stamp": {"sec": 5, "nanosec": 7}}, "name": "B01"}
+    decoder = JsonDecoder("x", schema_of([json.dumps(told).encode()]))
+
+    values = decoder.extractor(["stamp", "header.stamp", "name"])(json.dumps(told).encode())
+
+    assert values == (T0 + SECOND // 2, 5_000_000_007, "B01")
+
+
+@BOTH
+def test_a_heading_may_be_absent(tmp_path: Path, channel: Channel, encode: Any) -> None:
+    payloads = [encode(T0, BERMUDA), encode(T0 + SECOND, BERMUDA | {"heading": math.pi / 2})]
+
+    log = read_log(write(tmp_path / "dive.mcap", channel, payloads), Request(topics={"compass": "location"}))
+
+    assert log.tables["compass"]["heading_deg"].tolist() == pytest.approx([90.0])
+    (said,) = [finding.text for finding in log.findings if finding.code == "COMPASS-INVALID"]
+    assert said == "location: 1 of 2 records are invalid and left out (1 not a number)"
+
+
+@BOTH
+def test_bytes_that_do_not_fit_are_counted(tmp_path: Path, channel: Channel, encode: Any) -> None:
+    payloads = [encode(T0, BERMUDA), b"\xff\xff\xff", b'{"latitude": "north"}', b'{"timestamp": 5}']
+
+    log = read_log(write(tmp_path / "dive.mcap", channel, payloads))
+
+    assert len(log.tables["gps"]) == 1
+    (said,) = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
+    assert said == "location: 3 messages do not fit the definition that the file gives for them"
+
+
+def test_the_first_of_several_fixes_counts(tmp_path: Path) -> None:
+    both = LocationFixes(fixes=[LocationFix(**BERMUDA), LocationFix(latitude=1.0, longitude=1.0)])
+    both.fixes[0].timestamp.seconds = T0 // SECOND
+    channel = ("foxglove.LocationFixes", *PROTOBUF[1:])
+
+    log = read_log(write(tmp_path / "dive.mcap", channel, [both.SerializeToString()]))
+
+    assert log.tables["gps"]["lat_deg"].tolist() == [32.25]
+    assert log.tables["gps"]["time_s"].tolist() == [0.0]
+
+
+def test_a_velocity_that_is_not_set_is_not_standing_still(tmp_path: Path) -> None:
+    """proto3 gives zeros for a message that is absent; a DVL that was not heard is none."""
+    still = Dvl(velocity_valid=True)
+    still.velocity.x = 0.0
+    payloads = [still.SerializeToString(), Dvl(velocity_valid=True).SerializeToString()]
+
+    log = read_log(write(tmp_path / "dive.mcap", ("foxglove.DVL", *PROTOBUF[1:]), payloads, "/dvl"))
+
+    assert log.tables["dvl"]["valid"].tolist() == [True, False]
+    assert log.provenance["dvl"].conventions[0] == "axes FRD (by type)"
+
+
+TIMES = [
+    ({"sec": 5, "nsec": 7}, {"sec", "nsec"}),
+    ({"secs": 5, "nsecs": 7}, {"secs", "nsecs"}),
+    ({"seconds": 5, "nanos": 7}, {"seconds", "nanos"}),
+    ({"sec": 5, "nanosec": 7}, {"sec", "nanosec"}),
+    ("1970-01-01T00:00:05.000000007Z", None),
+]
+
+
+@pytest.mark.parametrize(("value", "names"), TIMES)
+def test_times_in_json_have_many_spellings(value: object, names: set[str] | None) -> None:
+    inner = {"format": "date-time", "type": "string"} if names is None else {"properties": {n: {} for n in names}}
+    decoder = JsonDecoder("x", json.dumps({"properties": {"header": {"properties": {"stamp": inner}}}}).encode())
+
+    assert decoder.fields == ("header.stamp",)
+    assert decoder.extractor(["header.stamp"])(json.dumps({"header": {"stamp": value}}).encode()) == (5_000_000_007,)
+
+
+def test_integers_of_64_bits_keep_all_their_digits_as_text() -> None:
+    decoder = JsonDecoder("x", b'{"properties": {"a": {"type": "integer"}, "b": {"type": "number"}}}')
+
+    assert decoder.extractor(["a", "b"])(b'{"a": "1600000000123456789", "b": "1.5"}') == (1600000000123456789, 1.5)
+    assert decoder.extractor(["a"])(b'{"a": "many"}') is None
+
+
+def test_json_schemas_may_refer_to_their_own_parts() -> None:
+    part = {"type": "object", "properties": {"x": {"type": "number"}, "again": {"$ref": "#/definitions/v"}}}
+    schema = {"properties": {"twist": {"$ref": "#/definitions/v"}}, "definitions": {"v": part}}
+    decoder = JsonDecoder("x", json.dumps(schema).encode())
+
+    assert decoder.fields[:2] == ("twist.x", "twist.again.x")
+    assert decoder.extractor(["twist.x", "twist.again.x"])(b'{"twist": {"x": 1}}')[0] == 1  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("decoder", "definition"),
+    [(JsonDecoder, b"{"), (JsonDecoder, b"[]"), (ProtobufDecoder, b"\xff"), (ProtobufDecoder, b"")],
+)
+def test_a_definition_without_sense_is_named(decoder: Any, definition: bytes) -> None:
+    with pytest.raises(DefinitionError):
+        decoder("foxglove.LocationFix", definition)
+
+
+def test_an_import_that_the_file_lacks_is_named(tmp_path: Path) -> None:
+    alone = FileDescriptorSet(file=[DESCRIPTORS.file[0]]).SerializeToString()
+    file = write(tmp_path / "dive.mcap", ("foxglove.LocationFix", "protobuf", "protobuf", alone), [b""])
+
+    (topic,) = open_log(file).topics()
+
+    assert topic.problem.startswith("the definition of its type foxglove.LocationFix is not valid (")
+
+
+def test_the_json_log_of_a_tutorial_has_its_gps(field_logs: Path) -> None:
+    log = read_log(field_logs / "reader_zoo" / "14_tutorial.mcap")
+
+    assert log.provenance["gps"].topic == "location"
+    assert len(log.tables["gps"]) == 51
+
+
+def test_the_protobuf_log_of_a_ship_tells_its_fields(field_logs: Path) -> None:
+    reader = open_log(field_logs / "reader_zoo" / "11_test.mcap")
+    topic = max(reader.topics(), key=lambda topic: topic.count)
+
+    records = reader.read({topic.name: ["timestamp"]})[topic.name]
+
+    assert topic.fields == ("timestamp",)
+    assert np.all(np.abs(records.columns["timestamp"] - records.received_ns) < 3600 * SECOND)

@@ -1,0 +1,210 @@
+"""Messages read by their layout: rosbags' own decoder, message by message, is the oracle."""
+
+import random
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from usbldr.io.decoding.cdr import RosDecoder, from_msg
+from usbldr.io.decoding.columns import in_one
+
+ODD = """\
+bool flag
+int16 small
+string first
+float64 wide
+uint8[3] three
+float32[] many
+string[] names
+geometry_msgs/Point[] points
+int64 last
+uint64 huge
+string second
+time_free_msgs/Inner inner
+builtin_interfaces/Time when
+"""
+INNER = "uint8 a\nfloat64 b\nstring[2] pair\nchar c\nbyte d\n"
+TYPES = [
+    "sensor_msgs/msg/Imu",
+    "sensor_msgs/msg/NavSatFix",
+    "nav_msgs/msg/Odometry",
+    "sensor_msgs/msg/JointState",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "std_msgs/msg/String",
+    "std_msgs/msg/Float64MultiArray",
+    "sensor_msgs/msg/BatteryState",
+    "odd_msgs/msg/Odd",
+]
+
+
+def store_of(ros_version: int) -> Typestore:
+    store = get_typestore(Stores.ROS1_NOETIC if ros_version == 1 else Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(INNER, "time_free_msgs/msg/Inner"))
+    store.register(get_types_from_msg(ODD, "odd_msgs/msg/Odd"))
+    return store
+
+
+STORES = {1: store_of(1), 2: store_of(2)}
+
+
+def anything(store: Typestore, description: tuple[Any, Any], rng: random.Random, most: int) -> Any:
+    """Make a value of a field by chance; lists and texts have up to ``most`` parts."""
+    node, what = description
+    if node is Nodetype.NAME:
+        fields = store.fielddefs[str(what)][1]
+        return store.types[str(what)](*(anything(store, kind, rng, most) for _, kind in fields))
+    if node is Nodetype.BASE:
+        if what[0] == "string":
+            return "".join(rng.choice("abcé") for _ in range(rng.randint(0, most)))
+        if what[0] == "bool":
+            return rng.random() < 0.5
+        if what[0].startswith("float"):
+            return float(np.float32(rng.gauss(0, 1e3)))
+        return rng.randint(0, 100)
+    element, count = what
+    count = count if node is Nodetype.ARRAY else rng.randint(0, most)
+    values = [anything(store, element, rng, most) for _ in range(count)]
+    base = str(element[1][0])
+    if element[0] is Nodetype.NAME or base == "string":
+        return values
+    return np.array(values, dtype={"byte": "uint8", "char": "uint8"}.get(base, base))
+
+
+def messages(ros_version: int, type_name: str, count: int, most: int) -> tuple[RosDecoder, list[bytes], list[Any]]:
+    store, rng = STORES[ros_version], random.Random(type_name)
+    made = [anything(store, (Nodetype.NAME, type_name), rng, most) for _ in range(count)]
+    definition = store.generate_msgdef(type_name, ros_version=ros_version)[0].encode()
+    if ros_version == 1:
+        return (
+            from_msg(type_name, definition, "ros1"),
+            [bytes(store.serialize_ros1(one, type_name)) for one in made],
+            made,
+        )
+    return from_msg(type_name, definition), [bytes(store.serialize_cdr(one, type_name)) for one in made], made
+
+
+def value(message: Any, path: str) -> Any:
+    for part in path.split("."):
+        message = message[int(part)] if part.isdecimal() else getattr(message, part)
+    return message.sec * 10**9 + message.nanosec if hasattr(message, "nanosec") else message
+
+
+def paths_of(decoder: RosDecoder, message: Any) -> list[str]:
+    """List all scalars, and the first of each array of numbers that is not empty."""
+    paths: list[str] = []
+    for path in decoder.fields:
+        one = value(message, path)
+        if not isinstance(one, (np.ndarray, list)):
+            paths.append(path)
+        elif isinstance(one, np.ndarray) and len(one):
+            paths += [f"{path}.0", f"{path}.{len(one) - 1}"]
+    return paths
+
+
+def columns(decoder: RosDecoder, payloads: Sequence[bytes], paths: Sequence[str]) -> tuple[list[int], dict[str, Any]]:
+    """Return which messages were read, in order, and their columns."""
+    read = in_one(decoder.pieces(payloads, paths), paths)
+    order = np.argsort(read.rows)
+    return read.rows[order].tolist(), {path: column[order] for path, column in read.columns.items()}
+
+
+@pytest.mark.parametrize("ros_version", [1, 2])
+@pytest.mark.parametrize("most", [0, 1, 3])
+@pytest.mark.parametrize("type_name", TYPES)
+def test_columns_are_what_was_written(ros_version: int, type_name: str, most: int) -> None:
+    decoder, payloads, made = messages(ros_version, type_name, 60, most)
+    paths = paths_of(decoder, made[0])
+
+    rows, read = columns(decoder, payloads, paths)
+
+    assert rows == list(range(60))
+    for path in paths:
+        for row, message in enumerate(made):
+            try:
+                expected = value(message, path)
+            except IndexError:
+                expected = np.nan
+            np.testing.assert_array_equal(read[path][row], expected, err_msg=f"{path} of message {row}")
+
+
+def test_messages_of_one_layout_need_no_decoder(monkeypatch: pytest.MonkeyPatch) -> None:
+    decoder, payloads, made = messages(2, "sensor_msgs/msg/Imu", 50, 0)
+    monkeypatch.setattr(Typestore, "deserialize_cdr", None)
+
+    rows, read = columns(decoder, payloads, ["orientation.z", "header.stamp", "orientation_covariance.8"])
+
+    assert rows == list(range(50))
+    assert read["header.stamp"].dtype == np.int64
+    np.testing.assert_array_equal(read["orientation.z"], [one.orientation.z for one in made])
+
+
+def test_messages_of_other_lengths_stand_among_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Same size, other lengths: "ab", "" and "", "ab" move a number, and nothing but the lengths tells."""
+    store = get_typestore(Stores.EMPTY)
+    definition = "string a\nuint8 x\nstring b\n"
+    store.register(get_types_from_msg(definition, "two_msgs/msg/Two"))
+    make = store.types["two_msgs/msg/Two"]
+    made = [make("abcd", 1, ""), make("", 2, "abcd"), make("abcd", 3, ""), make("dcba", 4, "")]
+    payloads = [bytes(store.serialize_cdr(one, "two_msgs/msg/Two")) for one in made]
+    assert len({len(payload) for payload in payloads}) == 1
+    monkeypatch.setattr(Typestore, "deserialize_cdr", None)
+
+    rows, read = columns(from_msg("two_msgs/msg/Two", definition.encode()), payloads, ["x", "a", "b"])
+
+    assert rows == [0, 1, 2, 3]
+    np.testing.assert_array_equal(read["x"], [1, 2, 3, 4])
+    np.testing.assert_array_equal(read["a"], ["abcd", "", "abcd", "dcba"])
+    np.testing.assert_array_equal(read["b"], ["", "abcd", "", ""])
+
+
+def test_big_endian_messages_are_left_to_the_slow_decoder() -> None:
+    store = STORES[2]
+    decoder, payloads, made = messages(2, "sensor_msgs/msg/NavSatFix", 6, 2)
+    payloads[3] = bytes(store.serialize_cdr(made[3], "sensor_msgs/msg/NavSatFix", little_endian=False))
+
+    rows, read = columns(decoder, payloads, ["latitude", "header.frame_id"])
+
+    assert rows == [0, 1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(read["latitude"], [one.latitude for one in made])
+    np.testing.assert_array_equal(read["header.frame_id"], [one.header.frame_id for one in made])
+
+
+@pytest.mark.parametrize("ros_version", [1, 2])
+@pytest.mark.parametrize(
+    ("type_name", "paths"),
+    [
+        ("sensor_msgs/msg/NavSatFix", ["latitude", "header.frame_id"]),
+        ("sensor_msgs/msg/BatteryState", ["voltage", "header.frame_id", "location", "serial_number"]),
+    ],
+)
+def test_bent_messages_are_read_exactly_where_rosbags_reads_them(
+    ros_version: int, type_name: str, paths: list[str]
+) -> None:
+    decoder, payloads, _ = messages(ros_version, type_name, 300, 2)
+    rng = random.Random(3)
+    bent = [bytearray(payload) for payload in payloads]
+    for payload in bent:
+        if rng.random() < 0.7:
+            payload[rng.randrange(min(40, len(payload)))] ^= 1 << rng.randrange(8)
+        if rng.random() < 0.2:
+            del payload[-rng.randint(1, 9) :]
+    store = STORES[ros_version]
+    decode = store.deserialize_ros1 if ros_version == 1 else store.deserialize_cdr
+    fitting: dict[int, Any] = {}
+    for row, payload in enumerate(bent):
+        try:
+            fitting[row] = decode(bytes(payload), type_name)
+        except Exception:  # whatever rosbags raises
+            continue
+
+    rows, read = columns(decoder, [bytes(payload) for payload in bent], paths)
+
+    assert rows == list(fitting)
+    assert 30 < len(rows) < 290
+    for path in paths:
+        np.testing.assert_array_equal(read[path], [value(message, path) for message in fitting.values()])

@@ -1,0 +1,44 @@
+"""Codes are stable and documented one by one."""
+
+import re
+from pathlib import Path
+
+from usbldr.io.doctor.findings import LEVELS, of_finding
+from usbldr.io.log import Finding
+
+ROOT = Path(__file__).resolve().parents[3]
+DOCUMENT = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
+ROWS = re.findall(r"^\| (`[A-Z`, -]+`) \| (\w+)(?:, or \w+)? \|", DOCUMENT, re.MULTILINE)
+DOCUMENTED = {code: level for codes, level in ROWS for code in re.findall(r"[A-Z-]+", codes)}
+
+
+def codes_in_the_sources() -> set[str]:
+    sources = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "io").rglob("*.py"))
+    literal = re.findall(r'(?:Finding|diagnosis)\(\s*"([A-Z]+(?:-[A-Z]+)*)"', sources)
+    tabled = re.findall(r'^\s+\(?"([A-Z]+-[A-Z-]+)"[:,]', sources, re.MULTILINE)
+    return {*literal, *tabled}
+
+
+def test_every_code_that_the_sources_use_is_documented() -> None:
+    assert codes_in_the_sources() - set(DOCUMENTED) == set()
+
+
+def test_no_code_is_documented_that_does_not_exist() -> None:
+    made_from_a_sensor = {f"{sensor}-INVALID" for sensor in ("DVL", "COMPASS", "USBL", "GPS", "DEPTH")}
+    chosen_by_a_condition = {"HEADING-BIAS", "DVL-MOUNT", "HEADING-CHECKED", "LOST-LOCK", "OUTAGE"}
+    assert set(DOCUMENTED) - codes_in_the_sources() - made_from_a_sensor - chosen_by_a_condition == set()
+
+
+def test_levels_are_as_documented() -> None:
+    lost = {"TRUNCATED", "DAMAGED", "MISSING-PART", "UNDECODED"}  # by what was lost, not by code
+    for code, level in DOCUMENTED.items():
+        if code not in lost:
+            assert LEVELS.get(code, "warning") == level, code
+
+
+def test_a_finding_of_reading_keeps_its_topic_and_is_an_error_where_data_were_lost() -> None:
+    lost = of_finding(Finding("TRUNCATED", "the file ends early", lost_data=True))
+    repeated = of_finding(Finding("REPEATED", "/dvl: 3 of 9 records repeat another's stamp and values"))
+
+    assert (lost.level, lost.topic) == ("error", "")
+    assert (repeated.level, repeated.topic) == ("info", "/dvl")

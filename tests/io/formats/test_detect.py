@@ -1,0 +1,67 @@
+"""Formats are told by content; what is none of ours is named."""
+
+from pathlib import Path
+
+import pytest
+
+from dives import short_dive, write_csv, write_mcap
+from usbldr.filters.errors import LogError
+from usbldr.io.formats.detect import open_log
+
+FORMATS = "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), text files of NMEA sentences and CSV folders"
+
+
+def test_an_mcap_file_is_one_whatever_its_name(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive()).rename(tmp_path / "dive.csv")
+
+    assert open_log(file).format == "MCAP"
+
+
+def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive.mcap", dvl="time_ns,starboard_mps,forward_mps\n1,2,3")
+
+    assert open_log(folder).format == "CSV folder"
+    assert open_log(folder / "dvl.csv").format == "CSV file"
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", "the file is empty"),
+        (b"\0\1\2\3not a log", "unknown format (starts with b'\\x00\\x01\\x02\\x03not a lo'); usbldr reads " + FORMATS),
+        (b"hello world", "unknown format (starts with b'hello world'); usbldr reads " + FORMATS),
+        (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; bring it to version 2.0 first "
+         "(rosbag fix IN.bag OUT.bag)"),
+        (b"\x28\xb5\x2f\xfdrest", "is compressed with zstd; unpack it first (zstd -d)"),
+        (b"\x1f\x8brest", "is compressed with gzip; unpack it first (gunzip)"),
+        (b"PK\x03\x04rest", "is a zip archive; unpack it first (unzip)"),
+        (b"\x7f\x7frest", "is a PD0 file as ADCPs write it; convert it to CSV or a bag first"),
+    ],
+)  # fmt: skip
+def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) -> None:
+    file = tmp_path / "dive.mcap"
+    file.write_bytes(content)
+
+    with pytest.raises(LogError) as fault:
+        open_log(file)
+
+    assert str(fault.value) == f"{file}: {sentence}"
+
+
+def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(LogError) as fault:
+        open_log(tmp_path / "gone.mcap")
+
+    assert str(fault.value) == f"{tmp_path / 'gone.mcap'}: no such file or folder"
+
+
+def test_a_folder_without_text_is_an_error_that_says_what_it_holds(tmp_path: Path) -> None:
+    (tmp_path / "dive.pdf").write_bytes(b"%PDF\0")
+
+    with pytest.raises(LogError) as fault:
+        open_log(tmp_path)
+
+    assert str(fault.value) == (
+        f"{tmp_path}: this folder holds no recording and no CSV file with a header (it holds dive.pdf); "
+        f"usbldr reads {FORMATS}"
+    )

@@ -1,0 +1,318 @@
+"""MCAP files as other writers make them, and as crashes leave them."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+from mcap.writer import CompressionType, Writer
+
+from dives import SECOND, T0, TWIST, Row, point, short_dive, twist, write_mcap, yaw
+from usbldr.filters.errors import LogError
+from usbldr.io.formats.mcap_log import McapLog
+
+CONTAINERS = [
+    (True, CompressionType.ZSTD),
+    (True, CompressionType.LZ4),
+    (True, CompressionType.NONE),
+    (False, CompressionType.NONE),
+]
+TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
+
+
+def many() -> list[Row]:
+    """1000 messages on one topic, every tenth of a second, x counting up; and a second topic."""
+    return [row for k in range(1000) for row in (twist(T0 + k * SECOND // 10, float(k), 0.0), yaw(T0 + k, 3.0))]
+
+
+def chunks_of(file: Path) -> list[ChunkIndex]:
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    return summary.chunk_indexes
+
+
+def bent_in(file: Path, number: int) -> int:
+    """Flip one bit in the middle of a chunk; return where."""
+    chunk = chunks_of(file)[number]
+    at = chunk.chunk_start_offset + chunk.chunk_length // 2
+    bent = bytearray(file.read_bytes())
+    bent[at] ^= 0x10
+    file.write_bytes(bent)
+    return at
+
+
+@pytest.mark.parametrize("summary", [True, False])
+@pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
+def test_every_kind_of_container_gives_the_same_columns(
+    tmp_path: Path, chunked: bool, compression: CompressionType, summary: bool
+) -> None:
+    log = McapLog(write_mcap(tmp_path / "a.mcap", many(), compression, chunked, 4096, summary))
+
+    topics = {topic.name: topic for topic in log.topics()}
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    assert {name: topic.count for name, topic in topics.items()} == {"/dvl": 1000, "/imu": 1000}
+    assert topics["/dvl"].type == TWIST
+    assert topics["/dvl"].first_ns == T0
+    assert topics["/dvl"].last_ns == T0 + 999 * SECOND // 10
+    np.testing.assert_array_equal(dvl.columns["header.stamp"], T0 + np.arange(1000) * (SECOND // 10))
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    assert dvl.columns["header.stamp"].dtype == np.int64
+    assert log.findings() == ()
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_file_as_its_index_says_is_not_walked_through(
+    tmp_path: Path, compression: CompressionType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 4096)
+    monkeypatch.setattr("usbldr.io.formats.mcap_log.Walk", None)
+    log = McapLog(file)
+
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 1000, "/imu": 1000}
+
+
+def test_chunks_without_a_wanted_message_are_not_looked_at(tmp_path: Path) -> None:
+    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in range(500)]
+    rows += [yaw(T0 + k * SECOND, 3.0) for k in range(500)]
+    file = write_mcap(tmp_path / "a.mcap", rows, CompressionType.NONE, True, 4096)
+    at = bent_in(file, -1)
+    log = McapLog(file)
+
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    assert at > file.stat().st_size / 2
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(500.0))
+    assert log.findings() == ()
+    assert len(log.read({"/imu": ["header.stamp"]})["/imu"].received_ns) < 500
+    assert [finding.code for finding in log.findings()] == ["DAMAGED"]
+
+
+@pytest.mark.parametrize("what", ["place", "time"])
+def test_an_index_that_lies_is_not_believed(tmp_path: Path, what: str) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
+    chunk = chunks_of(file)[3]
+    offset = min(chunk.message_index_offsets.values()) + 9 + 2 + 4 + (8 if what == "place" else 0)
+    bent = bytearray(file.read_bytes())
+    bent[offset] ^= 1
+    file.write_bytes(bent)
+
+    dvl = McapLog(file).read(TWIST_X)["/dvl"]
+
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(1000) * (SECOND // 10))
+
+
+def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
+    broken = chunks_of(file)[3]
+    bent = bytearray(file.read_bytes())
+    bent[broken.chunk_start_offset : broken.chunk_start_offset + 30] = bytes(30)
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    (finding,) = log.findings()
+
+    lost = sorted(set(range(1000)) - set(x.astype(int)))
+    assert 5 < len(lost) < 100
+    assert lost == list(range(lost[0], lost[-1] + 1))
+    assert (finding.code, finding.lost_data) == ("DAMAGED", True)
+    assert finding.text.startswith("1 chunks are damaged (logged between 2020-09-13T12:2")
+
+
+def test_records_come_in_the_order_of_their_log_times(tmp_path: Path) -> None:
+    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in (0, 3, 1, 2)]
+    log = McapLog(write_mcap(tmp_path / "a.mcap", rows))
+
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 1, 2, 3])
+    np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(4) * SECOND)
+
+
+def test_log_time_is_arrival_whatever_the_header_says(tmp_path: Path) -> None:
+    log = McapLog(write_mcap(tmp_path / "a.mcap", [point(T0 + 5, 1.0, 2.0, delay_s=1.5)]))
+
+    fixes = log.read({"/usbl": ["header.stamp"]})["/usbl"]
+
+    assert fixes.columns["header.stamp"][0] == T0 + 5
+    assert fixes.received_ns[0] == T0 + 5 + 1_500_000_000
+
+
+@pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
+def test_a_file_cut_anywhere_gives_an_unbroken_beginning_and_says_so(
+    tmp_path: Path, chunked: bool, compression: CompressionType
+) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", many(), compression, chunked, 8192).read_bytes()
+    counts: list[int] = []
+    for end in range(8, len(whole), max(1, len(whole) // 31)):
+        file = tmp_path / "cut.mcap"
+        file.write_bytes(whole[:end])
+        log = McapLog(file)
+
+        names = [topic.name for topic in log.topics()]
+        x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
+        (finding,) = log.findings()
+
+        np.testing.assert_array_equal(x, np.arange(float(len(x))))
+        assert finding.code == "TRUNCATED"
+        assert finding.lost_data or len(x) == 1000, f"cut at {end}"
+        counts.append(len(x))
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] > 900
+
+
+def test_an_uncompressed_file_loses_only_the_message_it_is_cut_in(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", many(), CompressionType.NONE).read_bytes()
+    marker = struct.pack("<d", 500.0)  # x of the 501st message
+    (tmp_path / "cut.mcap").write_bytes(whole[: whole.index(marker)])
+    log = McapLog(tmp_path / "cut.mcap")
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+
+    np.testing.assert_array_equal(x, np.arange(500.0))
+    (finding,) = log.findings()
+    size = (tmp_path / "cut.mcap").stat().st_size
+    assert finding.text.endswith(f"of {size}: 1000 messages could be read, the last 49.9 s after the first")
+    assert finding.lost_data
+
+
+def test_a_file_without_its_index_has_lost_nothing(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", many()).read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[:-20])
+    log = McapLog(tmp_path / "cut.mcap")
+
+    assert sum(topic.count for topic in log.topics()) == 2000
+    (finding,) = log.findings()
+    assert (finding.code, finding.lost_data) == ("TRUNCATED", False)
+    assert finding.text == "the file's index is missing; all 2000 messages could be read"
+
+
+@pytest.mark.parametrize("damaged", [0, 3])  # the first chunk holds the definitions
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_flipped_bit_costs_one_chunk(tmp_path: Path, compression: CompressionType, damaged: int) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 8192)
+    bent_in(file, damaged)
+    log = McapLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    (finding,) = log.findings()
+
+    assert finding.code == "DAMAGED"
+    assert finding.lost_data
+    assert finding.text.startswith("1 chunks are damaged (logged between 2020-09-13T12:2")
+    assert finding.text.endswith(" of 2000 messages could be read")
+    lost = sorted(set(range(1000)) - set(x.astype(int)))
+    assert 5 < len(lost) < 100
+    assert lost == list(range(lost[0], lost[-1] + 1))
+
+
+def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/heading", "cdr", schema)
+        good = b"\0\1\0\0" + struct.pack("<d", 12.5)
+        for k, data in enumerate((good, good[:7], good, b"")):
+            writer.add_message(channel, T0 + k, data, T0 + k)
+        writer.finish()
+    log = McapLog(file)
+
+    heading = log.read({"/heading": ["data"]})["/heading"]
+
+    np.testing.assert_array_equal(heading.columns["data"], [12.5, 12.5])
+    (finding,) = log.findings()
+    assert finding.text == "/heading: 2 messages do not fit the definition that the file gives for them"
+    assert finding.lost_data
+
+
+@pytest.mark.parametrize(("byte", "name"), [(3, "PL_CDR"), (7, "XCDR2"), (11, "XCDR2")])
+def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/heading", "cdr", schema)
+        for k, first in enumerate((1, byte)):
+            writer.add_message(channel, T0 + k, bytes([0, first, 0, 0]) + struct.pack("<d", 12.5), T0 + k)
+        writer.finish()
+    log = McapLog(file)
+
+    assert len(log.read({"/heading": ["data"]})["/heading"].received_ns) == 1
+    (finding,) = log.findings()
+    assert finding.text.endswith(f"the definition that the file gives for them: they are in {name}, not in plain CDR")
+
+
+def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 1 << 20)
+    file.write_bytes(file.read_bytes().replace(b"\x04\0\0\0zstd", b"\x04\0\0\0snap"))
+    log = McapLog(file)
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 0
+    (finding,) = log.findings()
+    assert "1 chunks are damaged or packed in a way that is not known (snap) (logged between" in finding.text
+    assert finding.text.endswith(": 0 of 2000 messages could be read")
+
+
+def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "a.mcap", many(), CompressionType.NONE, False, summary=False).read_bytes()
+    first_message = whole.index(b"\x05", 100)
+    future = b"\x7f" + struct.pack("<Q", 5) + b"what?"
+    while not whole[first_message : first_message + 9].endswith(b"\0" * 6):
+        first_message = whole.index(b"\x05", first_message + 1)
+    (tmp_path / "b.mcap").write_bytes(whole[:first_message] + future + whole[first_message:])
+    log = McapLog(tmp_path / "b.mcap")
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 1000
+    assert log.findings() == ()
+
+
+def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("foxglove.LocationFix", "flatbuffer", b"{}")
+        channel = writer.register_channel("/fix", "flatbuffer", schema)
+        writer.add_message(channel, T0, b"{}", T0)
+        writer.finish()
+    log = McapLog(file)
+
+    (topic,) = log.topics()
+    assert topic.count == 1
+    with pytest.raises(LogError) as fault:
+        log.read({"/fix": ["latitude"]})
+
+    assert str(fault.value).startswith(
+        f"{file}: /fix cannot be read: encoding flatbuffer with flatbuffer definitions is not supported, only cdr with "
+    )
+
+
+def test_all_the_robustness_files_can_be_listed(field_logs: Path) -> None:
+    files = sorted((field_logs / "reader_zoo").rglob("*.mcap"))
+    assert len(files) >= 15
+    for file in files:
+        log = McapLog(file)
+        assert sum(topic.count for topic in log.topics()) >= 0
+        assert log.findings() == ()
+
+
+def test_the_short_dive_has_three_topics(tmp_path: Path) -> None:
+    log = McapLog(write_mcap(tmp_path / "a.mcap", short_dive()))
+
+    assert {t.name: (t.count, t.rate_hz) for t in log.topics()} == {
+        "/dvl": (11, 1.0),
+        "/imu": (11, 1.0),
+        "/usbl": (11, 1.0),
+    }

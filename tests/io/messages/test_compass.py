@@ -1,0 +1,293 @@
+"""Every kind of heading message, magnetic and true, by a record that its own driver could have written."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dives import IMU, ODOMETRY, SECOND, T0, Row, define, fix, write_mcap
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.conventions.declination import declination
+from usbldr.io.log import Log, Origin
+from usbldr.io.read import Request, read_log
+
+HEADER = "std_msgs/Header header\n"
+TYPES = {
+    "compass_msgs/msg/Azimuth": HEADER
+    + "float64 azimuth\nfloat64 variance\nuint8 unit\nuint8 orientation\nuint8 reference\n",
+    "ds_sensor_msgs/msg/Compass": HEADER + "float64 heading\nfloat64 heading_covar\nbool is_true_heading\n",
+    "ds_sensor_msgs/msg/Gyro": HEADER
+    + "float64 roll\nfloat64 pitch\nfloat64 heading\nfloat64 heading_covar\ngeometry_msgs/Quaternion orientation\n",
+    "old_ds_sensor_msgs/msg/Gyro": HEADER + "float64 roll\nfloat64 pitch\nfloat64 heading\n",
+    "ds_sensor_msgs/msg/Ins": HEADER
+    + "float64 roll\nfloat64 pitch\nfloat64 heading\ngeometry_msgs/Quaternion orientation\n",
+    "cola2_msgs/msg/RPY": "float32 roll\nfloat32 pitch\nfloat32 yaw\n",
+    "cola2_msgs/msg/NavSts": HEADER + "cola2_msgs/RPY orientation\n",
+    "auv_msgs/msg/NavigationStatus": HEADER + "geometry_msgs/Vector3 orientation\n",
+    "beside_position/msg/GPSData": HEADER + "float64 latitude\nfloat64 longitude\nint32 fix_quality\nfloat32 heading\n",
+    "beside_position/msg/GPSRAW": HEADER + "uint8 fix_type\nint32 lat\nint32 lon\nuint16 yaw\n",
+    "beside_position/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "float64 latitude\nfloat64 longitude\nfloat64 heading\nfloat64 heading_variance\n",
+}
+define(TYPES)
+QUATERNION, VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
+FIELD, AZIMUTH, WHOI = "sensor_msgs/msg/MagneticField", "compass_msgs/msg/Azimuth", "ds_sensor_msgs/msg/Compass"
+
+
+def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", named: bool = False) -> Log:
+    write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(tmp_path / "dive.mcap", Request(topics={"compass": "/heading"} if named else {}))
+
+
+def row(kind: str, values: Mapping[str, Any], after_s: int = 0) -> Row:
+    time_ns = T0 + after_s * SECOND
+    stamp = "timestamp" if kind.endswith("LocationFix") else "header.stamp"
+    return time_ns, "/heading", kind, ({} if stamp == "timestamp" else {stamp: time_ns}) | dict(values)
+
+
+def heading(log: Log) -> list[float]:
+    table: pd.DataFrame = log.tables["compass"]
+    return [float(value) for value in table["heading_deg"]]
+
+
+def turned(prefix: str, yaw_deg: float) -> dict[str, float]:
+    half = math.radians(yaw_deg) / 2
+    return {f"{prefix}.z": math.sin(half), f"{prefix}.w": math.cos(half)}
+
+
+SOUTH_EAST_BY_TYPE: dict[str, Mapping[str, Any]] = {
+    "ds_sensor_msgs/msg/Compass": {"heading": 135.0, "is_true_heading": True},
+    "ds_sensor_msgs/msg/Gyro": {"heading": -45.0, **turned("orientation", -45.0)},  # counter-clockwise from east
+    "old_ds_sensor_msgs/msg/Gyro": {"heading": 135.0},
+    "ds_sensor_msgs/msg/Ins": {"heading": 135.0, **turned("orientation", -45.0)},  # both in one message
+    QUATERNION: turned("quaternion", 135.0),  # HDT put into a quaternion as it came
+}
+
+
+@pytest.mark.parametrize("kind", SOUTH_EAST_BY_TYPE)
+def test_a_heading_sensor_is_found_and_read_by_its_own_convention(tmp_path: Path, kind: str) -> None:
+    log = logged(tmp_path, [row(kind, SOUTH_EAST_BY_TYPE[kind])])
+
+    assert heading(log) == pytest.approx([135.0])
+
+
+SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
+    "cola2_msgs/msg/NavSts": {"orientation.yaw": math.radians(135.0)},
+    "auv_msgs/msg/NavigationStatus": {"orientation.z": math.radians(135.0)},
+    "beside_position/msg/GPSData": {"heading": 135.0},
+    "beside_position/msg/GPSRAW": {"yaw": 13500},
+    "beside_position/msg/LocationFix": {"heading": math.radians(135.0)},
+    ODOMETRY: turned("pose.pose.orientation", -45.0),
+    VECTOR: {"vector.z": math.radians(-45.0)},
+    FIELD: {"magnetic_field.x": -3e-5, "magnetic_field.y": 3e-5},  # north lies behind, to port
+}
+
+
+@pytest.mark.parametrize("kind", SOUTH_EAST_WHEN_NAMED)
+def test_what_is_no_compass_serves_only_where_it_is_named(tmp_path: Path, kind: str) -> None:
+    rows = [row(kind, SOUTH_EAST_WHEN_NAMED[kind])]
+
+    assert heading(logged(tmp_path, rows, named=True)) == pytest.approx([135.0], abs=1e-4)
+    assert "compass" not in logged(tmp_path, rows).tables
+
+
+@pytest.mark.parametrize(
+    ("z", "degrees", "who"), [(-45.0, 135.0, "deg (by its values, up to 45)"), (1.0, 90 - 57.29578, "rad")]
+)
+def test_angles_beyond_a_turn_in_radians_are_degrees(tmp_path: Path, z: float, degrees: float, who: str) -> None:
+    log = logged(tmp_path, [row(VECTOR, {"vector.z": z})], named=True)
+
+    assert heading(log) == pytest.approx([degrees])
+    assert any(f"unit {who}" in said for said in log.provenance["compass"].conventions)
+
+
+NO_HEADING: dict[str, tuple[str, Mapping[str, Any]]] = {
+    "whoi": (WHOI, {"heading": -9999.0, "is_true_heading": True}),
+    "no yaw": ("beside_position/msg/GPSRAW", {"yaw": 65535}),
+    "no HDT": ("beside_position/msg/GPSData", {"heading": 0.0}),
+    "unset": ("beside_position/msg/LocationFix", {"heading": math.nan}),
+}
+
+
+@pytest.mark.parametrize("case", NO_HEADING)
+def test_a_value_that_means_no_data_is_none(tmp_path: Path, case: str) -> None:
+    kind, values = NO_HEADING[case]
+
+    with pytest.raises(LogError, match=r"all 1 records of /heading .compass. are invalid: 1 not a number"):
+        logged(tmp_path, [row(kind, values)], named=True)
+
+
+def test_each_azimuth_is_read_by_what_it_says_of_itself(tmp_path: Path) -> None:
+    said = [(math.pi / 2, 0, 0), (0.0, 1, 0), (0.0, 1, 1), (math.pi, 0, 1)]  # angle; degrees?; clockwise from north?
+    rows = [
+        row(AZIMUTH, {"azimuth": a, "unit": unit, "orientation": sense, "reference": 1}, k)
+        for k, (a, unit, sense) in enumerate(said)
+    ]
+
+    log = logged(tmp_path, rows)
+
+    assert heading(log) == pytest.approx([0, 90, 0, 180])
+    assert "from true north (by its records)" in log.provenance["compass"].conventions
+
+
+def test_an_azimuth_tells_its_variance_in_its_own_unit(tmp_path: Path) -> None:
+    rows = [
+        row(AZIMUTH, {"azimuth": 1.0, "variance": v, "unit": u, "reference": 1}, u) for u, v in enumerate([1e-4, 4.0])
+    ]
+
+    log = logged(tmp_path, rows, '[compass]\nsd_deg = "message"')
+
+    np.testing.assert_allclose(log.tables["compass"]["sd_deg"], [math.degrees(0.01), 2.0])
+
+
+def test_a_grid_azimuth_is_left_out(tmp_path: Path) -> None:
+    rows = [row(AZIMUTH, {"azimuth": 1.0, "reference": north}, north) for north in (1, 2)]
+
+    (said,) = [f.text for f in logged(tmp_path, rows).findings if f.code == "COMPASS-INVALID"]
+
+    assert said == "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
+
+
+NOAA = [  # test values that NOAA publishes with the models: lat, lon, decimal year, degrees of declination
+    (80.0, 0.0, 2025, 1, 1, 1.28),
+    (0.0, 120.0, 2025, 1, 1, -0.16),
+    (-80.0, 240.0, 2025, 1, 1, 68.78),
+    (80.0, 0.0, 2020, 1, 1, -1.28),
+    (0.0, 120.0, 2020, 1, 1, 0.16),
+    (-80.0, 240.0, 2020, 1, 1, 69.36),
+]
+
+
+@pytest.mark.parametrize(("lat", "lon", "year", "month", "day", "degrees"), NOAA)
+def test_the_model_gives_the_values_that_noaa_publishes(
+    lat: float, lon: float, year: int, month: int, day: int, degrees: float
+) -> None:
+    time_ns = int(pd.Timestamp(year=year, month=month, day=day, tz="UTC").value)
+
+    value, how = declination(Origin(lat, lon, "[map]"), time_ns)
+
+    assert value == pytest.approx(degrees, abs=0.006)
+    assert how.startswith(f"WMM-{year} at {lat:.2f}")
+
+
+SEATTLE = "[map]\norigin_lat_deg = 47.6205\norigin_lon_deg = -122.3493\n"
+
+
+def test_a_magnetic_heading_gets_the_declination_of_its_place_and_day(tmp_path: Path) -> None:
+    rows = [row(WHOI, {"heading": 350.0})]
+
+    log = logged(tmp_path, rows, SEATTLE)
+
+    assert heading(log)[0] == pytest.approx(350 + 15.3 - 360, abs=0.4)  # 16.4 in 2013 and 15.07 in 2025 (NOAA)
+    (said,) = [c for c in log.provenance["compass"].conventions if "declination" in c]
+    assert said.startswith("declination 15.")
+    assert said.endswith("deg added (WMM-2020 at 47.62, -122.35 ([map]) on 2020-09-13)")
+
+
+def test_a_heading_that_tells_no_north_gets_a_declination_only_on_request(tmp_path: Path) -> None:
+    rows = [row(QUATERNION, turned("quaternion", 0.0))]
+
+    assert heading(logged(tmp_path, rows, SEATTLE)) == [0.0]
+    asked = logged(tmp_path, rows, SEATTLE + '[compass]\ndeclination_deg = "auto"')
+    assert heading(asked)[0] == pytest.approx(15.3, abs=0.4)
+
+
+def test_the_first_gps_fix_may_place_the_compass(tmp_path: Path) -> None:
+    log = logged(tmp_path, [row(WHOI, {"heading": 0.0}), fix(T0, 47.6205, -122.3493)])
+
+    assert heading(log)[0] == pytest.approx(15.3, abs=0.4)
+    assert any("(first gps fix)" in said for said in log.provenance["compass"].conventions)
+
+
+def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Path) -> None:
+    """Counter-clockwise from east, by the message; only of a quaternion does the frame's name tell the sense."""
+    named = {"header.frame_id": "base_ned"}
+    settled = {
+        AZIMUTH: {"azimuth": 30.0, "unit": 1, "orientation": 0, "reference": 1},
+        "ds_sensor_msgs/msg/Gyro": {"heading": 30.0},
+    }
+    for kind, values in settled.items():
+        assert heading(logged(tmp_path, [row(kind, {**named, **values})])) == pytest.approx([60.0])
+
+    assert heading(logged(tmp_path, [row(IMU, {**named, **turned("orientation", 30.0)})])) == pytest.approx([30.0])
+
+
+def test_a_stated_declination_beats_the_model(tmp_path: Path) -> None:
+    log = logged(tmp_path, [row(WHOI, {"heading": 0.0})], SEATTLE + "[compass]\ndeclination_deg = 3.0")
+
+    assert heading(log) == [3.0]
+    assert "declination 3 deg added (configuration)" in log.provenance["compass"].conventions
+
+
+def test_only_the_magnetic_records_of_a_compass_get_the_declination(tmp_path: Path) -> None:
+    rows = [row(WHOI, {"heading": 10.0, "is_true_heading": true}, k) for k, true in enumerate([True, False])]
+
+    assert heading(logged(tmp_path, rows, "[compass]\ndeclination_deg = 3.0")) == [10.0, 13.0]
+
+
+def test_a_declination_for_true_headings_is_not_used_and_that_is_said(tmp_path: Path) -> None:
+    rows = [row(WHOI, {"heading": 10.0, "is_true_heading": True})]
+
+    log = logged(tmp_path, rows, "[compass]\ndeclination_deg = 3.0")
+
+    assert heading(log) == [10.0]
+    assert [f.text for f in log.findings if f.code == "KEY-UNUSED"] == [
+        "/heading: declination_deg of the configuration is not used; its records count from true north"
+    ]
+
+
+def test_a_magnetic_heading_without_a_place_stays_magnetic_and_that_is_said(tmp_path: Path) -> None:
+    log = logged(tmp_path, [row(WHOI, {"heading": 10.0})])
+
+    assert heading(log) == [10.0]
+    (said,) = [f.text for f in log.findings if f.code == "HEADING-MAGNETIC"]
+    assert said.startswith("/heading: headings are magnetic by their own account and stay so, for no position is known")
+
+
+@pytest.mark.parametrize(
+    ("topic", "toml", "said"),
+    [
+        ("/adcp/heading_magnetic", "", True),
+        ("/nmea/hdm/heading", "", True),
+        ("/compass_hdg", "", False),
+        ("/adcp/heading_magnetic", "[compass]\ndeclination_deg = 0", False),
+    ],
+)
+def test_a_plain_heading_called_magnetic_asks_for_a_declination(
+    tmp_path: Path, topic: str, toml: str, said: bool
+) -> None:
+    log = logged(tmp_path, [(T0 + k, topic, "std_msgs/msg/Float64", {"data": 10.0 + k}) for k in range(3)], toml)
+
+    assert heading(log) == [10.0, 11.0, 12.0]
+    assert ("HEADING-MAGNETIC" in {finding.code for finding in log.findings}) == said
+
+
+def test_a_declination_that_nobody_can_know_is_refused(tmp_path: Path) -> None:
+    rows = [row(QUATERNION, turned("quaternion", 0.0))]
+    with pytest.raises(UsageError) as nowhere:
+        logged(tmp_path, rows, '[compass]\ndeclination_deg = "auto"')
+    old = [(at[0] - 20 * 365 * 86400 * SECOND, at[1], at[2], at[3]) for at in rows]
+    with pytest.raises(UsageError) as long_ago:
+        logged(tmp_path, old, SEATTLE + '[compass]\ndeclination_deg = "auto"\ntime = "log"')
+
+    assert str(nowhere.value) == (
+        f'{tmp_path / "usbldr.toml"}: declination_deg under [compass] = "auto": no position is known; '
+        "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
+    )
+    assert str(long_ago.value) == (
+        f"{tmp_path / 'dive.mcap'}: /heading: no magnetic model for 2000-09-18 (there are those of 2010 to 2029); "
+        "state declination_deg under [compass] as a number"
+    )
+
+
+def test_an_imu_that_never_turns_is_pointed_out(tmp_path: Path) -> None:
+    still = [(T0 + k, "/imu", IMU, {"header.stamp": T0 + k, "orientation.w": 1.0}) for k in range(100)]
+
+    (said,) = [f.text for f in logged(tmp_path, still).findings if f.code == "HEADING-CONSTANT"]
+
+    assert said == "/imu: all 100 headings are 90.0 deg; does it measure any?"

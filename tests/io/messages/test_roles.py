@@ -1,0 +1,240 @@
+"""Which topic is taken for which sensor, and what is said where that is unclear."""
+
+from pathlib import Path
+
+import pytest
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.messages.roles import Roles, choose_roles, find
+from usbldr.io.reader import TopicInfo
+
+TWIST = ("header.stamp", "header.frame_id", "twist.linear.x", "twist.linear.y", "twist.linear.z")
+POINT = ("header.stamp", "header.frame_id", "point.x", "point.y", "point.z")
+IMU = ("header.stamp", "orientation.x", "orientation.y", "orientation.z", "orientation.w", "orientation_covariance")
+FIX = ("header.stamp", "latitude", "longitude", "position_covariance")
+
+
+def topic(name: str, kind: str, fields: tuple[str, ...], count: int = 10, problem: str = "") -> TopicInfo:
+    return TopicInfo(name, kind, "cdr", count, 0, 9_000_000_000, fields, problem)
+
+
+DVL = topic("/dvl/twist", "geometry_msgs/msg/TwistStamped", TWIST)
+IMU_DATA = topic("/imu/data", "sensor_msgs/msg/Imu", IMU)
+USBL = topic("/usbl/point", "geometry_msgs/msg/PointStamped", POINT)
+GPS = topic("/gps/fix", "sensor_msgs/msg/NavSatFix", FIX)
+LOG = Path("dive.mcap")
+
+
+def taken(roles: Roles) -> dict[str, str]:
+    return {role: choice.topic.name for role, choice in roles.chosen.items()}
+
+
+def test_the_usual_topics_are_recognised() -> None:
+    roles = choose_roles(LOG, [USBL, GPS, IMU_DATA, DVL], {}, {})
+
+    assert taken(roles) == {"dvl": "/dvl/twist", "compass": "/imu/data", "usbl": "/usbl/point", "gps": "/gps/fix"}
+    assert {choice.chosen_by for choice in roles.chosen.values()} == {"type and name"}
+    assert roles.unclear == {}
+
+
+@pytest.mark.parametrize(
+    "name", ["/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel", "/twist", "/sim/dvl/usbl"]
+)
+def test_what_is_computed_or_nameless_is_no_sensor(name: str) -> None:
+    topics = [topic(name, DVL.type, TWIST), topic(name, USBL.type, POINT)]
+
+    assert taken(choose_roles(LOG, topics, {}, {})) == {}
+
+
+def test_two_candidates_are_an_error_that_lists_them_and_the_option() -> None:
+    other = topic("/seatrac/point", USBL.type, POINT, count=19)
+
+    roles = choose_roles(LOG, [USBL, other], {}, {})
+
+    assert taken(roles) == {}
+    fault = roles.unclear["usbl"]
+    assert isinstance(fault, UsageError)
+    assert str(fault) == (
+        "dive.mcap: 2 topics could be the usbl: "
+        "/usbl/point (geometry_msgs/msg/PointStamped, 10 messages, 1.00 Hz); "
+        "/seatrac/point (geometry_msgs/msg/PointStamped, 19 messages, 2.00 Hz); "
+        "choose one with --usbl TOPIC or with topic under [usbl] in the configuration"
+    )
+
+
+def test_a_telling_name_beats_a_telling_type_alone() -> None:
+    anonymous = topic("/sensor_7", IMU_DATA.type, IMU)
+
+    assert taken(choose_roles(LOG, [anonymous, IMU_DATA], {}, {})) == {"compass": "/imu/data"}
+    assert taken(choose_roles(LOG, [anonymous], {}, {})) == {"compass": "/sensor_7"}
+
+
+def test_raw_imu_data_come_after_those_with_orientation() -> None:
+    raw = topic("/imu/data_raw", IMU_DATA.type, IMU)
+
+    assert taken(choose_roles(LOG, [raw, IMU_DATA], {}, {})) == {"compass": "/imu/data"}
+
+
+HDG = topic("/mavros/global_position/compass_hdg", "std_msgs/msg/Float64", ("data",))
+MAVROS_IMU = topic("/mavros/imu/data", IMU_DATA.type, IMU)
+
+
+def test_an_ordinary_log_of_mavros_has_its_heading_without_a_choice() -> None:
+    raw = topic("/mavros/imu/data_raw", IMU_DATA.type, IMU)
+
+    roles = choose_roles(LOG, [raw, MAVROS_IMU, HDG], {}, {})
+
+    assert taken(roles) == {"compass": "/mavros/global_position/compass_hdg"}
+    assert roles.unclear == {}
+    (said,) = roles.findings
+    assert (said.code, said.text) == (
+        "ROLE-PREFERRED",
+        "/mavros/global_position/compass_hdg: taken for the compass, for by its type it comes before /mavros/imu/data "
+        "(sensor_msgs/msg/Imu, 10 messages); choose another with --compass TOPIC or with topic under [compass]",
+    )
+
+
+def test_a_heading_that_nobody_ranks_is_a_choice_for_the_user() -> None:
+    gyro = topic("/gyro", "ds_sensor_msgs/msg/Compass", ("header.stamp", "heading", "is_true_heading"))
+
+    for topics in ([gyro, HDG], [gyro, MAVROS_IMU], [HDG, topic("/b/compass_hdg", HDG.type, HDG.fields)]):
+        roles = choose_roles(LOG, topics, {}, {})
+        assert taken(roles) == {}
+        assert "2 topics could be the compass" in str(roles.unclear["compass"])
+        assert roles.findings == ()
+
+
+HEAD = ("header.stamp", "header.frame_id")
+VELOCITY = (*HEAD, "velocity.x", "velocity.y", "velocity.z")
+TWISTS = (*HEAD, *(f"twist.twist.linear.{axis}" for axis in "xyz"), "twist.covariance")
+REPORT = ("header.stamp", *(f"report.{name}" for name in ("vx", "vy", "vz", "velocity_valid")))
+ONE_AFTER_THE_OTHER = [
+    (
+        topic("/dvl/data", "dvl_msgs/msg/DVL", (*VELOCITY, "velocity_valid")),
+        topic("/dvl/report", "waterlinked_dvl/msg/TransducerReportStamped", REPORT),
+    ),
+    (
+        topic("/dvl/marine", "marine_acoustic_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "num_good_beams")),
+        topic("/dvl/whoi", "ds_sensor_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "coordinate_mode")),
+    ),
+    (
+        topic("/dvl/cola", "cola2_msgs/msg/DVL", (*VELOCITY, "velocity_covariance")),
+        topic("/dvl/uuv", "uuv_sensor_msgs/msg/DVL", (*VELOCITY, "velocity_covariance", "velocity_reference")),
+    ),
+    (
+        topic("/dvl/covered", "geometry_msgs/msg/TwistWithCovarianceStamped", TWISTS),
+        topic("/dvl/twist", DVL.type, TWIST),
+    ),
+    (topic("/dvl/local_position", "nav_msgs/msg/Odometry", TWISTS),),
+]
+
+
+@pytest.mark.parametrize("rank", range(4))
+def test_messages_of_the_dvl_come_before_what_was_made_of_them(rank: int) -> None:
+    behind = [topic for topics in ONE_AFTER_THE_OTHER[rank + 1 :] for topic in topics]
+
+    for first in ONE_AFTER_THE_OTHER[rank]:
+        roles = choose_roles(LOG, [*behind[::-1], first], {}, {})
+        assert taken(roles) == {"dvl": first.name}
+        assert set(roles.chosen["dvl"].behind) == set(behind)
+
+
+@pytest.mark.parametrize("rank", range(4))
+def test_two_of_one_rank_are_a_choice_whatever_stands_behind(rank: int) -> None:
+    behind = [topic for topics in ONE_AFTER_THE_OTHER[rank + 1 :] for topic in topics]
+    one, other = ONE_AFTER_THE_OTHER[rank]
+
+    roles = choose_roles(LOG, [one, *behind, other], {}, {})
+
+    said = str(roles.unclear["dvl"])
+    assert said.startswith(f"dive.mcap: 2 topics could be the dvl: {one.name} (")
+    assert f"; {other.name} (" in said
+
+
+def test_a_type_that_is_taken_elsewhere_leaves_the_role_to_the_next() -> None:
+    roles = choose_roles(LOG, [HDG, MAVROS_IMU], {"depth": HDG.name}, {})
+
+    assert taken(roles) == {"compass": MAVROS_IMU.name, "depth": HDG.name}
+    assert roles.findings == ()
+
+
+def test_latitudes_come_before_offsets_and_these_before_those_along_the_bow() -> None:
+    fields = ("x", "y", "target", "fix_status")
+    offset, bow = (topic(f"/{kind}", f"nmea/{kind}", fields) for kind in ("PEVOSSB_E", "PTSAX"))
+    degrees = topic("/PTSAG", "nmea/PTSAG", ("lat_deg", "lon_deg", "target", "fix_status"))
+
+    assert taken(choose_roles(LOG, [bow, offset, degrees], {}, {})) == {"usbl": "/PTSAG"}
+    assert taken(choose_roles(LOG, [bow, offset], {}, {})) == {"usbl": "/PEVOSSB_E"}
+
+
+def test_the_imu_in_the_usbl_head_is_not_the_compass() -> None:
+    assert taken(choose_roles(LOG, [topic("/usbl/orientation", IMU_DATA.type, IMU)], {}, {})) == {}
+
+
+def test_options_beat_the_configuration_which_beats_recognition() -> None:
+    a, b = topic("/a", DVL.type, TWIST), topic("/b", DVL.type, TWIST)
+
+    assert taken(choose_roles(LOG, [DVL, a, b], {}, {"dvl": "/a"})) == {"dvl": "/a"}
+    roles = choose_roles(LOG, [DVL, a, b], {"dvl": "/b"}, {"dvl": "/a"})
+    assert taken(roles) == {"dvl": "/b"}
+    assert roles.chosen["dvl"].chosen_by == "option"
+
+
+@pytest.mark.parametrize(("options", "configured"), [({"gps": "none"}, {}), ({}, {"gps": "none"})])
+def test_none_switches_a_role_off(options: dict[str, str], configured: dict[str, str]) -> None:
+    assert taken(choose_roles(LOG, [GPS, DVL], options, configured)) == {"dvl": "/dvl/twist"}
+
+
+def test_an_option_brings_back_what_the_configuration_switched_off() -> None:
+    assert taken(choose_roles(LOG, [GPS], {"gps": "/gps/fix"}, {"gps": "none"})) == {"gps": "/gps/fix"}
+
+
+def test_an_absent_topic_is_an_error_with_the_nearest_and_all_names() -> None:
+    roles = choose_roles(LOG, [DVL, USBL], {"dvl": "/dvl/twits"}, {})
+
+    fault = roles.unclear["dvl"]
+    assert isinstance(fault, LogError)
+    assert str(fault) == (
+        "dive.mcap: no topic /dvl/twits for the dvl; did you mean /dvl/twist? "
+        "(topics in this log: /dvl/twist, /usbl/point)"
+    )
+
+
+def test_a_topic_without_messages_is_an_error() -> None:
+    empty = topic("/dvl/twist", DVL.type, TWIST, count=0)
+
+    assert str(choose_roles(LOG, [empty], {"dvl": "/dvl/twist"}, {}).unclear["dvl"]) == (
+        "dive.mcap: /dvl/twist, named for the dvl, has no messages"
+    )
+    assert taken(choose_roles(LOG, [empty], {}, {})) == {}
+
+
+def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
+    fault = choose_roles(LOG, [GPS], {"dvl": "/gps/fix"}, {}).unclear["dvl"]
+
+    assert isinstance(fault, UsageError)
+    assert str(fault) == (
+        "dive.mcap: /gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot serve as dvl "
+        "(only dvl, linkquestdvl, odometry, teledyneexplorerdvl, transducerreportstamped, twiststamped, "
+        "twistwithcovariancestamped)"
+    )
+
+
+def test_an_unreadable_topic_is_an_error_only_where_it_is_named() -> None:
+    json = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported")
+
+    assert taken(choose_roles(LOG, [json, DVL], {}, {})) == {"dvl": "/dvl/twist"}
+    assert str(choose_roles(LOG, [json], {"gps": "/gps/fix"}, {}).unclear["gps"]) == (
+        "dive.mcap: /gps/fix cannot be read as the gps: encoding json is not supported"
+    )
+
+
+def test_the_first_slash_of_a_topic_may_be_left_out() -> None:
+    assert find([DVL], "dvl/twist") == find([DVL], "/dvl/twist") == DVL
+    assert find([DVL], "twist") is None
+
+
+def test_a_csv_file_is_found_by_the_last_part_of_its_topic() -> None:
+    sheet = TopicInfo("/twist", "usbldr/dvl", "csv", 3, 0, 1)
+
+    assert find([sheet], "/dvl/twist") == sheet

@@ -1,0 +1,215 @@
+"""What one dive found of its sensors serves the next: simulate +x, replay, replay with what was written, find 0."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from usbldr.filters.errors import UsageError
+from usbldr.filters.replay.run import run as run_filter
+from usbldr.io.conventions.compass import without_deviation
+from usbldr.io.read import read_log
+from usbldr.io.reports.calibration_config import next_configuration
+from usbldr.io.settings.toml_edit import commented_out, with_key
+from usbldr.io.timeline import timeline
+from usbldr_cli.main import cli
+
+SCENARIO = """\
+schema = 1
+like = "square"
+about = "round a small square, with one thing wrong"
+duration_s = 240.0
+
+[vehicle]
+heading_deg = 10.0
+
+[[leg]]
+duration_s = 20.0
+forward_mps = 1.5
+
+[[leg]]
+duration_s = 30.0
+forward_mps = 1.5
+starboard_mps = 0.5
+turn_rate_dps = 9.0
+
+[[leg]]
+duration_s = 20.0
+forward_mps = 0.8
+
+[[leg]]
+duration_s = 170.0
+forward_mps = 1.5
+starboard_mps = -0.3
+turn_rate_dps = 4.0
+"""
+CASES: dict[str, tuple[str, dict[str, float]]] = {
+    "scale": ("dvl", {"scale_error": 0.03}),
+    "misalignment": ("dvl", {"mount_deg": 4.0}),
+    "heading": ("compass", {"bias_deg": 4.0}),
+    "deviation": ("compass", {"deviation_sin_deg": 4.0, "deviation_cos_deg": -3.0}),
+    "latency": ("usbl", {"latency_s": 0.6}),
+}
+NAMES = {
+    "scale_error": "dvl_scale",
+    "mount_deg": "dvl_mount_deg",
+    "bias_deg": "heading_bias_deg",
+    "latency_s": "usbl_latency_s",
+}
+
+
+def command(*arguments: str) -> None:
+    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+    assert done.exception is None, done.exception
+
+
+def simulated(folder: Path, section: str, wrong: dict[str, float]) -> Path:
+    """Write a dive with one thing wrong."""
+    stated = {"usbl": ["accuracy = { sd_m = 0.2 }"]}
+    stated.setdefault(section, []).extend(f"{key} = {value}" for key, value in wrong.items())
+    sections = "".join(f"\n[{name}]\n" + "\n".join(keys) + "\n" for name, keys in stated.items())
+    (folder / "wrong.toml").write_text(SCENARIO + sections, encoding="utf-8")
+    command("simulate", str(folder / "wrong.toml"), "-o", str(folder / "dive.mcap"))
+    return folder / "dive.mcap"
+
+
+def calibrated(log: Path, key: str, run: Path, *options: str) -> dict[str, Any]:
+    command("replay", str(log), "-f", "adf", "--calibrate", key, "-o", str(run), "-q", *options)
+    return json.loads((run / "report.json").read_text(encoding="utf-8"))["calibration"]
+
+
+@pytest.mark.parametrize("key", list(CASES))
+def test_the_next_dive_finds_nothing_of_what_this_one_wrote(key: str, tmp_path: Path) -> None:
+    section, wrong = CASES[key]
+    log, file = simulated(tmp_path, section, wrong), tmp_path / "next.toml"
+
+    first = calibrated(log, key, tmp_path / "first", "--write-calibration", str(file))
+    second = calibrated(log, key, tmp_path / "second", "--config", str(file))
+
+    written = tomllib.loads(file.read_text(encoding="utf-8"))[section]
+    for name, truth in wrong.items():
+        told = NAMES.get(name, name)
+        sd = first[told]["sd"]
+        assert abs(written[name] - truth) < 4 * sd < abs(truth)
+        assert abs(second[told]["value"]) < sd
+
+
+def test_a_deviation_is_undone_exactly_however_large() -> None:
+    H = np.arange(0.0, 360.0, 0.5)
+
+    for A, B in ((30.0, 30.0), (30.0, -30.0), (-3.0, 2.0)):
+        read = H + A * np.sin(np.radians(H)) + B * np.cos(np.radians(H))
+        assert without_deviation(read, A, B) == pytest.approx(H, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("dive"), "dvl", {"scale_error": 0.03})
+
+
+def following(dive: Path, own: str, *keys: str) -> str:
+    """Return what is written for the next dive where this one's configuration says ``own``."""
+    place = dive.with_name("dive.usbldr.toml")
+    place.write_text(own, encoding="utf-8")
+    log = read_log(dive)
+    log = replace(log, assumptions=replace(log.assumptions, calibrate=keys))
+    return next_configuration(log, run_filter("adf", timeline(log), log.assumptions))
+
+
+OWN = """\
+schema = 1  # mine
+
+[dvl]
+axes = "FRD"          # by the drawing
+scale_error = 0.01    # a guess
+
+[usbl]
+noise = { kind = "gaussian" }
+
+[start]
+east_m = 0.0
+north_m = 0.0
+sd_m = 1.0
+"""
+
+
+def test_what_was_found_is_added_to_what_was_stated_and_all_else_stays_as_it_was(dive: Path) -> None:
+    text = following(dive, OWN, "scale", "usbl-bias")
+
+    said = tomllib.loads(text)
+    sd = float(text.partition(" +- ")[2].partition(" found")[0].rpartition(" +- ")[2])  # the last before "found"
+    assert abs(said["dvl"].pop("scale_error") - 0.03) < 2 * sd < 0.01
+    assert said == {"schema": 1, "dvl": {"axes": "FRD"}, "usbl": {"noise": {"kind": "gaussian"}}}
+    assert 'axes = "FRD"          # by the drawing\n' in text
+    assert "schema = 1  # mine\n" in text
+    assert "  # 0.01 stated, +0.01" in text
+    assert "# [start]\n# east_m = 0.0\n" in text
+    assert "# usbl bias east: " in text
+    assert "left out: it wanders" in text
+
+
+def test_an_error_that_the_dive_hardly_told_is_left_out(dive: Path) -> None:
+    text = following(dive, "[calibrate]\nscale_sd = 1e-5\n", "scale")
+
+    assert tomllib.loads(text) == {"calibrate": {"scale_sd": 1e-5}}
+    assert "left out: that dive hardly told it" in text
+
+
+def test_a_form_that_cannot_be_changed_line_by_line_is_refused(dive: Path) -> None:
+    with pytest.raises(UsageError, match=r"dive\.usbldr\.toml: cannot be changed line by line: give \[dvl\]"):
+        following(dive, 'dvl = { axes = "FRD", scale_error = 0.01 }\n', "scale")
+
+
+def test_a_key_replaces_its_line_or_ends_its_section_or_begins_one() -> None:
+    text = "[a]\nx = 1 # one\n\n[[b]]\nx = 2\n"
+
+    assert with_key(text, "a", "x", "3") == "[a]\nx = 3\n\n[[b]]\nx = 2\n"
+    assert with_key(text, "a", "y", "3") == "[a]\nx = 1 # one\ny = 3\n\n[[b]]\nx = 2\n"
+    assert with_key(text, "c", "x", "3") == text + "\n[c]\nx = 3\n"
+    assert commented_out(text, "a", "why") == "# why\n# [a]\n# x = 1 # one\n\n[[b]]\nx = 2\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("-f", "dr"), "dr is no filter, so it finds no errors of sensors to write"),
+        (("-f", "adf", "--calibrate", "none"), "no errors of sensors are estimated; ask for --calibrate auto"),
+    ],
+)
+def test_without_an_error_to_write_it_says_so_before_it_runs(
+    dive: Path, tmp_path: Path, options: tuple[str, ...], sentence: str
+) -> None:
+    file, run = tmp_path / "next.toml", tmp_path / "run"
+    arguments = ["replay", str(dive), *options, "--write-calibration", str(file), "-o", str(run)]
+
+    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+
+    assert isinstance(done.exception, UsageError)
+    assert sentence in str(done.exception)
+    assert not file.exists()
+    assert not run.exists()
+
+
+def test_no_file_is_overwritten_without_force(dive: Path, tmp_path: Path) -> None:
+    file = tmp_path / "next.toml"
+    file.write_text("mine", encoding="utf-8")
+    arguments = [
+        "replay",
+        str(dive),
+        "--calibrate",
+        "scale",
+        "--write-calibration",
+        str(file),
+        "-o",
+        str(tmp_path / "r"),
+    ]
+
+    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+
+    assert str(done.exception) == f"{file} exists already: choose another file for --write-calibration, or --force"
+    assert file.read_text(encoding="utf-8") == "mine"

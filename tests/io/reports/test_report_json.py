@@ -1,0 +1,312 @@
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbldr.filters.errors import UsageError
+from usbldr.filters.evaluation.evaluation import Window, evaluate
+from usbldr.filters.evaluation.metrics import METRICS
+from usbldr.filters.models.parameters import Observed
+from usbldr.filters.replay import dead_reckoning
+from usbldr.filters.replay.run import run as run_filter
+from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
+from usbldr.io.log import Finding
+from usbldr.io.reports.markdown_report import write_markdown
+from usbldr.io.reports.report_json import Run, Scored, fixes_table, strict, write_json, write_tables
+from usbldr.io.reports.run_directory import run_directory
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import timeline
+
+PAPER = find_scenario("paper")
+
+LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
+TIMELINE = timeline(LOG)
+
+
+def scored(trajectory: Trajectory, window: Window = Window(), align: str = "none") -> Scored:  # noqa: B008
+    assert LOG.truth is not None
+    times_s = None if trajectory.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
+    return Scored(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
+
+
+USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
+CKF = run_filter("ckf", TIMELINE, LOG.assumptions)
+
+
+def a_run(trajectory: Trajectory = CKF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
+    return Run(LOG, TIMELINE, scored(trajectory, window, align), (scored(USBL), scored(DR)), options={"start": 4.0})
+
+
+def written(tmp_path: Path, run: Run) -> Path:
+    with run_directory(tmp_path / "out") as folder:
+        write_tables(folder, run)
+        write_markdown(folder, run, [("track.png", "Track")])
+        write_json(folder, run)
+    return tmp_path / "out"
+
+
+def read_strictly(path: Path):
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    return json.loads(path.read_text(), parse_constant=refuse)
+
+
+def test_a_run_directory_holds_the_files_of_the_design(tmp_path: Path) -> None:
+    out = written(tmp_path, a_run())
+
+    assert sorted(path.name for path in out.iterdir()) == [
+        *("errors_1hz.csv", "fixes.csv", "report.json", "report.md", "track.geojson", "track.kml"),
+        *("track.tum", "track_5hz.csv", "truth.tum"),
+    ]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_raw_fixes_have_no_grid_in_their_file_names(tmp_path: Path) -> None:
+    out = written(tmp_path, a_run(USBL))
+
+    assert (out / "track_fixes.csv").is_file()
+    assert len(pd.read_csv(out / "errors_fixes.csv")) == 61
+
+
+def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> None:
+    blind = Run(dataclasses.replace(LOG, truth=None, origin=None), TIMELINE, Scored(CKF, None))
+
+    out = written(tmp_path, blind)
+
+    assert sorted(path.name for path in out.iterdir()) == ["fixes.csv", "report.json", "report.md", "track_5hz.csv"]
+    assert read_strictly(out / "report.json")["metrics"] is None
+    assert "no truth in paper" in (out / "report.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("observed", "hint"), [((), "--calibrate auto"), ((Observed("scale", 1.0, "not observable"),), "usbldr doctor")]
+)
+def test_a_filter_that_is_far_too_sure_is_told_to_ask_what_was_not_asked_yet(
+    observed: tuple[Observed, ...], hint: str
+) -> None:
+    assert CKF.cov is not None
+    log = dataclasses.replace(LOG, assumptions=dataclasses.replace(LOG.assumptions, calibrate=(), observed=observed))
+
+    (said,) = Run(log, TIMELINE, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
+
+    assert said.startswith("ckf claims to know its place far better than it does")
+    assert hint in said
+
+
+def test_report_json_is_strict_and_names_every_metric(tmp_path: Path) -> None:
+    report = read_strictly(written(tmp_path, a_run(USBL)) / "report.json")
+
+    assert set(METRICS) <= set(report["metrics"])
+    assert report["metrics"]["nees_mean"] is None  # raw fixes claim no covariance
+    assert report["window"] == {"start_s": None, "end_s": None}
+    assert set(report["baselines"]) == {"usbl", "dr"}
+    assert report["baselines"]["dr"]["metrics"]["drift_percent"] > 0
+
+
+def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
+    told = dataclasses.replace(LOG, findings=(Finding("OUT-OF-ORDER", "3 fixes came late"),))
+    outage = dataclasses.replace(TIMELINE, outages=(Outage("usbl", 10.0, 30.0),))
+    run = dataclasses.replace(a_run(window=Window(4.0, 50.0), align="first"), log=told, timeline=outage, seed=7)
+
+    report = read_strictly(written(tmp_path, run) / "report.json")
+
+    assert report["schema"] == 1
+    assert report["log"]["sha256"] == LOG.sha256
+    assert report["tool"]["name"] == "usbldr"
+    assert (report["filter"], report["seed"], report["order"]) == ("ckf", 7, "validity")
+    assert report["time_base"]["start_ns"] == LOG.start_ns
+    assert report["window"] == {"start_s": 4.0, "end_s": 50.0}
+    assert report["alignment"]["name"] == "first"
+    assert report["truth"]["kind"] == "simulated"
+    assert report["findings"] == [{"code": "OUT-OF-ORDER", "text": "3 fixes came late", "lost_data": False}]
+    assert report["outages"] == [{"sensor": "usbl", "start_s": 10.0, "end_s": 30.0}]
+    usbl = {"family": "Mixture", "share": 0.3, "variance_ratio": 10.0, "per_scalar": True}
+    assert report["assumptions"]["usbl"] == usbl
+    assert report["files"] == sorted(set(report["files"]) - {"report.json"})
+    assert report["verdict"].startswith("ckf ")
+
+
+def test_report_json_tells_what_was_made_of_fixes_in_doubt(tmp_path: Path) -> None:
+    doubt = Reacquisition(12.0, math.inf, 15.0, refused=3, jump_m=20.5, believed=True)
+
+    report = read_strictly(written(tmp_path, a_run(dataclasses.replace(CKF, reacquisitions=(doubt,)))) / "report.json")
+
+    assert report["reacquisitions"] == [
+        {"since_s": 12.0, "silent_s": None, "settled_s": 15.0, "refused": 3, "jump_m": 20.5, "believed": True}
+    ]
+
+
+def test_the_metrics_of_the_report_follow_from_its_own_error_table(tmp_path: Path) -> None:
+    out = written(tmp_path, a_run())
+
+    errors = pd.read_csv(out / "errors_1hz.csv")
+    metrics = read_strictly(out / "report.json")["metrics"]
+
+    assert len(errors) == metrics["matched"] == 61
+    assert metrics["mean_abs_east_m"] == pytest.approx(errors.error_east_m.abs().mean(), abs=1e-4)
+    assert metrics["rmse_north_m"] == pytest.approx(math.sqrt((errors.error_north_m**2).mean()), abs=1e-4)
+    length = np.hypot(errors.error_east_m, errors.error_north_m)
+    assert metrics["p95_horizontal_m"] == pytest.approx(np.percentile(length, 95), abs=1e-4)
+
+
+def test_the_written_track_minus_the_truth_is_the_error(tmp_path: Path) -> None:
+    out = written(tmp_path, a_run())
+
+    track = pd.read_csv(out / "track_5hz.csv").iloc[::5].reset_index()
+    errors = pd.read_csv(out / "errors_1hz.csv")
+
+    assert LOG.truth is not None
+    assert (track.east_m - LOG.truth.position_m[:, 0]).to_numpy() == pytest.approx(errors.error_east_m, abs=2e-4)
+    assert track.sd_north_m.to_numpy() == pytest.approx(errors.sd_north_m, abs=2e-4)
+
+
+def test_a_longer_table_is_written_for_other_rates(tmp_path: Path) -> None:
+    slow = timeline(LOG, fast_hz=2.0, slow_hz=0.5)
+    trajectory = run_filter("ckf", slow, LOG.assumptions)
+
+    out = written(tmp_path, Run(LOG, slow, scored(trajectory)))
+
+    assert len(pd.read_csv(out / "track_2hz.csv")) == 121
+    assert (out / "errors_0.5hz.csv").is_file()
+
+
+def update(row: int, axis: str, e: float, nis: float, fate: str, nominal: float = 1.0) -> Update:
+    return Update("usbl", axis, row, float(row), (e,), (1.0,), nis, 1, fate, nominal)
+
+
+def test_a_fix_of_two_scalars_is_one_row_with_the_worse_fate() -> None:
+    updates = (
+        update(0, "east", 1.0, 1.0, "used"),
+        update(0, "north", -2.0, 4.0, "used"),
+        update(1, "east", 0.5, 0.25, "used"),
+        update(1, "north", 9.0, 81.0, "down-weighted", 0.01),
+        Update("usbl", "position", 2, 2.0, (30.0, 40.0), (1.0, 1.0), 2500.0, 2, "rejected", 0.0),
+        Update("dvl", "forward", 0, 0.0, (0.0,), (1.0,), 0.0, 1, "used", 1.0),
+    )
+
+    table = fixes_table(TIMELINE, dataclasses.replace(CKF, updates=updates))
+
+    assert list(table) == [
+        *("time_s", "received_s", "east_m", "north_m", "innovation_east_m", "innovation_north_m"),
+        *("shift_east_m", "shift_north_m"),
+        *("nis", "dof", "fate", "why"),
+    ]
+    assert list(table.fate[:4]) == ["used", "down-weighted", "rejected", "not used"]
+    assert table.nis[:3].tolist() == [5.0, 81.25, 2500.0]
+    assert table.dof[:4].tolist() == [2, 2, 2, 0]
+    assert table.innovation_east_m[:3].tolist() == [1.0, 0.5, 30.0]
+    assert table.innovation_north_m[:3].tolist() == [-2.0, 9.0, 40.0]
+    assert "0.01" in table.why[1]
+    assert "NIS 2500.0 where 2 is right" in table.why[2]
+
+
+def test_report_md_states_the_verdict_the_truth_the_order_the_alignment_and_shows_the_pictures(tmp_path: Path) -> None:
+    page = (written(tmp_path, a_run(align="rigid")) / "report.md").read_text()
+
+    assert page.startswith("# ckf on paper\n\n**ckf ")
+    assert "better than the raw USBL" in page
+    assert "**truth**: simulated" in page
+    assert "61 of 61 epochs (100 % of the run)" in page
+    assert "used at their time of validity" in page
+    assert "rotation and shift fitted to the truth" in page
+    assert "![Track](track.png)" in page
+
+
+def test_strict_turns_what_json_does_not_know_into_null() -> None:
+    value = {"a": math.nan, "b": [np.float64(2.5), -math.inf], "c": np.array([[1, 2]]), "d": np.bool_(True)}
+
+    assert strict(value) == {"a": None, "b": [2.5, None], "c": [[1, 2]], "d": True}
+
+
+def leave_a_run(target: Path, text: str = "old", force: bool = False) -> None:
+    with run_directory(target, force) as folder:
+        (folder / "track.csv").write_text(text)
+        (folder / "report.json").write_text(json.dumps({"tool": {"name": "usbldr"}, "files": ["track.csv"]}))
+
+
+def test_a_run_directory_appears_only_when_it_is_complete(tmp_path: Path) -> None:
+    with run_directory(tmp_path / "deep" / "out") as folder:
+        assert not (tmp_path / "deep" / "out").exists()
+        (folder / "a").write_text("a")
+
+    assert (tmp_path / "deep" / "out" / "a").read_text() == "a"
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("fault", [KeyboardInterrupt, ZeroDivisionError])
+def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, fault: type[BaseException]) -> None:
+    def interrupted() -> None:
+        with run_directory(tmp_path / "deep" / "out") as folder:
+            (folder / "half").write_text("half")
+            raise fault
+
+    with pytest.raises(fault):
+        interrupted()
+
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupted_replacement_leaves_the_old_run_alone(tmp_path: Path) -> None:
+    leave_a_run(tmp_path / "out")
+
+    with pytest.raises(KeyboardInterrupt), run_directory(tmp_path / "out", force=True):
+        raise KeyboardInterrupt
+
+    assert (tmp_path / "out" / "track.csv").read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_an_old_run_is_replaced_only_by_force(tmp_path: Path) -> None:
+    leave_a_run(tmp_path / "out")
+
+    with pytest.raises(UsageError, match="--force"):
+        leave_a_run(tmp_path / "out", "new")
+    assert (tmp_path / "out" / "track.csv").read_text() == "old"
+
+    leave_a_run(tmp_path / "out", "new", force=True)
+    assert (tmp_path / "out" / "track.csv").read_text() == "new"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_force_never_deletes_what_no_run_wrote(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("years")
+    leave_a_run(tmp_path / "out")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "report.json").write_text('{"tool": "another", "files": []}')
+    (tmp_path / "file").write_text("a file")
+
+    for name, sentence in {
+        "thesis": "holds chapter.tex",
+        "out": "holds notes.txt",
+        "other": "holds report.json",
+        "file": "is a file",
+    }.items():
+        with pytest.raises(UsageError, match=sentence):
+            leave_a_run(tmp_path / name, force=True)
+
+    assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years"
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "other" / "report.json").exists()
+
+
+def test_an_empty_folder_may_become_a_run(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+
+    leave_a_run(tmp_path / "out")
+
+    assert (tmp_path / "out" / "report.json").is_file()
+
+
+def test_a_place_that_cannot_be_written_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+
+    with pytest.raises(UsageError, match="could not be written"):
+        leave_a_run(tmp_path / "file" / "out")

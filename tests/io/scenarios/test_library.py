@@ -1,0 +1,348 @@
+"""Scenarios as TOML: what a file says is what the dive has, and a mistake is one sentence."""
+
+import dataclasses
+import math
+import re
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import pytest
+from click.testing import CliRunner
+
+from usbldr.filters.errors import UsageError
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
+from usbldr.filters.models.parameters import ProcessNoise, Start
+from usbldr.filters.simulation.scenario import (
+    Accuracy,
+    Compass,
+    Correlated,
+    Drawn,
+    Dvl,
+    Gps,
+    Head,
+    Leg,
+    Multipath,
+    Outliers,
+    Scenario,
+    Timing,
+    Usbl,
+)
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.scenarios.library import find_scenario, read_scenario, scenario_names
+from usbldr.io.scenarios.sections import ScenarioFile
+from usbldr_cli.main import cli
+
+EVERYTHING = """
+schema = 1
+about = "every key that there is"
+duration_s = 60.0
+
+[vehicle]
+east_m = 1.0
+north_m = 2.0
+depth_m = 3.0
+heading_deg = 90.0
+
+[[leg]]
+duration_s = 30.0
+forward_mps = 1.5
+
+[[leg]]
+duration_s = 30.0
+starboard_mps = 0.1
+forward_mps = 1.0
+turn_rate_dps = 6.0
+
+[current]
+east_mps = 0.2
+north_mps = -0.1
+
+[dvl]
+rate_hz = 5.0
+latency_s = 0.1
+delay_s = 0.2
+delay_spread_s = 0.3
+jitter_s = 0.04
+clock_offset_s = -0.5
+dropout_share = 0.06
+silences_s = [[7.0, 8.0]]
+sd_mps = 0.02
+noise = { kind = "student-t", dof = 5.0 }
+scale_error = 0.01
+mount_deg = 2.0
+bias_mps = [0.03, 0.04]
+lever_arm_m = [0.5, 0.6, -0.7]
+water_track_s = [[10.0, 20.0]]
+correlated_sd_mps = 0.005
+correlated_time_s = 30.0
+outlier_share = 0.1
+outlier_mps = [1.0, 2.0]
+told_sd_mps = 0.05
+told_noise = { kind = "gaussian" }
+
+[compass]
+rate_hz = 10.0
+sd_deg = 0.5
+noise = { kind = "mixture" }
+bias_deg = 3.0
+deviation_sin_deg = 1.0
+deviation_cos_deg = 2.0
+correlated_sd_deg = 0.2
+outlier_share = 0.2
+outlier_deg = [20.0, 30.0]
+told_sd_deg = 0.6
+told_noise = { kind = "contamination", share = 0.1, sd_deg = 20.0, per = "scalar" }
+
+[usbl]
+rate_hz = 1.0
+accuracy = { sd_m = 0.2, sd_rel = 0.01, bearing_sd_deg = 2.0 }
+noise = { kind = "contamination", share = 0.2, sd_m = 5.0 }
+head = { east_m = 100.0, north_m = -50.0, depth_m = 4.0 }
+inverted = true
+scale_error = -0.002
+mount_deg = 1.0
+bias_m = [0.1, 0.2]
+lever_arm_m = [0.0, -2.0, 1.0]
+correlated_sd_m = 0.4
+outlier_share = 0.3
+outlier_m = [3.0, 4.0]
+told_accuracy = { sd_m = 1.0 }
+told_noise = { kind = "gaussian", per = "record" }
+
+[usbl.multipath]
+offset_m = [5.0, 6.0]
+scatter_m = 0.7
+share = 0.8
+clusters_s = [[1.0, 2.0]]
+every_s = 100.0
+lasts_s = 10.0
+
+[gps]
+rate_hz = 1.0
+sd_m = 0.01
+noise = { kind = "mixture", share = 0.1 }
+bias_m = [0.5, 0.25]
+lever_arm_m = [1.0, 2.0, 3.0]
+correlated_sd_m = 0.3
+outlier_share = 0.4
+told_sd_m = 0.02
+
+[process]
+position_m = 0.1
+heading_deg = 1.0
+velocity_mps = 0.2
+turn_rate_dps = 2.0
+uncalibrated_m = 0.3
+
+[start]
+east_m = 1.0
+north_m = 2.0
+sd_m = 0.5
+"""
+
+
+def _file(folder: Path, text: str, name: str = "mine.toml") -> Path:
+    (folder / name).write_text(text, encoding="utf-8")
+    return folder / name
+
+
+def test_every_key_of_a_file_arrives_in_the_dive_with_angles_counter_clockwise(tmp_path: Path) -> None:
+    deg = math.radians
+
+    assert read_scenario(_file(tmp_path, EVERYTHING)) == Scenario(
+        name="mine",
+        about="every key that there is",
+        duration_s=60.0,
+        legs=(Leg(30.0, 0.0, 1.5, 0.0), Leg(30.0, 0.1, 1.0, -deg(6.0))),
+        dvl=Dvl(
+            5.0,
+            0.02,
+            StudentT(5.0),
+            0.01,
+            -deg(2.0),
+            (0.03, 0.04),
+            (0.5, 0.6, -0.7),
+            ((10.0, 20.0),),
+            Correlated(0.005, 30.0),
+            Outliers(0.1, 1.0, 2.0),
+            Timing(0.1, 0.2, 0.3, 0.04, -0.5, 0.06, ((7.0, 8.0),)),
+            0.05,
+            Gaussian(),
+        ),
+        compass=Compass(
+            10.0,
+            deg(0.5),
+            Mixture(),
+            -deg(3.0),
+            (deg(1.0), -deg(2.0)),
+            Correlated(deg(0.2), 60.0),
+            Outliers(0.2, deg(20.0), deg(30.0)),
+            Timing(),
+            deg(0.6),
+            Contamination(0.1, deg(20.0), per_scalar=True),
+        ),
+        usbl=Usbl(
+            1.0,
+            Accuracy(0.2, 0.01, deg(2.0)),
+            Contamination(0.2, 5.0),
+            Head(100.0, -50.0, 4.0),
+            True,
+            -0.002,
+            -deg(1.0),
+            (0.1, 0.2),
+            (0.0, -2.0, 1.0),
+            Correlated(0.4, 60.0),
+            Outliers(0.3, 3.0, 4.0),
+            Multipath(5.0, 6.0, 0.7, 0.8, ((1.0, 2.0),), 100.0, 10.0),
+            Timing(),
+            Accuracy(1.0),
+            Gaussian(per_scalar=False),
+        ),
+        gps=Gps(
+            1.0,
+            0.01,
+            Mixture(0.1),
+            (1.0, 2.0, 3.0),
+            (0.5, 0.25),
+            Correlated(0.3, 60.0),
+            Outliers(0.4, 5.0, 40.0),
+            Timing(),
+            0.02,
+        ),
+        yaw_rad=-deg(90.0),
+        east_m=1.0,
+        north_m=2.0,
+        depth_m=3.0,
+        current_mps=(0.2, -0.1),
+        process=ProcessNoise(0.1, deg(1.0), 0.2, deg(2.0), 0.3),
+        start=Start(1.0, 2.0, 0.5),
+    )
+
+
+def test_a_file_like_another_says_only_what_differs(tmp_path: Path) -> None:
+    text = 'schema = 1\nlike = "paper"\nabout = "slower"\n[dvl]\nrate_hz = 2.0\n[drawn]\ndvl_scale_sd = 0.02\n'
+    paper = find_scenario("paper")
+
+    mine = read_scenario(_file(tmp_path, text))
+
+    assert mine == dataclasses.replace(
+        paper,
+        name="mine",
+        about="slower",
+        dvl=dataclasses.replace(paper.dvl, rate_hz=2.0),
+        drawn=Drawn(0.2, 0.02, 0.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "sentence"),
+    [
+        ("sd_mps = 0.02", "sd_mp = 0.02", r"\[dvl\] has no key sd_mp; did you mean sd_mps\?"),
+        (
+            "turn_rate_dps = 6.0\n",
+            "turn_rate = 6.0\n",
+            r"\[leg\[1\]\] has no key turn_rate; did you mean turn_rate_dps",
+        ),
+        ("scatter_m = 0.7", "scatter = 0.7", r"\[usbl.multipath\] has no key scatter; did you mean scatter_m"),
+        ("rate_hz = 10.0", "rate_hz = 0.0", r"\[compass\] rate_hz: expected number > 0"),
+        ("dropout_share = 0.06", "dropout_share = 1.0", r"\[dvl\] dropout_share: expected number < 1"),
+        ("silences_s = [[7.0, 8.0]]", "silences_s = [[8.0, 7.0]]", r"\[dvl\]: silences_s: \[8, 7\] goes backwards"),
+        ("jitter_s = 0.04", "jitter_s = 0.4", r"\[dvl\]: jitter_s must not exceed the 0.2 s between two records"),
+        ('kind = "student-t"', 'kind = "student"', r"\[dvl\] noise: kind is missing or unknown"),
+        ("sd_m = 0.2, sd_rel = 0.01, ", "", r"\[usbl\] accuracy: state sd_m, sd_rel or both"),
+        ("[current]", "[drawn]\n[current]", r"\[drawn\] and \[current\] exclude each other"),
+        ("duration_s = 60.0\n\n[v", "\n[v", r"lacks the key duration_s"),
+        (
+            "duration_s = 60.0\n\n[v",
+            "duration_s = 1e9\n\n[v",
+            r"dvl.rate_hz and duration_s make 5e\+09, at most 1e\+07 fit",
+        ),
+        ("every_s = 100.0", "every_s = 1e-6", r"usbl.multipath.every_s and duration_s make 6e\+07"),
+        ("schema = 1", "schema = 2", r"schema"),
+        ("schema = 1", 'schema = 1\nlike = "pool"', r"like = 'pool': there is no such scenario \(scenarios: .*paper"),
+        ("[current]", "[[current", r"is not TOML"),
+    ],
+)
+def test_a_mistake_in_a_scenario_is_one_sentence_with_file_and_key(
+    tmp_path: Path, was: str, now: str, sentence: str
+) -> None:
+    assert EVERYTHING.count(was) == 1
+    file = _file(tmp_path, EVERYTHING.replace(was, now))
+
+    with pytest.raises(UsageError, match=sentence) as fault:
+        read_scenario(file)
+
+    assert str(fault.value).startswith(f"{file}: ")
+    assert "\n" not in str(fault.value)
+
+
+def test_every_shipped_scenario_reads_and_says_what_it_is_about() -> None:
+    assert {"paper", "lawnmower"} <= set(scenario_names())
+    for name in scenario_names():
+        found = find_scenario(name)
+        assert found.name == name
+        assert 20 < len(found.about) <= 100, name
+        assert sum(leg.duration_s for leg in found.legs) >= found.duration_s - 1e-9, name
+
+
+def test_a_file_is_a_scenario_wherever_a_log_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    _file(tmp_path, 'schema = 1\nlike = "paper"\nabout = "a short one"\nduration_s = 20.0\n', "short.toml")
+    run = CliRunner().invoke
+
+    written = run(cli, ["simulate", "short.toml", "-o", "short.mcap", "--seed", "3"])
+    compared = run(cli, ["compare", "short.toml", "--filters", "ekf,usbl", "--seeds", "2", "--jobs", "1"])
+    replayed = run(cli, ["replay", "short.toml", "--filter", "ekf", "--seed", "3", "--quiet", "--output", "a"])
+    from_file = run(cli, ["replay", "short.mcap", "--filter", "ekf", "--quiet", "--output", "b"])
+
+    assert (written.exit_code, compared.exit_code, replayed.exit_code) == (0, 0, 0), compared.output + replayed.output
+    assert written.output.startswith("short.mcap: scenario short, seed 3, 20 s, records: 101 dvl, 101 compass, 21 usbl")
+    assert "each seed is a dive of its own" in compared.output
+    assert replayed.output.splitlines()[0] == from_file.output.splitlines()[0]
+
+
+def test_what_is_no_scenario_is_answered_with_the_names() -> None:
+    with pytest.raises(UsageError, match=r"there is no scenario 'pool' \(scenarios: .*paper.*, or a file NAME\.toml\)"):
+        find_scenario("pool")
+    with pytest.raises(UsageError, match=r"pool\.toml: cannot be read \(No such file"):
+        find_scenario("pool.toml")
+
+
+def _documented() -> str:
+    return (Path(__file__).resolve().parents[3] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+
+
+def test_the_files_that_the_documentation_shows_are_scenarios(tmp_path: Path) -> None:
+    shown = re.findall(r"^```toml\n(.*?)^```", _documented(), re.MULTILINE | re.DOTALL)
+
+    assert len(shown) == 2
+    for number, text in enumerate(shown):
+        found = read_scenario(_file(tmp_path, text, f"shown{number}.toml"))
+        assert len(simulate(found, 0).usbl.time_s) > 80
+
+
+def test_the_documentation_has_every_scenario_and_every_key() -> None:
+    text = _documented()
+
+    listed = set(re.findall(r"^\| `([a-z-]+)` \|", text.split("## A file")[0], re.MULTILINE))
+    assert listed == set(scenario_names())
+    named = set(re.findall(r"[a-z_]+", text))
+    sections = {name: part for name, part in get_type_hints(ScenarioFile).items() if name not in ("process", "start")}
+    keys = {
+        key
+        for section in sections.values()
+        for struct in (section, *get_args(section))
+        for key in getattr(struct, "__struct_fields__", ())
+    }
+    assert len(keys) > 40
+    for key in keys:
+        assert key in named or re.sub("_(mps|deg|m)$", "_*", key) in text, key
+
+
+def test_the_doctor_examines_a_scenario_of_a_file_like_a_shipped_one(tmp_path: Path) -> None:
+    mine = tmp_path / "paper.toml"
+    mine.write_text('schema = 1\nlike = "paper"\nabout = "mine"\n', encoding="utf-8")
+
+    own, shipped = (CliRunner().invoke(cli, ["doctor", name, "--json"]) for name in (str(mine), "paper"))
+
+    assert (own.exit_code, own.output) == (shipped.exit_code, shipped.output)

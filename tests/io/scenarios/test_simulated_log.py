@@ -1,0 +1,353 @@
+"""Simulated logs: the tables, the files by other people's readers, and the configuration beside them."""
+
+import dataclasses
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pymap3d
+import pytest
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from usbldr.filters.errors import UsageError
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
+from usbldr.filters.simulation.scenario import Timing
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.log import COLUMNS
+from usbldr.io.read import read_log
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
+
+PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
+SHORT = dataclasses.replace(
+    PAPER,
+    duration_s=20.0,
+    dvl=dataclasses.replace(PAPER.dvl, misalignment_rad=0.0123),
+    compass=dataclasses.replace(PAPER.compass, bias_rad=0.0234),
+    usbl=dataclasses.replace(PAPER.usbl, timing=Timing(latency_s=0.345, delay_s=1.25)),
+)
+
+
+def _messages(file: Path) -> Iterator[tuple[str, int, Any]]:
+    """Decode with the definitions in the file alone."""
+    store = get_typestore(Stores.EMPTY)
+    with file.open("rb") as stream:
+        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            assert schema is not None
+            if schema.name not in store.types:
+                store.register(get_types_from_msg(schema.data.decode(), schema.name))
+            yield channel.topic, message.log_time, store.deserialize_cdr(message.data, schema.name)
+
+
+def _stamp_s(message: Any) -> float:
+    return message.header.stamp.sec - START_NS // 10**9 + message.header.stamp.nanosec / 1e9
+
+
+def test_the_tables_are_the_simulation_in_canonical_columns() -> None:
+    log, dive = simulated_log(SHORT, 5), simulate(SHORT, 5)
+
+    assert {name: tuple(table.columns) for name, table in log.tables.items()} == {
+        name: COLUMNS[name] for name in ("dvl", "compass", "usbl", "gps")
+    }
+    np.testing.assert_array_equal(log.tables["dvl"][["starboard_mps", "forward_mps"]], dive.dvl.value)
+    heading, yaw = np.radians(log.tables["compass"]["heading_deg"]), dive.compass.value[:, 0]
+    np.testing.assert_allclose([np.cos(heading), np.sin(heading)], [np.cos(yaw), -np.sin(yaw)])
+    np.testing.assert_array_equal(log.tables["usbl"]["received_s"], dive.usbl.time_s + 1.25)
+    assert log.truth is not None
+    assert log.truth.kind == "simulated"
+    np.testing.assert_array_equal(log.truth.position_m, dive.truth.position_m[::5])
+
+
+def test_gps_latitudes_lie_at_sea_level_over_the_stated_origin() -> None:
+    log = simulated_log(PAPER, 0)
+    gps, origin = log.tables["gps"], log.origin
+    assert origin is not None
+
+    east, north, _ = pymap3d.geodetic2enu(
+        gps["lat_deg"].to_numpy(), gps["lon_deg"].to_numpy(), 0.0, origin.lat_deg, origin.lon_deg, 0.0
+    )
+
+    np.testing.assert_allclose(np.column_stack([east, north]), gps[["east_m", "north_m"]], atol=1e-8)
+
+
+def test_another_reader_finds_the_same_values_in_the_mcap_file(tmp_path: Path) -> None:
+    log, _ = write_scenario(SHORT, 5, tmp_path / "dive.mcap")
+
+    found = list(_messages(tmp_path / "dive.mcap"))
+
+    topics = ("/dvl/data", "/imu/data", "/usbl/fix", "/gps/fix")
+    by_topic = {topic: [m for t, _, m in found if t == topic] for topic in topics}
+    dvl, compass, usbl, gps = (log.tables[name] for name in ("dvl", "compass", "usbl", "gps"))
+    for name, messages in zip(("dvl", "compass", "usbl", "gps"), by_topic.values(), strict=True):
+        np.testing.assert_allclose([_stamp_s(m) for m in messages], log.tables[name]["time_s"], atol=1e-9)
+    seen = by_topic["/dvl/data"]
+    np.testing.assert_array_equal([m.velocity.x for m in seen], dvl["forward_mps"])  # x forward, y starboard
+    np.testing.assert_array_equal([m.velocity.y for m in seen], dvl["starboard_mps"])
+    assert {m.num_good_beams for m in seen} == {4}
+    np.testing.assert_allclose([m.velocity_covar[0] for m in seen], 0.02**2)
+    yaw_from_east = np.array([2 * math.atan2(m.orientation.z, m.orientation.w) for m in by_topic["/imu/data"]])
+    np.testing.assert_allclose((90 - np.degrees(yaw_from_east)) % 360, compass["heading_deg"], atol=1e-11)
+    np.testing.assert_array_equal([(m.point.x, m.point.y) for m in by_topic["/usbl/fix"]], usbl[["east_m", "north_m"]])
+    seen = by_topic["/gps/fix"]
+    np.testing.assert_array_equal([(m.latitude, m.longitude) for m in seen], gps[["lat_deg", "lon_deg"]])
+
+
+def test_log_time_is_the_arrival_and_never_falls(tmp_path: Path) -> None:
+    write_scenario(SHORT, 0, tmp_path / "dive.mcap")
+
+    found = list(_messages(tmp_path / "dive.mcap"))
+
+    late = [log_time - START_NS - round(_stamp_s(m) * 1e9) for topic, log_time, m in found if topic == "/usbl/fix"]
+    assert set(late) == {1_250_000_000}
+    assert np.all(np.diff([log_time for _, log_time, _ in found]) >= 0)
+
+
+def test_the_mcap_file_is_ros_2_with_zstd_chunks(tmp_path: Path) -> None:
+    write_scenario(SHORT, 3, tmp_path / "dive.mcap")
+
+    with (tmp_path / "dive.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert reader.get_header().profile == "ros2"
+        metadata = {m.name: m.metadata for m in reader.iter_metadata()}
+    assert summary is not None
+    assert {c.message_encoding for c in summary.channels.values()} == {"cdr"}
+    assert {c.compression for c in summary.chunk_indexes} == {"zstd"}
+    assert metadata == {"usbldr": {"scenario": "paper", "seed": "3"}}
+
+
+def test_every_float_of_the_csv_folder_comes_back_exactly(tmp_path: Path) -> None:
+    log, _ = write_scenario(SHORT, 5, tmp_path / "dive")
+
+    for name, table in log.tables.items():
+        back = pd.read_csv(tmp_path / "dive" / f"{name}.csv")
+        assert list(back.columns) == ["time_ns", "received_ns", *COLUMNS[name][2:]]
+        assert back["time_ns"].dtype == back["received_ns"].dtype == np.int64
+        np.testing.assert_array_equal((back["time_ns"] - START_NS) / 1e9, table["time_s"])
+        np.testing.assert_array_equal((back["received_ns"] - START_NS) / 1e9, table["received_s"])
+        for column in COLUMNS[name][2:]:
+            np.testing.assert_array_equal(back[column], table[column])
+
+
+@pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
+def test_the_same_seed_writes_the_same_bytes(tmp_path: Path, name: str) -> None:
+    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
+        write_scenario(SHORT, seed, tmp_path / folder / name)
+
+    def contents(folder: str) -> dict[str, bytes]:
+        top = tmp_path / folder
+        return {str(f.relative_to(top)): f.read_bytes() for f in sorted(top.rglob("*")) if f.is_file()}
+
+    assert contents("a") == contents("b")
+    assert contents("a").keys() == contents("c").keys()
+    assert contents("a") != contents("c")
+
+
+def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) -> None:
+    _, configuration = write_scenario(PAPER, 0, tmp_path / "dive.mcap")
+    mixture = {"kind": "mixture", "share": 0.3, "variance_ratio": 10.0, "per": "scalar"}
+
+    stated = tomllib.loads(configuration.read_text())
+
+    assert configuration == tmp_path / "dive.usbldr.toml"
+    process = stated.pop("process")
+    assert stated == {
+        "schema": 1,
+        "map": {"origin_lat_deg": 45.0, "origin_lon_deg": -30.0},
+        "dvl": {"topic": "/dvl/data", "axes": "FRD", "sd_mps": 0.02, "noise": mixture},
+        "compass": {"topic": "/imu/data", "convention": "ENU", "sd_deg": 0.1, "noise": mixture},
+        "usbl": {
+            "topic": "/usbl/fix",
+            "kind": "position",
+            "frame": "ENU",
+            "relative_to": "map",
+            "sd_m": 1.0,
+            "noise": mixture,
+        },
+        "gps": {"topic": "/gps/fix"},
+        "truth": {"kind": "simulated"},
+        "calibrate": {"states": []},
+        "start": {
+            "east_m": 0.0,
+            "north_m": 0.0,
+            "sd_m": 0.01,
+            "heading_sd_deg": 0.5,
+            "velocity_sd_mps": 0.1,
+            "turn_rate_sd_dps": 0.01,
+        },
+    }
+    assert process == {
+        "position_m": 0.0022,
+        "uncalibrated_m": 0.067,
+        "heading_deg": pytest.approx(math.degrees(2.2e-4), rel=1e-14),
+        "velocity_mps": 2.2e-3,
+        "turn_rate_dps": pytest.approx(math.degrees(2.2e-5), rel=1e-14),
+    }
+
+
+def test_the_configuration_hides_every_true_error() -> None:
+    # misalignment .0123, bias .0234, latency .345 and delay 1.25 of SHORT must change nothing that is written
+    plain = dataclasses.replace(PAPER, duration_s=20.0)
+    scaled = dataclasses.replace(SHORT, dvl=dataclasses.replace(SHORT.dvl, scale_error=0.07))
+
+    assert configuration_text(scaled, 0, {}) == configuration_text(plain, 0, {})
+
+
+def test_the_lawnmower_states_a_contamination_and_none_of_its_true_errors() -> None:
+    text = configuration_text(LAWNMOWER, 0, {})
+
+    assert tomllib.loads(text)["usbl"] == {
+        "sd_m": 0.6,
+        "noise": {"kind": "contamination", "share": 0.05, "sd_m": 10.0, "per": "record"},
+    }
+    assert simulated_log(LAWNMOWER, 0).assumptions.usbl == Contamination(share=0.05, sd=10.0)
+    exact = dataclasses.replace(
+        LAWNMOWER,
+        dvl=dataclasses.replace(LAWNMOWER.dvl, scale_error=0.0, timing=Timing()),
+        compass=dataclasses.replace(LAWNMOWER.compass, bias_rad=0.0),
+        usbl=dataclasses.replace(LAWNMOWER.usbl, outliers=None, timing=Timing()),
+    )
+    assert configuration_text(exact, 0, {}) == text
+
+
+@pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
+def test_what_is_written_reads_back_as_the_log_in_memory(tmp_path: Path, name: str) -> None:
+    delayed = dataclasses.replace(PAPER, usbl=dataclasses.replace(PAPER.usbl, timing=Timing(delay_s=1.25)))
+    written, configuration = write_scenario(delayed, 5, tmp_path / name)
+
+    read = read_log(tmp_path / name)
+
+    assert read.configuration == configuration
+    assert (read.start_ns, read.origin, read.findings) == (written.start_ns, written.origin, ())
+    assert read.assumptions == written.assumptions
+    assert list(read.tables) == list(written.tables)
+    for sensor, table in written.tables.items():
+        pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-12)
+    assert read.truth is not None
+    assert written.truth is not None
+    assert (read.truth.kind, read.truth.max_gap_s) == (written.truth.kind, written.truth.max_gap_s)
+    np.testing.assert_array_equal(read.truth.time_s, written.truth.time_s)
+    np.testing.assert_allclose(read.truth.position_m, written.truth.position_m, atol=1e-8)
+    np.testing.assert_array_equal(read.truth.sd_m, written.truth.sd_m)
+
+
+def test_every_noise_family_has_its_keys() -> None:
+    noisy = dataclasses.replace(
+        PAPER,
+        dvl=dataclasses.replace(PAPER.dvl, noise=StudentT(dof=5.0)),
+        compass=dataclasses.replace(PAPER.compass, noise=Contamination(share=0.1, sd=math.radians(20.0))),
+        usbl=dataclasses.replace(PAPER.usbl, noise=Mixture(per_scalar=False)),
+        start=None,
+    )
+    plain = dataclasses.replace(PAPER, dvl=dataclasses.replace(PAPER.dvl, noise=Gaussian()))
+
+    stated = tomllib.loads(configuration_text(noisy, 0, {}))
+
+    assert stated["dvl"]["noise"] == {"kind": "student-t", "dof": 5.0, "per": "record"}
+    assert stated["compass"]["noise"] == {"kind": "contamination", "share": 0.1, "sd_deg": 20.0, "per": "record"}
+    assert stated["usbl"]["noise"]["per"] == "record"
+    assert "start" not in stated
+    noise = tomllib.loads(configuration_text(plain, 0, {}))["dvl"]["noise"]
+    assert noise == {"kind": "gaussian", "per": "scalar"}
+
+
+@pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
+def test_nothing_is_overwritten_without_force(tmp_path: Path, name: str) -> None:
+    write_scenario(SHORT, 0, tmp_path / name)
+    before = sorted((f, f.read_bytes()) for f in tmp_path.rglob("*") if f.is_file())
+
+    with pytest.raises(UsageError, match=f"{name}: exists already; .*--force"):
+        write_scenario(SHORT, 1, tmp_path / name)
+
+    assert sorted((f, f.read_bytes()) for f in tmp_path.rglob("*") if f.is_file()) == before
+    write_scenario(SHORT, 1, tmp_path / name, force=True)
+    after = sorted((f, f.read_bytes()) for f in tmp_path.rglob("*") if f.is_file())
+    assert [f for f, _ in after] == [f for f, _ in before]
+    assert after != before
+
+
+def test_a_configuration_of_the_users_own_is_not_overwritten_either(tmp_path: Path) -> None:
+    (tmp_path / "dive.usbldr.toml").write_text("schema = 1\n")
+
+    with pytest.raises(UsageError, match=r"dive\.usbldr\.toml: exists already"):
+        write_scenario(SHORT, 0, tmp_path / "dive.mcap")
+
+    assert [f.name for f in tmp_path.iterdir()] == ["dive.usbldr.toml"]
+
+
+def test_force_does_not_replace_a_folder_with_other_things_in_it(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter1.tex").write_text("dear")
+
+    with pytest.raises(UsageError, match=r"thesis: holds chapter1\.tex"):
+        write_scenario(SHORT, 0, tmp_path / "thesis", force=True)
+
+    assert (tmp_path / "thesis" / "chapter1.tex").read_text() == "dear"
+
+
+@pytest.mark.parametrize("name", ["dive.zip", "dive.csv", "file/dive.mcap"])
+def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("")
+
+    with pytest.raises(UsageError, match="cannot"):
+        write_scenario(SHORT, 0, tmp_path / name)
+
+    assert [f.name for f in tmp_path.iterdir()] == ["file"]
+
+
+def _usbldr(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from usbldr_cli.main import main; main()", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_command_says_what_it_wrote(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "paper.mcap"
+
+    run = _usbldr("simulate", "paper", "-o", str(out), "--seed", "4")
+
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout == (
+        f"{out}: scenario paper, seed 4, 1000 s, records: 5001 dvl, 5001 compass, 1001 usbl, 1001 gps\n"
+        f"{out.with_name('paper.usbldr.toml')}: noise, start and conventions\n"
+    )
+    assert sorted(f.name for f in out.parent.iterdir()) == ["paper.mcap", "paper.usbldr.toml"]
+
+
+def test_the_command_lists_the_scenarios_and_answers_an_unknown_name_with_them(tmp_path: Path) -> None:
+    listed = _usbldr("simulate", "--list").stdout.splitlines()
+    names = [line.split()[0] for line in listed]
+    assert {"paper", "lawnmower"} <= set(names)
+    assert "section 3.1 of the paper" in listed[names.index("paper")]
+
+    run = _usbldr("simulate", "pool", "-o", str(tmp_path / "x"))
+
+    assert run.returncode == 2
+    assert run.stderr == (f"usbldr: there is no scenario 'pool' (scenarios: {', '.join(names)}, or a file NAME.toml)\n")
+
+
+def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
+    run = subprocess.Popen([*command, "simulate", "paper", "-o", str(tmp_path / "x.mcap")], stderr=subprocess.PIPE)
+    until = time.monotonic() + 20
+    while not list(tmp_path.glob(".x.mcap.*/x.mcap")):  # it writes
+        assert run.poll() is None
+        assert time.monotonic() < until
+        time.sleep(0.002)
+
+    os.kill(run.pid, signal.SIGINT)
+    _, said = run.communicate(timeout=20)
+
+    assert run.returncode == 130
+    assert said.strip() == b"usbldr: interrupted"
+    assert list(tmp_path.iterdir()) == []

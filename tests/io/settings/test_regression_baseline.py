@@ -1,0 +1,161 @@
+"""The baseline file: what it may say, which sentence refuses it, and what an update leaves alone."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.settings.regression_baseline import Metric, read_baseline, rewritten, usual_direction
+
+GOOD = """\
+# what the gate holds
+schema = 1
+
+[[row]]
+name = "first"            # by hand
+log = "dive.mcap"
+filter = "adf"
+dr_from = "first-gps"
+[row.metrics]
+mean_abs_east_m = { value = 0.25, rel = 0.02, abs = 0.002 }  # error
+nees_mean = { abs = 0.5, value = -1e-3, direction = "both" }
+
+[[row]]
+name = "second"
+log = "paper"
+filter = "cpf"
+particles = 50
+seeds = 3
+[row.metrics.rmse_horizontal_m]
+value = 3
+rel = 0.1
+[row.metrics.coverage]
+abs = 0
+value = 1.0
+"""
+
+
+def _baseline(tmp_path: Path, text: str) -> Path:
+    file = tmp_path / "baseline.toml"
+    file.write_text(text)
+    return file
+
+
+def test_rows_keep_their_options_apart_from_their_metrics(tmp_path: Path) -> None:
+    first, second = read_baseline(_baseline(tmp_path, GOOD)).rows
+
+    assert (first.name, first.log, first.filter, first.seeds) == ("first", "dive.mcap", "adf", 1)
+    assert first.options == {"dr_from": "first-gps"}
+    assert second.options == {"particles": 50}
+    assert second.seeds == 3
+    assert list(first.metrics) == ["mean_abs_east_m", "nees_mean"]
+
+
+def test_the_limit_is_abs_plus_rel_times_the_size_of_the_value() -> None:
+    assert Metric(value=-10.0, abs=0.5, rel=0.1).limit == pytest.approx(1.5)
+    assert Metric(value=10.0, rel=0.1).limit == pytest.approx(1.0)
+    assert Metric(value=10.0, abs=0.25).limit == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("metric", "direction"),
+    [
+        ("mean_abs_east_m", "lower"),
+        ("rmse_horizontal_m", "lower"),
+        ("final_horizontal_m", "lower"),
+        ("p95_abs_north_m", "lower"),
+        ("mean_horizontal_m_seed_median", "lower"),
+        ("surfacing_error_m", "lower"),
+        ("drift_percent", "lower"),
+        ("diverged_share", "lower"),
+        ("real_time_factor", "higher"),
+        ("coverage", "higher"),
+        ("bias_east_m", "both"),
+        ("nees_mean", "both"),
+        ("nis_mean_usbl", "both"),
+        ("ess_mean_ratio", "both"),
+        ("distance_m", "both"),
+        ("fixes_rejected", "both"),
+    ],
+)
+def test_errors_are_better_when_lower_and_consistency_has_no_better_side(metric: str, direction: str) -> None:
+    assert usual_direction(metric) == direction
+
+
+def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path: Path) -> None:
+    baseline = read_baseline(_baseline(tmp_path, GOOD))
+
+    text = rewritten(
+        baseline,
+        [{"mean_abs_east_m": 0.2612345678, "nees_mean": 2.0}, {"rmse_horizontal_m": 4.5e-7, "coverage": 0.9}],
+    )
+
+    assert text == (
+        GOOD.replace("value = 0.25,", "value = 0.261235,")
+        .replace("value = -1e-3,", "value = 2,")
+        .replace("value = 3\n", "value = 4.5e-07\n")
+        .replace("value = 1.0\n", "value = 0.9\n")
+    )
+
+
+def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
+    text = GOOD.replace("{ value = 0.25, rel", "{ rel")
+    baseline = read_baseline(_baseline(tmp_path, text))
+    assert baseline.rows[0].metrics["mean_abs_east_m"].value is None
+
+    assert rewritten(baseline, [{"mean_abs_east_m": 0.25}, {}]) == GOOD
+
+
+def test_an_update_refuses_a_layout_that_it_cannot_follow(tmp_path: Path) -> None:
+    unusual = 'schema = 1\nrow = [{ name = "a", log = "l", filter = "f", metrics = { x = { value = 1, abs = 1 } } }]\n'
+    baseline = read_baseline(_baseline(tmp_path, unusual))
+
+    with pytest.raises(UsageError, match="cannot be updated line by line: write each metric on a line of its own"):
+        rewritten(baseline, [{"x": 2.0}])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("schema = 1", "schema = 2", "schema = 2 is not known; this usbldr reads schema = 1"),
+        ("schema = 1", "schema = 1\nextra = 3", "there is no section extra (allowed: schema, row)"),
+        ("schema = 1", "schema = ", "is not TOML (Invalid value (at line 2, column 10))"),
+        ('name = "first"', 'name = ""', "row 1: name is missing or no text"),
+        ('name = "second"', 'name = "first"', "two rows are called 'first': give each its own name"),
+        ('log = "dive.mcap"\n', "", "row 'first': lacks the key log"),
+        ('filter = "adf"', "filter = 3", "row 'first': filter: expected text, got number"),
+        ("seeds = 3", "seeds = 0", "row 'second': seeds: expected number >= 1"),
+        ("particles = 50", "particles = true", "row 'second': particles: expected"),
+        ("rel = 0.1", "rel = -0.1", "row 'second': metrics.rmse_horizontal_m.rel: expected number >= 0.0"),
+        ("rel = 0.1", "real = 0.1", "row 'second': metrics.rmse_horizontal_m: there is no key real"),
+        ("rel = 0.1\n", "", "row 'second': metrics.rmse_horizontal_m states no tolerance: give abs, rel or both"),
+        ("rel = 0.1", "rel = inf", "row 'second': metrics.rmse_horizontal_m has a number that is not finite"),
+        ('direction = "both"', 'direction = "up"', "row 'first': metrics.nees_mean.direction: invalid enum value 'up'"),
+        (GOOD[GOOD.index("[row.metrics.rmse") :], "[row.metrics]\n", "row 'second': metrics is empty"),
+        (GOOD[GOOD.index("[[row]]") :], "", "has no [[row]]: a check of nothing would always pass"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_row_and_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    file = _baseline(tmp_path, GOOD.replace(old, new, 1))
+
+    with pytest.raises(UsageError) as fault:
+        read_baseline(file)
+
+    assert str(fault.value).startswith(f"{file}: {sentence}")
+
+
+def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"none\.toml: cannot be read \(No such file or directory\)"):
+        read_baseline(tmp_path / "none.toml")
+
+
+def test_the_baseline_of_the_readme_is_one(tmp_path: Path) -> None:
+    text = (Path(__file__).resolve().parents[3] / "README.md").read_text()
+    (block,) = (block for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL) if "[[row]]" in block)
+    (tmp_path / "gate.toml").write_text(block)
+
+    (row,) = read_baseline(tmp_path / "gate.toml").rows
+
+    assert row.options == {"calibrate": "scale,heading"}
+    assert {metric.value for metric in row.metrics.values()} == {None}

@@ -1,0 +1,367 @@
+"""The study behind docs/field.md: its records, changes, verdicts and tables, without the runs themselves."""
+
+import math
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import field_goals
+import field_study
+import field_tables
+from field_agreement import Likeness, likeness
+from field_changes import ABLATIONS, CHANGES, SENSITIVITY, constants
+from field_figures import nees_over_time
+from field_logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
+from field_plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
+from field_runs import refusals, run_task
+from paper_runs import Way
+from usbldr.filters.evaluation.evaluation import Window
+from usbldr.filters.identification import observability
+from usbldr.filters.identification.observability import CANDIDATES
+from usbldr.filters.models.parameters import Assumptions, ProcessNoise
+from usbldr.filters.models.states import Layout
+from usbldr.filters.replay import prior
+from usbldr.filters.replay.dead_reckoning import displacement_m
+from usbldr.filters.replay.run import SAMPLED
+from usbldr.filters.types import Timeline, Trajectory, Truth, Update
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import timeline
+from usbldr_cli.runs.job_store import Outcome, Store, Trace
+from usbldr_cli.runs.seed_table import Row
+from weaving import Faults
+from weaving import dive as weaving_dive
+
+SHOWN = [case for case in CASES.values() if not case.held_back]
+
+
+@pytest.fixture(scope="module")
+def line() -> Timeline:
+    """A minute of fixes, one a second, each 2 s late but for the first, which comes 5 s late."""
+    whole = timeline(simulated_log(replace(find_scenario("paper"), duration_s=60.0), 0))
+    late = whole.fix_time_s + 2.0
+    late[0] += 3.0
+    return replace(whole, fix_received_s=late, gps_time_s=whole.gps_time_s[10:], gps_m=whole.gps_m[10:])
+
+
+def invented(case: Case, way: Way, change: str, trace: Path) -> list[Row]:
+    """Return a row for each definition; each change costs a little more."""
+    error = 0.5 + 0.001 * list(CHANGES).index(change)
+    metrics = {"mean_abs_east_m": error / 2, "mean_abs_north_m": error / 2, "mean_horizontal_m": error}
+    metrics |= {"nees_mean": 2.5, "nees_low": 1.0, "nees_high": 3.0, "refused_in_a_row": 3.0, "refused_at_the_end": 1.0}
+    metrics |= {f"inside_{k}_sigma": share for k, share in ((1, 0.6), (2, 0.9), (3, 1.0))}
+    metrics |= {f"verdict_{key}": float(key == "deviation") for key in CANDIDATES}
+    metrics |= {f"narrowed_{key}": 0.5 for key in CANDIDATES} | {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001}
+    seeds = tuple(range(min(case.dives, FEW_DIVES)))
+    outcomes = tuple(Outcome(metrics, trace=trace) for _ in seeds)
+    return [Row(name, way.label, way.method, seeds, outcomes, way.method in SAMPLED, True) for name in case.scored]
+
+
+class Asked(dict[tuple[str, Way, str], Row]):
+    """Rows that remember which of them were looked at."""
+
+    def __init__(self, rows: Rows) -> None:
+        super().__init__(rows)
+        self.looked_at: set[tuple[str, Way, str]] = set()
+
+    def __getitem__(self, key: tuple[str, Way, str]) -> Row:
+        self.looked_at.add(key)
+        return super().__getitem__(key)
+
+
+@pytest.fixture
+def rows(tmp_path: Path) -> Asked:
+    trace = tmp_path / "trace.npz"
+    cov = np.repeat(np.eye(2)[None], 5, axis=0)
+    np.savez(trace, time_s=np.arange(5.0), estimate_m=np.ones((5, 2)), truth_m=np.zeros((5, 2)), cov_m2=cov)
+    found: dict[tuple[str, Way, str], Row] = {}
+    for cell in plan(list(CASES.values())):
+        for row in invented(CASES[cell.case], cell.way, cell.change, trace):
+            found[row.log, cell.way, cell.change] = row
+    return Asked(found)
+
+
+def document(cases: list[Case], rows: Rows) -> str:
+    files = {case.name: [f"{case.name}_{what}.png" for what in field_study.CAPTIONS] for case in cases}
+    agreed = {
+        case.name: {"fixes": Likeness(0.5, 0.2, 1.0, 0.5), "truth": Likeness(0.5, 0.2, 1.0, 0.5)} for case in cases
+    }
+    return field_study.document(cases, rows, files | {"stpere_marina cut": ["stpere_marina_cut_errors.png"]}, agreed)
+
+
+def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Asked) -> None:
+    text = document(list(CASES.values()), rows)
+
+    assert "{{" not in text
+    by_last_definition = {case.scored[-1] for case in CASES.values()}
+    assert {key for key in rows if key[0] in by_last_definition} <= rows.looked_at
+    assert {key for key in rows if key[2] == ""} <= rows.looked_at | {key for key in rows if key[1].method == "ckf"}
+
+
+def test_without_leave_nothing_of_the_held_back_logs_is_run_or_told(rows: Asked) -> None:
+    text = document(SHOWN, rows)
+
+    held_back = {case.name for case in CASES.values() if case.held_back}
+    assert len(held_back) == 3
+    assert not {name for name, _, _ in rows.looked_at} & held_back
+    assert "Held back still" in text
+    assert not {cell.case for cell in plan(SHOWN)} & held_back
+
+
+def test_each_log_has_its_kind_of_truth_beside_its_numbers(rows: Asked) -> None:
+    text = document(SHOWN, rows)
+
+    for case in SHOWN:
+        assert text.count(case.truth) >= 1
+        assert f"| {case.scored[0]} | {case.truth} |" in text
+
+
+def test_a_table_has_as_many_cells_in_each_line(rows: Asked) -> None:
+    text = document(list(CASES.values()), rows)
+
+    blocks = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
+    assert len(blocks) > 15
+    for lines in blocks:
+        assert len({part.replace(r"\|", "").count("|") for part in lines}) == 1, lines[0]
+
+
+def test_thinned_fixes_are_the_first_of_each_stretch(line: Timeline) -> None:
+    few = thinned(line, 10.0)
+
+    assert few.fix_time_s.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
+    assert np.array_equal(few.fix_m, line.fix_m[::10])
+    assert len(line.fix_time_s) == 61
+
+
+def test_a_cut_counts_from_the_first_gps_fix(line: Timeline) -> None:
+    left = cut(line, ((5.0, 8.0), (20.0, 100.0)))
+
+    assert left.fix_time_s.tolist() == [t for t in range(61) if not (15 <= t <= 18 or t >= 30)]
+
+
+def test_fixes_stamped_at_arrival_come_in_the_order_in_which_they_came(line: Timeline) -> None:
+    late = stamped_at_arrival(line)
+
+    assert np.all(np.diff(late.fix_time_s) >= 0)
+    assert np.array_equal(late.fix_time_s, late.fix_received_s)
+    assert np.array_equal(
+        late.fix_m[:4], line.fix_m[[1, 2, 0, 3]]
+    )  # the first came 5 s late, at the time of the fourth
+
+
+def test_a_truth_moved_onto_the_fixes_lies_on_them_whatever_its_frame(line: Timeline) -> None:
+    t = np.arange(61.0)
+    path = np.column_stack([t, 10 * np.sin(t / 10)])
+    turn = np.array([[math.cos(0.3), -math.sin(0.3)], [math.sin(0.3), math.cos(0.3)]])
+    fixes = path.copy()
+    fixes[::9] += 40.0  # gross ones
+    truth = Truth(t, path @ turn.T + [5.0, -7.0], np.full(61, np.nan), "slam", "made up")
+
+    moved = moved_onto_fixes(truth, replace(line, fix_m=fixes), Window(-1.0, 100.0))
+
+    np.testing.assert_allclose(moved.position_m, path, atol=1e-9)
+
+
+def test_a_source_that_is_ahead_too_short_and_turned_is_found_so(line: Timeline) -> None:
+    t = np.arange(0.0, 400.0, 0.2)
+    speed, yaw = np.column_stack([np.zeros_like(t), np.ones_like(t)]), 0.8 * np.sin(t / 15)
+    curved = replace(line, time_s=t, dr_mps=speed, dr_yaw_rad=yaw)
+    stamps = np.arange(5.0, 390.0, 2.0)
+    clockwise = np.radians(7.0)
+    turn = np.array([[np.cos(clockwise), np.sin(clockwise)], [-np.sin(clockwise), np.cos(clockwise)]])
+    ahead = np.column_stack([np.interp(stamps + 1.5, t, column) for column in displacement_m(curved).T])
+    source = 0.95 * ahead @ turn.T + [100.0, -50.0]
+    source[[10, 90]] += 60.0  # gross ones
+
+    found = likeness(curved, stamps, source)
+
+    assert found == pytest.approx((1.5, 1.5, 0.95, 7.0), abs=1e-6)
+
+
+def test_a_straight_track_at_constant_speed_tells_no_lead(line: Timeline) -> None:
+    t = np.arange(0.0, 400.0, 0.2)
+    straight = replace(line, time_s=t, dr_mps=np.tile([1.0, 1.0], (len(t), 1)), dr_yaw_rad=np.zeros_like(t))
+    stamps = np.arange(5.0, 390.0, 2.0)
+    noise = 0.1 * np.random.default_rng(0).standard_normal((len(stamps), 2))
+
+    found = likeness(straight, stamps, 0.99 * stamps[:, None] + noise)
+
+    assert math.isnan(found.lead_s)
+    assert found.ratio == pytest.approx(0.99, abs=0.001)
+
+
+def test_every_default_is_halved_and_doubled() -> None:
+    for name in (one.name for one in fields(ProcessNoise) if getattr(ProcessNoise(), one.name)):
+        for label, factor in (("half", 0.5), ("twice", 2.0)):
+            changed = SENSITIVITY[f"process.{name} {label}"].before(Assumptions(), None)  # type: ignore[arg-type]
+            expected = replace(ProcessNoise(), **{name: factor * getattr(ProcessNoise(), name)})
+            assert changed == replace(Assumptions(), process=expected)
+
+
+def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
+    """Each change has to do something on a log that uses everything, or it would show a robustness that is none."""
+    given = replace(Assumptions(), calibrate=CANDIDATES, usbl_sd_scale=0.5)
+    usual = prior.prior(line, given, Layout())
+    for name, change in CHANGES.items():
+        if name in ("", "tuned", "without guard", "every state by its default"):
+            continue
+        changed_line = change.records(line) if name != "cut" else None
+        told = change.after(change.before(given, line), line)
+        asked = any(getattr(observability, constant) != value for constant, value in change.observing.items())
+        with constants(prior, change.starting):
+            begun = prior.prior(line, given, Layout())
+        starts = any(not np.array_equal(one, other) for one, other in zip(begun, usual, strict=True))
+        assert changed_line is not line or told != given or asked or starts, name
+
+
+def test_noise_that_is_not_asked_of_the_log_has_one_story_alone() -> None:
+    with constants(observability, ABLATIONS["noise not asked of the log"].observing):
+        stories = observability._wanderings(Assumptions(), Assumptions(), 1.0)
+
+    assert stories == [observability._Choice(Assumptions())]
+
+
+def test_a_dvl_that_is_not_heard_for_itself_keeps_what_it_states() -> None:
+    line = weaving_dive(Faults())
+    boasting = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
+    with constants(observability, ABLATIONS["DVL not heard for itself"].observing):
+        deaf = observability.observe(boasting, Assumptions())
+
+    assert (deaf.dvl_sd_scale, deaf.process) == (1.0, ProcessNoise())
+    assert observability.observe(boasting, Assumptions()).dvl_sd_scale > 1
+
+
+def test_where_fixes_are_rare_the_dvls_own_records_keep_the_track(tmp_path: Path) -> None:
+    """A dive of the paper by one fix in 60 s; a DVL that is trusted as it states makes outliers of true fixes."""
+    cell = Cell("paper", BEST, "one fix in 60 s")
+
+    (heard,) = run_task(cell, 3, tmp_path, tmp_path)
+    with constants(observability, ABLATIONS["DVL not heard for itself"].observing):
+        (deaf,) = run_task(cell, 3, tmp_path, tmp_path)
+
+    assert heard.metrics["mean_horizontal_m"] < 0.3 * deaf.metrics["mean_horizontal_m"]
+    assert heard.metrics["refused_in_a_row"] <= 2
+    assert deaf.metrics["refused_in_a_row"] > 10
+
+
+def test_a_constant_is_another_only_for_a_while() -> None:
+    before = observability.NARROWED
+    with constants(observability, {"NARROWED": 0.1}):
+        during = observability.NARROWED
+    with pytest.raises(RuntimeError), constants(observability, {"NARROWED": 0.1}):
+        raise RuntimeError
+
+    assert during == 0.1
+    assert before == observability.NARROWED
+
+
+def test_a_state_is_taken_away_alone_and_its_share_of_the_error_given_back(line: Timeline) -> None:
+    settled = replace(Assumptions(), calibrate=CANDIDATES, usbl_sd_scale=0.5)
+
+    for key in CANDIDATES:
+        left = ABLATIONS[f"without {key}"].after(settled, line)
+        assert set(left.calibrate) == set(CANDIDATES) - {key}
+        assert left.usbl_sd_scale == (1.0 if key == "usbl-bias" else 0.5)
+
+
+def test_refused_fixes_are_counted_in_a_row_and_at_the_end() -> None:
+    fates = ["used", "rejected", "down-weighted", "rejected", "used", "rejected"]
+    updates = tuple(
+        Update("usbl", axis, row, float(row), (0.0,), (1.0,), 1.0, 1, fate if axis == "east" else "used", 1.0)
+        for row, fate in enumerate(fates)
+        for axis in ("east", "north")
+    )
+    made = Trajectory("adf", ("x", "y"), np.arange(6.0), np.zeros((6, 2)), None, updates)
+
+    assert refusals(made) == {"refused_in_a_row": 3.0, "refused_at_the_end": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("error", "nees", "refused", "met"),
+    [(1.0, 3.9, 0, True), (5.1, 3.0, 0, False), (1.0, 4.1, 0, False), (1.0, 3.0, 5, False)],
+)
+def test_rare_fixes_need_an_error_below_dr_an_honest_sigma_and_no_lock_out(
+    error: float, nees: float, refused: float, met: bool
+) -> None:
+    case = CASES["uib_simulation"]
+    metrics = {"mean_horizontal_m": error, "nees_mean": nees, "refused_at_the_end": refused}
+    one = Row(case.name, "adf", "adf", (0,), (Outcome(metrics),))
+    dr = Row(case.name, "dr", "dr", (0,), (Outcome({"mean_horizontal_m": 5.0}),))
+    rows = {(case.name, Way("dr"), ""): dr}
+    rows |= {(case.name, ONLINE, name): one for name in ("one fix in 10 s", "one fix in 60 s")}
+
+    assert [goal.met for goal in field_goals.thinned_goals(case, rows)] == [met, met]
+
+
+@pytest.mark.parametrize(("cpf", "met"), [(1.0, (True, True)), (1.04, (True, False)), (1.06, (False, False))])
+def test_cpf_is_held_to_the_gated_ekf_and_to_adf(cpf: float, met: tuple[bool, bool]) -> None:
+    case = CASES["stpere_marina"]
+    errors = {
+        replace(GATED, calibrate="auto", order=online(case)): 1.0,
+        ONLINE: 1.0,
+        replace(ONLINE, method="cpf"): cpf,
+    }
+    rows = {
+        (case.name, way, ""): Row(case.name, way.label, way.method, (0,), (Outcome({"mean_horizontal_m": error}),))
+        for way, error in errors.items()
+    }
+
+    assert tuple(goal.met for goal in field_goals.particle_goals(case, rows)) == met
+
+
+def test_a_run_that_failed_meets_no_goal() -> None:
+    failed = Row("paper", "adf", "adf", (0,), (Outcome(fault="no fix"),))
+    rows = {("paper", BEST, name): failed for name in ("", "one fix in 10 s", "one fix in 60 s")}
+    rows[("paper", Way("dr"), "")] = Row("paper", "dr", "dr", (0,), (Outcome({"mean_horizontal_m": 5.0}),))
+
+    assert not any(goal.met for goal in field_goals.thinned_goals(CASES["paper"], rows))
+
+
+def test_nees_over_time_is_the_squared_error_in_sigmas(tmp_path: Path) -> None:
+    cov = np.repeat(4.0 * np.eye(2)[None], 2, axis=0)
+    trace = Trace(np.arange(2.0), np.array([[3.0, 0.0], [0.0, 4.0]]), np.zeros((2, 2)), cov)
+    kept = Store(tmp_path).write("0" * 32, Outcome(), trace)
+    rows = {("paper", BEST, ""): Row("paper", "adf", "adf", (0,), (kept,))}
+
+    found = nees_over_time(rows, "paper", BEST)
+
+    assert found is not None
+    assert found[1].tolist() == pytest.approx([9 / 4, 16 / 4])
+
+
+def test_a_change_without_effect_is_a_dot_and_not_a_number() -> None:
+    whole, less = (
+        Row("paper", "adf", "adf", (0,), (Outcome({"mean_horizontal_m": e}),), dives=True) for e in (0.3, 0.35)
+    )
+    rows = {("paper", BEST, ""): whole, ("paper", BEST, "x half"): whole, ("paper", BEST, "x twice"): less}
+
+    assert field_tables.lost(whole, whole) == field_tables.NO_CHANGE
+    assert field_tables.lost(less, whole) == "+0.050 m, NEES "
+    assert field_tables.percent(CASES["paper"], "x half", rows) == 0
+    assert field_tables.percent(CASES["paper"], "x twice", rows) == pytest.approx(100 * 0.05 / 0.3)
+
+
+def test_without_the_logs_the_command_says_so_in_a_sentence(tmp_path: Path) -> None:
+    script = Path(field_study.__file__)
+    done = subprocess.run(
+        [sys.executable, str(script), "--runs", str(tmp_path), "--output", str(tmp_path / "docs")],
+        env={"USBLDR_FIELD_LOGS": str(tmp_path / "absent"), "PATH": ""},
+        capture_output=True,
+        text=True,
+    )
+
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1
+    assert "USBLDR_FIELD_LOGS" in done.stderr
+    assert not (tmp_path / "docs").exists()
+
+
+def test_a_held_out_fix_list_keeps_its_columns_together(line: Timeline) -> None:
+    some = line.with_fixes(np.arange(61) % 2 == 1)
+
+    assert [len(part) for part in (some.fix_time_s, some.fix_received_s, some.fix_m, some.fix_cov_m2)] == [30] * 4
+    assert Cell("paper", BEST).change == ""

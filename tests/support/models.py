@@ -1,0 +1,87 @@
+"""Small models that several tests hold the filters against, written the textbook way."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from usbldr.filters.estimators.protocol import Prior, Step
+from usbldr.filters.models.noise import Noise
+from usbldr.filters.models.sensors import Measurement, State
+
+
+class Drift:
+    """Linear motion of (position, velocity): position += velocity dt, both with random walks."""
+
+    rows = None
+    curved = ()
+    affine = (1,)
+
+    def __init__(self, q: tuple[float, float], dt: float = 1.0) -> None:
+        self.q, self.dt = np.array(q), dt
+
+    def predict(self, x):
+        return x[1:2] * self.dt
+
+    def jacobian(self, x):
+        return np.full((1, 1, 1), self.dt)
+
+    def residual(self, a, b):
+        return a - b
+
+    def parts(self, t0_s: float, t1_s: float) -> Iterator:
+        yield slice(0, 1), self
+
+    def noise(self, t0_s: float, t1_s: float):
+        return self.q * (t1_s - t0_s)
+
+
+def position_steps(z: np.ndarray, noise: Noise) -> Iterator[Step]:
+    """Yield one measured position per second, the first without motion."""
+    for k, value in enumerate(z):
+        reading = Measurement(np.array([value]), State(0), noise, "usbl", "east", k, float(k))
+        yield Step(k, float(max(k - 1, 0)), float(k), (reading,))
+
+
+PRIOR = Prior(np.array([0.0, 1.0]), np.array([[4.0, 0.3], [0.3, 1.0]]))
+
+
+def exact_mixture(z: np.ndarray, noise: Noise, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance of p(x_T | z): every one of the J^T mode histories through its own Kalman filter."""
+    F = np.array([[1.0, 1.0], [0.0, 1.0]])
+    H = np.array([[1.0, 0.0]])
+    branches = [(0.0, PRIOR.mean, PRIOR.cov)]
+    for k, value in enumerate(z):
+        grown = []
+        for log_w, m, P in branches:
+            if k:
+                m, P = F @ m, F @ P @ F.T + np.diag(q)
+            for share, R in zip(noise.shares, noise.cov, strict=True):
+                S = H @ P @ H.T + R
+                e = value - H @ m
+                K = P @ H.T / S
+                log_l = np.log(share) - 0.5 * float(e @ e / S[0, 0]) - 0.5 * np.log(2 * np.pi * S[0, 0])
+                grown.append((log_w + log_l, m + K @ e, P - K @ S @ K.T))
+        branches = grown
+    log_w = np.array([b[0] for b in branches])
+    w = np.exp(log_w - log_w.max())
+    w /= w.sum()
+    means = np.array([b[1] for b in branches])
+    mean = w @ means
+    spread = means - mean
+    cov = np.einsum("i,ijk->jk", w, np.array([b[2] for b in branches])) + np.einsum("i,ij,ik->jk", w, spread, spread)
+    return mean, cov
+
+
+def grid_posterior(m: float, P: float, z: float, noise: Noise) -> tuple[float, float, float]:
+    """Brute force on a line: mean and variance of p(x | z) and p(z)."""
+    x = np.linspace(m - 14 * math.sqrt(P), m + 14 * math.sqrt(P), 400_001)
+    density = np.exp(-0.5 * (x - m) ** 2 / P) / math.sqrt(2 * math.pi * P)
+    likelihood = sum(
+        share * np.exp(-0.5 * (z - x) ** 2 / R[0, 0]) / math.sqrt(2 * math.pi * R[0, 0])
+        for share, R in zip(noise.shares, noise.cov, strict=True)
+    )
+    joint = density * likelihood
+    evidence = float(np.trapezoid(joint, x))
+    mean = float(np.trapezoid(x * joint, x)) / evidence
+    return mean, float(np.trapezoid((x - mean) ** 2 * joint, x)) / evidence, evidence

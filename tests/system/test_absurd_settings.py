@@ -1,0 +1,230 @@
+"""Any number under any key, and after any option that takes one: a run, or one sentence, and never a warning.
+
+The keys are found in the section types, so that a new one is fuzzed from its first day.
+"""
+
+import random
+import typing
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import UnionType
+
+import pytest
+from click.testing import Result
+from msgspec import Struct
+
+from commands import run
+from dives import PRESSURE, SECOND, T0, fix, write_mcap, yaw
+from doctored import dive
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.settings.sensor_sections import Configuration
+
+ABSURD: list[object] = [1e300, -1e300, 1e308, 1e-300, -1e-300, 5e-324, 0, 0.0, -0.0, -1]
+ABSURD += ["nan", "inf", "-inf", 1e17, 1e30, 1e100, 2**63 - 1, -(2**63), 10**23, "true", "'word'", "[]", "[1.0]", "{}"]
+PLAUSIBLE: list[object] = [1e-6, 1e-3, 0.1, 0.5, 0.9, 1, 2, 3.0, 10, -10, 30, 89.9, 180, -180, 360, 1000, -1000]
+PLAUSIBLE += [1e4, -1e4, 1e6, -1e6, 1e7]
+
+FIXED = "head = { east_m = 1.0, north_m = 2.0, heading_deg = 10.0 }"
+SHIP = "topic = '/ship/fix', heading_topic = '/ship/imu'"
+ALL_STATES = "states = ['scale', 'misalignment', 'heading', 'deviation', 'latency', 'usbl-bias']"
+STATES_OF = {"pf": ALL_STATES.replace(" 'heading', 'deviation',", "")}  # it samples the yaw
+START = "east_m = 0\nnorth_m = 0\nsd_m = 1"
+KEYS = {  # key -> lines that let it act; V is its value, for a key inside a table or an array
+    "map.origin_lat_deg": "origin_lon_deg = 7.0",
+    "map.origin_lon_deg": "origin_lat_deg = 45.0",
+    **dict.fromkeys(("dvl.mount_deg", "dvl.scale_error", "dvl.sd_mps", "dvl.sd_scale", "dvl.latency_s"), ""),
+    "dvl.min_good_beams": "",
+    "dvl.lever_arm_m": "lever_arm_m = [V, 0, 1]",
+    "dvl.noise.share": "noise = { kind = 'contamination', sd_mps = 1.0, share = V }",
+    "dvl.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
+    "dvl.noise.dof": "noise = { kind = 'student-t', dof = V }",
+    "dvl.noise.sd_mps": "noise = { kind = 'contamination', sd_mps = V }",
+    **dict.fromkeys(("compass.bias_deg", "compass.deviation_sin_deg", "compass.deviation_cos_deg"), ""),
+    **dict.fromkeys(("compass.declination_deg", "compass.sd_deg", "compass.latency_s"), ""),
+    "compass.noise.share": "noise = { kind = 'contamination', sd_deg = 1.0, share = V }",
+    "compass.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
+    "compass.noise.dof": "noise = { kind = 'student-t', dof = V }",
+    "compass.noise.sd_deg": "noise = { kind = 'contamination', sd_deg = V }",
+    **dict.fromkeys(("usbl.sd_m", "usbl.sd_scale", "usbl.latency_s"), ""),
+    "usbl.mount_deg": f"frame = 'body'\n{FIXED}",
+    "usbl.sound_speed_scale": FIXED,
+    "usbl.target": "",
+    "usbl.range_sd_m": f"bearing_sd_deg = 1.0\n{FIXED}",
+    "usbl.range_sd_rel": f"bearing_sd_deg = 1.0\n{FIXED}",
+    "usbl.bearing_sd_deg": f"range_sd_m = 1.0\n{FIXED}",
+    "usbl.heading_sd_deg": f"frame = 'body'\n{FIXED}",
+    "usbl.lever_arm_m": "lever_arm_m = [0, V, 1]",
+    "usbl.noise.share": "noise = { kind = 'contamination', share = V }",
+    "usbl.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
+    "usbl.noise.dof": "noise = { kind = 'student-t', dof = V }",
+    "usbl.noise.sd_m": "noise = { kind = 'contamination', sd_m = V }",
+    "usbl.head.lat_deg": "head = { lat_deg = V, lon_deg = 7.0 }",
+    "usbl.head.lon_deg": "head = { lat_deg = 45.0, lon_deg = V }",
+    "usbl.head.east_m": "head = { east_m = V, north_m = 0 }",
+    "usbl.head.north_m": "head = { east_m = 0, north_m = V }",
+    "usbl.head.depth_m": "head = { east_m = 0, north_m = 0, depth_m = V }",
+    "usbl.head.sd_m": f"head = {{ {SHIP}, sd_m = V }}",
+    "usbl.head.heading_deg": "frame = 'body'\nhead = { east_m = 0, north_m = 0, heading_deg = V }",
+    "usbl.head.heading_bias_deg": f"frame = 'body'\nhead = {{ {SHIP}, heading_bias_deg = V }}",
+    "usbl.head.heading_declination_deg": f"frame = 'body'\nhead = {{ {SHIP}, heading_declination_deg = V }}",
+    "usbl.head.lever_arm_m": f"head = {{ {SHIP}, lever_arm_m = [V, 1, 1] }}",
+    "usbl.head.max_gap_s": f"head = {{ {SHIP}, max_gap_s = V }}",
+    "usbl.beacon.lat_deg": "beacon = { lat_deg = V, lon_deg = 7.0 }",
+    "usbl.beacon.lon_deg": "beacon = { lat_deg = 45.0, lon_deg = V }",
+    "usbl.beacon.east_m": "beacon = { east_m = V, north_m = 0 }",
+    "usbl.beacon.north_m": "beacon = { east_m = 0, north_m = V }",
+    "usbl.beacon.depth_m": "beacon = { east_m = 0, north_m = 0, depth_m = V }",
+    "usbl.beacon.sd_m": "beacon = { east_m = 0, north_m = 0, sd_m = V }",
+    "usbl.beacon.max_gap_s": "frame = 'body'\nbeacon = { east_m = 0, north_m = 0, max_gap_s = V }",
+    **dict.fromkeys(("gps.sd_m", "gps.latency_s"), ""),
+    "gps.lever_arm_m": "lever_arm_m = [V, 0, 0]",
+    "gps.noise.share": "noise = { kind = 'contamination', share = V }",
+    "gps.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
+    "gps.noise.dof": "noise = { kind = 'student-t', dof = V }",
+    "gps.noise.sd_m": "noise = { kind = 'contamination', sd_m = V }",
+    **dict.fromkeys(("depth.surface_pa", "depth.latency_s", "truth.max_gap_s"), ""),
+    "truth.skip_rows": "file = 'truth.csv'",
+    **dict.fromkeys(("process.position_m", "process.heading_deg", "process.velocity_mps"), ""),
+    **dict.fromkeys(("process.turn_rate_dps", "process.uncalibrated_m"), ""),
+    **dict.fromkeys(("calibrate.scale_sd", "calibrate.mount_sd_deg", "calibrate.heading_sd_deg"), ALL_STATES),
+    **dict.fromkeys(("calibrate.heading_walk_deg", "calibrate.deviation_sd_deg"), ALL_STATES),
+    **dict.fromkeys(("calibrate.latency_sd_s", "calibrate.usbl_bias_sd_m", "calibrate.usbl_bias_time_s"), ALL_STATES),
+    "start.east_m": "north_m = 0\nsd_m = 1",
+    "start.north_m": "east_m = 0\nsd_m = 1",
+    "start.sd_m": "east_m = 0\nnorth_m = 0",
+    **dict.fromkeys(("start.heading_sd_deg", "start.velocity_sd_mps", "start.turn_rate_sd_dps"), START),
+    "file.clock_offset_s": "path = 'dive.mcap'",
+}
+NEEDED = {"compass": "topic = '/imu'", "gps": "topic = '/gps/fix'"}  # the ship has such topics, too
+
+
+def numbers(annotation: object, path: str = "") -> Iterator[str]:
+    """Yield the dotted paths of all keys that hold a number."""
+    if isinstance(annotation, type) and issubclass(annotation, Struct):
+        for name, hint in typing.get_type_hints(annotation, include_extras=True).items():
+            yield from numbers(hint, f"{path}.{name}".removeprefix("."))
+    elif annotation in (int, float):
+        yield path
+    elif isinstance(annotation, UnionType) or typing.get_origin(annotation) is not typing.Literal:
+        for part in typing.get_args(annotation):
+            yield from numbers(part, path)
+
+
+def settings(values: Mapping[str, object]) -> str:
+    """Return a configuration in which the keys, each of another section, have the values, and act."""
+    text = {section: f"[{section}]\n{line}\n" for section, line in NEEDED.items()}
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        lines = KEYS[key] if "V" in KEYS[key] else f"{name} = V\n{KEYS[key]}"
+        title = "[[file]]\n" if section == "file" else f"[{section}]\n"
+        text[section] = text.get(section, title) + lines.replace("V", str(value)) + "\n"
+    return "".join(text.values())
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ninety seconds of a dive with every sensor, beside a ship."""
+    rows = [row for row in dive(gps=True) if row[0] < T0 + 90 * SECOND]
+    for t in range(T0, T0 + 90 * SECOND, SECOND):
+        rows.append((t, "/depth", PRESSURE, {"header.stamp": t, "fluid_pressure": 150000.0}))
+        rows += [fix(t, 45.0, 7.0, topic="/ship/fix"), yaw(t, 30.0, topic="/ship/imu")]
+    folder = tmp_path_factory.mktemp("absurd")
+    truth = "".join(f"{T0 + k * SECOND},{k / 10},{k / 5}\n" for k in range(90))
+    (folder / "truth.csv").write_text("time_ns,east_m,north_m\n" + truth)
+    return write_mcap(folder / "dive.mcap", sorted(rows, key=lambda row: row[0]))
+
+
+def replay_with(log: Path, values: Mapping[str, object], *options: str) -> Result:
+    file, target = log.with_name("settings.toml"), str(log.with_name("run"))
+    states = next((able for method, able in STATES_OF.items() if method in options), ALL_STATES)
+    file.write_text(settings(values).replace(ALL_STATES, states), encoding="utf-8")
+    return run("replay", str(log), "--config", str(file), "--quiet", "--force", "--output", target, *options)
+
+
+def check_sentence(done: Result, key: str) -> None:
+    """Where the value was refused, file and key are named."""
+    if isinstance(done.exception, UsageError):
+        section, *_, name = key.split(".")
+        assert "settings.toml: [" in str(done.exception)
+        assert f"[{section}" in str(done.exception)
+        assert name in str(done.exception)
+
+
+def test_every_key_that_holds_a_number_is_among_those_tried() -> None:
+    assert set(numbers(Configuration)) - {"schema"} == set(KEYS)
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("key", KEYS)
+def test_an_absurd_value_is_a_run_or_a_sentence(log: Path, key: str) -> None:
+    rng = random.Random(key)
+
+    for value in rng.sample(ABSURD, 4):
+        check_sentence(replay_with(log, {key: value}, "--filter", "ekf"), key)
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_start_too_far_from_the_fixes_for_any_covariance_is_one_sentence(log: Path) -> None:
+    values = {"calibrate.latency_sd_s": 3.0, "process.heading_deg": 0.5, "start.north_m": 1e6}
+
+    done = replay_with(log, values | {"usbl.lever_arm_m": 0.5}, "--filter", "ekf")
+
+    assert isinstance(done.exception, LogError)
+    assert str(done.exception).startswith("ekf: a covariance grew beyond what numbers can hold apart")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("method", ["ekf", "adf", "pf"])
+def test_any_value_is_a_run_or_a_sentence_for_any_filter(log: Path, method: str) -> None:
+    for key in KEYS:
+        for value in ABSURD + PLAUSIBLE if method == "ekf" else PLAUSIBLE:
+            check_sentence(replay_with(log, {key: value}, "--filter", method), key)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_pictures")
+def test_several_odd_values_at_once_are_a_run_or_a_sentence(log: Path) -> None:
+    rng = random.Random(0)
+    choices = [["--smooth"], ["--order", "arrival"], ["--tune"], ["--guard"], ["--calibrate", "auto"], []]
+
+    for _ in range(150):
+        values = {key.split(".")[0]: (key, rng.choice(PLAUSIBLE)) for key in rng.sample(list(KEYS), 6)}
+        replay_with(log, dict(values.values()), "--filter", rng.choice(["ekf", "adf"]), *rng.choice(choices))
+
+
+NUMBERED = {
+    "--gate": "ekf --gate V",
+    "--seed": "cpf --seed V",
+    "--start": "ekf --start V",
+    "--end": "ekf --end V",
+    "--dr-from latitude": "dr --dr-from V,7",
+    "--dr-from longitude": "dr --dr-from 45,V",
+    "--fast-hz": "ekf --fast-hz V",
+    "--slow-hz": "ekf --slow-hz V",
+    "both rates": "ekf --slow-hz V --fast-hz V",
+    "--aid from": "ekf --aid gps@V:60",
+    "--aid to": "ekf --aid gps@0:V",
+    **{
+        f"--noise {sensor}={kind}": f"adf --noise {sensor}={kind}:V"
+        for sensor in ("dvl", "compass", "usbl", "gps")
+        for kind in ("mixture", "mixture:0.3", "student-t", "contamination", "contamination:0.1")
+    },
+}
+MOMENTS = ["", "x", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59Z", "2020-09-13T12:27:00Z"]
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("option", NUMBERED)
+def test_an_absurd_number_of_an_option_is_a_run_or_a_sentence(log: Path, option: str) -> None:
+    rng = random.Random(option)
+
+    for value in rng.sample(ABSURD + MOMENTS, 3):
+        words = ["replay", str(log), "-q", "--force", "--output", str(log.with_name("run")), "--filter"]
+        run(*words, *(word.replace("V", str(value)) for word in NUMBERED[option].split()))
+
+
+@pytest.mark.parametrize("option", ["--start", "--end"])
+def test_an_export_from_or_to_no_moment_is_a_sentence(log: Path, option: str) -> None:
+    for value in (*ABSURD, *MOMENTS):
+        run("export", str(log), "--force", "--output", str(log.with_name("out.mcap")), option, str(value))

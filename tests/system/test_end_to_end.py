@@ -1,0 +1,179 @@
+"""The sample logs through the real command line: exit codes, files, strict JSON, nothing lost, nothing half-written."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbldr.filters.replay.methods import METHODS
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
+TURN = SAMPLES / "lawnmower_turn_db3"  # two minutes: quick
+USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
+TABLES = {"fixes.csv", "track.tum", "truth.tum", "track.geojson", "track.kml", "report.md", "report.json"}
+PICTURES = {"track.png", "errors.png", "error_cdf.png"}
+COST = ("filter_time_s", "real_time_factor")  # of the machine, not of the run
+
+
+def _usbldr(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*USBLDR, *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+def _report(folder: Path) -> dict[str, Any]:
+    """Read report.json as a parser does that knows no NaN and no infinity."""
+
+    def refuse(constant: str) -> float:
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def _metrics(folder: Path) -> dict[str, Any]:
+    return {name: value for name, value in _report(folder)["metrics"].items() if name not in COST}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_leaves_a_whole_run_directory(tmp_path: Path, method: str) -> None:
+    run = _usbldr("replay", TURN, "-f", method, "-N", "50", "-o", tmp_path / "run")
+
+    assert (run.returncode, run.stderr) == (0, "")
+    assert [file.name for file in tmp_path.iterdir()] == ["run"]
+    names = {file.name for file in (tmp_path / "run").iterdir()}
+    grids = ("track_fixes.csv", "errors_fixes.csv") if method == "usbl" else ("track_5hz.csv", "errors_1hz.csv")
+    assert names >= TABLES | PICTURES | set(grids)
+    report = _report(tmp_path / "run")
+    assert {*report["files"], "report.json"} == names
+    assert report["filter"] == method
+    errors = pd.read_csv(tmp_path / "run" / grids[1])
+    assert len(errors) == report["metrics"]["matched"] == (60 if method == "usbl" else 121)
+    assert report["metrics"]["mean_abs_east_m"] == pytest.approx(errors["error_east_m"].abs().mean(), abs=1e-4)
+    assert report["verdict"] in run.stdout
+
+
+def test_one_dive_gives_one_track_in_every_format(tmp_path: Path) -> None:
+    names = ("lawnmower.mcap", "lawnmower.bag", "lawnmower_csv")
+    for name in names:
+        assert _usbldr("replay", SAMPLES / name, "-f", "adf", "-o", tmp_path / name, "-q").returncode == 0
+
+    tracks = [pd.read_csv(tmp_path / name / "track_5hz.csv")[["time_s", "east_m", "north_m"]] for name in names]
+    metrics = [_metrics(tmp_path / name) for name in names]
+    for track, told in zip(tracks[1:], metrics[1:], strict=True):
+        np.testing.assert_allclose(track, tracks[0], rtol=0, atol=1.01e-4)  # the file's last digit
+        assert told.keys() == metrics[0].keys()
+        for name, value in metrics[0].items():
+            assert told[name] == (value if value is None else pytest.approx(value, abs=1e-6)), name
+
+
+def test_the_paper_filter_beats_raw_fixes_and_dead_reckoning_on_the_papers_dive(tmp_path: Path) -> None:
+    run = _usbldr("replay", SAMPLES / "paper.mcap", "-N", "20", "-o", tmp_path / "run")
+
+    assert run.returncode == 0
+    report = _report(tmp_path / "run")
+    mean_m = {name: told["metrics"]["mean_horizontal_m"] for name, told in report["baselines"].items()}
+    assert report["metrics"]["mean_horizontal_m"] < 0.25 * min(mean_m["usbl"], mean_m["dr"])
+    assert "cpf" in run.stdout.splitlines()[0]
+
+
+def test_the_same_seed_repeats_every_metric_to_the_bit_and_another_does_not(tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        run = _usbldr("replay", TURN, "-f", "cpf", "-N", "20", "--seed", seed, "-o", tmp_path / name, "-q")
+        assert run.returncode == 0
+
+    assert _metrics(tmp_path / "a") == _metrics(tmp_path / "b")
+    assert _metrics(tmp_path / "a") != _metrics(tmp_path / "c")
+    for file in ("track_5hz.csv", "errors_1hz.csv", "fixes.csv", "track.tum"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_a_run_is_replaced_only_with_force(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert _usbldr("replay", TURN, "-f", "dr", "-o", out, "-q").returncode == 0
+    before = {file.name: file.read_bytes() for file in out.iterdir()}
+
+    refused = _usbldr("replay", TURN, "-f", "usbl", "-o", out, "-q")
+
+    assert refused.returncode == 2
+    assert refused.stderr.startswith(f"usbldr: {out} exists already")
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+    assert _usbldr("replay", TURN, "-f", "usbl", "-o", out, "-q", "--force").returncode == 0
+    assert _report(out)["filter"] == "usbl"
+    assert [file.name for file in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize("name", ["lawnmower.mcap", "lawnmower.bag"])
+def test_a_log_that_is_no_log_leaves_one_sentence_and_exit_code_3(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"")
+
+    run = _usbldr("replay", tmp_path / name, "-o", tmp_path / "run")
+
+    assert run.returncode == 3
+    assert len(run.stderr.splitlines()) == 1
+    assert run.stderr.startswith("usbldr: ")
+    assert name in run.stderr
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_a_scenario_equals_its_file(tmp_path: Path) -> None:
+    for log, name in ((SAMPLES / "lawnmower.mcap", "file"), ("lawnmower", "scenario")):
+        assert _usbldr("replay", log, "-f", "ekf", "-o", tmp_path / name, "-q").returncode == 0
+
+    from_file, scenario = _metrics(tmp_path / "file"), _metrics(tmp_path / "scenario")
+    assert from_file.keys() == scenario.keys()
+    for name, value in from_file.items():
+        assert scenario[name] == (value if value is None else pytest.approx(value, abs=1e-6)), name
+
+
+def test_ctrl_c_leaves_nothing_of_a_replay_and_exits_130(tmp_path: Path) -> None:
+    shutil.copy(SAMPLES / "paper.mcap", tmp_path)
+    run = subprocess.Popen(
+        [*USBLDR, "replay", str(tmp_path / "paper.mcap"), "-N", "5000", "-o", str(tmp_path / "run")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    until = time.monotonic() + 60
+    while not list(tmp_path.glob(".run.*.part")):  # it runs
+        assert run.poll() is None
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    time.sleep(0.5)
+    assert run.poll() is None
+
+    os.kill(run.pid, signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+
+    assert run.returncode == 130
+    assert said.strip().endswith(b"usbldr: interrupted")
+    assert b"Traceback" not in said
+    assert [file.name for file in tmp_path.iterdir()] == ["paper.mcap"]
+
+
+def test_ctrl_c_leaves_a_baseline_as_it_was_and_exits_130(tmp_path: Path) -> None:
+    shutil.copy(SAMPLES / "paper.mcap", tmp_path)
+    baseline = tmp_path / "baseline.toml"
+    text = (
+        'schema = 1\n[[row]]\nname = "r"\nlog = "paper.mcap"\nfilter = "cpf"\nparticles = 5000\n'
+        "[row.metrics]\nmean_horizontal_m = { rel = 0.1 }\n"
+    )
+    baseline.write_text(text)
+    run = subprocess.Popen(
+        [*USBLDR, "check", str(baseline), "--update"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    time.sleep(3)
+    assert run.poll() is None
+
+    os.kill(run.pid, signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+
+    assert run.returncode == 130
+    assert said.strip().endswith(b"usbldr: interrupted")
+    assert baseline.read_text() == text
+    assert {file.name for file in tmp_path.iterdir()} == {"baseline.toml", "paper.mcap"}

@@ -1,0 +1,162 @@
+"""Dives in which much is wrong, as files and as tables: what is written comes back, and no true error is told."""
+
+import dataclasses
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbldr.filters.models.noise import Contamination, Gaussian
+from usbldr.filters.simulation.scenario import (
+    Accuracy,
+    Compass,
+    Correlated,
+    Dvl,
+    Gps,
+    Head,
+    Multipath,
+    Outliers,
+    Timing,
+    Usbl,
+)
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.read import read_log
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.library import find_scenario, scenario_names
+from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
+
+PAPER = find_scenario("paper")
+TIMING = Timing(0.1, 0.2, 0.3, 0.04, -0.5, 0.06, ((7.0, 8.0),))
+FAULTY = dataclasses.replace(
+    PAPER,
+    duration_s=60.0,
+    current_mps=(0.3, -0.2),
+    dvl=Dvl(
+        5.0,
+        0.02,
+        Contamination(0.1, 0.5),
+        scale_error=0.01,
+        misalignment_rad=0.02,
+        bias_mps=(0.03, 0.04),
+        lever_m=(0.5, 0.6, -0.7),
+        water_track_s=((10.0, 20.0),),
+        correlated=Correlated(0.005, 30.0),
+        outliers=Outliers(0.1, 1.0, 2.0),
+        timing=TIMING,
+        told_sd_mps=0.05,
+        told_noise=Gaussian(),
+    ),
+    compass=Compass(
+        10.0,
+        0.01,
+        bias_rad=0.02,
+        deviation_rad=(0.03, 0.04),
+        correlated=Correlated(0.01, 30.0),
+        outliers=Outliers(0.1, 0.3, 0.4),
+        timing=TIMING,
+        told_sd_rad=0.02,
+        told_noise=Contamination(0.1, 0.3),
+    ),
+    usbl=Usbl(
+        1.0,
+        Accuracy(0.2, 0.01, 0.02),
+        head=Head(100.0, -50.0, 4.0),
+        inverted=True,
+        scale_error=0.002,
+        misalignment_rad=0.01,
+        bias_m=(0.1, 0.2),
+        lever_m=(0.0, -2.0, 1.0),
+        correlated=Correlated(0.4, 60.0),
+        outliers=Outliers(0.1, 3.0, 4.0),
+        multipath=Multipath(5.0, 6.0, clusters_s=((30.0, 35.0),)),
+        timing=TIMING,
+        told_noise=Contamination(),
+    ),
+    gps=Gps(1.0, 0.02, bias_m=(0.1, 0.2), lever_m=(1.0, 0.0, 2.0), timing=Timing(clock_offset_s=0.25)),
+)
+HONEST = dataclasses.replace(
+    FAULTY,
+    current_mps=(0.0, 0.0),
+    dvl=Dvl(5.0, 0.05, lever_m=(0.5, 0.6, -0.7)),
+    compass=Compass(10.0, 0.02, Contamination(0.1, 0.3)),
+    usbl=Usbl(1.0, Accuracy(0.2, 0.01, 0.02), Contamination(), lever_m=(0.0, -2.0, 1.0)),
+    gps=Gps(1.0, lever_m=(1.0, 0.0, 2.0)),
+)
+"""What a filter is told of FAULTY, as if it were so."""
+
+
+def test_of_everything_that_is_wrong_the_configuration_tells_nothing() -> None:
+    assert configuration_text(FAULTY, 0, {}) == configuration_text(HONEST, 0, {})
+    assert simulated_log(FAULTY, 0).assumptions == simulated_log(HONEST, 0).assumptions
+
+
+def test_what_is_told_stands_in_the_tables_and_what_is_true_in_the_records() -> None:
+    log, dive = simulated_log(FAULTY, 1), simulate(FAULTY, 1)
+
+    assert set(log.tables["dvl"]["sd_mps"]) == {0.05}
+    np.testing.assert_allclose(log.tables["compass"]["sd_deg"], np.degrees(0.02))
+    fixes = log.tables["usbl"]
+    np.testing.assert_array_equal(fixes[["cov_ee_m2", "cov_en_m2"]], dive.fix_cov_m2[:, 0])
+    np.testing.assert_array_equal(fixes[["east_m", "north_m"]], dive.usbl.value)
+    assert log.assumptions.dvl_lever_m == (0.5, 0.6, -0.7)
+    assert log.assumptions.usbl_lever_m == (0.0, -2.0, 1.0)
+
+
+def test_a_log_begins_with_its_first_record_and_not_with_the_dive() -> None:
+    log, dive = simulated_log(FAULTY, 1), simulate(FAULTY, 1)
+
+    first_s = min(dive.dvl.time_s[0], dive.compass.time_s[0], dive.usbl.time_s[0])
+    assert -0.5 <= first_s < 0
+    assert log.start_ns == START_NS + round(first_s * 1e9)
+    assert min(log.tables[sensor]["time_s"].iloc[0] for sensor in ("dvl", "compass", "usbl")) == 0
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.time_s, dive.gps.time_s - first_s)
+
+
+@pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
+def test_a_faulty_dive_reads_back_as_it_was_simulated(tmp_path: Path, name: str) -> None:
+    written, _ = write_scenario(FAULTY, 5, tmp_path / name)
+
+    read = read_log(tmp_path / name)
+
+    assert (read.start_ns, read.assumptions) == (written.start_ns, written.assumptions)
+    for sensor, table in written.tables.items():
+        columns = [column for column in table.columns if column != "up_mps"]
+        pd.testing.assert_frame_equal(
+            read.tables[sensor][columns], table[columns], rtol=1e-12, atol=1e-8 if sensor == "gps" else 1e-9
+        )
+    assert not read.tables["dvl"]["valid"].all()
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_reads_back_as_the_filters_are_given_it_in_memory(tmp_path: Path, name: str) -> None:
+    short = dataclasses.replace(find_scenario(name), duration_s=40.0)
+    written, configuration = write_scenario(short, 0, tmp_path / "dive.mcap")
+
+    read = read_log(tmp_path / "dive.mcap")
+
+    assert read.assumptions == written.assumptions
+    for sensor, table in written.tables.items():
+        pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-11)
+    told = tomllib.loads(configuration.read_text(encoding="utf-8"))
+    for section in ("dvl", "compass", "usbl"):
+        assert not {"scale_error", "mount_deg", "bias_deg", "latency_s", "head"} & set(told[section])
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_writes_the_same_bytes_for_the_same_seed(tmp_path: Path, name: str) -> None:
+    short = dataclasses.replace(find_scenario(name), duration_s=20.0)
+    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
+        write_scenario(short, seed, tmp_path / folder / "dive.mcap")
+
+    a, b, c = ((tmp_path / folder / "dive.mcap").read_bytes() for folder in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_a_sensor_that_never_spoke_has_no_table() -> None:
+    silent = dataclasses.replace(PAPER.usbl, timing=Timing(silences_s=((0.0, 2000.0),)))
+
+    assert set(simulated_log(dataclasses.replace(PAPER, usbl=silent), 0).tables) == {"dvl", "compass", "gps"}

@@ -1,0 +1,97 @@
+"""The shipped logs: small, made by their recipe, with configurations that give no error of a sensor away."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbldr.io.read import read_log
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLES = ROOT / "sample_logs"
+LOGS = ("paper.mcap", "lawnmower.mcap", "lawnmower.bag", "lawnmower_csv", "lawnmower_turn_db3")
+WRITTEN = (".bag", ".csv", ".db3", ".mcap", ".yaml", ".toml")
+
+
+@pytest.fixture(scope="module")
+def made_again(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run the Makefile's own recipe into another folder."""
+    folder = tmp_path_factory.mktemp("samples")
+    usbldr = f"{sys.executable} -c 'from usbldr_cli.main import main; main()'"
+    recipe = ["make", "-o", ".venv/installed", "sample_logs", f"USBLDR={usbldr}", f"SAMPLES={folder}"]
+    subprocess.run(recipe, cwd=ROOT, check=True, capture_output=True)
+    return folder
+
+
+def _files(folder: Path) -> list[Path]:
+    every = (file.relative_to(folder) for file in folder.rglob("*") if file.suffix in WRITTEN)
+    return sorted(file for file in every if file.name != "baseline.toml")
+
+
+def test_the_samples_are_small() -> None:
+    sizes = {file: (SAMPLES / file).stat().st_size for file in _files(SAMPLES)}
+
+    assert max(sizes.values()) < 600_000
+    assert sum(sizes.values()) < 10_000_000
+
+
+def test_the_recipe_makes_the_files_that_are_shipped_and_no_others(made_again: Path) -> None:
+    assert _files(made_again) == _files(SAMPLES)
+    for file in _files(SAMPLES):
+        if file.suffix == ".toml":
+            assert (made_again / file).read_text() == (SAMPLES / file).read_text()
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_the_recipe_makes_the_same_bytes_or_where_libraries_differ_the_same_records(
+    made_again: Path, name: str
+) -> None:
+    parts = [file for file in _files(SAMPLES) if file.parts[0] == name]
+    if parts and all((made_again / file).read_bytes() == (SAMPLES / file).read_bytes() for file in parts):
+        return
+    shipped, made = read_log(SAMPLES / name), read_log(made_again / name)
+    assert (shipped.start_ns, shipped.assumptions) == (made.start_ns, made.assumptions)
+    assert shipped.tables.keys() == made.tables.keys()
+    for sensor, table in shipped.tables.items():
+        pd.testing.assert_frame_equal(made.tables[sensor], table, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_every_sample_reads_whole_with_its_configuration_and_truth(name: str) -> None:
+    log = read_log(SAMPLES / name)
+
+    assert set(log.tables) == {"dvl", "compass", "usbl", "gps"}
+    assert log.configuration is not None
+    assert not any(finding.lost_data for finding in log.findings)
+    assert log.truth is not None
+    assert log.truth.kind == "simulated"
+
+
+def test_the_lawnmower_is_one_dive_in_three_formats() -> None:
+    mcap, *others = (read_log(SAMPLES / name) for name in ("lawnmower.mcap", "lawnmower.bag", "lawnmower_csv"))
+
+    for other in others:
+        for sensor, table in mcap.tables.items():
+            pd.testing.assert_frame_equal(other.tables[sensor], table, rtol=0, atol=1e-8)
+
+
+def test_the_turn_is_a_stretch_of_the_lawnmower() -> None:
+    whole, turn = read_log(SAMPLES / "lawnmower.mcap"), read_log(SAMPLES / "lawnmower_turn_db3")
+
+    for sensor, table in turn.tables.items():
+        absolute_s = table["time_s"] + (turn.start_ns - whole.start_ns) / 1e9
+        found = whole.tables[sensor].set_index(np.round(whole.tables[sensor]["time_s"], 6)).loc[np.round(absolute_s, 6)]
+        names = [column for column in table.columns if column not in ("time_s", "received_s", "valid")]
+        np.testing.assert_allclose(table[names], found[names], atol=1e-7)
+
+
+def test_no_configuration_gives_an_error_of_a_sensor_away() -> None:
+    for file in SAMPLES.rglob("*usbldr.toml"):
+        stated = tomllib.loads(file.read_text())
+        for sensor in ("dvl", "compass", "usbl"):
+            told = {key for key, value in stated[sensor].items() if value not in (0.0, [0.0, 0.0, 0.0])}
+            assert not told & {"bias_deg", "mount_deg", "scale_error", "latency_s", "declination_deg"}, file

@@ -1,0 +1,103 @@
+"""What can be wrong with a log: docs/broken_files.md says of each situation what happens, and which tests show it."""
+
+import re
+import tracemalloc
+from pathlib import Path
+
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from dives import SECOND, T0, short_dive, twist, write_mcap
+from recordings import write_bag
+from usbldr.filters.errors import LogError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.mcap_log import McapLog
+from usbldr.io.opening import Request
+from usbldr.io.read import read_log
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_every_situation_has_a_test_that_shows_it() -> None:
+    rows = re.findall(r"^\| (\d+) \|.*$", (ROOT / "docs" / "broken_files.md").read_text(encoding="utf-8"), re.MULTILINE)
+    text = (ROOT / "docs" / "broken_files.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(test_\w+)\.(test_\w+)`", text)
+
+    assert rows == [str(number) for number in range(1, 25)]
+    assert len(named) >= 24
+    for file, test in named:
+        assert f"def {test}(" in (ROOT / "tests" / f"{file}.py").read_text(encoding="utf-8"), f"{file}.{test}"
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_what_may_not_be_read_is_named(tmp_path: Path, folder: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "dive"
+    if folder:
+        log.mkdir()
+    else:
+        log.write_bytes(b"secret")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir" if folder else "open", refuse)  # a superuser may read all
+
+    with pytest.raises(LogError) as fault:
+        open_log(log)
+
+    assert str(fault.value) == f"{log}: may not be read (Permission denied)"
+
+
+def test_a_recording_under_way_is_read_whatever_its_name(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "a.bag", short_dive())
+    running = file.rename(tmp_path / "a.bag.active")
+
+    assert sum(topic.count for topic in open_log(running).topics()) == 33
+
+
+def test_a_bag_and_an_mcap_file_of_ros_2_are_one_dive(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "a.bag", [twist(T0 + k * SECOND, 1.0, 0.5) for k in range(5)])
+    mcap = write_mcap(tmp_path / "b.mcap", [twist(T0 + k * SECOND, 2.0, 0.5) for k in range(5, 8)])
+
+    log = read_log(bag, Request(joined=(str(mcap),)))
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [1.0] * 5 + [2.0] * 3
+
+
+def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> None:
+    """Reading beside 64 MB of other messages must not cost 20 MB."""
+    peaks: list[float] = []
+    for size in (0, 1 << 20):
+        text = {"data": "x" * size}
+        rows = [
+            row
+            for k in range(64)
+            for row in (twist(T0 + k, 1.0, 0.0), (T0 + k, "/camera", "std_msgs/msg/String", text))
+        ]
+        file = write_mcap(tmp_path / f"{size}.mcap", rows, CompressionType.NONE, True, 1 << 20)
+        del rows, text
+        tracemalloc.start()
+        McapLog(file).read({"/dvl": ["twist.linear.x"]})
+        peaks.append(tracemalloc.get_traced_memory()[1] / 2**20)
+        tracemalloc.stop()
+
+    assert peaks[1] - peaks[0] < 20
+
+
+def test_a_sensor_without_one_readable_message_is_an_error_with_the_reason(tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/compass_hdg", "cdr", schema)
+        writer.add_message(channel, T0, b"\0\7\0\0" + bytes(8), T0)
+        writer.finish()
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == (
+        f"{file}: no message of /compass_hdg (compass) could be read: /compass_hdg: 1 messages do not fit the "
+        "definition that the file gives for them: they are in XCDR2, not in plain CDR"
+    )

@@ -1,0 +1,165 @@
+import dataclasses
+import struct
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from usbldr.filters.evaluation.evaluation import evaluate
+from usbldr.filters.replay import dead_reckoning
+from usbldr.filters.replay.methods import METHODS
+from usbldr.filters.replay.run import Settings
+from usbldr.filters.replay.run import run as run_filter
+from usbldr.filters.types import Outage, Trajectory
+from usbldr.io.reports.report_json import Run, Scored
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import timeline
+from usbldr_cli.figures.health import innovation_figure, particle_figure
+from usbldr_cli.figures.run_figures import cdf_figure, error_figure, write_figures
+from usbldr_cli.figures.style import FILTER_COLOURS, broken_at_gaps, in_style
+from usbldr_cli.figures.track import track_figure
+
+PAPER = find_scenario("paper")
+
+LOG = simulated_log(dataclasses.replace(PAPER, duration_s=120.0), seed=1)
+TIMELINE = timeline(LOG)
+CPF = run_filter("cpf", TIMELINE, LOG.assumptions)
+EKF = run_filter("ekf", TIMELINE, LOG.assumptions, Settings(gate=0.9))
+USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
+
+
+def a_run(trajectory: Trajectory, align: str = "none") -> Run:
+    def scored(track: Trajectory) -> Scored:
+        assert LOG.truth is not None
+        times_s = None if track.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
+        return Scored(track, evaluate(track, LOG.truth, align=align, times_s=times_s))
+
+    return Run(LOG, TIMELINE, scored(trajectory), (scored(USBL), scored(DR)))
+
+
+def labels(figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def words(figure) -> str:
+    return " ".join(text.get_text() for text in figure.texts)
+
+
+def test_a_particle_filter_has_five_pictures_and_a_single_gaussian_no_particles(tmp_path: Path) -> None:
+    (tmp_path / "cpf").mkdir()
+    (tmp_path / "ekf").mkdir()
+
+    five = write_figures(tmp_path / "cpf", a_run(CPF))
+    four = write_figures(tmp_path / "ekf", a_run(EKF))
+
+    assert [name for name, _ in five] == ["track.png", "errors.png", "error_cdf.png", "innovations.png", "ess.png"]
+    assert [name for name, _ in four] == ["track.png", "errors.png", "error_cdf.png", "innovations.png"]
+    for path in tmp_path.glob("*/*.png"):
+        width, height = struct.unpack(">II", path.read_bytes()[16:24])
+        assert width > 1000
+        assert height > 400
+
+
+def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_truth_no_errors(tmp_path: Path) -> None:
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Scored(CPF, None))
+
+    assert [name for name, _ in write_figures(tmp_path, a_run(USBL))] == ["track.png", "errors.png", "error_cdf.png"]
+    assert [name for name, _ in write_figures(tmp_path, blind)] == ["track.png", "innovations.png", "ess.png"]
+
+
+def test_the_same_run_draws_the_same_bytes_and_leaves_the_settings_of_others_alone(tmp_path: Path) -> None:
+    before = dict(mpl.rcParams)
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        write_figures(tmp_path / name, a_run(CPF))
+
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+    assert dict(mpl.rcParams) == before
+
+
+def test_every_method_has_a_colour_of_its_own() -> None:
+    assert set(METHODS) <= set(FILTER_COLOURS)
+    assert len(set(FILTER_COLOURS.values())) == len(FILTER_COLOURS)
+
+
+@pytest.mark.parametrize("draw", [track_figure, error_figure, cdf_figure, innovation_figure, particle_figure])
+def test_every_title_states_method_log_truth_order_and_alignment(draw) -> None:
+    with in_style():
+        said = words(draw(a_run(CPF, align="first")))
+
+    assert "cpf on paper" in said
+    assert "truth: simulated (paper/gps)" in said
+    assert "used at their time of validity" in said
+    assert "first epoch moved onto the first truth row" in said
+
+
+def test_a_track_is_drawn_with_a_metre_as_long_east_as_north_and_its_fixes_by_fate() -> None:
+    with in_style():
+        figure = track_figure(a_run(EKF))
+
+    assert [axes.get_aspect() for axes in figure.axes] == [1.0, 1.0]
+    fates = [label.split(" (")[0] for label in labels(figure)]
+    assert {"truth", "ekf", "dr", "USBL fix", "fix, rejected", "start", "end"} <= set(fates)
+    counted = sum(int(label.split("(")[1].rstrip(")")) for label in labels(figure) if "fix" in label)
+    assert counted == len(TIMELINE.fix_time_s)
+
+
+def test_one_fix_kilometres_away_does_not_shrink_the_track() -> None:
+    far = TIMELINE.fix_m.copy()
+    far[50] += [5000.0, -3000.0]
+    run = dataclasses.replace(a_run(CPF), timeline=dataclasses.replace(TIMELINE, fix_m=far))
+
+    with in_style():
+        west, east = track_figure(run).axes[0].get_xlim()
+
+    assert east - west < 300  # the vehicle makes 110 m east and 130 m north
+
+
+def test_a_gross_error_is_marked_at_the_edge_instead_of_flattening_the_others() -> None:
+    mean = CPF.mean.copy()
+    mean[300, CPF.names.index("x")] += 500.0
+
+    with in_style():
+        figure = error_figure(a_run(dataclasses.replace(CPF, mean=mean)))
+
+    assert figure is not None
+    top = figure.axes[0].get_ylim()[1]
+    marks = [line for line in figure.axes[0].get_lines() if line.get_marker() == "^" and len(line.get_xdata())]
+    assert top < 5
+    assert [list(line.get_xdata()) for line in marks] == [[60.0]]
+    assert 0 < marks[0].get_ydata()[0] < top
+
+
+def test_outages_are_shaded_and_named_once() -> None:
+    outages = (Outage("usbl", 10.0, 30.0), Outage("usbl", 50.0, 60.0), Outage("dvl", 80.0, 90.0))
+    run = dataclasses.replace(a_run(CPF), timeline=dataclasses.replace(TIMELINE, outages=outages))
+
+    with in_style():
+        figure = error_figure(run)
+
+    assert figure is not None
+    assert [label for label in labels(figure) if label.startswith("no ")] == ["no usbl", "no dvl"]
+    spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in figure.axes[0].patches]
+    assert spans == [(10.0, 30.0), (50.0, 60.0), (80.0, 90.0)]
+
+
+def test_no_legend_lies_over_a_panel() -> None:
+    for draw in (track_figure, error_figure, cdf_figure, innovation_figure, particle_figure):
+        with in_style():
+            figure = draw(a_run(CPF))
+            assert figure is not None
+            figure.draw_without_rendering()
+            legend = figure.legends[0].get_window_extent()
+
+            assert not any(legend.overlaps(axes.get_window_extent()) for axes in figure.axes)
+            assert legend.x1 <= figure.bbox.x1
+
+
+def test_a_line_is_broken_where_epochs_were_left_out() -> None:
+    t, values = broken_at_gaps(np.array([0.0, 1.0, 9.0, 10.0]), np.arange(8.0).reshape(4, 2), 3.0)
+
+    assert np.isnan(t).tolist() == [False, False, True, False, False]
+    assert np.isnan(values).all(axis=1).tolist() == [False, False, True, False, False]

@@ -1,0 +1,88 @@
+"""--aid on the command line: what is taken, what is refused, and what the reports say of it."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr_cli.main import cli
+from usbldr_cli.options.aid_option import windows
+
+SAMPLE = Path(__file__).parents[3] / "sample_logs" / "lawnmower.mcap"
+
+
+def test_windows_come_in_their_order_of_time() -> None:
+    assert windows("gps@500:520,0:60") == ((0.0, 60.0), (500.0, 520.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("usbl@0:60", "write gps@FROM:TO"),
+        ("gps", "write gps@FROM:TO"),
+        ("gps@", "'' is no window"),
+        ("gps@0-60", "'0-60' is no window"),
+        ("gps@60:0", "which 60:0 does not"),
+        ("gps@-5:60", "which -5:60 does not"),
+        ("gps@0:inf", "which 0:inf does not"),
+        ("gps@0:60,50:70", "a window starts at 50 s before another has ended at 60 s"),
+    ],
+)
+def test_what_is_no_window_is_refused_in_one_sentence(text: str, told: str) -> None:
+    with pytest.raises(UsageError) as error:
+        windows(text)
+
+    assert str(error.value).startswith(f"--aid {text}: ")
+    assert told in str(error.value)
+
+
+def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    told = _usbldr("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@30:60,500:520", "-o", str(folder))
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+    sentence = "GPS fixes used as measurements from 30 to 60, 500 to 520 s of the log"
+    assert sentence in " ".join(told.split())
+    assert sentence in (folder / "report.md").read_text(encoding="utf-8")
+    assert report["aid"] == [[30.0, 60.0], [500.0, 520.0]]
+    assert report["baselines"]["dr"]["aid"] == report["aid"]
+    assert report["matching"]["aided"] == 52  # 31 and 21 epochs of 1 Hz
+    scored = [float(line.split(",")[0]) for line in (folder / "errors_1hz.csv").read_text().splitlines()[1:]]
+    assert not [t for t in scored if 30 <= t <= 60 or 500 <= t <= 520]
+    assert report["metrics"]["updates_used_gps"] > 0
+    assert math.isfinite(report["metrics"]["nis_mean_gps"])
+
+
+def test_compare_says_it_too_and_refuses_to_set_it_beside_a_run_without(tmp_path: Path) -> None:
+    aided, alone = tmp_path / "aided", tmp_path / "alone"
+    told = _usbldr("compare", str(SAMPLE), "--filters", "dr,ekf", "--aid", "gps@500:520", "--jobs", "1")
+    for folder, more in ((aided, ("--aid", "gps@500:520")), (alone, ())):
+        _usbldr("replay", str(SAMPLE), "--filter", "ekf", "-o", str(folder), *more)
+
+    assert "from 500 to 520 s of the log" in " ".join(told.split())
+    with pytest.raises(UsageError, match=r"has aid 500 to 520 s, .* has none"):
+        _usbldr("compare", str(aided), str(alone))
+
+
+def test_a_track_without_a_filter_cannot_be_aided(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="dr is no filter, so there is nothing to aid"):
+        _usbldr("replay", str(SAMPLE), "--filter", "dr", "--aid", "gps@0:60", "-o", str(tmp_path / "run"))
+    with pytest.raises(UsageError, match="--aid is for filters, and none of them is compared"):
+        _usbldr("compare", str(SAMPLE), "--filters", "dr,usbl", "--aid", "gps@0:60")
+
+
+def test_a_log_without_gps_there_leaves_no_run_directory(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+
+    with pytest.raises(LogError, match=r"lawnmower.mcap: no GPS fix to aid a filter from 2000 to 2060 s of the log"):
+        _usbldr("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@2000:2060", "-o", str(folder))
+
+    assert not folder.exists()
+
+
+def _usbldr(*arguments: str) -> str:
+    """Run the command in this process; faults are raised as what they are."""
+    return CliRunner().invoke(cli, arguments, catch_exceptions=False, standalone_mode=False).output

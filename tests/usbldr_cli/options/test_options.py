@@ -1,0 +1,66 @@
+"""LOG on the command line: a file, a folder or the name of a scenario."""
+
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from dives import short_dive, write_mcap
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+from usbldr_cli.options.log_options import log_options, open_log
+
+
+def opened(*arguments: str) -> tuple[Log, dict[str, object] | None]:
+    """Open a log through a command with nothing but the shared options."""
+
+    @click.command()
+    @log_options
+    def command(**where: str) -> tuple[Log, dict[str, object] | None]:
+        return open_log(seed=7, **where)
+
+    done = CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
+    return done.return_value
+
+
+def test_options_reach_the_reader(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive())
+    (tmp_path / "my.toml").write_text("[compass]\nsd_deg = 2.0", encoding="utf-8")
+
+    log, said = opened(str(file), "--config", str(tmp_path / "my.toml"), "--usbl", "none", "--dvl", "/dvl")
+
+    assert set(log.tables) == {"dvl", "compass"}
+    assert log.provenance["dvl"].chosen_by == "option"
+    assert log.configuration == tmp_path / "my.toml"
+    assert said == {"compass": {"sd_deg": 2.0}}
+
+
+def test_without_configuration_nothing_is_said(tmp_path: Path) -> None:
+    assert opened(str(write_mcap(tmp_path / "dive.mcap", short_dive())))[1] is None
+
+
+def test_a_scenario_is_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    log, said = opened("paper")
+
+    assert log.format == "simulated"
+    assert log.provenance["dvl"].conventions == ("seed 7",)
+    assert said is None
+
+
+def test_a_scenario_takes_no_topics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    with pytest.raises(UsageError) as fault:
+        opened("paper", "--dvl", "/dvl")
+
+    assert str(fault.value) == "paper: a scenario takes no --config, no topics, no --truth and no --with"
+
+
+def test_what_is_neither_file_nor_scenario_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    with pytest.raises(LogError, match=r"gone\.mcap: no such file or folder, nor a scenario \(scenarios: .*paper"):
+        opened("gone.mcap")

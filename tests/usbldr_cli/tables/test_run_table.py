@@ -1,0 +1,106 @@
+import dataclasses
+import re
+
+import numpy as np
+
+from usbldr.filters.evaluation.evaluation import Window, evaluate
+from usbldr.filters.replay import dead_reckoning
+from usbldr.filters.replay.run import run as run_filter
+from usbldr.filters.types import Outage, Trajectory
+from usbldr.io.reports.report_json import Run, Scored, describe, strict
+from usbldr.io.reports.report_text import Table
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import timeline
+from usbldr_cli.tables.run_table import WIDTH, aligned, render
+
+PAPER = find_scenario("paper")
+
+LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
+TIMELINE = timeline(LOG)
+CPF = run_filter("cpf", TIMELINE, LOG.assumptions)
+
+
+def scored(trajectory: Trajectory, window: Window, align: str) -> Scored:
+    assert LOG.truth is not None
+    times_s = None if trajectory.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
+    return Scored(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
+
+
+def a_run(trajectory: Trajectory = CPF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
+    tracks = (trajectory, dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2)))
+    first, *others = (scored(track, window, align) for track in tracks)
+    return Run(LOG, TIMELINE, first, tuple(others))
+
+
+def test_the_table_ends_in_the_verdict_and_fits_the_terminal() -> None:
+    run = a_run(window=Window(4.0, 50.0), align="rigid")
+
+    lines = render(run).splitlines()
+
+    assert lines[-1] == run.verdict
+    assert max(map(len, lines)) <= WIDTH
+
+
+def test_no_colour_code_is_written_unless_a_terminal_asks() -> None:
+    assert "\x1b" not in render(a_run())
+    assert "\x1b[1m" in render(a_run(), colour=True)
+
+
+def test_every_number_of_the_table_is_in_report_json() -> None:
+    run = a_run()
+    numbers = [float(text) for text in re.findall(r"-?\d+\.\d+", "\n".join(render(run).splitlines()[6:]))]
+
+    found = re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", str(strict(describe(run))))
+    known = {round(float(text), digits) for text in found for digits in (1, 2, 3)}
+
+    assert len(numbers) > 40
+    assert {number for number in numbers if number not in known} == set()
+
+
+def test_truth_order_alignment_and_share_stand_above_the_numbers() -> None:
+    head = render(a_run(window=Window(4.0, 50.0), align="first")).split("error in m")[0]
+
+    assert "truth        simulated: paper/gps" in head
+    assert "47 of 61 epochs (77 % of the run)" in head
+    assert "14 outside the window" in " ".join(head.split())
+    assert "truth rows from 4 s to 50 s" in head
+    assert "used at their time of validity" in head
+    assert "first epoch moved onto the first truth row (shifted" in head
+
+
+def test_statistics_stand_in_the_order_of_evo() -> None:
+    heads = next(line for line in render(a_run()).splitlines() if line.startswith("error in m")).split()[3:]
+
+    assert heads[:6] == ["rmse", "mean", "median", "std", "min", "max"]
+
+
+def test_outages_and_warnings_are_told() -> None:
+    outages = (Outage("usbl", 10.0, 22.5), Outage("usbl", 30.0, 41.0), Outage("dvl", 5.0, 9.0))
+    warned = dataclasses.replace(CPF, warnings=("ESS stays below 5 %",))
+    run = dataclasses.replace(a_run(warned), timeline=dataclasses.replace(TIMELINE, outages=outages))
+
+    text = render(run)
+
+    assert "dvl 4.0 s at 5 s; usbl 2, the longest 12.5 s at 10 s" in text
+    assert "warning      ESS stays below 5 %" in text
+
+
+def test_a_run_without_truth_has_a_table_without_errors() -> None:
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Scored(CPF, None))
+
+    text = render(blind)
+
+    assert "truth        none" in text
+    assert "rmse" not in text
+    assert text.endswith("cpf: no truth in paper, so nothing to judge it by")
+
+
+def test_numbers_are_set_to_the_right_under_their_heads() -> None:
+    table = Table("m", ("a", "longer"), (("x", "1.0", "2"), ("y", "", "10.25")))
+
+    assert aligned(table).splitlines() == [
+        "m                a  longer",
+        "x              1.0       2",
+        "y                    10.25",
+    ]

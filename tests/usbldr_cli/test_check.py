@@ -1,0 +1,304 @@
+"""The gate: verdicts by hand, and the command on short simulated dives, with a model whole and broken."""
+
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.settings.regression_baseline import Metric, Row
+from usbldr_cli.check import _stated
+from usbldr_cli.tables.check_verdicts import Change, Checked, change, markdown, summary
+
+LAWNMOWER = find_scenario("lawnmower")
+
+ROOT = Path(__file__).resolve().parents[2]
+USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
+
+ROWS = """\
+schema = 1
+
+# the filter
+[[row]]
+name = "dive adf"
+log = "dive.mcap"
+filter = "adf"
+[row.metrics]
+mean_abs_east_m = { rel = 0.02, abs = 0.002 }
+mean_horizontal_m = { rel = 0.02 }
+nees_mean = { rel = 0.1 }
+
+[[row]]
+name = "dive dr"
+log = "dive.mcap"
+filter = "dr"
+dr_from = "first-truth"
+[row.metrics]
+final_horizontal_m = { rel = 0.001 }
+"""
+
+
+def _check(*arguments: object, **more: str) -> subprocess.CompletedProcess[str]:
+    command = [*USBLDR, "check", "--jobs", "1", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, **more}, cwd=ROOT / "tests"
+    )
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a dive of 200 s, one turn in it, and a baseline whose values are those of today."""
+    folder = tmp_path_factory.mktemp("made")
+    write_scenario(dataclasses.replace(LAWNMOWER, duration_s=200.0), 0, folder / "dive.mcap")
+    (folder / "baseline.toml").write_text(ROWS)
+    run = _check(folder / "baseline.toml", "--update")
+    assert (run.returncode, run.stderr) == (0, "")
+    return folder
+
+
+@pytest.fixture
+def gate(made: Path, tmp_path: Path) -> Path:
+    """Return the baseline of a copy that a test may spoil."""
+    shutil.copytree(made, tmp_path / "gate")
+    return tmp_path / "gate" / "baseline.toml"
+
+
+def _spoil(baseline: Path, old: str, new: str) -> None:
+    text = baseline.read_text()
+    assert old in text
+    baseline.write_text(text.replace(old, new, 1))
+
+
+def _moved(baseline: Path, metric: str, factor: float) -> None:
+    """Multiply a stored value."""
+    head, rest = baseline.read_text().split(f"{metric} = {{ value = ")
+    value, tail = rest.split(",", 1)
+    baseline.write_text(f"{head}{metric} = {{ value = {float(value) * factor},{tail}")
+
+
+@pytest.mark.parametrize(
+    ("direction", "new", "verdict"),
+    [
+        ("lower", 11.0, "ok"),
+        ("lower", 9.0, "ok"),
+        ("lower", 11.1, "REGRESSION"),
+        ("lower", 8.9, "better: stale"),
+        ("higher", 11.1, "better: stale"),
+        ("higher", 8.9, "REGRESSION"),
+        ("both", 11.1, "REGRESSION"),
+        ("both", 8.9, "REGRESSION"),
+        ("lower", None, "MISSING"),
+    ],
+)
+def test_a_metric_beyond_its_limit_is_a_regression_unless_that_is_better(
+    direction: str, new: float | None, verdict: str
+) -> None:
+    metric = Metric(value=10.0, abs=0.5, rel=0.05, direction=direction)  # pyright: ignore[reportArgumentType]
+
+    assert change("anything", metric, new).verdict == verdict
+
+
+def test_a_metric_without_a_stored_value_fails() -> None:
+    assert change("mean_abs_east_m", Metric(rel=0.1), 1.0).verdict == "NO VALUE"
+
+
+def test_the_summary_counts_and_names_failures_and_stale_values() -> None:
+    row = Row("dive", "dive.mcap", "adf", 1, {}, {})
+    good = Change("a_m", 1.0, 1.0, 0.1, "lower", "ok")
+    better = dataclasses.replace(good, new=0.5, verdict="better: stale")
+    worse = dataclasses.replace(good, new=2.0, verdict="REGRESSION")
+
+    hint = "; 1 better than the baseline by more than the limit: renew it with --update"
+    assert summary([Checked(row, (good, better))]) == f"passed: 1 of 2 metrics in 1 rows within their limits{hint}"
+    assert summary([Checked(row, (good, worse))]) == "FAILED: dive: a_m REGRESSION"
+    assert summary([Checked(row, (), "no such log", 1)]) == "FAILED: dive: not run"
+    assert summary([Checked(row, (good,), lost=("cut",))]) == "FAILED: dive: log partly lost"
+    page = markdown("baseline.toml", [Checked(row, (good, worse))])
+    assert "| dive | a_m | 1.00 | 2.00 | +1.00 | 0.10 | **REGRESSION** |" in page
+
+
+def test_what_was_stored_by_an_update_passes_and_a_second_update_changes_nothing(gate: Path) -> None:
+    before = gate.read_text()
+    assert "# the filter\n" in before
+    assert before.count("value = ") == 4
+
+    run, again = _check(gate), _check(gate, "--update")
+
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.endswith("\npassed: 4 of 4 metrics in 2 rows within their limits\n")
+    assert all(len(line) <= 100 for line in run.stdout.splitlines())
+    assert again.returncode == 0
+    assert again.stdout.endswith(f"{gate}: is up to date\n")
+    assert gate.read_text() == before
+
+
+def test_a_metric_that_got_worse_exits_1_and_says_so_in_table_page_and_json(gate: Path, tmp_path: Path) -> None:
+    _moved(gate, "mean_horizontal_m", 0.9)
+
+    run = _check(gate, "--markdown", tmp_path / "page.md", "--json", tmp_path / "result.json")
+
+    assert run.returncode == 1
+    assert run.stdout.endswith("\nFAILED: dive adf: mean_horizontal_m REGRESSION\n")
+    (line,) = [line for line in run.stdout.splitlines() if "mean_horizontal_m" in line and "FAILED" not in line]
+    assert line.endswith("REGRESSION")
+    assert "**REGRESSION**" in (tmp_path / "page.md").read_text()
+    told = json.loads((tmp_path / "result.json").read_text())
+    assert (told["exit_code"], [row["passed"] for row in told["rows"]]) == (1, [False, True])
+    (worse,) = [metric for metric in told["rows"][0]["metrics"] if metric["verdict"] != "ok"]
+    assert worse["metric"] == "mean_horizontal_m"
+    assert worse["new"] == pytest.approx(worse["old"] / 0.9, rel=1e-4)
+
+
+def test_a_metric_that_got_better_passes_and_is_reported(gate: Path) -> None:
+    _moved(gate, "mean_horizontal_m", 1.1)
+
+    run = _check(gate, "--quiet")
+
+    assert run.returncode == 0
+    assert " ".join(run.stdout.split()) == (
+        "passed: 3 of 4 metrics in 2 rows within their limits; "
+        "1 better than the baseline by more than the limit: renew it with --update"
+    )
+
+
+def test_consistency_fails_on_either_side(gate: Path) -> None:
+    _moved(gate, "nees_mean", 1.2)
+
+    assert _check(gate, "-q").stdout == "FAILED: dive adf: nees_mean REGRESSION\n"
+
+
+def test_a_missing_log_and_a_missing_metric_fail_and_the_other_rows_are_run(gate: Path) -> None:
+    _spoil(gate, "nees_mean", "nees_median")
+    gate.write_text(gate.read_text() + ROWS.split("# the filter\n")[1].replace("dive", "gone", 2))
+    _spoil(gate, 'name = "dive dr"\nlog = "dive.mcap"', 'name = "third"\nlog = "dive.mcap"')
+    before = gate.read_text()
+
+    run, update = _check(gate, "--json"), _check(gate, "--update")
+
+    told = json.loads(run.stdout)
+    assert run.returncode == 1
+    by_name = {row["name"]: row for row in told["rows"]}
+    assert by_name["gone adf"]["fault"].endswith("gone.mcap: there is no such log, nor a scenario of that name")
+    assert [m["verdict"] for m in by_name["dive adf"]["metrics"]] == ["ok", "ok", "MISSING"]
+    assert by_name["third"]["passed"]
+    assert update.returncode == 1
+    assert update.stderr == f"usbldr: {gate}: left as it was: dive adf, gone adf did not give every metric\n"
+    assert gate.read_text() == before
+
+
+def test_a_log_that_cannot_be_read_exits_3_with_its_sentence(gate: Path) -> None:
+    whole = gate.with_name("dive.mcap").read_bytes()
+    gate.with_name("dive.mcap").write_bytes(b"not a log at all" * 10)
+
+    garbage = _check(gate)
+    gate.with_name("dive.mcap").write_bytes(whole[: len(whole) * 6 // 10])
+    cut = _check(gate)
+
+    for run in (garbage, cut):
+        assert run.returncode == 3
+        assert "Traceback" not in run.stdout + run.stderr
+        assert "FAILED: dive adf: " in run.stdout
+    assert "not run: " in " ".join(garbage.stdout.split())
+    assert "log partly lost" in " ".join(cut.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('filter = "adf"', 'filter = "kalman"', "row 'dive adf': there is no filter 'kalman' (filters: ekf"),
+        ('filter = "adf"', 'filter = "adf"\nparticles = 1', "row 'dive adf': Invalid value for '--particles'"),
+        ('filter = "adf"', 'filter = "adf"\nfolter = 1', "row 'dive adf': No such option"),
+        ('filter = "adf"', 'filter = "adf"\nseed = "x"', "row 'dive adf': Invalid value for '--seed'"),
+        ("rel = 0.1 }", "real = 0.1 }", "row 'dive adf': metrics.nees_mean: there is no key real"),
+    ],
+)
+def test_a_wrong_baseline_exits_2_and_names_row_and_key(gate: Path, old: str, new: str, sentence: str) -> None:
+    _spoil(gate, old, new)
+
+    run = _check(gate)
+
+    assert run.returncode == 2
+    assert run.stderr.startswith(f"usbldr: {gate}: {sentence}")
+    assert len(run.stderr.splitlines()) == 1
+
+
+def test_results_of_an_earlier_check_are_not_overwritten_without_force(gate: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("mine")
+
+    run = _check(gate, "--markdown", page)
+
+    assert (run.returncode, page.read_text()) == (2, "mine")
+    assert _check(gate, "--markdown", page, "--force").returncode == 0
+    assert page.read_text().startswith("# usbldr check baseline.toml\n\n**passed: 4 of 4")
+
+
+def test_a_scenario_with_seeds_has_standard_errors(tmp_path: Path) -> None:
+    (tmp_path / "b.toml").write_text(
+        'schema = 1\n[[row]]\nname = "r"\nlog = "lawnmower"\nfilter = "usbl"\nseeds = 3\n'
+        "[row.metrics]\nmean_horizontal_m = { rel = 0.1 }\nmean_horizontal_m_se = { rel = 0.1 }\n"
+    )
+
+    told = json.loads(_check(tmp_path / "b.toml", "--json").stdout)
+
+    mean, se = (metric["new"] for metric in told["rows"][0]["metrics"])
+    assert 0 < se < mean
+
+
+def test_a_folder_of_definitions_is_looked_for_beside_the_baseline(gate: Path) -> None:
+    definition = gate.parent / "msgs" / "our_msgs" / "msg" / "Compass.msg"
+    definition.parent.mkdir(parents=True)
+    definition.write_text("float64 heading\n")
+    _spoil(gate, 'filter = "dr"', 'filter = "dr"\nmsg_path = "msgs"')
+
+    run = _check(gate)
+
+    assert (run.returncode, run.stderr) == (0, ""), run.stdout
+
+
+@pytest.mark.parametrize("key", ["msg_path", "msg-path"])
+def test_an_option_may_be_spelt_as_on_the_command_line_and_still_name_what_lies_beside(
+    tmp_path: Path, key: str
+) -> None:
+    (tmp_path / "msgs").mkdir()
+
+    stated = _stated(tmp_path, {key: ["msgs", "gone"], "dvl": "msgs"})
+
+    assert stated == [(key, str(tmp_path / "msgs")), (key, "gone"), ("dvl", "msgs")]
+
+
+def _copy_of_the_package(folder: Path) -> Path:
+    for part, place in (("usbldr_cli", "usbldr_cli"), ("filters", "usbldr/filters"), ("io", "usbldr/io")):
+        shutil.copytree(ROOT / part, folder / place, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def test_a_broken_sign_in_a_model_turns_the_gate_red(gate: Path, tmp_path: Path) -> None:
+    package = _copy_of_the_package(tmp_path / "package")
+    where = subprocess.run(
+        [sys.executable, "-c", "import usbldr.filters.models.motion as m; print(m.__file__)"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(package)},
+        cwd=tmp_path,
+    )
+    motion = package / "usbldr" / "filters" / "motion.py"
+    assert Path(where.stdout.strip()) == motion
+
+    whole = _check(gate, PYTHONPATH=str(package))
+    right = "np.array([u * c - v * s, u * s + v * c])"
+    assert motion.read_text().count(right) == 1
+    motion.write_text(motion.read_text().replace(right, "np.array([u * c + v * s, u * s + v * c])"))
+    broken = _check(gate, PYTHONPATH=str(package))
+
+    assert whole.returncode == 0, whole.stdout + whole.stderr
+    assert broken.returncode == 1
+    assert "FAILED: dive adf: mean_abs_east_m REGRESSION" in broken.stdout
+    assert "dive dr" not in broken.stdout.split("FAILED")[1]  # dead reckoning does without the motion model

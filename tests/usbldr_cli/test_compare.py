@@ -1,0 +1,270 @@
+"""usbldr compare on a short simulated dive in a file: what it writes, keeps, refuses."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.library import find_scenario
+from usbldr_cli.compare import compare
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.replay import replay
+from usbldr_cli.runs.job_store import read_trace
+from usbldr_cli.runs.jobs import Unit, fitted, run_units
+
+PAPER = find_scenario("paper")
+
+CHOICES = RunChoices(
+    particles=10,
+    gate=None,
+    seed=0,
+    form="mixture",
+    start=None,
+    end=None,
+    align="none",
+    dr_from="start",
+    fast_hz=5.0,
+    slow_hz=1.0,
+)
+TIMED = ("filter_time_s", "real_time_factor")
+
+
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("logs") / "dive"
+    write_scenario(dataclasses.replace(PAPER, duration_s=30.0), 1, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def compared(dive: Path) -> Path:
+    out = dive.parent / "compared"
+    call(compare, dive, "--filters", "ckf,pf,usbl", "--seeds", 3, "--jobs", 2, "-N", 10, "-o", out)
+    return out
+
+
+def call(command: click.Command, *arguments: object) -> str:
+    """Run a command as `usbldr` does and return what it printed on stdout; a fault is raised."""
+    found = CliRunner().invoke(command, [str(a) for a in arguments], standalone_mode=False)
+    if found.exception is not None:
+        raise found.exception
+    assert found.return_value in (None, 0)
+    return found.stdout
+
+
+def content(out: Path) -> Any:
+    return json.loads((out / "compare.json").read_text())
+
+
+def without_time(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{name: value for name, value in row.items() if not name.startswith(TIMED)} for row in rows]
+
+
+def test_samplers_run_once_a_seed_and_the_others_once_a_file(compared: Path) -> None:
+    told = content(compared)
+
+    assert [(row["filter"], row["seeds"]) for row in told["rows"]] == [("ckf", 1), ("pf", 3), ("usbl", 1)]
+    assert told["rows"][1]["mean_horizontal_m_se"] > 0
+    assert "mean_horizontal_m_se" not in told["rows"][0]
+    assert len(list((compared / "units").glob("*.json"))) == 5
+
+
+def test_the_folder_holds_tables_pictures_and_units_and_nothing_else(compared: Path) -> None:
+    assert sorted(path.name for path in compared.iterdir()) == [
+        *("by_filter.png", "compare.csv", "compare.json", "compare.md", "error_cdf.png", "errors.png", "track.png"),
+        "units",
+    ]
+    assert all(path.suffix in (".json", ".npz") for path in (compared / "units").iterdir())
+
+
+def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tmp_path: Path) -> None:
+    call(replay, dive, "--filter", "ckf", "-o", tmp_path / "run")
+
+    metrics = json.loads((tmp_path / "run" / "report.json").read_text())["metrics"]
+
+    for name in ("mean_abs_east_m", "rmse_horizontal_m", "nees_mean", "nis_mean_usbl"):
+        assert content(compared)["rows"][0][name] == metrics[name]
+
+
+def test_the_kept_errors_are_those_of_the_metrics(dive: Path, tmp_path: Path) -> None:
+    (outcome,) = run_units([Unit(str(dive), "ckf", CHOICES)], 1, tmp_path)
+
+    assert outcome.trace is not None
+    errors = read_trace(outcome.trace).error_m
+    assert abs(errors[:, 0]).mean() == pytest.approx(outcome.metrics["mean_abs_east_m"])
+
+
+def test_the_number_of_jobs_changes_no_bit(dive: Path) -> None:
+    units = [Unit(str(dive), m, dataclasses.replace(CHOICES, seed=k)) for m in ("pf", "cpf") for k in (0, 1)]
+
+    one, two = run_units(units, 1), run_units(units, 2)
+
+    def told(outcomes: list[Any]) -> list[dict[str, float]]:
+        return without_time([dict(outcome.metrics) for outcome in outcomes])
+
+    assert told(one) == told(two)
+    assert told(one)[0] != told(one)[1]  # another seed, other draws
+
+
+def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_path: Path) -> None:
+    units = [Unit("paper", "usbl", dataclasses.replace(CHOICES, seed=k)) for k in (0, 1, 0)]
+    missing = Unit(str(tmp_path / "nothing"), "usbl", CHOICES)
+
+    first, second, again, lost = run_units([*units, missing], 1)
+
+    assert first.metrics == again.metrics
+    assert first.metrics != second.metrics
+    assert lost.exit_code == LogError.exit_code
+    assert lost.fault is not None
+    assert "nothing: no such file or folder" in lost.fault
+
+
+def test_a_method_ignores_options_that_it_has_no_use_for() -> None:
+    asked = dataclasses.replace(CHOICES, gate=0.99, form="gaussian", particles=500)
+
+    assert fitted("ekf", asked).gate == 0.99
+    assert (fitted("cpf", asked).gate, fitted("cpf", asked).form) == (None, "gaussian")
+    assert fitted("ekf", asked) == fitted("ekf", dataclasses.replace(asked, particles=9))
+
+
+def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Path) -> None:
+    out, seeds = tmp_path / "out", 5
+    asked = [*("--filters", "cpf", "--seeds", str(seeds), "--jobs", "2", "-N", "150")]
+    command = [sys.executable, "-c", "from usbldr_cli.main import main; main()", "compare", str(dive), *asked]
+    with subprocess.Popen([*command, "-o", str(out)], stderr=subprocess.PIPE, text=True) as run:
+        while run.poll() is None and not list(out.glob("units/*.json")):
+            time.sleep(0.01)
+        os.kill(run.pid, signal.SIGINT)
+        assert run.stderr is not None
+        said = run.stderr.read()
+
+    assert run.returncode == 130
+    assert said.strip() == "usbldr: interrupted"
+    assert [path.name for path in out.iterdir()] == ["units"]
+    finished = list(out.glob("units/*.json"))
+    assert 0 < len(finished) < seeds
+    assert not list(out.glob("units/.*"))
+
+    again = CliRunner().invoke(compare, [str(dive), *asked, "-o", str(out)], standalone_mode=False)
+    fresh = json.loads(call(compare, dive, *asked, "--json"))
+
+    assert f"{len(finished)} of {seeds} runs were finished already" in again.stderr
+    assert without_time(content(out)["rows"]) == without_time(fresh["rows"])
+
+
+def test_a_changed_log_is_run_anew(tmp_path: Path) -> None:
+    dive = tmp_path / "dive"
+    write_scenario(dataclasses.replace(PAPER, duration_s=20.0), 1, dive)
+    unit = Unit(str(dive), "ekf", CHOICES)
+    store = tmp_path / "units"
+    store.mkdir()
+
+    first = run_units([unit], 1, store)[0]
+    kept = run_units([unit], 1, store)[0]
+    configuration = dive / "usbldr.toml"
+    configuration.write_text(configuration.read_text().replace("sd_m = 1.0", "sd_m = 3.0"))
+    changed = run_units([unit], 1, store)[0]
+
+    assert (first.reused, kept.reused, changed.reused) == (False, True, False)
+    assert kept.metrics == first.metrics
+    assert changed.metrics["nis_mean_usbl"] < first.metrics["nis_mean_usbl"] / 4  # a ninth, but for the track's share
+
+
+def test_another_comparison_is_replaced_only_by_force_and_a_foreign_folder_never(compared: Path, dive: Path) -> None:
+    with pytest.raises(UsageError, match="holds another comparison"):
+        call(compare, dive, "--filters", "usbl", "-o", compared)
+
+    foreign = compared.parent / "foreign"
+    foreign.mkdir()
+    (foreign / "thesis.tex").write_text("dear")
+    with pytest.raises(UsageError, match=r"holds thesis\.tex, which no comparison wrote"):
+        call(compare, dive, "--filters", "usbl", "-o", foreign, "--force")
+    assert [path.name for path in foreign.iterdir()] == ["thesis.tex"]
+
+
+def test_finished_runs_are_compared_as_they_are(dive: Path, tmp_path: Path) -> None:
+    for name in ("ckf", "usbl"):
+        call(replay, dive, "--filter", name, "-o", tmp_path / name)
+
+    told = json.loads(call(compare, tmp_path / "ckf", tmp_path / "usbl", "--json"))
+
+    for row in told["rows"]:
+        report = json.loads((tmp_path / row["filter"] / "report.json").read_text())
+        assert row["mean_abs_north_m"] == report["metrics"]["mean_abs_north_m"]
+    ckf, usbl = (row["mean_horizontal_m"] for row in told["rows"])
+    assert told["rows"][1]["mean_horizontal_m_difference"] == usbl - ckf
+
+    call(compare, tmp_path / "ckf", tmp_path / "usbl", "-o", tmp_path / "out")
+    assert (tmp_path / "out" / "errors.png").stat().st_size > 10_000
+
+
+def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: Path) -> None:
+    call(replay, dive, "--filter", "usbl", "-o", tmp_path / "whole")
+    call(replay, dive, "--filter", "dr", "--start", "10", "-o", tmp_path / "late")
+
+    with pytest.raises(UsageError, match="usbl has window start to end, dr has 10 s to end"):
+        call(compare, tmp_path / "whole", tmp_path / "late")
+    with pytest.raises(UsageError, match="cannot be mixed"):
+        call(compare, tmp_path / "whole", dive)
+
+    (tmp_path / "whole" / "report.json").write_text("{}")
+    with pytest.raises(LogError, match=r"report\.json: is not a report of usbldr replay"):
+        call(compare, tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("paper", "--filters", "ckf,kalman"), "there is no filter 'kalman'"),
+        (("paper", "--filters", "ckf,ckf"), "--filters names ckf twice"),
+        (("paper", "paper"), "LOG names paper twice"),
+        (("paper", "--filters", "cpf,dr", "--gate", "0.99"), "--gate is for ekf, ckf, ukf"),
+        (("paper", "--filters", "ekf", "--form", "gaussian"), "--form is for cpf, upf"),
+        (
+            ("paper", "--calibrate", "speed"),
+            "no error of a sensor is called 'speed' (to calibrate: scale,",
+        ),
+        (("paper", "--noise", "usbl=cauchy"), "--noise usbl=cauchy: write SENSOR=KIND"),
+        (("paper", "--truth", "x.csv"), "paper: a scenario takes no --config"),
+    ],
+)
+def test_what_does_not_fit_together_is_told_before_anything_runs(arguments: tuple[str, ...], said: str) -> None:
+    with pytest.raises(UsageError) as fault:
+        call(compare, *arguments)
+
+    assert said in str(fault.value)
+
+
+def test_a_misspelt_log_is_told_before_anything_runs(dive: Path) -> None:
+    with pytest.raises(LogError, match="papr: no such file or folder, nor a scenario"):
+        call(compare, dive, "papr", "--calibrate", "none")
+
+
+def test_where_nothing_came_out_the_fault_is_the_commands(dive: Path) -> None:
+    with pytest.raises(UsageError, match="--start 20 does not lie before --end 10"):
+        call(compare, dive, "--filters", "usbl", "--start", "20", "--end", "10")
+
+
+def test_one_failed_method_leaves_the_others_their_numbers(dive: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = [str(dive), "--filters", "dr,usbl", "--usbl", "none", "-o", str(out)]
+
+    found = CliRunner().invoke(compare, arguments, standalone_mode=False)
+
+    assert found.return_value == LogError.exit_code
+    dr, usbl = content(out)["rows"]
+    assert (dr["fault"], usbl["seeds"]) == (None, 0)
+    assert dr["mean_horizontal_m"] > 0
+    assert "no usbl data" in usbl["fault"]
+    assert usbl["fault"] in " ".join(found.stdout.split())

@@ -1,0 +1,143 @@
+"""usbldr init: what it writes is what the log was made by, and replay accepts it unchanged."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from dives import SECOND, T0, point, write_mcap
+from doctored import dive, findings, in_radians
+from usbldr.filters.errors import LogError, UsageError
+from usbldr_cli.main import cli
+
+MIRRORED: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED", "gravity": -9.8}
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(cli, arguments, standalone_mode=False)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dive against all defaults, with a DVL at -50 degrees, and GPS."""
+    return write_mcap(tmp_path_factory.mktemp("init") / "dive.mcap", dive(**MIRRORED, mount_deg=-50.0, gps=True))
+
+
+def test_the_file_says_how_the_log_was_made(log: Path, tmp_path: Path) -> None:
+    target = tmp_path / "found.toml"
+
+    done = run("init", str(log), "--output", str(target))
+
+    assert done.exception is None, done.exception
+    assert done.output.startswith(f"{target}: written; 1 line marked CHECK wants a decision\n")
+    found = tomllib.loads(target.read_text(encoding="utf-8"))
+    assert found["dvl"]["topic"] == "/dvl"
+    assert found["dvl"]["axes"] == "FRD"
+    assert found["dvl"]["mount_deg"] == pytest.approx(-50.0, abs=1.0)
+    assert found["compass"]["convention"] == "NED"
+    assert found["usbl"]["frame"] == "NED"
+    assert found["depth"]["topic"] == "none"
+
+
+def test_every_key_says_where_its_value_comes_from(log: Path, tmp_path: Path) -> None:
+    target = tmp_path / "found.toml"
+    run("init", str(log), "--output", str(target))
+
+    lines = target.read_text(encoding="utf-8").splitlines()
+
+    keys = [line for line in lines if " = " in line and not line.startswith(("#", "schema"))]
+    assert len(keys) > 15
+    for line in keys:
+        assert "  # " in line, line
+
+
+def test_replay_accepts_the_file_and_the_doctor_finds_the_log_cured(log: Path, tmp_path: Path) -> None:
+    target = tmp_path / "found.toml"
+    run("init", str(log), "--output", str(target))
+
+    done = run("replay", str(log), "--config", str(target), "--filter", "ekf", "--output", str(tmp_path / "run"))
+
+    assert done.return_value == 0, done.output
+    assert "CONVENTION]" not in done.stderr
+    cured = findings(log, "--config", str(target))
+    assert all(one["level"] != "error" for one in cured.values())
+    assert "DVL-MOUNT" not in cured
+
+
+def test_the_file_stands_where_replay_looks_and_is_not_overwritten(log: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "dive.mcap"
+    copy.write_bytes(log.read_bytes())
+    place = tmp_path / "dive.usbldr.toml"
+
+    first = run("init", str(copy))
+    place.write_text("schema = 1\n# mine\n", encoding="utf-8")
+    refused, untouched = run("init", str(copy)), place.read_text(encoding="utf-8")
+    forced = run("init", str(copy), "--force")
+
+    assert first.exception is None
+    assert isinstance(refused.exception, UsageError)
+    assert str(refused.exception) == f"{place} exists already: choose another file for --output, or --force"
+    assert untouched == "schema = 1\n# mine\n"
+    assert forced.exception is None
+    assert "# mine" not in place.read_text(encoding="utf-8")
+
+
+def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_only(tmp_path: Path) -> None:
+    """The dive's map begins at 45 north, 7 east, which no message says; the first GPS fix lies 10 s from it."""
+    rows = [row for row in dive(gps=True) if row[1] != "/gps/fix" or row[0] % (60 * SECOND) < 3 * SECOND]
+    log = write_mcap(tmp_path / "dive.mcap", rows)
+
+    done = run("init", str(log))
+
+    assert "state origin_lat_deg and origin_lon_deg under [map] if it is known, or head under [usbl]" in done.output
+    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
+    assert "map" not in tomllib.loads(text)
+    place = re.search(r"# origin_lat_deg = (\S+) +# CHECK: .* meet the GPS .*\n# origin_lon_deg = (\S+)", text)
+    assert place
+    assert float(place[1]) == pytest.approx(45.0, abs=1e-5)
+    assert float(place[2]) == pytest.approx(7.0, abs=1e-5)
+
+
+def test_headings_that_the_fixes_show_to_be_radians_are_written_as_such(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", in_radians(dive(gps=True)))
+
+    run("init", str(log))
+
+    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
+    assert re.search(r'^unit = "rad" +# by the fixes, instead of deg \(default\)$', text, re.MULTILINE)
+    assert "headings were read as degrees, but are radians" in text
+    assert tomllib.loads(text)["dvl"]["mount_deg"] == 0.0
+    cured = findings(log)
+    assert {"HEADING-RADIANS", "DVL-MOUNT"}.isdisjoint(cured)
+    assert all(one["level"] != "error" for one in cured.values())
+
+
+def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
+    raw = [point(T0 + k * SECOND, 0.0, 0.0, topic="/usbl/raw") for k in range(5)]
+    undecided = write_mcap(tmp_path / "dive.mcap", sorted([*dive(), *raw], key=lambda row: row[0]))
+
+    done = run("init", str(undecided))
+
+    assert "2 lines marked CHECK want a decision" in done.output
+    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
+    assert "CHECK: the fullest that can be read; it could be /usbl/raw" in text
+    assert "mirror image (axes FRD, convention NED, frame NED) fits as well" in text
+
+
+def test_a_log_that_no_configuration_can_mend_gets_none(tmp_path: Path) -> None:
+    no_dvl = write_mcap(tmp_path / "dive.mcap", [row for row in dive() if row[1] != "/dvl"])
+
+    done = run("init", str(no_dvl))
+
+    assert isinstance(done.exception, LogError)
+    assert "no dvl data (sensors in this log: compass, usbl)" in str(done.exception)
+    assert not (tmp_path / "dive.usbldr.toml").exists()
+
+
+def test_init_takes_no_configuration(log: Path) -> None:
+    done = run("init", str(log), "--config", "any.toml")
+
+    assert isinstance(done.exception, UsageError)

@@ -1,0 +1,147 @@
+"""What replay refuses and what it says aside from the table."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from usbldr_cli.main import cli, main
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
+
+
+@pytest.fixture
+def dive(tmp_path: Path) -> Path:
+    for file in SAMPLES.glob("paper.*"):
+        shutil.copy(file, tmp_path)
+    return tmp_path / "paper.mcap"
+
+
+def replay(dive: Path, *options: str) -> Result:
+    return CliRunner().invoke(cli, ["replay", str(dive), "-o", str(dive.parent / "run"), *options])
+
+
+def fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    """Run the command as the shell does; return its exit code and what it says on stderr."""
+    monkeypatch.setattr("sys.argv", ["usbldr", *arguments])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return int(str(end.value.code)), capsys.readouterr().err
+
+
+def test_lost_data_is_said_on_stderr_and_ends_in_exit_3(
+    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dive.write_bytes(dive.read_bytes()[:200_000])
+
+    code, said = fault(monkeypatch, capsys, "replay", str(dive), "-f", "dr", "-q", "-o", str(dive.parent / "run"))
+
+    assert code == 3
+    assert said.startswith("usbldr: paper.mcap: the file is cut or broken")
+    assert said.endswith("[TRUNCATED]\n")
+    assert (dive.parent / "run" / "report.json").is_file()
+
+
+def test_a_strict_replay_of_a_cut_log_writes_nothing(
+    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dive.write_bytes(dive.read_bytes()[:200_000])
+
+    code, said = fault(monkeypatch, capsys, "replay", str(dive), "--strict", "-o", str(dive.parent / "run"))
+
+    assert code == 3
+    assert "cut or broken" in said
+    assert not (dive.parent / "run").exists()
+
+
+def test_json_never_overwrites_the_log_nor_goes_into_a_folder(
+    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = dive.read_bytes()
+
+    for target, what in ((dive, "the log"), (dive.parent, "a folder")):
+        code, said = fault(monkeypatch, capsys, "replay", str(dive), "--json", str(target), "--force")
+        assert (code, said) == (2, f"usbldr: {target} is {what}: choose another file for --json\n")
+    assert dive.read_bytes() == before
+
+
+def test_the_truth_cannot_be_a_sensor(
+    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = fault(monkeypatch, capsys, "replay", str(dive), "--usbl", "/gps/fix", "--gps", "/gps/fix")
+
+    assert code == 2
+    assert said.startswith(f"usbldr: {dive}: /gps/fix cannot be the usbl and the truth at once: ")
+
+
+def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
+    done = replay(dive, "--filter", "dr", "--start", "500", "--end", "501")
+
+    assert done.exit_code == 0
+    assert "these numbers rest on 2 of the track's epochs alone" in " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--fast-hz", "1e9"), "1e+09 Hz over 1000 s are 1e+12 epochs; take a lower --fast-hz"),
+        (("--fast-hz", "0"), "rates must be between 0.001 and 1e+09 Hz (fast 0, slow 1)"),
+        (("--dr-from", "91,0"), "--dr-from 91,0 is no place"),
+        (("--dr-from", "here"), "--dr-from here is neither LAT,LON in degrees nor one of"),
+        (("--start", "5", "--end", "4"), "--start 5 does not lie before --end 4"),
+        (("--start", "noon"), "--start noon is neither seconds nor ISO time"),
+        (("--filter", "kf"), "there is no filter 'kf'"),
+        (("--filter", "cpf", "--gate", "0.99"), "cpf weighs outliers and takes no gate"),
+    ],
+)
+def test_options_that_make_no_sense_are_one_sentence(
+    dive: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    sentence: str,
+) -> None:
+    code, said = fault(monkeypatch, capsys, "replay", str(dive), "-o", str(dive.parent / "run"), *options)
+
+    assert code == 2
+    assert said.startswith(f"usbldr: {sentence}")
+    assert said.count("\n") == 1
+    assert not (dive.parent / "run").exists()
+
+
+@pytest.mark.parametrize("options", [["--smoth"], ["--gate", "99"], ["--seed", "x"]])
+def test_wrong_options_are_one_sentence_that_names_the_help(
+    options: list[str], dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = fault(monkeypatch, capsys, "replay", str(dive), *options)
+
+    assert code == 2
+    assert (said.count("\n"), options[0] in said) == (1, True)
+    assert said.startswith("usbldr: ")
+    assert said.endswith("; see usbldr replay --help\n")
+
+
+def test_a_folder_with_a_dot_in_its_name_gives_its_whole_name_to_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(SAMPLES / "lawnmower_csv", tmp_path / "dive2.1")
+    monkeypatch.chdir(tmp_path)
+
+    CliRunner().invoke(cli, ["replay", "dive2.1", "-f", "usbl", "-q"], standalone_mode=False)
+
+    assert (tmp_path / "dive2.1-usbl" / "report.json").is_file()
+
+
+def test_a_quiet_run_still_warns(tmp_path: Path) -> None:
+    """Of gross fixes and of the compass's bias the sigmas know nothing."""
+    target = tmp_path / "run"
+    words = ["replay", str(SAMPLES / "lawnmower_csv"), "-f", "adf", "--calibrate", "none", "--noise", "usbl=gaussian"]
+
+    done = CliRunner().invoke(cli, [*words, "-q", "-o", str(target)])
+
+    warnings = json.loads((target / "report.json").read_text())["warnings"]
+    assert any("claims to know its place far better than it does" in text for text in warnings)
+    assert all(f"usbldr: {text}\n" in done.stderr for text in warnings)
+    assert done.stdout.count("\n") == 1

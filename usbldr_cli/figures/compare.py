@@ -1,0 +1,137 @@
+"""The pictures of a comparison: the error of each method over all runs, and overlays of one run."""
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from usbldr.filters.evaluation.seed_statistics import average
+from usbldr.filters.types import Array
+from usbldr_cli.figures.overlay import (
+    UNFILTERED,
+    colour_of,
+    error_figure,
+    line_style,
+    method_of,
+    overlay_canvas,
+    track_figure,
+)
+from usbldr_cli.figures.style import Figure, in_style, legend_below, save
+from usbldr_cli.runs.job_store import read_trace
+from usbldr_cli.runs.seed_table import Row, grouped
+
+CROWDED = 20.0  # times: a wider range of errors is drawn on a logarithmic axis
+
+
+def write_figures(folder: Path, rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Draw every picture of every log into the folder; return file names and captions."""
+    groups = grouped(rows)
+    written: list[tuple[str, str]] = []
+    with in_style():
+        for log, group in groups.items():
+            end = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.-]+", "_", log).strip("_")
+            for name, caption, draw in PICTURES:
+                figure = draw([row for row in group if row.good])
+                if figure is not None:
+                    _save_whole(figure, folder / f"{name}{end}.png")
+                    written.append((f"{name}{end}.png", f"{caption} ({log})"))
+    return written
+
+
+def _save_whole(figure: Figure, path: Path) -> None:
+    """Write a picture that appears under its name when it is complete."""
+    part = path.with_name(f".{path.name}")
+    try:
+        save(figure, part)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def cdf_figure(rows: Sequence[Row]) -> Figure | None:
+    """Draw which share of the errors of all runs is below a length."""
+    pooled = {row.label: _pooled_errors(row) for row in rows}
+    pooled = {label: errors for label, errors in pooled.items() if len(errors)}
+    if not pooled:
+        return None
+    figure = overlay_canvas(rows, "Distribution of errors", "all runs pooled", 11, 5.2)
+    panels: Any = figure.subplots(1, 3, sharey=True)
+    for k, (axes, name) in enumerate(zip(panels, ("|east|", "|north|", "horizontal"), strict=True)):
+        longest = 0.0
+        for label, errors in pooled.items():
+            length = np.sort(np.hypot(*errors.T) if k == 2 else np.abs(errors[:, k]))
+            share = np.arange(1, len(length) + 1) / len(length)
+            thin = np.unique(np.linspace(0, len(length) - 1, 2000).astype(int))  # more points than pixels
+            axes.plot(length[thin], 100 * share[thin], label=label, **line_style(rows, label))
+            if method_of(rows, label) not in UNFILTERED or all(r.method in UNFILTERED for r in rows):
+                longest = max(longest, float(np.percentile(length, 99.5)))
+        for share in (50, 95):
+            axes.axhline(share, color="#999999", lw=0.8, ls=":", zorder=1)
+        axes.set_xlim(0, 1.15 * longest)
+        axes.set_ylim(0, 101)
+        axes.set_xlabel(f"{name} error [m]")
+    panels[0].set_ylabel("share of epochs below [%]")
+    panels[0].set_yticks([0, 25, 50, 75, 95, 100])
+    legend_below(figure, (panels[0],), 8)
+    return figure
+
+
+def filter_figure(rows: Sequence[Row]) -> Figure | None:
+    """Draw the mean error of each method: a dot for each run, the mean over runs with its standard error."""
+    if not rows:
+        return None
+    figure = overlay_canvas(rows, "Error against filter", "dots: runs; bar: their mean ± 1 standard error", 11, 5.2)
+    panels: Any = figure.subplots(1, 3, sharey=True)
+    names = (("mean_abs_east_m", "|east|"), ("mean_abs_north_m", "|north|"), ("mean_horizontal_m", "horizontal"))
+    every = [value for row in rows for metric, _ in names for value in row.values(metric).values() if value > 0]
+    wide = max(every, default=1.0) > CROWDED * min(every, default=1.0)
+    for axes, (metric, name) in zip(panels, names, strict=True):
+        for place, row in enumerate(rows):
+            values = list(row.values(metric).values())
+            if not values:
+                continue
+            mean, se, _ = average(values)
+            beside = np.linspace(0.1, 0.34, len(values)) if len(values) > 1 else np.array([0.22])
+            face = colour_of(rows, row.label)
+            axes.plot(place + beside, values, ls="", marker="o", ms=4, color=face, alpha=0.45, mew=0, zorder=2)
+            axes.errorbar(
+                place - 0.12, mean, yerr=se, color=face, marker="_", ms=15, mew=2.2, capsize=4, lw=1.4, zorder=3
+            )
+            text = f"{mean:.2f}" if mean < 100 else f"{mean:.0f}"
+            axes.annotate(text, (place, max(values)), xytext=(0, 6), textcoords="offset points", ha="center", size=9)
+        axes.set_title(f"mean {name} error")
+        axes.set_xticks(range(len(rows)), [row.label for row in rows], rotation=30 if _long(rows) else 0)
+        axes.set_xlim(-0.6, len(rows) - 0.4)
+        axes.grid(visible=False, axis="x")
+        if wide:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
+    panels[0].set_ylabel(f"metres{' (logarithmic)' if wide else ''}")
+    if wide:
+        panels[0].set_ylim(0.7 * min(every), 1.6 * max(every))
+    else:
+        panels[0].set_ylim(0, 1.12 * max(every, default=1.0))
+    return figure
+
+
+PICTURES: tuple[tuple[str, str, Callable[[Sequence[Row]], Figure | None]], ...] = (
+    ("by_filter", "Mean error of each filter, a dot for each run", filter_figure),
+    ("errors", "East and north error over time", error_figure),
+    ("track", "The tracks over the truth", track_figure),
+    ("error_cdf", "Which share of the errors is below a length", cdf_figure),
+)
+
+
+def _pooled_errors(row: Row) -> Array:
+    found = [read_trace(o.trace).error_m for o in row.good.values() if o.trace is not None]
+    return np.vstack(found) if found else np.empty((0, 2))
+
+
+def _long(rows: Sequence[Row]) -> bool:
+    return sum(len(row.label) for row in rows) > 30

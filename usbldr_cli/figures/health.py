@@ -1,0 +1,194 @@
+"""The pictures of a filter's health: innovations and NIS of each sensor, particles that still count."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from usbldr.filters.models.noise import chi_square_quantile
+from usbldr.filters.types import Array, Update, Vector
+from usbldr.io.reports.report_json import Run
+from usbldr_cli.figures.style import (
+    REJECTED_COLOUR,
+    TRUTH_COLOUR,
+    Axes,
+    Figure,
+    broken_at_gaps,
+    canvas,
+    colour,
+    legend_below,
+    shade_outages,
+    time_axis,
+)
+
+DENSE = 3000  # points: more of them are drawn smaller
+DOUBTED_COLOUR = "#333333"
+BINS = 60  # of the running mean of NIS over the whole run
+RESAMPLED_BELOW = 0.5  # of N: where the particle filters resample
+
+
+class Channel(NamedTuple):
+    """One axis of a sensor as it is drawn: in degrees clockwise where the filter has radians counter-clockwise."""
+
+    sensor: str
+    axis: str
+    label: str
+    factor: float
+
+
+CHANNELS = (
+    Channel("usbl", "east", "USBL east [m]", 1.0),
+    Channel("usbl", "north", "USBL north [m]", 1.0),
+    Channel("compass", "yaw", "heading [deg]", -math.degrees(1.0)),
+    Channel("dvl", "starboard", "DVL starboard [m/s]", 1.0),
+    Channel("dvl", "forward", "DVL forward [m/s]", 1.0),
+)
+
+
+class Series(NamedTuple):
+    """The innovations of one channel over time, (n,) each."""
+
+    time_s: Vector
+    innovation: Vector
+    sd: Vector
+    fate: Sequence[str]
+
+
+def innovation_figure(run: Run) -> Figure | None:
+    """Draw measured minus predicted of every axis to the left, NIS of its sensor to the right."""
+    updates = run.scored.trajectory.updates
+    drawn = [(channel, series) for channel in CHANNELS if len((series := _series(updates, channel)).time_s)]
+    if not drawn:
+        return None
+    sensors = list(dict.fromkeys(channel.sensor for channel, _ in drawn))
+    figure = canvas(run, "Innovations and NIS", 13, 1.0 + 1.75 * len(drawn))
+    left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
+    rows: Any = left.subplots(len(drawn), 1, sharex=True, squeeze=False)
+    for axes, (channel, series) in zip(rows[:, 0], drawn, strict=True):
+        _draw_innovations(axes, run, channel, series)
+    rows[0, 0].set_title("measured minus predicted, with the filter's 2 sigma; the far ones stand at the edge")
+    heights = [sum(channel.sensor == sensor for channel, _ in drawn) for sensor in sensors]
+    tall: Any = right.subplots(len(sensors), 1, sharex=True, squeeze=False, height_ratios=heights)
+    for axes, sensor in zip(tall[:, 0], sensors, strict=True):
+        _draw_nis(axes, run, [update for update in updates if update.sensor == sensor], sensor)
+    for axes in (rows[-1, 0], tall[-1, 0]):
+        time_axis(axes, run.timeline.time_s)
+    legend_below(figure, (rows[0, 0], tall[0, 0]), 8)
+    return figure
+
+
+def _series(updates: Sequence[Update], channel: Channel) -> Series:
+    """Pick one axis out of the updates, whether it went in alone or together with the other."""
+    found: list[tuple[float, float, float, str]] = []
+    for update in updates:
+        if update.sensor != channel.sensor or update.axis not in (channel.axis, "position"):
+            continue
+        k = 1 if update.axis == "position" and channel.axis == "north" else 0
+        e, sd = update.innovation[k], update.innovation_sd[k]
+        found.append((update.time_s, channel.factor * e, abs(channel.factor) * sd, update.fate))
+    t, e, sd, fate = zip(*found, strict=True) if found else ((), (), (), ())
+    return Series(np.array(t), np.array(e), np.array(sd), fate)
+
+
+def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
+    shade_outages(axes, run)
+    mine = colour(run.filter)
+    size = np.abs(series.innovation)
+    half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * float(np.median(series.sd))))
+    half = 1.1 * max(half, 2.2 * float(np.median(series.sd))) or 1.0
+    fates = np.array(series.fate)
+    point = 3.0 if len(fates) < DENSE else 1.6
+    longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(size) > 1 else np.inf
+    t, sd = broken_at_gaps(series.time_s, series.sd, longest_s)
+    axes.fill_between(t, -2 * sd, 2 * sd, color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
+    styles: dict[str, dict[str, Any]] = {
+        "used": {"marker": "o", "ms": point, "mew": 0, "color": mine, "alpha": 0.6},
+        "down-weighted": {"marker": "o", "ms": point, "mfc": "none", "mec": DOUBTED_COLOUR, "mew": 0.6, "alpha": 0.8},
+        "rejected": {"marker": "x", "ms": point + 1, "color": REJECTED_COLOUR, "mew": 0.7, "alpha": 0.7},
+    }
+    for fate, style in styles.items():
+        at = fates == fate
+        if at.any():
+            inside = np.clip(series.innovation[at], -0.97 * half, 0.97 * half)  # the far ones stand at the edge
+            axes.plot(series.time_s[at], inside, ls="", label=fate, **style)
+    axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
+    axes.set_ylim(-half, half)
+    axes.set_ylabel(channel.label)
+
+
+def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
+    """Draw each NIS faintly and its mean over a sixtieth of the run against what chi-square allows."""
+    shade_outages(axes, run)
+    taken = [update for update in updates if update.fate != "rejected" and math.isfinite(update.nis)]
+    if not taken:
+        return
+    t = np.array([update.time_s for update in taken])
+    nis = np.array([update.nis for update in taken])
+    dof = float(np.mean([update.dof for update in taken]))
+    mine = colour(run.filter)
+    ends = float(run.timeline.time_s[0]), float(run.timeline.time_s[-1])
+    edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
+    bins = _bin_means(t, nis, edges)
+    low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
+    axes.plot(t, np.clip(nis, low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
+    axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
+    bound = "NIS bounds: 95 % of the means, were the noise Gaussian"
+    style: dict[str, Any] = {"color": "#bbbbbb", "alpha": 0.5, "lw": 0}
+    axes.fill_between(edges, *_bounds(bins[:, 2], dof), step="post", label=bound, **style)
+    axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3)
+    axes.set_yscale("log")  # a few outliers of hundreds, thousands near 0, and the means all have to be seen
+    axes.set_ylim(low, high)
+    axes.set_ylabel(f"{sensor} NIS")
+    axes.set_title(f"mean {nis.mean():.2f}, {dof:.0f} is right; line: means over {edges[1] - edges[0]:.0f} s")
+
+
+def _bin_means(t: Vector, nis: Vector, edges: Vector) -> Array:
+    """Return middle, mean and count of each bin, (B, 3); an empty bin has no mean."""
+    bins = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)
+    count = np.bincount(bins, minlength=len(edges) - 1)
+    total = np.bincount(bins, nis, minlength=len(edges) - 1)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return np.column_stack([(edges[1:] + edges[:-1]) / 2, mean, count.astype(np.float64)])
+
+
+def _bounds(count: Vector, dof: float) -> tuple[Vector, Vector]:
+    """Return the 95 % bounds of the mean of ``count`` chi-square values, one more than bins so that steps end."""
+    low, high = np.full(len(count) + 1, np.nan), np.full(len(count) + 1, np.nan)
+    for k, n in enumerate(count):
+        if n > 0:
+            low[k], high[k] = (chi_square_quantile(p, n * dof) / n for p in (0.025, 0.975))
+    low[-1], high[-1] = low[-2], high[-2]
+    return low, high
+
+
+def particle_figure(run: Run) -> Figure | None:
+    """Draw the effective share of the particles and the acceptance of their moves; None for a single Gaussian."""
+    trajectory = run.scored.trajectory
+    if trajectory.ess is None or trajectory.particles < 2:
+        return None
+    moved = trajectory.acceptance is not None and bool(np.isfinite(trajectory.acceptance).any())
+    figure = canvas(run, "Particles", 11, 5.6 if moved else 3.8)
+    panels: Any = figure.subplots(2 if moved else 1, 1, sharex=True, squeeze=False)
+    mine, t = colour(run.filter), trajectory.time_s
+    top: Axes = panels[0, 0]
+    shade_outages(top, run)
+    share = trajectory.ess / trajectory.particles
+    top.plot(t, share, color=mine, lw=0.7, label="ESS / N")
+    top.axhline(RESAMPLED_BELOW, color=TRUTH_COLOUR, lw=0.8, ls="--", label="resampled below")
+    top.set_ylim(0, 1.02)
+    top.set_ylabel("ESS / N")
+    lowest = float(np.nanmin(share))
+    top.set_title(
+        f"effective particles: mean {np.nanmean(share):.2f}, lowest {lowest:.2f} of N = {trajectory.particles}"
+    )
+    if moved and trajectory.acceptance is not None:
+        low: Axes = panels[1, 0]
+        shade_outages(low, run)
+        low.plot(t, trajectory.acceptance, ls="", marker=".", ms=3, color=mine, alpha=0.6)
+        low.set_ylim(0, 1.02)
+        low.set_ylabel("accepted share")
+        low.set_title(f"accepted moves of resampled particles: mean {np.nanmean(trajectory.acceptance):.2f}")
+    time_axis(panels[-1, 0], t)
+    legend_below(figure, (top,))
+    return figure

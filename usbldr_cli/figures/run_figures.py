@@ -1,0 +1,173 @@
+"""The pictures of a run: the track, its errors over time (the paper's Figures 1 and 3) and their distribution."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from usbldr.filters.evaluation.evaluation import ErrorReport
+from usbldr.filters.types import Vector
+from usbldr.io.reports.report_json import Run
+from usbldr_cli.figures.calibration import calibration_figure
+from usbldr_cli.figures.health import innovation_figure, particle_figure
+from usbldr_cli.figures.style import (
+    TRUTH_COLOUR,
+    Axes,
+    Figure,
+    broken_at_gaps,
+    canvas,
+    colour,
+    in_style,
+    legend_below,
+    others,
+    save,
+    shade_outages,
+    time_axis,
+)
+from usbldr_cli.figures.track import track_figure
+
+AXES = ("east", "north")
+DENSE = 1500  # epochs: more of them are drawn finer
+
+
+def write_figures(folder: Path, run: Run) -> list[tuple[str, str]]:
+    """Draw every picture that the run has material for; return their file names and captions."""
+    pictures: tuple[tuple[str, str, Callable[[Run], Figure | None]], ...] = (
+        ("track.png", "The track against the truth, with the USBL fixes", track_figure),
+        ("errors.png", "East and north error over time, with the filter's own 2-sigma band", error_figure),
+        ("error_cdf.png", "Which share of the errors is below a length", cdf_figure),
+        ("innovations.png", "Innovations and NIS of each sensor, with their bounds", innovation_figure),
+        (
+            "calibration.png",
+            "Errors of sensors as the filter found them, with its 2-sigma band and what was assumed before",
+            calibration_figure,
+        ),
+        ("ess.png", "Effective number of particles and acceptance of their moves", particle_figure),
+    )
+    written: list[tuple[str, str]] = []
+    with in_style():
+        for name, caption, draw in pictures:
+            figure = draw(run)
+            if figure is not None:
+                save(figure, folder / name)
+                written.append((name, caption))
+    return written
+
+
+def error_figure(run: Run) -> Figure | None:
+    """Draw the signed errors of east and north over time; raw fixes lie behind for comparison."""
+    report = run.scored.report
+    if report is None:
+        return None
+    figure = canvas(run, "Errors", 11, 6.6)
+    panels: Any = figure.subplots(2, 1, sharex=True)
+    raw = next((other.report for other in others(run) if other.trajectory.filter == "usbl"), None)
+    half = _half_height(report)
+    for k, axis in enumerate(AXES):
+        axes: Axes = panels[k]
+        shade_outages(axes, run)
+        if raw is not None:
+            size = 3.5 if len(raw.time_s) < DENSE else 2.2
+            style = {"ls": "", "marker": ".", "ms": size, "color": colour("usbl"), "alpha": 0.45}
+            beyond = int(np.sum(np.any(np.abs(raw.error_m) > half, axis=1)))
+            label = f"raw USBL fix ({beyond} of {len(raw.error_m)} beyond a frame)" if beyond else "raw USBL fix"
+            axes.plot(raw.time_s, raw.error_m[:, k], label=label, zorder=1.5, **style)
+        _draw_error(axes, report, k, half)
+        axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
+        axes.set_ylim(-half, half)
+        axes.set_ylabel(f"{axis} error [m]")
+        axes.set_title(_error_title(report, k))
+    time_axis(panels[1], run.timeline.time_s)
+    legend_below(figure, (panels[0],))
+    return figure
+
+
+def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
+    mine, longest_s = colour(report.filter), _longest_step_s(report)
+    t, e = broken_at_gaps(report.time_s, report.error_m[:, k], longest_s)
+    beyond = np.abs(report.error_m[:, k]) > half
+    for sign, marker in ((1, "^"), (-1, "v")):
+        at = report.time_s[beyond & (sign * report.error_m[:, k] > 0)]
+        axes.plot(at, np.full(len(at), 0.96 * sign * half), ls="", marker=marker, ms=6, color=mine, zorder=5)
+    if report.filter == "usbl":
+        axes.plot(t, e, ls="", marker=".", ms=4, color=mine, label="usbl", zorder=3)
+        return
+    if report.sd_m is not None:
+        tb, sd = broken_at_gaps(report.time_s, report.sd_m[:, k], longest_s)
+        axes.fill_between(tb, -2 * sd, 2 * sd, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
+        axes.plot(tb, np.column_stack([-2 * sd, 2 * sd]), color=mine, alpha=0.55, lw=0.7, zorder=1.9)
+    axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.filter, zorder=3)
+
+
+def _longest_step_s(report: ErrorReport) -> float:
+    """Return the step beyond which a line would hide that epochs were left out."""
+    return 3 * float(np.median(np.diff(report.time_s))) if len(report.time_s) > 1 else np.inf
+
+
+def _half_height(report: ErrorReport) -> float:
+    """Return the height, the same for both axes, that a few gross errors can't blow up: they are marked at the edge."""
+    size = np.abs(report.error_m)
+    half = min(float(size.max()), 1.6 * float(np.percentile(size, 99)))
+    if report.sd_m is not None:
+        half = max(half, min(2 * float(np.nanpercentile(report.sd_m, 99)), 2 * half))
+    return 1.12 * half if half > 0 else 1.0
+
+
+def _error_title(report: ErrorReport, k: int) -> str:
+    m, axis = report.metrics, AXES[k]
+    text = (
+        f"{axis}: mean |error| {m[f'mean_abs_{axis}_m']:.2f} m, rmse {m[f'rmse_{axis}_m']:.2f} m, "
+        f"bias {m[f'bias_{axis}_m']:+.2f} m, 95 % below {m[f'p95_abs_{axis}_m']:.2f} m, "
+        f"all below {m[f'max_abs_{axis}_m']:.2f} m"
+    )
+    if report.sd_m is not None:
+        inside = np.mean(np.abs(report.error_m[:, k]) <= 2 * report.sd_m[:, k])
+        text += f"; {100 * inside:.0f} % inside 2 sigma (95 is right)"
+    return text
+
+
+def cdf_figure(run: Run) -> Figure | None:
+    """Draw the share of errors below a length: east, north, horizontal, with raw USBL and dr for comparison."""
+    report = run.scored.report
+    if report is None:
+        return None
+    figure = canvas(run, "Distribution of errors", 11, 4.9)
+    panels: Any = figure.subplots(1, 3, sharey=True)
+    rivals = [other.report for other in others(run) if other.report is not None]
+    for k, (axes, name) in enumerate(zip(panels, ("|east|", "|north|", "horizontal"), strict=True)):
+        for other in (*rivals, report):
+            width = 2.2 if other is report else 1.3
+            length, share = _cdf(_lengths(other, k))
+            axes.step(length, 100 * share, where="post", color=colour(other.filter), lw=width, label=other.filter)
+        _mark_quantiles(axes, _lengths(report, k), colour(report.filter))
+        axes.set_xlim(0, max(_widest(report, rivals, k) for k in range(3)))
+        axes.set_ylim(0, 101)
+        axes.set_xlabel(f"{name} error [m]")
+    panels[0].set_ylabel("share of errors below [%]")
+    legend_below(figure, (panels[0],))
+    return figure
+
+
+def _lengths(report: ErrorReport, k: int) -> Vector:
+    return report.horizontal_m if k == 2 else np.abs(report.error_m[:, k])
+
+
+def _cdf(lengths: Vector) -> tuple[Vector, Vector]:
+    return np.concatenate([[0.0], np.sort(lengths)]), np.linspace(0, 1, len(lengths) + 1)
+
+
+def _mark_quantiles(axes: Axes, lengths: Vector, shade: str) -> None:
+    for percent in (50, 95):
+        x = float(np.percentile(lengths, percent))
+        axes.plot([0, x, x], [percent, percent, 0], color=shade, lw=0.8, ls=":", zorder=1)
+        text = f"{percent} %: {x:.2f} m"
+        box = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1}
+        axes.annotate(text, (x, percent), (6, -11), textcoords="offset points", size=9, color=shade, bbox=box)
+
+
+def _widest(report: ErrorReport, rivals: list[ErrorReport], k: int) -> float:
+    """Return the width that shows all of the method and what fits of the others."""
+    own = float(_lengths(report, k).max())
+    theirs = [float(np.percentile(_lengths(other, k), 90)) for other in rivals]
+    return max(1.15 * own, min(max(theirs, default=0.0), 4 * own)) or 1.0

@@ -1,0 +1,163 @@
+"""How every picture looks: one colour per method everywhere, readable titles, bytes that do not change between runs.
+
+The colours are those of M. Okabe and K. Ito ("Color Universal Design", 2008) and P. Tol's muted scheme, told apart by
+colour-blind eyes; no meaning hangs on colour alone.
+"""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from matplotlib import figure as mpl_figure
+from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
+
+from usbldr.filters.evaluation.alignment import ALIGNMENTS
+from usbldr.filters.types import Array, Vector
+from usbldr.io.reports.report_json import Run, Scored
+from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
+
+Axes: TypeAlias = Any  # matplotlib's own types leave every keyword unknown, which strict checking refuses
+Figure: TypeAlias = Any
+
+FILTER_COLOURS: Mapping[str, str] = {
+    "cpf": "#0072b2",
+    "upf": "#56b4e9",
+    "pf": "#332288",
+    "adf": "#009e73",
+    "ekf": "#d55e00",
+    "ckf": "#882255",
+    "ukf": "#cc79a7",
+    "afukf": "#aa4499",
+    "aekf": "#661100",
+    "pf-wekf": "#117733",
+    "nudge": "#999933",
+    "usbl": "#e69f00",
+    "dr": "#7f7f7f",
+}
+OTHER_COLOUR = "#44aa99"  # a method of which this table has not heard
+TRUTH_COLOUR = "#000000"
+REJECTED_COLOUR = "#cc0000"
+
+OUTAGES: Mapping[str, tuple[str, str]] = {
+    "usbl": ("#e4e4e4", ""),
+    "dvl": ("#fde3cf", "//"),
+    "compass": ("#dcebd8", ".."),
+}
+"""Shade and hatch of a stretch without a sensor."""
+
+STYLE: Mapping[str, Any] = {
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.7,
+    "hatch.color": "#ffffff",
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "lines.linewidth": 1.3,
+}
+DPI = 130
+TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the lines under it, inches
+
+
+def in_style() -> AbstractContextManager[None]:
+    """Draw in our style; matplotlib's settings belong to the whole process, so what was there comes back."""
+    settings: Any = dict(STYLE)
+    return rc_context(settings)
+
+
+def colour(method: str) -> str:
+    """Return the colour of a method in every picture; a smoothed track has its filter's."""
+    return FILTER_COLOURS.get(method.removesuffix(" smoothed"), OTHER_COLOUR)
+
+
+def canvas(run: Run, what: str, width_in: float, height_in: float) -> Figure:
+    """Return a figure whose title says what is drawn, of which run, against which truth."""
+    return titled(f"{what}: {run.filter} on {run.log.path.name}", subtitle(run), width_in, height_in)
+
+
+def titled(title: str, told: str, width_in: float, height_in: float) -> Figure:
+    """Return a figure with a title and, under it, what has to stand beside every number."""
+    lines = textwrap.wrap(told, int(width_in * LETTERS_AN_INCH))
+    head_in = TITLE_IN + LINE_IN * len(lines)
+    figure: Figure = mpl_figure.Figure(figsize=(width_in, height_in), layout="constrained")
+    figure.get_layout_engine().set(rect=(0, 0, 1, 1 - head_in / height_in), w_pad=0.08, h_pad=0.06)
+    left, top = 0.12 / width_in, 1 - 0.27 / height_in
+    figure.text(left, top, title, size=13, weight="bold", va="center")
+    figure.text(left, 1 - TITLE_IN / height_in, "\n".join(lines), size=9, color="#444444", va="top")
+    return figure
+
+
+def subtitle(run: Run) -> str:
+    """Return what has to stand beside every number."""
+    report = run.scored.report
+    if report is None:
+        return f"no truth; fixes {ORDERS[run.order]}"
+    parts = [
+        truth_text(report.truth_kind, report.truth_source),
+        f"fixes {ORDERS[run.order]}",
+        ALIGNMENTS[report.alignment.name],
+    ]
+    if report.aid:
+        parts.append(aid_text(report.aid))
+    if report.window != (-np.inf, np.inf):
+        parts.append(window_text(report.window))
+    return "; ".join(parts)
+
+
+def truth_text(kind: str, source: str) -> str:
+    """Say what errors are taken against: a file by its name, a topic, which has no suffix, whole."""
+    file = Path(source)
+    return f"truth: {TRUTHS.get(kind, kind)} ({file.name if file.suffix else source})"
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a PNG without the program's version or a date in it."""
+    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def shade_outages(axes: Axes, run: Run) -> None:
+    """Shade where a sensor was silent; the first stretch of each carries its label."""
+    labelled: set[str] = set()
+    for outage in run.timeline.outages:
+        shade, hatch = OUTAGES[outage.sensor]
+        label = None if outage.sensor in labelled else f"no {outage.sensor}"
+        labelled.add(outage.sensor)
+        axes.axvspan(outage.start_s, outage.end_s, facecolor=shade, hatch=hatch, linewidth=0, zorder=0, label=label)
+
+
+def others(run: Run) -> list[Scored]:
+    """Return the baselines that are not the method itself."""
+    return [other for other in run.baselines if other.trajectory.filter != run.filter]
+
+
+def time_axis(axes: Axes, *times_s: Vector) -> None:
+    """Name the axis of time, and let it span these times: of a run of one moment, a second."""
+    first, last = min(t[0] for t in times_s), max(t[-1] for t in times_s)
+    axes.set_xlabel("time since the log's start [s]")
+    axes.set_xlim(first, last if last > first else first + 1.0)
+
+
+def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vector, Array]:
+    """Return a line that is not drawn across times further apart than ``longest_s``."""
+    cuts = np.flatnonzero(np.diff(time_s) > longest_s) + 1
+    return np.insert(time_s, cuts, np.nan), np.insert(values, cuts, np.nan, axis=0)
+
+
+def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 6) -> None:
+    """Put the legend of some panels under the figure, where it covers no data; each label once."""
+    entries: dict[str, Any] = {}
+    for panel in panels:
+        handles, labels = panel.get_legend_handles_labels()
+        entries = dict(zip(labels, handles, strict=True)) | entries
+    style = {"loc": "outside lower left", "ncols": columns, "columnspacing": 1.4}
+    legend = figure.legend(list(entries.values()), list(entries), **style)
+    for line in legend.get_lines():  # faint points are still to be seen in the legend
+        line.set_alpha(1)

@@ -1,0 +1,139 @@
+"""The track against the truth, with the fixes: the whole of it, and a close-up of the largest error."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Ellipse
+from numpy.typing import NDArray
+
+from usbldr.filters.evaluation.evaluation import ErrorReport
+from usbldr.filters.types import Array, Vector
+from usbldr.io.reports.report_json import Run, fixes_table
+from usbldr_cli.figures.style import (
+    REJECTED_COLOUR,
+    TRUTH_COLOUR,
+    Axes,
+    Figure,
+    broken_at_gaps,
+    canvas,
+    colour,
+    legend_below,
+    others,
+)
+
+CLOSE_S = 60.0  # before and after the largest error: a survey comes by the same place often
+Span = tuple[float, float]  # seconds
+EVER: Span = (-np.inf, np.inf)
+
+
+def track_figure(run: Run) -> Figure:
+    """Draw the whole track, and beside it a close-up of the largest error."""
+    report = run.scored.report
+    closer = report is not None and run.filter != "usbl"  # the worst of the raw fixes would show nothing else
+    figure = canvas(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
+    panels: Any = figure.subplots(1, 2 if closer else 1, squeeze=False)
+    whole: Axes = panels[0, 0]
+    aligned = report is not None and report.alignment.name != "none"
+    _draw_context(whole, run, EVER)
+    _draw_track(whole, run, run.scored.trajectory.position_m, EVER)
+    _frame(whole, _extent(run), 0.06)
+    whole.set_title("whole track before the alignment" if aligned else "whole track")
+    if report is not None and closer:
+        close: Axes = panels[0, 1]
+        worst_s = float(report.time_s[np.argmax(report.horizontal_m)])
+        span = worst_s - CLOSE_S, worst_s + CLOSE_S
+        if not aligned:  # fixes and dr stay where they are: beside a moved track they would mislead
+            _draw_context(close, run, span, marker_scale=1.8)
+        _draw_track(close, run, report.alignment.points(run.scored.trajectory.position_m), span)
+        _draw_worst(close, report)
+    legend_below(figure, (whole,), 8 if closer else 5)
+    return figure
+
+
+def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -> None:
+    """Draw what the method had to do better than: dead reckoning and the raw fixes."""
+    for other in others(run):
+        if other.trajectory.filter == "dr":
+            path = other.trajectory.position_m[_during(other.trajectory.time_s, span)]
+            axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label="dr", zorder=1)
+    _draw_fixes(axes, run, span, marker_scale)
+
+
+def _draw_track(axes: Axes, run: Run, position_m: Array, span: Span) -> None:
+    """Draw truth and estimate, with start and end."""
+    method, trajectory = run.filter, run.scored.trajectory
+    if run.truth is not None:
+        during = _during(run.truth.time_s, span)
+        _, truth_m = broken_at_gaps(run.truth.time_s[during], run.truth.position_m[during], run.truth.max_gap_s)
+        axes.plot(*truth_m.T, color=TRUTH_COLOUR, lw=2.2, label=f"truth ({run.truth.kind})", zorder=3)
+    if method != "usbl":
+        path = position_m[_during(trajectory.time_s, span)]
+        axes.plot(*path.T, color=colour(method), lw=1.3, label=method, zorder=4)
+    defined = np.flatnonzero(np.isfinite(position_m).all(axis=1))
+    for label, marker, row in (("start", "o", defined[:1]), ("end", "s", defined[-1:])):
+        if len(row) and span[0] <= trajectory.time_s[row[0]] <= span[1]:
+            style: dict[str, Any] = {"ls": "", "ms": 9, "mec": "white", "mew": 1, "color": colour(method), "zorder": 6}
+            axes.plot(*position_m[row[0]], marker=marker, label=label, **style)
+    axes.set_aspect("equal")
+    axes.set_xlabel("east [m]")
+    axes.set_ylabel("north [m]")
+    axes.ticklabel_format(useOffset=False)
+
+
+def _during(time_s: Vector, span: Span) -> NDArray[np.bool_]:
+    return (time_s >= span[0]) & (time_s <= span[1])
+
+
+def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
+    styles: dict[str, dict[str, Any]] = {
+        "used": {"marker": ".", "ms": 5, "color": colour("usbl"), "alpha": 0.75, "zorder": 2},
+        "down-weighted": {"marker": "o", "ms": 4.5, "mfc": "none", "mec": colour("usbl"), "alpha": 0.9, "zorder": 2},
+        "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
+    }
+    during = _during(run.timeline.fix_time_s, span)
+    fates = fixes_table(run.timeline, run.scored.trajectory)["fate"].to_numpy()[during]
+    for fate, style in styles.items():
+        at = ~np.isin(fates, list(styles)) | (fates == fate) if fate == "used" else fates == fate
+        count = int(np.count_nonzero(at))
+        if count:
+            label = "USBL fix" if fate == "used" else f"fix, {fate}"
+            style["ms"] *= marker_scale
+            axes.plot(*run.timeline.fix_m[during][at].T, ls="", label=f"{label} ({count})", **style)
+
+
+def _draw_worst(axes: Axes, report: ErrorReport) -> None:
+    """Join truth and estimate where they are furthest apart, and draw the filter's 2-sigma ellipse there."""
+    worst = int(np.argmax(report.horizontal_m))
+    ends = np.stack([report.truth_m[worst], report.estimate_m[worst]])
+    axes.plot(*ends.T, color=REJECTED_COLOUR, lw=1.5, marker="o", ms=4, zorder=7)
+    claimed = ""
+    if report.cov_m2 is not None and np.isfinite(report.cov_m2[worst]).all():
+        variance, vectors = np.linalg.eigh(report.cov_m2[worst])
+        length = 2 * 2 * np.sqrt(np.maximum(variance, 0))
+        turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        face = colour(report.filter)
+        axes.add_patch(Ellipse(tuple(ends[1]), length[1], length[0], angle=turn, fc=face, alpha=0.2, zorder=3.5))
+        claimed = ", with the filter's 2 sigma"
+    half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
+    _frame(axes, np.stack([ends.mean(axis=0) - half, ends.mean(axis=0) + half]), 0.0)
+    axes.set_title(f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{claimed}")
+
+
+def _extent(run: Run) -> Array:
+    """Return the points that the picture must hold: gross errors of fixes or of dr must not shrink the track."""
+    points = [run.scored.trajectory.position_m] if run.filter != "usbl" else []
+    if run.truth is not None:
+        near = (run.truth.time_s >= 0) & (run.truth.time_s <= run.timeline.time_s[-1])
+        points.append(run.truth.position_m[near])
+    if len(run.timeline.fix_m):
+        points.append(np.percentile(run.timeline.fix_m, [1, 99], axis=0))
+    whole = np.vstack(points)
+    return whole[np.isfinite(whole).all(axis=1)]
+
+
+def _frame(axes: Axes, points: Array, margin: float) -> None:
+    """Frame the points in a square: metres are as long east as north."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    half = max(float(np.max(np.ptp(points, axis=0))) / 2, 0.5) * (1 + margin)
+    axes.set_xlim(middle[0] - half, middle[0] + half)
+    axes.set_ylim(middle[1] - half, middle[1] + half)

@@ -1,0 +1,104 @@
+"""How every command takes a log: LOG itself, its configuration, which topic is which sensor, and the truth."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError
+
+if TYPE_CHECKING:
+    from usbldr.io.log import Log
+    from usbldr.io.opening import Request
+
+ROLE_HELP = {
+    "dvl": "Topic of the DVL.",
+    "compass": "Topic of the heading.",
+    "usbl": "Topic of the USBL.",
+    "gps": "Topic of the GPS.",
+    "depth": 'Topic of the depth. "none" leaves a sensor out.',
+}
+
+
+def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --config, one option for each sensor, --truth, --with and --msg-path."""
+    options = (
+        click.option("--config", metavar="FILE", help='Configuration. "none": not even the one beside LOG.'),
+        *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
+        click.option("--truth", metavar="FILE|TOPIC", help='What to measure errors against, "none" for nothing.'),
+        click.option("--with", "joined", metavar="FILE", multiple=True, help="Another file of the same dive."),
+        click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg files that LOG does not carry."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def format_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --format: in which format a log is written."""
+    forms = click.Choice(["mcap", "bag", "rosbag2", "db3", "csv"])
+    return click.option("--format", "form", type=forms, help="Whatever the name of OUTPUT means.")(command)
+
+
+def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the argument LOG and the options that say how to read it; `open_log` takes them all."""
+    return click.argument("log", metavar="LOG")(selection_options(command))
+
+
+def request(
+    config: str | None = None,
+    truth: str | None = None,
+    joined: tuple[str, ...] = (),
+    msg_path: tuple[str, ...] = (),
+    **topics: str | None,
+) -> "Request":
+    """Return what the selection options ask for."""
+    from usbldr.io.opening import Request
+
+    return Request(
+        config, {role: topic for role, topic in topics.items() if topic is not None}, truth, joined, msg_path
+    )
+
+
+def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str, object] | None]":
+    """Read LOG, a file or folder or else a scenario; return it and what its configuration says.
+
+    ``selection`` are the values of selection_options; raises LogError and UsageError.
+    """
+    from usbldr.io.read import read_log
+
+    asked = request(**selection)
+    if is_simulated(log):
+        return _scenario(log, seed, any(selection.values())), None
+    found = read_log(Path(log), asked)
+    if found.configuration is None:
+        return found, None
+    from usbldr.io.settings.configuration import read_document
+
+    return found, read_document(found.configuration)
+
+
+def is_simulated(log: str) -> bool:
+    """Tell whether LOG is no log but a scenario: a file NAME.toml, or what is no file or folder at all."""
+    return not Path(log).exists() or (Path(log).suffix == ".toml" and Path(log).is_file())
+
+
+def inputs(log: str, **selection: Any) -> tuple[Path, ...]:
+    """Return what open_log reads, LOG first: nothing may be written there. A scenario that is shipped is no file."""
+    from usbldr.io.inputs import inputs
+
+    if not is_simulated(log):
+        return inputs(Path(log), request(**selection))
+    return (Path(log),) if Path(log).exists() else ()
+
+
+def _scenario(name: str, seed: int, selected: bool) -> "Log":
+    from usbldr.io.scenarios.library import find_scenario, scenario_names
+    from usbldr.io.scenarios.simulated_log import simulated_log
+
+    if not Path(name).exists() and name not in scenario_names():
+        raise LogError(f"{name}: no such file or folder, nor a scenario (scenarios: {', '.join(scenario_names())})")
+    if selected:
+        raise UsageError(f"{name}: a scenario takes no --config, no topics, no --truth and no --with")
+    return simulated_log(find_scenario(name), seed)

@@ -1,0 +1,47 @@
+"""The single files that a command writes, as --json FILE: refused before the run, written whole or not at all."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from usbldr.filters.errors import UsageError
+from usbldr_cli.runs.job_store import write_whole
+
+
+def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made: Path | None = None) -> None:
+    """Raise UsageError for a file of an option that is read, holds something, or could not be written.
+
+    Nor may it lie in a folder that is read, unless it is a configuration. ``made`` is a folder that the run will make.
+    """
+    from usbldr.io.inputs import conflict
+
+    what = conflict(file, read, inside=file.suffix != ".toml")
+    if os.path.isdir(file) or file == made:
+        what = "is a folder"
+    if what:
+        raise UsageError(f"{file} {what}: choose another file for {option}")
+    if os.path.isfile(file) and os.path.getsize(file) > 0 and not force:
+        raise UsageError(f"{file} exists already: choose another file for {option}, or --force")
+    if made is not None and made in file.parents:
+        return
+    if not os.path.isdir(file.parent):
+        raise UsageError(f"{file}: there is no folder {file.parent}: choose another file for {option}")
+    if not os.access(file if _special(file) else file.resolve().parent, os.W_OK):
+        raise UsageError(f"{file}: cannot be written (no permission): choose another file for {option}")
+
+
+def write_file(option: str, file: Path, text: str) -> None:
+    """Write a file of an option; raise UsageError where that fails."""
+    try:
+        if _special(file):
+            file.write_text(text, encoding="utf-8")
+        else:
+            write_whole(file.resolve(), text.encode())  # a link stays one
+    except OSError as err:
+        why = err.strerror or err
+        raise UsageError(f"{file}: cannot be written ({why}): choose another file for {option}") from err
+
+
+def _special(file: Path) -> bool:
+    """Tell whether this is something that no file can replace: a pipe, a terminal."""
+    return os.path.exists(file) and not os.path.isfile(file)

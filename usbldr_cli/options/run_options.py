@@ -1,0 +1,235 @@
+"""The options that every command which runs filters shares, spelt once: replay now, compare later."""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import UsageError
+
+if TYPE_CHECKING:
+    from usbldr.filters.evaluation.evaluation import Window
+    from usbldr.filters.replay.methods import Anchor
+    from usbldr.filters.replay.run import Settings
+    from usbldr.filters.types import Timeline
+    from usbldr.io.log import Log
+
+ANCHORS = ("start", "first-fix", "first-gps", "first-truth")
+
+
+@dataclass(frozen=True, slots=True)
+class RunChoices:
+    """What the user chose for a run."""
+
+    particles: int
+    gate: float | None
+    seed: int
+    form: str
+    start: str | None
+    end: str | None
+    align: str
+    dr_from: str
+    fast_hz: float
+    slow_hz: float
+    calibrate: str | None = None
+    noise: tuple[str, ...] = ()
+    smooth: bool = False
+    aid: str | None = None
+    order: str = "validity"
+    tune: bool = False
+    guard: bool | None = None
+
+    @property
+    def settings(self) -> "Settings":
+        """The filter's share."""
+        from usbldr.filters.replay.run import Settings
+
+        return Settings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order, self.guard)
+
+    def overrides(self) -> dict[str, object]:
+        """Return the fields of Assumptions that the options state."""
+        from usbldr_cli.options.aid_option import windows
+        from usbldr_cli.options.noise_option import noise_family
+
+        stated: dict[str, object] = dict(noise_family(text) for text in self.noise)
+        if self.aid is not None:
+            stated["aid"] = windows(self.aid)
+        if self.calibrate is not None:
+            stated["calibrate"] = _keys(self.calibrate)
+        return stated
+
+    def applied(self, log: "Log", line: "Timeline", method: str) -> "Log":
+        """Return the log with the assumptions that the user states, or that the log itself tells.
+
+        Where nobody asked for the errors of sensors, a method that cannot carry one goes without.
+        """
+        from usbldr.filters.identification.observability import observe
+        from usbldr.filters.identification.tuning import tune
+        from usbldr.filters.models.calibration import AUTO
+
+        assumptions = replace(log.assumptions, **self.overrides())
+        able = _carried(method, self.form)
+        if assumptions.calibrate == (AUTO,) and not able:
+            assumptions = replace(assumptions, calibrate=())
+        if assumptions.calibrate == (AUTO,):
+            assumptions = observe(line, assumptions)
+            if self.calibrate is None:
+                kept = tuple(key for key in assumptions.calibrate if key in able)
+                assumptions = replace(assumptions, calibrate=kept)
+        if self.tune:
+            assumptions = tune(line, assumptions).assumptions
+        return replace(log, assumptions=assumptions)
+
+    def window(self, log: "Log") -> "Window":
+        """Return the truth rows to score against, in seconds of the log."""
+        from usbldr.filters.evaluation.evaluation import Window
+
+        start = -math.inf if self.start is None else seconds_of_log("--start", self.start, log.start_ns)
+        end = math.inf if self.end is None else seconds_of_log("--end", self.end, log.start_ns)
+        if not start < end:
+            raise UsageError(f"--start {self.start} does not lie before --end {self.end}")
+        return Window(start, end)
+
+    def anchor(self, log: "Log", timeline: "Timeline") -> "Anchor | None":
+        """Return where dead reckoning starts."""
+        import numpy as np
+
+        from usbldr.filters.replay.methods import Anchor, anchor_at
+        from usbldr.io.geodesy import to_plane
+
+        if self.dr_from in ANCHORS:
+            return anchor_at(self.dr_from, timeline, log.assumptions, log.truth)
+        try:
+            lat_deg, lon_deg = (float(part) for part in self.dr_from.split(","))
+        except ValueError as err:
+            raise UsageError(
+                f"--dr-from {self.dr_from} is neither LAT,LON in degrees nor one of {', '.join(ANCHORS)}"
+            ) from err
+        if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 360):
+            raise UsageError(f"--dr-from {self.dr_from} is no place: latitude within 90, longitude within 360 degrees")
+        if log.origin is None:
+            raise UsageError("--dr-from LAT,LON needs an origin: state [map] origin_lat_deg, origin_lon_deg")
+        position_m = np.concatenate(to_plane(log.origin, np.array([lat_deg]), np.array([lon_deg])))
+        return Anchor(position_m, 0.0, f"{lat_deg:g}, {lon_deg:g}")
+
+
+def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options; the command gets them as one RunChoices, ``choices``."""
+    names = [field.name for field in fields(RunChoices)]
+
+    @functools.wraps(command)
+    def packed(**given: Any) -> Any:
+        return command(choices=RunChoices(**{name: given.pop(name) for name in names}), **given)
+
+    several = click.IntRange(min=2)
+    share = click.FloatRange(0, 1, min_open=True, max_open=True)
+    options = (
+        click.option("--particles", "-N", type=several, default=100, show_default=True, help="Of cpf, upf and pf."),
+        click.option(
+            "--gate", type=share, metavar="P", help="ekf, ckf, ukf: refuse what P of good readings do not do."
+        ),
+        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Same seed, same bits."),
+        click.option(
+            "--form",
+            type=click.Choice(["mixture", "gaussian", "literal"]),
+            default="mixture",
+            show_default=True,
+            help="Of cpf and upf: how the paper is read; literal is for study.",
+        ),
+        click.option("--start", metavar="TIME", help="Score from here on: seconds of the log, or ISO time."),
+        click.option("--end", metavar="TIME", help="Score up to here."),
+        click.option(
+            "--align",
+            type=click.Choice(["none", "first", "rigid"]),
+            default="none",
+            show_default=True,
+            help="Move the track onto the truth before scoring.",
+        ),
+        click.option(
+            "--dr-from",
+            default="start",
+            show_default=True,
+            metavar="WHERE",
+            help="Dead reckoning starts at start, first-fix, first-gps, first-truth or LAT,LON.",
+        ),
+        click.option(
+            "--calibrate",
+            metavar="LIST",
+            help="Errors of sensors to estimate, as in scale,misalignment; auto: those that the log can tell; none.  "
+            "[default: as configured, else auto]",
+        ),
+        click.option(
+            "--noise",
+            multiple=True,
+            metavar="SENSOR=KIND",
+            help="As in usbl=student-t:4, dvl=mixture:0.3:10, compass=gaussian, usbl=contamination:0.05:10:record.",
+        ),
+        click.option(
+            "--order",
+            type=click.Choice(["validity", "arrival"]),
+            default="validity",
+            show_default=True,
+            help="Use fixes at their time of validity, or when the vehicle heard of them.",
+        ),
+        click.option(
+            "--tune", is_flag=True, help="Find the noise of DVL and USBL in the log itself, never in the truth."
+        ),
+        click.option(
+            "--guard/--no-guard",
+            default=None,
+            help="Doubt fixes that agree with each other, but not with the past: adf, cpf and upf do by default.",
+        ),
+        click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
+        click.option(
+            "--aid",
+            metavar="gps@FROM:TO,...",
+            help="Use GPS there, in seconds of the log, as a vehicle at the surface does; nothing is scored there.",
+        ),
+        click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Grid of DVL and compass."),
+        click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Grid of the errors."),
+    )
+    for option in reversed(options):
+        packed = option(packed)
+    return packed
+
+
+def _carried(method: str, form: str) -> frozenset[str]:
+    """Return the errors of sensors that a method can estimate beside the track."""
+    from usbldr.filters.models.calibration import STATES
+    from usbldr.filters.replay.run import FILTERS
+
+    if method not in FILTERS or form == "literal":
+        return frozenset()
+    return frozenset(STATES) - ({"heading", "deviation"} if method == "pf" else set())
+
+
+def _keys(text: str) -> tuple[str, ...]:
+    """Return the keys of --calibrate in their own order."""
+    from usbldr.filters.models.calibration import AUTO, STATES, layout_for
+
+    keys = [key.strip() for key in text.split(",") if key.strip()]
+    if keys == ["none"]:
+        return ()
+    if keys == [AUTO]:
+        return (AUTO,)
+    layout_for(keys)
+    return tuple(key for key in STATES if key in keys)
+
+
+def seconds_of_log(option: str, text: str, start_ns: int) -> float:
+    """Return seconds of the log from seconds or ISO time (UTC where it names no zone)."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as err:
+        raise UsageError(f"{option} {text} is neither seconds nor ISO time (2026-01-01T12:00:00Z)") from err
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    whole_s = int(moment.timestamp() // 1)
+    return (whole_s - start_ns // 10**9) + (moment.microsecond * 1000 - start_ns % 10**9) / 1e9

@@ -1,0 +1,102 @@
+"""The folder of a comparison: made at once so that finished runs are kept, its tables written when all are done.
+
+units/          one JSON and one .npz for each finished run
+compare.json    every row and every number
+compare.csv     the same rows
+compare.md      the tables and the pictures
+*.png           the pictures
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from usbldr.filters.errors import UsageError
+from usbldr_cli.runs.job_store import write_whole
+from usbldr_cli.runs.seed_table import Row, described, grouped, overall
+
+UNITS, TABLES = "units", "compare.json"
+OWN = re.compile(r"compare\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter)[\w.-]*\.png|\..*\.part")
+OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
+SCHEMA = 1
+
+
+def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:
+    """Make the folder, or take it up where the same comparison left it.
+
+    Raises UsageError for a folder that is not a comparison's, or, without ``force``, holds another comparison's tables.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder} is a file: --output takes the name of a folder to be made")
+    try:
+        foreign = _foreign(folder) if folder.exists() else None
+        if foreign is not None:
+            raise UsageError(f"{folder} holds {foreign}, which no comparison wrote: choose another --output")
+        if (folder / TABLES).exists() and not force and _request(folder) != _plain(request):
+            raise UsageError(
+                f"{folder} holds another comparison: choose another --output, or --force to replace its tables "
+                "(finished runs are kept)"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        if "runs" not in request:
+            (folder / UNITS).mkdir(exist_ok=True)
+    except OSError as err:
+        raise UsageError(f"{folder}: cannot be written ({err.strerror or err})") from err
+
+
+def _foreign(folder: Path) -> str | None:
+    """Return the name of something in the folder that is not ours."""
+    for path in sorted(folder.iterdir()):
+        if path.name == UNITS and path.is_dir():
+            inner = [p.name for p in sorted(path.iterdir()) if not OWN_UNIT.fullmatch(p.name)]
+            if inner:
+                return f"{UNITS}/{inner[0]}"
+        elif path.is_dir() or not OWN.fullmatch(path.name):
+            return path.name
+    return None
+
+
+def _request(folder: Path) -> Any:
+    try:
+        return json.loads((folder / TABLES).read_text(encoding="utf-8"))["request"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _plain(request: Mapping[str, Any]) -> Any:
+    """Return what JSON makes of a request: tuples become lists."""
+    return json.loads(json.dumps(request))
+
+
+def as_json(rows: Sequence[Row], request: Mapping[str, Any]) -> str:
+    """Return compare.json."""
+    content = {
+        "schema": SCHEMA,
+        "tool": {"name": "usbldr", "version": version("usbldr")},
+        "request": request,
+        "rows": records(rows),
+        "verdict": overall(rows),
+    }
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def records(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return each row with every number; differences are to the first row of its log that has numbers."""
+    found: list[dict[str, Any]] = []
+    for group in grouped(rows).values():
+        first = next((row for row in group if row.good), group[0])
+        found += [described(row, first) for row in group]
+    return found
+
+
+def write_tables(folder: Path, rows: Sequence[Row], request: Mapping[str, Any], markdown: str) -> None:
+    """Write compare.csv, compare.md and, last, compare.json, each whole or not at all."""
+    import pandas as pd
+
+    table = pd.DataFrame(records(rows)).to_csv(index=False, lineterminator="\n")
+    write_whole(folder / "compare.csv", table.encode())
+    write_whole(folder / "compare.md", markdown.encode())
+    write_whole(folder / TABLES, (as_json(rows, request) + "\n").encode())

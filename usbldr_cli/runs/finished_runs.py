@@ -1,0 +1,75 @@
+"""Finished run directories as rows of a comparison: nothing is run again, report.json says it all."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.reports.run_directory import REPORT
+from usbldr_cli.runs.job_store import Judged, Outcome
+from usbldr_cli.runs.seed_table import Row, grouped
+
+
+def is_run(path: Path) -> bool:
+    """Return whether a folder is a run directory."""
+    return (path / REPORT).is_file()
+
+
+def read_runs(folders: Sequence[Path]) -> list[Row]:
+    """Return a row for each run directory; raises LogError for one that is not whole, or that had no truth."""
+    rows = [_row(folder) for folder in folders]
+    rows = [_told_apart(row, rows) for row in rows]
+    names = {row.log: {r.judged.log_sha256 for r in rows if r.judged and r.log == row.log} for row in rows}
+    for log, digests in names.items():
+        if len(digests) > 1:
+            raise UsageError(f"{log}: the runs read {len(digests)} different logs of that name: compare them apart")
+    calls = Counter((row.log, row.label) for row in rows)
+    labelled = [
+        replace(row, label=f"{row.label} ({folder.resolve().name})") if calls[row.log, row.label] > 1 else row
+        for row, folder in zip(rows, folders, strict=True)
+    ]
+    return [row for group in grouped(labelled).values() for row in group]
+
+
+def _row(folder: Path) -> Row:
+    from usbldr.filters.replay.run import SAMPLED
+
+    file = folder / REPORT
+    try:
+        report: Any = json.loads(file.read_text(encoding="utf-8"))
+        metrics = report["metrics"]
+        if metrics is None:
+            raise LogError(f"{folder}: this run had no truth, so it has no errors to compare")
+        log, truth, window = report["log"], report["truth"], report["window"]
+        judged = Judged(
+            log=log["name"],
+            log_format=log["format"],
+            log_sha256=log["sha256"],
+            configuration=report["configuration"]["file"] or "",
+            truth_kind=truth["kind"],
+            truth_source=truth["source"],
+            window_start_s=window["start_s"],
+            window_end_s=window["end_s"],
+            align=report["alignment"]["name"],
+            aid=tuple((start_s, end_s) for start_s, end_s in report.get("aid", ())),
+            order=report["order"],
+            lost=tuple(finding["text"] for finding in report["findings"] if finding["lost_data"]),
+        )
+        numbers = {str(name): float(value) for name, value in metrics.items() if value is not None}
+        trace = folder if (folder / "track.tum").is_file() and (folder / "truth.tum").is_file() else None
+        outcome = Outcome(numbers, tuple(report["warnings"]), judged=judged, trace=trace)
+        method = str(report["filter"])
+        return Row(judged.log, method, method, (int(report["seed"]),), (outcome,), method in SAMPLED)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
+        raise LogError(f"{file}: is not a report of usbldr replay, or not a whole one ({err!r})") from err
+
+
+def _told_apart(row: Row, rows: Sequence[Row]) -> Row:
+    """Name the dive of a simulated log by its seed where several dives of one scenario are compared."""
+    alike = [r for r in rows if r.log == row.log and r.judged and r.judged.log_format == "simulated"]
+    if len({r.judged.log_sha256 for r in alike if r.judged}) < 2 or row not in alike:
+        return row
+    return replace(row, log=f"{row.log} (seed {row.seeds[0]})")

@@ -1,0 +1,136 @@
+"""What a run leaves behind, and the folder that keeps it: one small JSON a unit, and its errors over time beside it.
+
+Metres and seconds, east and north, as everywhere.
+"""
+
+import io
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from usbldr.filters.evaluation.evaluation import Window
+    from usbldr.filters.types import Array, Vector
+
+SCHEMA = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What stands beside every number: the log, and what it was measured against."""
+
+    log: str
+    log_format: str
+    log_sha256: str
+    configuration: str  # name of the file, "" for none
+    truth_kind: str
+    truth_source: str
+    window_start_s: float | None  # None: from the start
+    window_end_s: float | None
+    align: str
+    aid: tuple[tuple[float, float], ...] = ()  # windows in which GPS aided the filters and nothing is scored
+    order: str = "validity"  # in which the filters came to know of late fixes
+    lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
+
+    @property
+    def window(self) -> "Window":
+        """Which truth rows were chosen."""
+        from usbldr.filters.evaluation.evaluation import Window
+
+        first_s, last_s = self.window_start_s, self.window_end_s
+        return Window(-math.inf if first_s is None else first_s, math.inf if last_s is None else last_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one unit: its metrics, or the one sentence that says why there are none."""
+
+    metrics: Mapping[str, float] = field(default_factory=dict[str, float])  # by their names in report.json; finite
+    warnings: tuple[str, ...] = ()
+    fault: str | None = None
+    exit_code: int = 0  # that the fault asks for
+    judged: Judged | None = None  # None where there is a fault
+    trace: Path | None = None  # what read_trace opens
+    reused: bool = False  # taken from the store
+
+
+class Trace(NamedTuple):
+    """M scored epochs of a run."""
+
+    time_s: "Vector"  # (M,)
+    estimate_m: "Array"  # (M, 2) east, north
+    truth_m: "Array"  # (M, 2)
+    cov_m2: "Array | None" = None  # (M, 2, 2) of the estimate; None where it claims none, or a run directory is read
+
+    @property
+    def error_m(self) -> "Array":
+        """Estimate minus truth, (M, 2)."""
+        return self.estimate_m - self.truth_m
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """A folder of finished units by their keys. A unit is there when its JSON is, which is written last."""
+
+    folder: Path
+
+    def read(self, key: str) -> Outcome | None:
+        """Return a kept outcome, None where there is none that can be read."""
+        try:
+            told: Any = json.loads(self._json(key).read_text(encoding="utf-8"))
+            if told["schema"] != SCHEMA or not self._trace(key).is_file():
+                return None
+            beside: dict[str, Any] = told["judged"]
+            beside["lost"] = tuple(beside["lost"])
+            beside["aid"] = tuple((start_s, end_s) for start_s, end_s in beside["aid"])
+            judged = Judged(**beside)
+            return Outcome(told["metrics"], tuple(told["warnings"]), judged=judged, trace=self._trace(key), reused=True)
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def write(self, key: str, outcome: Outcome, trace: Trace | None) -> Outcome:
+        """Keep an outcome and its trace; return the outcome as it would be read but for ``reused``."""
+        import numpy as np
+
+        if trace is not None:
+            packed = io.BytesIO()
+            np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
+            write_whole(self._trace(key), packed.getvalue())
+        kept = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
+        judged = asdict(outcome.judged) if outcome.judged is not None else None
+        text = json.dumps({**kept, "judged": judged}, indent=1, allow_nan=False, ensure_ascii=False)
+        write_whole(self._json(key), (text + "\n").encode())
+        return replace(outcome, trace=self._trace(key) if trace is not None else None)
+
+    def _json(self, key: str) -> Path:
+        return self.folder / f"{key}.json"
+
+    def _trace(self, key: str) -> Path:
+        return self.folder / f"{key}.npz"
+
+
+def read_trace(path: Path) -> Trace:
+    """Read the epochs of a kept run: a .npz of the store, or a run directory with its two TUM files."""
+    import numpy as np
+
+    if path.is_dir():
+        estimate, truth = (np.loadtxt(path / f"{name}.tum", ndmin=2) for name in ("track", "truth"))
+        start_s = json.loads((path / "report.json").read_text(encoding="utf-8"))["time_base"]["start_ns"] / 1e9
+        return Trace(truth[:, 0] - start_s, estimate[:, 1:3], truth[:, 1:3])
+
+    with np.load(path) as packed:
+        return Trace(**{name: packed[name] for name in packed.files})
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that appears under its name when it is complete."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,242 @@
+"""Many runs at once: each unit is one method on one log with one seed, and finished units are kept.
+
+Units run in processes of their own, one BLAS thread each, so that the number of jobs changes no bit of a result. What
+is kept of a unit goes by a digest of everything that it depends on: records, assumptions and truth as the filter and
+its judge are given them (so the configuration, too), the method, its options, and the code of the filters.
+"""
+
+import functools
+import hashlib
+import json
+import math
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from usbldr.filters.errors import LogError, UsbldrError
+from usbldr_cli.options.log_options import is_simulated
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.job_store import Judged, Outcome, Store, Trace
+
+if TYPE_CHECKING:
+    from usbldr.filters.types import Timeline
+    from usbldr.io.log import Log
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """One run. Of a scenario, the seed in ``choices`` is the dive's and the filter's; of a file the filter's alone."""
+
+    log: str  # as the user gave it: a file, a folder, or else a scenario
+    method: str
+    choices: RunChoices
+    selection: Mapping[str, Any] = field(default_factory=dict[str, Any])  # values of options.selection_options
+
+    @property
+    def simulated(self) -> bool:
+        """Whether each seed is a dive of its own."""
+        return is_simulated(self.log)
+
+
+class _Done(NamedTuple):
+    """What comes back from a worker; ``key`` is None where nothing is to be kept."""
+
+    outcome: Outcome
+    trace: Trace | None
+    key: str | None
+
+
+def fitted(method: str, choices: RunChoices) -> RunChoices:
+    """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
+    from usbldr.filters.replay.run import FILTERS, FORMED, GATED, GUARDED, SAMPLED, SMOOTHED_BY
+
+    return replace(
+        choices,
+        particles=choices.particles if method in SAMPLED else 2,
+        gate=choices.gate if method in GATED else None,
+        guard=choices.guard if method in GUARDED else None,
+        form=choices.form if method in FORMED else "mixture",
+        smooth=choices.smooth and method in SMOOTHED_BY,
+        tune=choices.tune and method in FILTERS,
+        dr_from=choices.dr_from if method == "dr" else "start",
+    )
+
+
+def run_units(units: Sequence[Unit], jobs: int, store: Path | None = None) -> list[Outcome]:
+    """Run the units, ``jobs`` at a time, and return their outcomes in the same order.
+
+    A fault of a unit is a sentence in its outcome and stops no other. With a ``store``, an existing folder, each
+    finished unit is written there and later taken from there; an interruption leaves the finished ones. Raises
+    UsbldrError where a process was killed from outside.
+    """
+    kept = Store(store) if store is not None else None
+    outcomes: dict[int, Outcome] = {}
+    with _workers(min(jobs, len(units))) as submit, _bar(len(units)) as advance:
+        waiting = {submit(unit, kept): k for k, unit in enumerate(units)}
+        for future in as_completed(waiting):
+            done = _result(future)
+            outcomes[waiting[future]] = done.outcome
+            if kept is not None and done.key is not None:
+                outcomes[waiting[future]] = kept.write(done.key, done.outcome, done.trace)
+            advance()
+    return [outcomes[k] for k in range(len(units))]
+
+
+def _result(future: "Future[_Done]") -> _Done:
+    try:
+        return future.result()
+    except BrokenProcessPool as err:
+        raise UsbldrError(
+            "a run was killed from outside, most likely for want of memory: try fewer --jobs or --particles; "
+            "finished runs are kept where --output names a folder"
+        ) from err
+
+
+@contextmanager
+def _workers(jobs: int) -> "Generator[Callable[[Unit, Store | None], Future[_Done]]]":
+    """Give a function that submits to a pool; an interruption ends the pool's processes and waits for none."""
+    if jobs < 1:
+        yield lambda unit, kept: Future()
+        return
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # read when a spawned process loads its BLAS
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _settle)
+    try:
+        yield functools.partial(pool.submit, _run)
+    except BaseException:  # an interruption, too
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True)
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
+
+
+def _settle() -> None:
+    """Leave Ctrl-C to the parent, and end when the parent ends, however it did."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # this is a spawned process
+    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+
+
+@contextmanager
+def _bar(total: int) -> Generator[Callable[[], None]]:
+    """Show on stderr how many runs are done, while it is a terminal."""
+    hidden = total < 2 or not sys.stderr.isatty()
+    with click.progressbar(length=total, label="runs", file=sys.stderr, hidden=hidden, show_pos=True) as bar:
+        bar.update(0)
+        yield lambda: bar.update(1)
+
+
+def _run(unit: Unit, kept: Store | None) -> _Done:
+    """Run one unit, or take it from those that are kept."""
+    selection = tuple(sorted(unit.selection.items()))
+    choices = fitted(unit.method, unit.choices)
+    try:
+        source = _read(unit.log, selection, choices.seed if unit.simulated else 0, choices.fast_hz, choices.slow_hz)
+        key = _key(source, unit.method, choices)
+        if kept is not None and (outcome := kept.read(key)) is not None:
+            return _Done(outcome, None, None)
+        return _Done(*_judge(source, unit.method, choices), key)
+    except UsbldrError as fault:
+        return _Done(Outcome(fault=str(fault), exit_code=fault.exit_code), None, None)
+
+
+class _Source(NamedTuple):
+    """A log as the filters see it."""
+
+    log: "Log"
+    line: "Timeline"
+    digest: str
+
+
+@functools.lru_cache(maxsize=2)
+def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: float, slow_hz: float) -> _Source:
+    """Read a log and cut it into epochs: units of the same log follow each other and share it."""
+    from usbldr.io.timeline import timeline
+    from usbldr_cli.options.log_options import open_log
+
+    found, _ = open_log(log, seed, **dict(selection))
+    line = timeline(found, fast_hz, slow_hz)
+    return _Source(found, line, _digest(found, line))
+
+
+def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, Trace]:
+    from usbldr.io.read import require
+    from usbldr_cli.runs.score_run import needed, score
+
+    require(source.log, needed(method))
+    log, line = choices.applied(source.log, source.line, method), source.line
+    if log.truth is None:
+        raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
+    anchor = choices.anchor(log, line) if method == "dr" else None
+    trajectory, report = score(method, log, line, choices, anchor, shown=False)
+    assert report is not None  # there is a truth
+    judged = Judged(
+        log=log.path.name,
+        log_format=log.format,
+        log_sha256=log.sha256,
+        configuration=log.configuration.name if log.configuration else "",
+        truth_kind=report.truth_kind,
+        truth_source=report.truth_source,
+        window_start_s=report.window.start_s if math.isfinite(report.window.start_s) else None,
+        window_end_s=report.window.end_s if math.isfinite(report.window.end_s) else None,
+        align=report.alignment.name,
+        aid=report.aid,
+        order=choices.order,
+        lost=tuple(finding.text for finding in log.findings if finding.lost_data),
+    )
+    metrics = {name: value for name, value in report.metrics.items() if math.isfinite(value)}
+    trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
+    return Outcome(metrics, (*trajectory.warnings, *report.warnings), judged=judged), trace
+
+
+def _key(source: _Source, method: str, choices: RunChoices) -> str:
+    """Return the digest of all that a result depends on; a method without chance does not depend on the seed."""
+    from usbldr.filters.replay.run import SAMPLED
+
+    settled = asdict(choices) | ({} if method in SAMPLED else {"seed": None})
+    said = json.dumps([source.digest, source.log.path.name, method, settled, _code()], sort_keys=True)
+    return hashlib.sha256(said.encode()).hexdigest()[:32]
+
+
+def _digest(log: "Log", line: "Timeline") -> str:
+    """Return the digest of what a filter and its judge are given, and of the file that it comes from."""
+    digest = hashlib.sha256(repr((log.sha256, log.origin, log.assumptions)).encode())
+    for part in (line, log.truth):
+        for name, value in [] if part is None else [(f.name, getattr(part, f.name)) for f in fields(part)]:
+            digest.update(name.encode())
+            digest.update(value.tobytes() if hasattr(value, "tobytes") else repr(value).encode())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _code() -> str:
+    """Return a digest of the versions and of the code that make a result: with an edited filter all runs anew."""
+    from importlib.metadata import version
+
+    import usbldr.filters
+
+    digest = hashlib.sha256(f"{version('usbldr')} {version('numpy')}".encode())
+    for file in sorted(Path(str(usbldr.filters.__file__)).parent.rglob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,56 @@
+"""One method on one log, judged: what replay does once and compare many times."""
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import click
+
+from usbldr.filters.errors import LogError
+from usbldr_cli.options.run_options import RunChoices
+
+if TYPE_CHECKING:
+    from usbldr.filters.replay.methods import Anchor
+    from usbldr.filters.types import Timeline
+    from usbldr.io.log import Log
+    from usbldr.io.reports.report_json import Scored
+
+
+def needed(method: str) -> tuple[str, ...]:
+    """Return the sensors that a method cannot do without."""
+    return ("dvl", "compass", "usbl") if method in ("usbl", "nudge") else ("dvl", "compass")
+
+
+def score(
+    method: str, log: "Log", line: "Timeline", choices: RunChoices, anchor: "Anchor | None", shown: bool = True
+) -> "Scored":
+    """Make a track and take its errors: raw fixes at their own stamps, all others on the slow grid.
+
+    ``shown``: with a progress bar while stderr is a terminal.
+    """
+    from usbldr.filters.evaluation.evaluation import evaluate
+    from usbldr.filters.replay.methods import track
+    from usbldr.filters.replay.position_fixes import require_gps
+    from usbldr.filters.replay.prior import NO_START, starting_fixes
+    from usbldr.filters.replay.run import FILTERS
+    from usbldr.io.reports.report_json import Scored
+
+    aid = log.assumptions.aid
+    require_gps(line, aid, str(log.path))
+    if method in FILTERS and log.assumptions.start is None and not len(starting_fixes(line, log.assumptions)[0]):
+        raise LogError(f"{log.path}: {NO_START}")
+    with _bar(method, len(line.time_s), shown) as progress:
+        trajectory = track(method, line, log.assumptions, choices.settings, anchor, progress)
+    if log.truth is None:
+        return Scored(trajectory, None)
+    at = None if method == "usbl" else line.time_s[line.slow]
+    return Scored(trajectory, evaluate(trajectory, log.truth, choices.window(log), choices.align, at, aid))
+
+
+@contextmanager
+def _bar(label: str, total: int, shown: bool) -> Generator[Callable[[int, int], None]]:
+    """Show progress on stderr while it is a terminal."""
+    hidden = not (shown and sys.stderr.isatty())
+    with click.progressbar(length=total, label=label, file=sys.stderr, hidden=hidden) as bar:
+        yield lambda done, _: bar.update(done - bar.pos)

@@ -1,0 +1,200 @@
+"""Runs side by side: one row for each method on each log, its numbers averaged over the seeds.
+
+The names are those of report.json; ``<metric>_se`` is the standard error of a mean over seeds, ``<metric>_seed_median``
+the median over seeds. The first row of a log is what the others of that log are compared with.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from usbldr.filters.errors import UsageError
+from usbldr.filters.evaluation.consistency import consistency_verdict
+from usbldr.filters.evaluation.metrics import METRICS
+from usbldr.filters.evaluation.seed_statistics import (
+    Difference,
+    average,
+    diverged_share,
+    paired_difference,
+    pooled_nees,
+)
+from usbldr.filters.replay.position_fixes import windows_text
+from usbldr_cli.runs.job_store import Judged, Outcome
+
+COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
+"""The metrics whose difference to the first row is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One method on one log, a run for each seed."""
+
+    log: str
+    label: str  # the method, with more where two rows would be called alike
+    method: str
+    seeds: tuple[int, ...]
+    outcomes: tuple[Outcome, ...]
+    sampled: bool = False  # the method draws
+    dives: bool = False  # each seed is a dive of its own
+
+    @property
+    def good(self) -> dict[int, Outcome]:
+        """The outcomes that have numbers, by seed."""
+        pairs = zip(self.seeds, self.outcomes, strict=True)
+        return {seed: outcome for seed, outcome in pairs if outcome.fault is None}
+
+    @property
+    def fault(self) -> str | None:
+        """The first sentence on why runs are missing."""
+        return next((outcome.fault for outcome in self.outcomes if outcome.fault is not None), None)
+
+    @property
+    def judged(self) -> Judged | None:
+        """What the runs were measured against."""
+        return next((outcome.judged for outcome in self.good.values()), None)
+
+    def values(self, metric: str) -> dict[int, float]:
+        """Return a metric by seed, without the runs to which it does not apply."""
+        return {seed: o.metrics[metric] for seed, o in self.good.items() if metric in o.metrics}
+
+    def mean(self, metric: str) -> float | None:
+        """Return the mean over seeds."""
+        values = list(self.values(metric).values())
+        return average(values).mean if values else None
+
+
+def difference(row: Row, other: Row, metric: str = "mean_horizontal_m") -> Difference | None:
+    """Return row minus other over the seeds that both have; None where there are none.
+
+    A method without chance ran once on a file: that one run stands for every seed.
+    """
+    mine, theirs = row.values(metric), other.values(metric)
+    if not (row.dives or other.dives):
+        seeds = sorted(set(mine) | set(theirs))
+        mine, theirs = (_for_all(values, one.sampled, seeds) for values, one in ((mine, row), (theirs, other)))
+    both = sorted(set(mine) & set(theirs))
+    if not both:
+        return None
+    return paired_difference([mine[seed] for seed in both], [theirs[seed] for seed in both])
+
+
+def _for_all(values: dict[int, float], sampled: bool, seeds: list[int]) -> dict[int, float]:
+    if sampled or len(values) != 1:
+        return values
+    return dict.fromkeys(seeds, next(iter(values.values())))
+
+
+def numbers(row: Row) -> dict[str, float | None]:
+    """Return every metric of a row over its seeds; null where it does not apply."""
+    names = dict.fromkeys((*METRICS, *(name for o in row.good.values() for name in o.metrics)))
+    found: dict[str, float | None] = {}
+    for name in names:
+        values = list(row.values(name).values())
+        if not values:
+            found[name] = None
+            continue
+        mean, se, median = average(values)
+        found[name] = mean
+        if len(row.seeds) > 1:
+            found[f"{name}_se"], found[f"{name}_seed_median"] = se, median
+    if row.dives and (independent := row.values("independent_errors")):
+        found |= pooled_nees(list(row.values("nees_mean").values()), list(independent.values()))
+    if row.sampled and row.good:
+        found["diverged_share"] = diverged_share(list(row.values("mean_horizontal_m").values()))
+    return found
+
+
+def trust(row: Row) -> str:
+    """Say in words whether the row's sigmas are to be believed."""
+    return consistency_verdict({name: value for name, value in numbers(row).items() if value is not None})
+
+
+def described(row: Row, first: Row) -> dict[str, Any]:
+    """Return a row as compare.json and compare.csv tell it."""
+    told: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}
+    told |= numbers(row) | {"consistency": trust(row) or None}
+    if row is first:
+        return told
+    told["difference_to"] = first.label
+    for metric in COMPARED:
+        found = difference(row, first, metric)
+        told[f"{metric}_difference"] = found and found.mean
+        told[f"{metric}_difference_se"] = found and found.se
+        told[f"{metric}_difference_significant"] = found and found.significant
+    return told
+
+
+def grouped(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of each log."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(row.log, []).append(row)
+    return groups
+
+
+def refuse_unlike(rows: Sequence[Row]) -> None:
+    """Raise UsageError where rows of one log were measured against different things."""
+    for log, group in grouped(rows).items():
+        told = [(row.label, *_measure(row.judged)) for row in group if row.judged is not None]
+        for label, *measure in told[1:]:
+            for what, one, other in zip(("truth", "window", "alignment", "aid"), told[0][1:], measure, strict=True):
+                if one != other:
+                    raise UsageError(
+                        f"{log}: the runs cannot be compared: {told[0][0]} has {what} {one}, {label} has {other}; "
+                        "run them with the same --truth, --start, --end, --align and --aid"
+                    )
+
+
+def _measure(judged: Judged) -> tuple[str, str, str, str]:
+    start = "start" if judged.window_start_s is None else f"{judged.window_start_s:g} s"
+    end = "end" if judged.window_end_s is None else f"{judged.window_end_s:g} s"
+    return (
+        f"{judged.truth_kind} {judged.truth_source}",
+        f"{start} to {end}",
+        judged.align,
+        windows_text(judged.aid) if judged.aid else "none",
+    )
+
+
+def verdict(rows: Sequence[Row]) -> str:
+    """Say which row of a log is best, and how much better than each of the others."""
+    ranked = sorted((row for row in rows if row.good), key=lambda row: row.mean("mean_horizontal_m") or 0.0)
+    if not ranked:
+        return f"{rows[0].log}: no run came through"
+    best, *others = ranked
+    own = best.mean("mean_horizontal_m") or 0.0
+    many = "dives" if best.dives else "seeds"
+    over = f" over {len(best.seeds)} {many}" if len(best.seeds) > 1 else ""
+    said = f"{best.log}: {best.label} is best with {own:.2f} m mean horizontal error{over}"
+    if not others:
+        return said
+    alike = [row.label for row in others if (d := difference(row, best)) is not None and d.significant is False]
+    parts = [f"not significantly better than {_listed(alike)}"] if alike else []
+    for row in others:
+        if row.label in alike:
+            continue
+        theirs = row.mean("mean_horizontal_m") or 0.0
+        percent = 100 * (1 - own / theirs) if theirs > 0 else 0.0
+        better = " better" if not any(" % better" in part for part in parts) else ""
+        parts.append(f"{percent:.0f} %{better} than {row.label}" if percent >= 0.5 else f"equal to {row.label}")
+    return f"{said}: {', '.join(parts)}"
+
+
+def _listed(labels: Sequence[str]) -> str:
+    return labels[0] if len(labels) == 1 else f"{', '.join(labels[:-1])} and {labels[-1]}"
+
+
+def overall(rows: Sequence[Row]) -> str:
+    """Return the sentence that everything ends in: the verdict of one log, or how often each method was best."""
+    groups = grouped(rows)
+    if len(groups) == 1:
+        return verdict(rows)
+    best: dict[str, list[str]] = {}
+    for log, group in groups.items():
+        ranked = [row for row in group if row.good]
+        if ranked:
+            winner = min(ranked, key=lambda row: row.mean("mean_horizontal_m") or 0.0)
+            best.setdefault(winner.label, []).append(log)
+    order = sorted(best.items(), key=lambda item: -len(item[1]))
+    told = [f"{label} on {len(logs)} of {len(groups)} logs ({', '.join(logs)})" for label, logs in order]
+    return f"least mean horizontal error: {'; '.join(told)}" if told else "no run came through"

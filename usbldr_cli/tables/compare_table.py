@@ -1,0 +1,184 @@
+"""The tables of a comparison: for the terminal within 100 columns, as Markdown, as CSV rows. Metres and seconds."""
+
+import re
+import textwrap
+from collections.abc import Sequence
+
+from usbldr.filters.evaluation.evaluation import Window
+from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
+from usbldr_cli.runs.seed_table import Row, difference, grouped, numbers, overall, trust, verdict
+from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
+
+HUGE = 1e5  # a number that only says that something is very wrong
+LEGEND = (
+    "± is the standard error of a mean over seeds; a difference is taken over the same seeds, and one marked * is not "
+    "significant (Student's t, 95 %); diverged: share of seeds with a mean horizontal error over 5 m."
+)
+
+
+def error_table(rows: Sequence[Row]) -> Table:
+    """Return the errors of a log's rows, each with its difference to the first."""
+    first = rows[0]
+    heads = ("|east|", "|north|", "horizontal", "CEP95", f"against {first.label}")
+    body = tuple(
+        (
+            row.label,
+            *(_mean_se(row, f"mean_{name}_m") for name in ("abs_east", "abs_north", "horizontal")),
+            _number(row, "p95_horizontal_m"),
+            "" if row is first else _against(row, first),
+        )
+        for row in rows
+        if row.good
+    )
+    return Table("mean error, m", heads, body)
+
+
+def health_table(rows: Sequence[Row]) -> Table:
+    """Return runs, medians, divergence, consistency and cost of a log's rows; what applies to none is left out."""
+    heads = ("runs", "median horiz.", "diverged", "ESS", "NEES", "sigmas", "time")
+    body: list[tuple[str, ...]] = []
+    for row in rows:
+        if not row.good:
+            continue
+        told = numbers(row)
+        share, ess, seconds = told.get("diverged_share"), told["ess_mean_ratio"], told["filter_time_s"]
+        body.append(
+            (
+                row.label,
+                str(len(row.good)),
+                f"{told['mean_horizontal_m_seed_median']:.3f}" if row.sampled and len(row.seeds) > 1 else "",
+                f"{100 * share:.0f} %" if share is not None else "",
+                f"{100 * ess:.0f} %" if ess is not None else "",
+                _number(row, "nees_mean", 2),
+                trust(row),
+                f"{seconds:.1f} s" if seconds is not None else "",
+            )
+        )
+    kept = [k for k in range(len(heads) + 1) if k == 0 or any(line[k] for line in body)]
+    return Table("per run", tuple(heads[k - 1] for k in kept[1:]), tuple(tuple(line[k] for k in kept) for line in body))
+
+
+def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Return what has to stand beside the numbers of a log."""
+    judged = next((row.judged for row in rows if row.judged is not None), None)
+    if judged is None:
+        return []
+    lines = [("log", f"{judged.log} ({judged.log_format})")]
+    if judged.configuration:
+        lines.append(("settings", judged.configuration))
+    lines.append(("truth", f"{TRUTHS.get(judged.truth_kind, judged.truth_kind)}: {judged.truth_source}"))
+    if judged.window != Window():
+        lines.append(("window", window_text(judged.window)))
+    if judged.aid:
+        lines.append(("aid", aid_text(judged.aid)))
+    orders = {row.label: ORDERS[row.judged.order] for row in rows if row.judged is not None}
+    alike = len(set(orders.values())) == 1
+    lines.append(("fixes", ORDERS[judged.order] if alike else "; ".join(f"{k}: {v}" for k, v in orders.items())))
+    lines.append(("alignment", judged.align))
+    if any(row.dives for row in rows):
+        lines.append(("seeds", "each seed is a dive of its own, and the filter's chance"))
+    elif any(len(row.seeds) > 1 for row in rows):
+        lines.append(("seeds", "the same dive each time: ± tells the chance of the particles alone"))
+    covered = {f"{100 * share:.0f} %" for row in rows if (share := row.mean("coverage")) is not None}
+    lines.append(("compared", f"{' or '.join(sorted(covered))} of the epochs with the truth"))
+    return lines
+
+
+def notes(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Return faults and warnings, each once."""
+    lines: list[tuple[str, str]] = []
+    for row in rows:
+        lost = len(row.seeds) - len(row.good)
+        if row.fault is not None:
+            share = f"{lost} of {len(row.seeds)} runs failed: " if len(row.seeds) > 1 else "failed: "
+            lines.append((row.label, share + row.fault))
+        if row.judged is not None:
+            lines += [("lost", text) for text in row.judged.lost]
+        told = [text for outcome in row.good.values() for text in outcome.warnings]
+        for text in dict.fromkeys(told):
+            count = f" ({told.count(text)} of {len(row.seeds)} runs)" if len(row.seeds) > 1 else ""
+            lines.append(("warning", (text if row.label in text else f"{row.label}: {text}") + count))
+    return list(dict.fromkeys(lines))
+
+
+def render(rows: Sequence[Row], colour: bool = False) -> str:
+    """Return the text for the terminal; colour only where a terminal shows it."""
+    blocks: list[str] = []
+    groups = grouped(rows)
+    for log, group in groups.items():
+        blocks += [_title(log, colour), pairs(context(group))] if context(group) else [_title(log, colour)]
+        if any(row.good for row in group):
+            blocks += ["", aligned(error_table(_shown(group))), "", aligned(health_table(group))]
+        if told := notes(group):
+            blocks += ["", pairs(told)]
+        blocks += ["", *([_filled(verdict(group)), ""] if len(groups) > 1 else [])]
+    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", _title(_filled(overall(rows)), colour)])
+
+
+def markdown(rows: Sequence[Row], pictures: Sequence[tuple[str, str]]) -> str:
+    """Return compare.md; the pictures, file name and caption, lie beside it."""
+    parts = ["# Comparison", f"**{overall(rows)}.**"]
+    for log, group in grouped(rows).items():
+        parts += [f"## {log}", _bullets(context(group))] if context(group) else [f"## {log}"]
+        if any(row.good for row in group):
+            parts += [piped(error_table(_shown(group))), piped(health_table(group))]
+        if told := notes(group):
+            parts.append(_bullets(told))
+        parts.append(f"{verdict(group)}.")
+    parts += [LEGEND.replace("*", r"\*"), "Every number stands in `compare.json` under its name in `report.json`."]
+    parts += [f"![{caption}]({name})\n\n*{caption}*" for name, caption in pictures]
+    return "\n\n".join(parts) + "\n"
+
+
+def _shown(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that have numbers: the first of them is what others are compared with."""
+    return [row for row in rows if row.good]
+
+
+def _mean_se(row: Row, metric: str) -> str:
+    told = numbers(row)
+    mean, se = told[metric], told.get(f"{metric}_se")
+    if mean is None:
+        return ""
+    return f"{mean:.3f}" if se is None else f"{mean:.3f} ± {se:.3f}"
+
+
+def _against(row: Row, first: Row) -> str:
+    found = difference(row, first)
+    if found is None:
+        return ""
+    if found.se is None:
+        return f"{found.mean:+z.3f}"
+    return f"{found.mean:+z.3f} ± {found.se:.3f}{' ' if found.significant else '*'}"
+
+
+def _number(row: Row, metric: str, digits: int = 3) -> str:
+    value = row.mean(metric)
+    if value is None:
+        return ""
+    return f"{value:.{digits}f}" if abs(value) < HUGE else f"{value:.1e}"
+
+
+def piped(table: Table) -> str:
+    """Return a table as Markdown."""
+    lines = [[_escaped(cell) for cell in line] for line in ((table.title, *table.heads), *table.rows)]
+    lines.insert(1, ["---", *("---:" for _ in table.heads)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _escaped(cell: str) -> str:
+    return cell.replace("|", r"\|").replace("*", r"\*")
+
+
+def _bullets(lines: Sequence[tuple[str, str]]) -> str:
+    return "\n".join(f"* **{label}**: {text}" for label, text in lines)
+
+
+def _filled(text: str) -> str:
+    """Wrap a sentence; no number is parted from its unit."""
+    tied = re.sub(r"(?<=\d) (?=%|m\b)", "\xa0", text)
+    return textwrap.fill(tied, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
+
+
+def _title(text: str, colour: bool) -> str:
+    return f"\x1b[1m{text}\x1b[0m" if colour else text

@@ -1,0 +1,58 @@
+"""The terminal's table of one run: plain text within 100 columns, metres and seconds, ending in the verdict."""
+
+import textwrap
+from collections.abc import Sequence
+
+from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.report_text import Table, context, error_table, health, left_out_table, method_table
+
+WIDTH = 100
+LABEL = 13  # columns that the longest label needs, with its gap
+
+
+def render(run: Run, colour: bool = False) -> str:
+    """Return the whole table; colour only where a terminal shows it."""
+    blocks = [_title(f"{run.filter} on {run.log.path.name}", colour), pairs(context(run))]
+    if run.scored.report is not None:
+        blocks += ["", aligned(error_table(run.scored.report)), "", aligned(method_table(run))]
+    if told := health(run):
+        blocks += ["", pairs(told)]
+    if run.left_out:
+        blocks += ["", aligned(left_out_table(run))]
+    if run.warnings:
+        blocks += ["", *(wrapped("warning", text) for text in run.warnings)]
+    blocks += ["", _title(run.verdict, colour)]
+    return "\n".join(blocks)
+
+
+def aligned(table: Table) -> str:
+    """Set a table: labels to the left, numbers to the right."""
+    lines = [(table.title, *table.heads), *table.rows]
+    label = max(LABEL, *(len(line[0]) + 1 for line in lines))
+    widths = [max(len(line[k]) for line in lines) + 2 for k in range(1, len(lines[0]))]
+    set_lines = [
+        line[0].ljust(label) + "".join(cell.rjust(width) for cell, width in zip(line[1:], widths, strict=True))
+        for line in lines
+    ]
+    return "\n".join(line.rstrip() for line in set_lines)
+
+
+def pairs(lines: Sequence[tuple[str, str]]) -> str:
+    """Set labelled sentences, wrapped under themselves."""
+    return "\n".join(wrapped(label, text) for label, text in lines)
+
+
+def wrapped(label: str, text: str) -> str:
+    """Set one labelled sentence."""
+    return textwrap.fill(
+        text,
+        WIDTH,
+        initial_indent=label.ljust(LABEL - 1) + " ",
+        subsequent_indent=" " * LABEL,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _title(text: str, colour: bool) -> str:
+    return f"\x1b[1m{text}\x1b[0m" if colour else text
