@@ -27,7 +27,7 @@ from field_plan import Rows, plan
 from field_runs import run_plan
 from paper import filled, minutes
 from usbldr.filters.errors import UsbldrError
-from usbldr_cli.runs.job_store import write_whole
+from usbldr.io.reports.run_directory import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = Path(__file__).with_name("field_text.md")

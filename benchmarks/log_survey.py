@@ -22,7 +22,7 @@ from log_measured import measured
 from log_survey_runs import Said, Surveyed, field_logs, other_files, survey
 from paper import filled, minutes
 from usbldr.filters.errors import UsbldrError
-from usbldr_cli.runs.job_store import write_whole
+from usbldr.io.reports.run_directory import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = Path(__file__).with_name("log_survey_text.md")

@@ -20,8 +20,8 @@ from paper_bounds import Limits, limits
 from paper_figures import write_figures
 from paper_runs import STATES, Rows, Way, plan, run_plan, write_sweeps
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.reports.run_directory import write_whole
 from usbldr.io.scenarios.library import find_scenario
-from usbldr_cli.runs.job_store import write_whole
 from usbldr_cli.runs.seed_table import difference
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -1,9 +1,9 @@
 """The particle filter with one Gaussian proposal: ``cpf --form gaussian``.
 
-One Gaussian is predicted and updated by the collapse of mode_updates.py; that result is the importance density q. From it N
-particles are drawn, weighed with p(z | x) N(x; m-, P-) / q(x), and their weighted mean and covariance are the belief
-that is carried on. The draws are *whitened*, their sample mean and covariance made exact: with plain draws the sampling
-error of every step stays in the belief (0.58/0.65 m instead of 0.23/0.26 m on the paper's simulation).
+One Gaussian is predicted and updated by the collapse of mode_updates.py; that result is the importance density q. From
+it N particles are drawn, weighed with p(z | x) N(x; m-, P-) / q(x), and their weighted mean and covariance are the
+belief that is carried on. The draws are *whitened*, their sample mean and covariance made exact: with plain draws the
+sampling error of every step stays in the belief (0.58/0.65 m instead of 0.23/0.26 m on the paper's simulation).
 
 J. Kotecha and P. Djuric, "Gaussian particle filtering", IEEE Trans. Signal Processing 51(10), 2003,
 doi:10.1109/TSP.2003.816758; the proposal makes it the paper's section 2.2 with P(k|k-1) for the prior density.

@@ -21,9 +21,8 @@ from usbldr.filters.evaluation.metrics import (
     surfacings,
     travelled,
 )
-from usbldr.filters.models.parameters import Span
-from usbldr.filters.replay.position_fixes import inside, windows_text
 from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
+from usbldr.filters.windows import Span, inside, windows_text
 
 FEW_EPOCHS = 5
 LOW_COVERAGE = 0.8

@@ -1,7 +1,7 @@
 """Which errors of its sensors a log can tell: those whose sigma its readings narrow down. The truth has no part in it.
 
-One pass over the fixes (usbl_likelihood.py) with all states tells how far each is narrowed; what stays as wide as it was
-assumed is left out. The predictive likelihood of the readings settles what a sigma cannot tell: what share of their
+One pass over the fixes (usbl_likelihood.py) with all states tells how far each is narrowed; what stays as wide as it
+was assumed is left out. The predictive likelihood of the readings settles what a sigma cannot tell: what share of their
 stated variance neighbouring fixes have in common, for how long they err alike, how many are outliers, whether their
 stamps may be trusted to the third of a second, and whether dead reckoning reckons at all: without bottom lock, or with
 the wrong mounting or heading, it does not, and a filter that trusts it takes the fixes for outliers. Before all that

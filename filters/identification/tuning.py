@@ -3,8 +3,8 @@
 The predictive likelihood, the sum of log p(reading | all readings before), judges assumptions without knowing where the
 vehicle was: too large a noise predicts nothing sharply, too small a one is surprised. It is maximised over logarithms,
 with a weak log-normal prior around what was assumed before, in two searches (newton.py): first what the DVL tells of
-itself (dvl_likelihood.py), then what the fixes tell against dead reckoning (usbl_likelihood.py). A number that the log hardly
-knows stays as it was assumed. Nothing is left to chance.
+itself (dvl_likelihood.py), then what the fixes tell against dead reckoning (usbl_likelihood.py). A number that the log
+hardly knows stays as it was assumed. Nothing is left to chance.
 
 The DVL is never trusted more than is stated: from record to record only the white part of its error shows, and the rest
 stays when the records agree with each other.

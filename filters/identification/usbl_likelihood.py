@@ -14,6 +14,7 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import Gaussians, Projection, equal_weights
 from usbldr.filters.estimators.mode_updates import collapse
+from usbldr.filters.frames import turned
 from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import NoiseOfMembers
@@ -21,7 +22,6 @@ from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.models.states import Layout
 from usbldr.filters.replay.dead_reckoning import at_times, displacement_m, drift_rates, integrated, velocity_mps
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.simulation.true_motion import turned
 from usbldr.filters.types import Array, Timeline, Vector
 
 MOST_FIXES = 3600  # an hour of one a second: they tell the noise, and the rest of a longer log would only cost time

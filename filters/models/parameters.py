@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
+from usbldr.filters.windows import Span
 
-Span = tuple[float, float]  # from, to: seconds of the log, both ends included
 LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's reference point, metres
 
 

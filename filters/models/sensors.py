@@ -1,15 +1,15 @@
 """What each sensor would read in a given state, and one reading of it.
 
-Every model is a Function (sigma_points.py): DVL and compass pick states or are affine; a USBL fix is a point of the track at
-its own time of validity, a little before the epoch at which it is used.
+Every model is a Function (sigma_points.py): DVL and compass pick states or are affine; a USBL fix is a point of the
+track at its own time of validity, a little before the epoch at which it is used.
 """
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.frames import wrapped
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.models.sigma_points import Function
@@ -290,8 +290,3 @@ def dvl(layout: Layout, lever_m: LeverArm) -> tuple[Function, Function]:
         return (State(u), State(v)) if scale is None else (ScaledVelocity(scale, u), ScaledVelocity(scale, v))
     starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount) for axis in (0, 1))
     return starboard, forward
-
-
-def wrapped(angle_rad: Array) -> Array:
-    """Return the angle within half a turn of 0."""
-    return (angle_rad + math.pi) % (2 * math.pi) - math.pi

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.models.noise import NoiseFamily
-from usbldr.filters.models.parameters import Assumptions, LeverArm, Span
+from usbldr.filters.models.parameters import Assumptions, LeverArm
 from usbldr.filters.models.states import Layout
 from usbldr.filters.types import Array, Indices, Timeline, Vector
+from usbldr.filters.windows import Span, inside, windows_text
 
 GPS_SD_M = 3.0  # where a log does not say
 
@@ -51,19 +51,6 @@ def gps_fixes(timeline: Timeline, assumptions: Assumptions) -> Positions:
     return Positions(
         "gps", rows, t, t, timeline.gps_m[rows], cov_m2, assumptions.gps, assumptions.gps_lever_m, Layout()
     )
-
-
-def inside(time_s: Vector, windows: Sequence[Span]) -> NDArray[np.bool_]:
-    """Return which times, (T,), lie in any of the windows."""
-    found = np.zeros(len(time_s), np.bool_)
-    for start_s, end_s in windows:
-        found |= (time_s >= start_s) & (time_s <= end_s)
-    return found
-
-
-def windows_text(windows: Sequence[Span]) -> str:
-    """Say the windows as one would write them: "0 to 60, 500 to 520 s"."""
-    return ", ".join(f"{start_s:g} to {end_s:g}" for start_s, end_s in windows) + " s"
 
 
 def require_gps(timeline: Timeline, windows: Sequence[Span], source: str) -> None:

@@ -6,13 +6,13 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.estimators.protocol import Prior
+from usbldr.filters.frames import turned
 from usbldr.filters.models.calibration import prior_sd
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
 from usbldr.filters.models.states import Layout
 from usbldr.filters.replay.dead_reckoning import carried_back, start_from
 from usbldr.filters.replay.position_fixes import Positions, gps_fixes, usbl_fixes
-from usbldr.filters.simulation.true_motion import turned
 from usbldr.filters.types import Array, Timeline, Vector
 
 NO_START = (

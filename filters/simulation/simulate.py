@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.frames import rotation, turned
 from usbldr.filters.simulation.scenario import Compass, Dvl, Multipath, Scenario, Sensor, Usbl
 from usbldr.filters.simulation.sensor_errors import Flags, correlated_error, draw, false_fixes, gross_errors, within
-from usbldr.filters.simulation.true_motion import Motion, Track, drawn_track, motion, turned
+from usbldr.filters.simulation.true_motion import Motion, Track, drawn_track, motion
 from usbldr.filters.types import Array, Vector
 
 STREAMS = ("dvl", "compass", "usbl", "gps", "dive")
@@ -162,12 +163,6 @@ def _line_of_sight(usbl: Usbl, truth: Motion) -> Array:
 def _at(truth: Motion, lever_m: tuple[float, float, float]) -> Array:
     """Return the position of a point of the vehicle, (n, 2)."""
     return truth.position_m + turned(truth.yaw_rad, np.array(lever_m[:2]))
-
-
-def rotation(angle_rad: float) -> Array:
-    """Return the (2, 2) matrix that turns a vector counter-clockwise: R(psi) (u, v) = (V_E, V_N)."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[c, -s], [s, c]])
 
 
 def _stamps(scenario: Scenario, rate_hz: float) -> Vector:

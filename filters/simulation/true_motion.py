@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from usbldr.filters.frames import turned
 from usbldr.filters.simulation.scenario import Drawn, Leg, Scenario
 from usbldr.filters.types import Array, Vector
 
@@ -90,13 +91,6 @@ def drawn_track(scenario: Scenario, drawn: Drawn, rng: np.random.Generator) -> T
         return Motion(t, position[k] + moved, yaw[k] + rate[k] * h, velocity[k], rate[k], velocity[k])
 
     return at
-
-
-def turned(angle_rad: Vector, vector: Array) -> Array:
-    """Turn vectors, (n, 2) or one (2,), counter-clockwise by angles (n,): R(psi) (u, v) = (V_E, V_N)."""
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    a, b = vector[..., 0], vector[..., 1]
-    return np.stack([a * c - b * s, a * s + b * c], axis=-1)
 
 
 def _chord(leg: Leg, yaw_rad: float, t: Vector) -> Array:

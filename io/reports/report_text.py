@@ -12,9 +12,9 @@ from usbldr.filters.evaluation.evaluation import ErrorReport, Window
 from usbldr.filters.evaluation.influence import influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
 from usbldr.filters.models.calibration import Found, found
-from usbldr.filters.models.parameters import Observed, Span
-from usbldr.filters.replay.position_fixes import windows_text
+from usbldr.filters.models.parameters import Observed
 from usbldr.filters.types import Return
+from usbldr.filters.windows import Span, windows_text
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.tuned_config import tuned_text
 

@@ -82,3 +82,13 @@ def _own_files(target: Path) -> set[str]:
 def _remove_if_empty(folder: Path) -> None:
     if folder.is_dir() and not os.listdir(folder):
         folder.rmdir()
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that appears under its name when it is complete."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)

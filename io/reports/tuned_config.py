@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from usbldr.filters.models.parameters import Assumptions, Tuned
 from usbldr.io.log import Log
-from usbldr.io.scenarios.simulated_log import noise_text, toml_text
+from usbldr.io.settings.toml_text import noise_text, toml_text
 
 TUNED = "tuned.toml"  # in a run directory
 

@@ -6,7 +6,7 @@ never says a true bias, scale, misalignment or latency.
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 import pymap3d  # pyright: ignore[reportMissingTypeStubs]
 
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.filters.models.parameters import Assumptions, LeverArm
 from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
@@ -22,6 +21,7 @@ from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.conventions.usbl_covariance import floored
 from usbldr.io.log import COLUMNS, Log, Origin, Provenance
 from usbldr.io.reader import Column
+from usbldr.io.settings.toml_text import degrees, noise_text, toml_text
 from usbldr.io.writers.write_log import WRITTEN_BY
 
 Told = TypeVar("Told")
@@ -120,18 +120,6 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
     return toml_text(title, sections, conventions)
 
 
-def toml_text(
-    title: Sequence[str], sections: Mapping[str, Mapping[str, str]], conventions: Mapping[str, Mapping[str, str]]
-) -> str:
-    """Return a usbldr.toml; ``sections`` hold TOML values, ``conventions`` words of the same sections."""
-    lines = [*(f"# {line}" for line in title), "schema = 1"]
-    for section, keys in sections.items():
-        stated = {name: f'"{value}"' for name, value in conventions.get(section, {}).items()} | dict(keys)
-        if stated:
-            lines += ["", f"[{section}]", *(f"{name} = {value}" for name, value in stated.items())]
-    return "\n".join(lines) + "\n"
-
-
 def _lever(arm_m: LeverArm) -> dict[str, str]:
     return {"lever_arm_m": str(list(arm_m))} if any(arm_m) else {}
 
@@ -180,29 +168,6 @@ def _at_sea_level(position_m: Array) -> tuple[Vector, Vector]:
 
 def _heading_deg(yaw_rad: Vector) -> Vector:
     return np.degrees(-yaw_rad) % 360.0
-
-
-def degrees(angle_rad: float) -> float:
-    """Degrees with the fewest digits that bring back the angle: 0.1 deg in a scenario is 0.1 in its file."""
-    candidates = [float(f"{math.degrees(angle_rad):.{digits}g}") for digits in range(1, 18)]
-    return next((deg for deg in candidates if math.radians(deg) == angle_rad), candidates[-1])
-
-
-def noise_text(family: NoiseFamily, unit: str) -> str:
-    """Return the family as a TOML value."""
-    match family:
-        case Gaussian():
-            keys = 'kind = "gaussian"'
-        case Mixture():
-            keys = f'kind = "mixture", share = {family.share!r}, variance_ratio = {family.variance_ratio!r}'
-        case Contamination():
-            sd = degrees(family.sd) if unit == "deg" else family.sd
-            keys = f'kind = "contamination", share = {family.share!r}, sd_{unit} = {sd!r}'
-        case StudentT():
-            keys = f'kind = "student-t", dof = {family.dof!r}'
-        case _:
-            raise TypeError(f"no TOML form for the noise {family!r}")
-    return f'{{ {keys}, per = "{"scalar" if family.per_scalar else "record"}" }}'
 
 
 def _digest(tables: Mapping[str, pd.DataFrame]) -> str:

@@ -20,8 +20,8 @@ from usbldr.filters.types import Truth
 from usbldr.io.inputs import refuse_inputs
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
-from usbldr.io.scenarios.simulated_log import degrees, noise_text, toml_text
 from usbldr.io.settings.configuration import configuration_places, read_configuration
+from usbldr.io.settings.toml_text import degrees, noise_text, toml_text
 from usbldr.io.writers.write_log import (
     WRITTEN_BY,
     configuration_place,

@@ -4,7 +4,7 @@ from itertools import pairwise
 from math import isfinite
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.parameters import Span
+from usbldr.filters.windows import Span
 
 
 def windows(text: str) -> tuple[Span, ...]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError
-from usbldr_cli.runs.job_store import write_whole
+from usbldr.io.reports.run_directory import write_whole
 
 
 def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made: Path | None = None) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import UsageError
-from usbldr_cli.runs.job_store import write_whole
+from usbldr.io.reports.run_directory import write_whole
 from usbldr_cli.runs.seed_table import Row, described, grouped, overall
 
 UNITS, TABLES = "units", "compare.json"

@@ -6,11 +6,12 @@ Metres and seconds, east and north, as everywhere.
 import io
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from usbldr.io.reports.run_directory import write_whole
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.evaluation import Window
@@ -124,13 +125,3 @@ def read_trace(path: Path) -> Trace:
 
     with np.load(path) as packed:
         return Trace(**{name: packed[name] for name in packed.files})
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that appears under its name when it is complete."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -18,7 +18,7 @@ from usbldr.filters.evaluation.seed_statistics import (
     paired_difference,
     pooled_nees,
 )
-from usbldr.filters.replay.position_fixes import windows_text
+from usbldr.filters.windows import windows_text
 from usbldr_cli.runs.job_store import Judged, Outcome
 
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from usbldr.filters.frames import rotation
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.simulation.scenario import Accuracy, Head, Leg, Outliers, Scenario, Timing
-from usbldr.filters.simulation.simulate import rotation, simulate
+from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.simulation.true_motion import motion
 from usbldr.io.scenarios.library import find_scenario, scenario_names
 
