@@ -21,11 +21,11 @@ from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.replay.methods import anchor_at, track
 from usbldr.filters.types import Vector
-from usbldr.io.reports.report_json import Run, Scored
+from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.health import innovation_figure
 from usbldr_cli.figures.run_figures import error_figure
-from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, titled
+from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, titled_figure
 from usbldr_cli.figures.track import track_figure
 from usbldr_cli.runs.job_store import read_trace
 
@@ -73,12 +73,12 @@ def online_run(case: Case, change: str, folder: Path) -> Run:
     given, definition, way = dive(case.name, 0, folder), case.definitions[-1], replace(BEST, order=online(case))
     line, assumptions = told_to_the_filter(Cell(case.name, way, change), 0, given)
     truth = truth_for(definition, given)
-    scored: list[Scored] = []
+    scored: list[ScoredTrack] = []
     for method in (way.method, "usbl", "dr"):
         anchor = anchor_at("start", line, assumptions, None)
         made = track(method, line, assumptions, way.choices(0).settings, anchor)
         times_s = None if method == "usbl" else line.time_s[line.slow]
-        scored.append(Scored(made, evaluate(made, truth, definition.window, definition.align, times_s)))
+        scored.append(ScoredTrack(made, evaluate(made, truth, definition.window, definition.align, times_s)))
     titled_by = given.log.path.with_name(", USBL ".join(filter(None, (given.log.path.name, change))))
     log = replace(given.log, path=titled_by, assumptions=assumptions, truth=truth)
     return Run(log, line, scored[0], tuple(scored[1:]), order=way.order)
@@ -89,7 +89,7 @@ def draw_consistency(case: Case, rows: Rows, output: Path) -> list[str]:
     name = case.scored[-1]
     drawn = [replace(way, calibrate=AUTO, order=online(case)) for way in (GATED, Way("adf"), Way("cpf"))]
     with in_style():
-        figure = titled(
+        figure = titled_figure(
             f"Consistency on {name}",
             f"{case.truth}; left: mean over {WINDOW_S} s, 2 is right; right: share of the epochs",
             11,

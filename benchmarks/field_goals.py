@@ -8,7 +8,7 @@ from field_logs import Case
 from field_plan import BEST, GATED, ONLINE, Rows, online, thinned_names
 from paper_runs import Way
 from usbldr.io.reports.report_text import Table
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.seed_table import ComparisonRow
 from usbldr_cli.tables.compare_table import piped
 
 HORIZONTAL, NEES = "mean_horizontal_m", "nees_mean"
@@ -99,20 +99,20 @@ def table(found: Sequence[Goal]) -> str:
     return piped(Table("what", ("goal", "measured", ""), body)).replace("not met |", "**not met** |")
 
 
-def _error(what: str, row: Row, most: float) -> Goal:
+def _error(what: str, row: ComparisonRow, most: float) -> Goal:
     return Goal(what, f"{most:.3g} m", f"{_value(row):.3f} m", _value(row) <= most)
 
 
-def _consistent(what: str, row: Row, most: float) -> Goal:
+def _consistent(what: str, row: ComparisonRow, most: float) -> Goal:
     return Goal(f"{what}: NEES", f"at most {most:g}", f"{_value(row, NEES):.2f}", _value(row, NEES) <= most)
 
 
-def worst(row: Row, metric: str) -> float:
+def worst(row: ComparisonRow, metric: str) -> float:
     """Return the largest value over dives, 0 where there is none."""
     return max(row.values(metric).values(), default=0.0)
 
 
-def _value(row: Row, metric: str = HORIZONTAL) -> float:
+def _value(row: ComparisonRow, metric: str = HORIZONTAL) -> float:
     """Return the mean over dives; a run that failed is as bad as can be."""
     value = row.mean(metric)
     return float("inf") if value is None or row.fault else value

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 from field_changes import ABLATIONS, SENSITIVITY, THINNED_S
 from field_logs import Case
 from paper_runs import Way
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.seed_table import ComparisonRow
 
 AUTO = "auto"
 GATED = Way("ekf", gate=0.99)
@@ -28,7 +28,7 @@ class Cell(NamedTuple):
     change: str = ""
 
 
-Rows: TypeAlias = Mapping[tuple[str, Way, str], Row]  # by what tables call the case, the way and the change
+Rows: TypeAlias = Mapping[tuple[str, Way, str], ComparisonRow]  # by what tables call the case, the way and the change
 Plan: TypeAlias = Mapping[Cell, int]  # how many seeds
 
 

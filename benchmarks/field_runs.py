@@ -29,9 +29,9 @@ from usbldr.filters.replay.methods import anchor_at, track
 from usbldr.filters.replay.run import SAMPLED
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.job_store import Judged, Outcome, Store, Trace
-from usbldr_cli.runs.jobs import THREADS, fitted
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
+from usbldr_cli.runs.jobs import THREADS, relevant_choices
+from usbldr_cli.runs.seed_table import ComparisonRow
 
 VERDICTS = ("observable", "only in turns", "not observable")
 
@@ -41,25 +41,27 @@ def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
     tasks = [(cell, seed) for cell, count in wanted.items() for seed in range(count)]
     tasks.sort(key=lambda task: (task[0].case, task[1]))  # runs on one dive follow each other and read it once
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read when a spawned process loads its BLAS
-    told: dict[tuple[Cell, int], list[Outcome]] = {}
+    told: dict[tuple[Cell, int], list[JobResult]] = {}
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         waiting = {pool.submit(run_task, *task, store, folder): task for task in tasks}
         for done, future in enumerate(as_completed(waiting), 1):
             told[waiting[future]] = future.result()
             if done % 50 == 0:
                 print(f"{done} of {len(tasks)} runs", flush=True)
-    rows: dict[tuple[str, Way, str], Row] = {}
+    rows: dict[tuple[str, Way, str], ComparisonRow] = {}
     for cell, group in groupby(sorted(told, key=lambda task: (repr(task[0]), task[1])), key=lambda task: task[0]):
         seeds = [seed for _, seed in group]
         case, method = CASES[cell.case], cell.way.method
         for k, name in enumerate(case.scored):
             outcomes = tuple(told[cell, seed][k] for seed in seeds)
-            row = Row(name, cell.way.label, method, tuple(seeds), outcomes, method in SAMPLED, not case.folder)
+            row = ComparisonRow(
+                name, cell.way.label, method, tuple(seeds), outcomes, method in SAMPLED, not case.folder
+            )
             rows[name, cell.way, cell.change] = row
     return rows
 
 
-def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[Outcome]:
+def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult]:
     """Make one run, or take it from those that are kept; one outcome for each definition of the case."""
     case = CASES[cell.case]
     try:
@@ -67,17 +69,18 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[Outcome]:
         line, assumptions = told_to_the_filter(cell, seed, given)
         key = _key(line, given, assumptions, cell, seed)
         names = [f"{key}{definition.name}" for definition in case.definitions]
-        kept = [Store(store).read(name) for name in names]
+        kept = [JobStore(store).read(name) for name in names]
         if all(kept):
             return [one for one in kept if one is not None]
         anchor = anchor_at("start", line, assumptions, None)
         with constants(prior, CHANGES[cell.change].starting):
             made = track(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor)
         return [
-            Store(store).write(name, *_judged(case, k, made, given, line, assumptions)) for k, name in enumerate(names)
+            JobStore(store).write(name, *_judged(case, k, made, given, line, assumptions))
+            for k, name in enumerate(names)
         ]
     except UsbldrError as fault:
-        return [Outcome(fault=str(fault), exit_code=fault.exit_code)] * len(case.definitions)
+        return [JobResult(fault=str(fault), exit_code=fault.exit_code)] * len(case.definitions)
 
 
 def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Assumptions]:
@@ -86,18 +89,18 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
     with constants(observability, change.observing), constants(prior, change.starting):
-        assumptions = _choices(cell, seed).applied(before, line, cell.way.method).assumptions
+        assumptions = _choices(cell, seed).with_assumptions(before, line, cell.way.method).assumptions
     return line, change.after(assumptions, line)
 
 
 def _choices(cell: Cell, seed: int) -> RunChoices:
     options = {"calibrate": cell.way.calibrate, **CHANGES[cell.change].options}
-    return replace(fitted(cell.way.method, cell.way.choices(seed)), **options)
+    return replace(relevant_choices(cell.way.method, cell.way.choices(seed)), **options)
 
 
 def _judged(
     case: Case, k: int, made: Trajectory, given: Dive, line: Timeline, assumptions: Assumptions
-) -> tuple[Outcome, Trace]:
+) -> tuple[JobResult, Trace]:
     definition = case.definitions[k]
     times_s = None if made.filter == "usbl" else line.time_s[line.slow]
     report = evaluate(made, truth_for(definition, given), definition.window, definition.align, times_s)
@@ -106,7 +109,7 @@ def _judged(
         metrics |= {f"found_{one.name}": float(one.value[-1]), f"found_sd_{one.name}": float(one.sd[-1])}
     for key, narrowed, verdict in assumptions.observed:
         metrics |= {f"narrowed_{key}": narrowed, f"verdict_{key}": float(VERDICTS.index(verdict))}
-    judged = Judged(
+    judged = ScoringContext(
         log=given.log.path.name,
         log_format=given.log.format,
         log_sha256=given.log.sha256,
@@ -119,7 +122,7 @@ def _judged(
     )
     finite = {name: value for name, value in metrics.items() if math.isfinite(value)}
     trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
-    return Outcome(finite, made.warnings, judged=judged), trace
+    return JobResult(finite, made.warnings, scored_against=judged), trace
 
 
 def refusals(made: Trajectory) -> dict[str, float]:

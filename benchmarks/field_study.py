@@ -27,7 +27,7 @@ from field_plan import Rows, plan
 from field_runs import run_plan
 from paper import filled, minutes
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.reports.run_directory import write_whole
+from usbldr.io.reports.run_directory import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = Path(__file__).with_name("field_text.md")
@@ -61,7 +61,7 @@ def main() -> int:
     except UsbldrError as fault:
         print(f"field_study.py: {fault}", file=sys.stderr)
         return fault.exit_code
-    write_whole(asked.output / "field.md", document(cases, rows, drawn, agreed).encode())
+    write_atomically(asked.output / "field.md", document(cases, rows, drawn, agreed).encode())
     faults = sorted(
         {f"{row.log}, {way.label} {change}: {row.fault}" for (_, way, change), row in rows.items() if row.fault}
     )

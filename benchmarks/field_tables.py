@@ -21,7 +21,7 @@ from usbldr.filters.identification.observability import CANDIDATES
 from usbldr.filters.models.calibration import BORDER, STATES
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.seed_table import Row, difference, trust
+from usbldr_cli.runs.seed_table import ComparisonRow, consistency_text, difference
 from usbldr_cli.tables.compare_table import piped
 
 NO_CHANGE = "·"  # the log does not use what was changed
@@ -53,14 +53,21 @@ def _filters(case: Case, name: str, rows: Rows) -> str:
     return piped(Table(f"{name}, m", heads, filled))
 
 
-def _plain(label: str, calibrate: str, row: Row, *after: Row) -> tuple[str, ...]:
+def _plain(label: str, calibrate: str, row: ComparisonRow, *after: ComparisonRow) -> tuple[str, ...]:
     if not row.good:
         return (label, calibrate, f"failed: {row.fault}", "", "", "", "")
     axes = (metres(row.mean(f"mean_abs_{axis}_m")) for axis in ("east", "north"))
-    return (label, calibrate, *axes, *_size(row), trust(row), *(cell for one in after for cell in _size(one)))
+    return (
+        label,
+        calibrate,
+        *axes,
+        *_size(row),
+        consistency_text(row),
+        *(cell for one in after for cell in _size(one)),
+    )
 
 
-def _size(row: Row) -> tuple[str, str]:
+def _size(row: ComparisonRow) -> tuple[str, str]:
     return metres(row.mean(HORIZONTAL)), number(row.mean(NEES))
 
 
@@ -76,7 +83,7 @@ def claimed(cases: Sequence[Case], rows: Rows) -> str:
     return piped(Table("log", heads, tuple(body)))
 
 
-def _claim_m(row: Row) -> float | None:
+def _claim_m(row: ComparisonRow) -> float | None:
     """Return the mean length of an error with the claimed covariance, as if it were round: sqrt(pi/4 trace P)."""
     traces = [read_trace(outcome.trace) for outcome in row.good.values() if outcome.trace is not None]
     covs = [trace.cov_m2 for trace in traces if trace.cov_m2 is not None]
@@ -113,7 +120,7 @@ def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, 
     return piped(Table("state", tuple(case.name for case in cases), tuple(body)))
 
 
-def _state(key: str, row: Row) -> str:
+def _state(key: str, row: ComparisonRow) -> str:
     first = next(iter(row.good.values()), None)
     if first is None or f"verdict_{key}" not in first.metrics:
         return ""
@@ -151,7 +158,7 @@ def thinned(cases: Sequence[Case], rows: Rows) -> str:
     return piped(Table("m; NEES; refused in a row", heads, tuple(body)))
 
 
-def _rare(row: Row) -> str:
+def _rare(row: ComparisonRow) -> str:
     if not row.good:
         return f"failed: {row.fault}"
     return "; ".join((*_size(row), f"{worst(row, 'refused_in_a_row'):.0f}"))
@@ -178,7 +185,7 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
     return piped(Table("taken away", tuple(case.scored[-1] for case in cases), tuple(body)))
 
 
-def lost(less: Row, whole: Row) -> str:
+def lost(less: ComparisonRow, whole: ComparisonRow) -> str:
     change = difference(less, whole)
     if change is None or less.fault:
         return f"failed: {less.fault}"

@@ -22,7 +22,7 @@ from log_measured import measured
 from log_survey_runs import Said, Surveyed, field_logs, other_files, survey
 from paper import filled, minutes
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.reports.run_directory import write_whole
+from usbldr.io.reports.run_directory import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = Path(__file__).with_name("log_survey_text.md")
@@ -41,7 +41,7 @@ def main() -> int:
         print(f"log_survey.py: {fault}", file=sys.stderr)
         return fault.exit_code
     asked.output.mkdir(parents=True, exist_ok=True)
-    write_whole(asked.output / "logs.md", document(heard, numbers).encode())
+    write_atomically(asked.output / "logs.md", document(heard, numbers).encode())
     wrong = [
         *(
             f"{log.name}: {said.command} broke: {said.err}"

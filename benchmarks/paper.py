@@ -20,7 +20,7 @@ from paper_bounds import Limits, limits
 from paper_figures import write_figures
 from paper_runs import STATES, Rows, Way, plan, run_plan, write_sweeps
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.reports.run_directory import write_whole
+from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.scenarios.library import find_scenario
 from usbldr_cli.runs.seed_table import difference
 
@@ -53,7 +53,7 @@ def main() -> int:
     of_range = limits(find_scenario("paper-range"), ("scale",), (0,))
     goals = paper_goals.goals(rows, of_drawn, paper_goals.timed())
     text = document(rows, sweeps, asked.seeds, goals, of_drawn, of_paper, of_range)
-    write_whole(asked.output / "paper.md", text.encode())
+    write_atomically(asked.output / "paper.md", text.encode())
     faults = {f"{log}, {way.label}: {row.fault}" for (log, way), row in rows.items() if row.fault}
     print(*sorted(f"failed: {fault}" for fault in faults), f"{asked.output / 'paper.md'}: {minutes(began)}", sep="\n")
     return 1 if faults else 0

@@ -21,9 +21,9 @@ from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.overlay import error_figure
-from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, save, titled
+from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, save, titled_figure
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.seed_table import ComparisonRow
 
 AXES = (("mean_abs_east_m", "east"), ("mean_abs_north_m", "north"))
 PALETTE = 64  # colours of a picture
@@ -61,7 +61,7 @@ def _figure1(rows: Rows) -> Figure:
 def _particles(rows: Rows) -> Figure:
     """Draw the error against the number of particles: median over dives, a dot for each dive."""
     told = "paper, 6 states; lines: median over dives, dots: dives; lost ones are drawn at the upper edge"
-    figure = titled("Error against the number of particles", told, 11, 5)
+    figure = titled_figure("Error against the number of particles", told, 11, 5)
     panels: Any = figure.subplots(1, 2, sharey=True)
     top = 3.0
     for axes, (metric, axis) in zip(panels, AXES, strict=True):
@@ -100,7 +100,7 @@ def _particles(rows: Rows) -> Figure:
 def _outliers(rows: Rows, sweeps: Path) -> Figure:
     """Draw the error against the share of readings that have ten times the variance."""
     told = "paper, 6 states; readings of ten times the variance, which all filters are told; bars: ± 1 standard error"
-    figure = titled("Error against the share of outliers", told, 11, 5)
+    figure = titled_figure("Error against the share of outliers", told, 11, 5)
     panels: Any = figure.subplots(1, 2, sharey=True)
     dashes = {"ekf": "-", GATED.label: "--"}
     for axes, (metric, axis) in zip(panels, AXES, strict=True):
@@ -133,7 +133,7 @@ def _nees(rows: Rows) -> Figure:
     told = (
         f"paper-drawn, + scale; {count} dives; shaded: where {CONFIDENCE:.0%} of averages lie if the sigmas are right"
     )
-    figure = titled("NEES over time, averaged over dives", told, 11, 5)
+    figure = titled_figure("NEES over time, averaged over dives", told, 11, 5)
     axes: Axes = figure.subplots()
     low, high = (chi_square_quantile(p, DOF * count) / count for p in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
     axes.axhspan(low, high, color="#dddddd", lw=0, zorder=0)
@@ -150,7 +150,7 @@ def _nees(rows: Rows) -> Figure:
     return figure
 
 
-def nees_over_time(row: Row, count: int) -> tuple[Vector, Vector]:
+def nees_over_time(row: ComparisonRow, count: int) -> tuple[Vector, Vector]:
     """Return times and the NEES there, averaged over the first ``count`` dives: (M,) each."""
     traces = [read_trace(outcome.trace) for outcome in list(row.good.values())[:count] if outcome.trace is not None]
     values = [nees(trace.error_m, trace.cov_m2) for trace in traces if trace.cov_m2 is not None]
@@ -160,7 +160,7 @@ def nees_over_time(row: Row, count: int) -> tuple[Vector, Vector]:
 def _scale(seeds: int) -> Figure:
     """Draw the DVL's scale error as adf and its smoother see it over time."""
     told = f"paper; adf --calibrate scale; {seeds} dives, the band is the filter's own 2 sigma in the first"
-    figure = titled("The DVL's scale error, found on the way", told, 11, 5)
+    figure = titled_figure("The DVL's scale error, found on the way", told, 11, 5)
     axes: Axes = figure.subplots()
     tracks = [scale_over_time(seed) for seed in range(seeds)]
     time_s, first = tracks[0]
@@ -207,7 +207,7 @@ def _percent(*values: Vector) -> list[Vector]:
 def _bound(rows: Rows, limits: Mapping[str, Limits]) -> Figure:
     """Draw the error over time beside the least one: where it is a bound, and where it may be beaten."""
     told = "adf + scale; |error| averaged over dives and 20 s; bound: mean |error| of the least sigma, .798 of it"
-    figure = titled("Error over time and the Cramér-Rao bound", told, 11, 7)
+    figure = titled_figure("Error over time and the Cramér-Rao bound", told, 11, 7)
     panels: Any = figure.subplots(2, 2, sharex=True, sharey=True)
     for down, (log, limit) in enumerate(limits.items()):
         for across, axis in enumerate(("east", "north")):
@@ -235,7 +235,7 @@ def _bound(rows: Rows, limits: Mapping[str, Limits]) -> Figure:
     return figure
 
 
-def mean_error_over_time(row: Row, axis: int, window: int = 20) -> tuple[Vector, Vector]:
+def mean_error_over_time(row: ComparisonRow, axis: int, window: int = 20) -> tuple[Vector, Vector]:
     """Return times and |error| of one axis averaged over dives and over windows of so many epochs."""
     traces = [read_trace(outcome.trace) for outcome in row.good.values() if outcome.trace is not None]
     size: Array = np.mean([np.abs(trace.error_m[:, axis]) for trace in traces], axis=0)

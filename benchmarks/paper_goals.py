@@ -14,7 +14,7 @@ from usbldr.io.reports.report_text import Table
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.seed_table import ComparisonRow
 from usbldr_cli.tables.compare_table import piped
 
 FASTEST_S = {Way("cpf", particles=1000): 15.0, Way("cpf"): 6.0, Way("adf"): 3.0}
@@ -78,7 +78,7 @@ def _errors(what: str, rows: Rows, log: str, way: Way, most: tuple[float, float]
     yield Goal(what, stated, errors(row), excess, len(row.seeds), command(log, way, len(row.seeds)))
 
 
-def _worst_seed(what: str, row: Row, most: float) -> Goal:
+def _worst_seed(what: str, row: ComparisonRow, most: float) -> Goal:
     worst = max(value for axis in AXES for value in row.values(axis).values())
     made_by = command("paper", Way("cpf", "scale"), len(row.seeds))
     return Goal(
@@ -163,7 +163,7 @@ def _speed(way: Way, cpu_s: float) -> Goal:
     return Goal(what, f"{most_s:g} s", f"{cpu_s:.1f} s of CPU", math.copysign(math.inf, cpu_s - most_s), 1, "timed")
 
 
-def _excess(row: Row, metric: str, most: float) -> float:
+def _excess(row: ComparisonRow, metric: str, most: float) -> float:
     """Return by how many standard errors a mean lies above what it may be at most."""
     found = average(list(row.values(metric).values()))
     return (found.mean - most) / found.se if found.se else math.copysign(math.inf, found.mean - most)

@@ -11,8 +11,8 @@ from typing import TypeAlias
 
 from usbldr.filters.replay.run import SAMPLED
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.jobs import Unit, run_units
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.jobs import Job, run_jobs
+from usbldr_cli.runs.seed_table import ComparisonRow
 
 HERE = Path(__file__).parent
 UNSEEN = str(HERE / "unseen.toml")
@@ -70,7 +70,7 @@ class Way:
 
 Cell: TypeAlias = tuple[str, Way]  # a scenario, by its name or its file, and what is run on it
 Plan: TypeAlias = Mapping[Cell, int]  # how many seeds
-Rows: TypeAlias = Mapping[Cell, Row]
+Rows: TypeAlias = Mapping[Cell, ComparisonRow]
 
 GATED = Way("ekf", gate=0.99)
 LEADING = (Way("ekf"), GATED, Way("adf"), Way("adf", smooth=True), Way("cpf"), Way("pf"))
@@ -184,10 +184,10 @@ def run_plan(wanted: Plan, jobs: int, store: Path) -> Rows:
     logs = list(dict.fromkeys(log for log, _ in wanted))
     runs = [(cell, seed) for cell, count in wanted.items() for seed in range(count)]
     runs.sort(key=lambda run: (logs.index(run[0][0]), run[1]))
-    found = run_units([Unit(log, way.method, way.choices(seed)) for (log, way), seed in runs], jobs, store)
+    found = run_jobs([Job(log, way.method, way.choices(seed)) for (log, way), seed in runs], jobs, store)
     outcomes = dict(zip(runs, found, strict=True))
     return {
-        (log, way): Row(
+        (log, way): ComparisonRow(
             log=Path(log).stem,
             label=way.label,
             method=way.method,

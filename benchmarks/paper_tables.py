@@ -33,7 +33,7 @@ from paper_runs import (
 from usbldr.filters.evaluation.consistency import consistency_verdict
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.io.reports.report_text import Table
-from usbldr_cli.runs.seed_table import Row, difference, numbers
+from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_metrics
 from usbldr_cli.tables.compare_table import piped
 
 AXES = ("mean_abs_east_m", "mean_abs_north_m")
@@ -228,7 +228,7 @@ def command(log: str, way: Way, seeds: int) -> str:
     return " ".join(parts)
 
 
-def errors(row: Row) -> str:
+def errors(row: ComparisonRow) -> str:
     """Return mean |east| and |north| with their standard errors; medians where the mean means nothing."""
     if not row.good:
         return f"failed: {row.fault}"
@@ -239,29 +239,29 @@ def errors(row: Row) -> str:
     return " / ".join(_with_se(*_average(row, axis)) for axis in AXES)
 
 
-def over(row: Row, metric: str, bound: float) -> tuple[float, float | None]:
+def over(row: ComparisonRow, metric: str, bound: float) -> tuple[float, float | None]:
     """Return an error in multiples of a bound, with its standard error."""
     mean, se = _average(row, metric)
     return mean / bound, None if se is None else se / bound
 
 
-def times(row: Row, other: Row) -> float:
+def times(row: ComparisonRow, other: ComparisonRow) -> float:
     """Return how many times as large a row's horizontal error is over the seeds that both have."""
     mine, theirs = row.values("mean_horizontal_m"), other.values("mean_horizontal_m")
     both = mine.keys() & theirs.keys()
     return sum(mine[seed] for seed in both) / sum(theirs[seed] for seed in both)
 
 
-def nees_text(row: Row) -> str:
+def nees_text(row: ComparisonRow) -> str:
     """Return the mean NEES and whether it is what it should be."""
-    told = {name: value for name, value in numbers(row).items() if value is not None}
+    told = {name: value for name, value in row_metrics(row).items() if value is not None}
     if "nees_mean" not in told:
         return ""
     return f"{_mean(row, 'nees_mean', 2)}, {consistency_verdict(told)}"
 
 
-def _lost(row: Row) -> float:
-    return numbers(row).get("diverged_share") or 0.0
+def _lost(row: ComparisonRow) -> float:
+    return row_metrics(row).get("diverged_share") or 0.0
 
 
 def _made(table: Table, function: str, rows: Rows, example: Cell) -> str:
@@ -276,12 +276,12 @@ def _titled(way: Way) -> str:
     return way.label if way.calibrate == "none" else f"{way.label} --calibrate {way.calibrate}"
 
 
-def _average(row: Row, metric: str) -> tuple[float, float | None]:
+def _average(row: ComparisonRow, metric: str) -> tuple[float, float | None]:
     found = average(list(row.values(metric).values()))
     return found.mean, found.se
 
 
-def _mean(row: Row, metric: str, digits: int) -> str:
+def _mean(row: ComparisonRow, metric: str, digits: int) -> str:
     value = row.mean(metric)
     if value is None:
         return ""

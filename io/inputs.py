@@ -6,13 +6,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.conventions.truth import find_file
+from usbldr.io.conventions.truth import find_truth_file
 from usbldr.io.opening import Request
 from usbldr.io.settings.configuration import find_configuration, read_configuration
 from usbldr.io.settings.sensor_sections import Configuration
 
 
-def inputs(log: Path, request: Request) -> tuple[Path, ...]:
+def input_files(log: Path, request: Request) -> tuple[Path, ...]:
     """Return the log, its configuration, the files joined to it and its truth file.
 
     A configuration that cannot be read names no files: reading the log tells what is wrong with it.
@@ -24,11 +24,11 @@ def inputs(log: Path, request: Request) -> tuple[Path, ...]:
         configuration = read_configuration(file) if file else configuration
     found += [log.resolve().parent / stated.path for stated in configuration.file]
     truth = configuration.truth.file if request.truth is None else request.truth
-    judge = find_file(truth, log, from_option=request.truth is not None) if truth else None
+    judge = find_truth_file(truth, log, from_option=request.truth is not None) if truth else None
     return (*found, *([judge] if judge else []))
 
 
-def conflict(place: Path, read: Iterable[Path], inside: bool) -> str | None:
+def output_conflict(place: Path, read: Iterable[Path], inside: bool) -> str | None:
     """Say why a place cannot be written: it is the first input or a later one, or holds one; None if it may be.
 
     With ``inside``, it may not lie in an input that is a folder, either.
@@ -47,5 +47,5 @@ def conflict(place: Path, read: Iterable[Path], inside: bool) -> str | None:
 
 def refuse_inputs(place: Path, read: Iterable[Path]) -> None:
     """Raise UsageError for a place that is, holds, or lies in what is read."""
-    if what := conflict(place, read, inside=True):
+    if what := output_conflict(place, read, inside=True):
         raise UsageError(f"{place}: {what}; choose another name")

@@ -66,7 +66,7 @@ class Log:
     findings: tuple[Finding, ...] = field(default=())
 
 
-def lacking(log: Log, role: str) -> str:
+def missing_sensor_text(log: Log, role: str) -> str:
     """Say that a log holds no records of a sensor, which ones it holds, and how to give them."""
     have = ", ".join(log.tables) or "none"
     return (

@@ -9,7 +9,7 @@ from typing import cast
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import with_folders
 from usbldr.io.formats.detect import open_log
-from usbldr.io.formats.joined import JoinedLog, Part
+from usbldr.io.formats.joined import JoinedLog, LogPart
 from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.reader import Reader
@@ -28,11 +28,11 @@ class Request:
     msg_path: tuple[str, ...] = ()  # folders of .msg files, for messages that a log does not define
 
 
-AS_IT_LIES = Request()
+DEFAULT_REQUEST = Request()
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenedLog:
     """A log ready to be read, and its configuration."""
 
     reader: Reader
@@ -41,7 +41,7 @@ class Opened:
     file: Path | None  # where the configuration stands
 
 
-def open_configured(path: Path, request: Request) -> Opened:
+def open_configured(path: Path, request: Request) -> OpenedLog:
     """Open a log with the files that belong to it.
 
     A file stated under [[file]] has its clock offset taken off its times; so has the log itself, if it is stated there.
@@ -55,13 +55,13 @@ def open_configured(path: Path, request: Request) -> Opened:
     offsets = {(folder / stated.path).resolve(): round(stated.clock_offset_s * 1e9) for stated in configuration.file}
     paths = {path.resolve(): path} | {(folder / f.path).resolve(): folder / f.path for f in configuration.file}
     paths |= {Path(name).resolve(): Path(name) for name in request.joined}
-    parts = [Part(_opened(paths[real], configuration, request), offsets.get(real, 0)) for real in paths]
+    parts = [LogPart(_opened(paths[real], configuration, request), offsets.get(real, 0)) for real in paths]
     (first, *others) = parts
     reader = first.reader
     if others or first.offset_ns:
         formats = dict.fromkeys(part.reader.format for part in parts)
         reader = JoinedLog(path, " + ".join(formats), tuple(parts))
-    return Opened(reader, tuple(paths.values()), configuration, file)
+    return OpenedLog(reader, tuple(paths.values()), configuration, file)
 
 
 def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:
@@ -70,10 +70,10 @@ def _opened(path: Path, configuration: Configuration, request: Request) -> Reade
     sections = {role: configuration.columns(role) for role in ROLES}
     if not reader.format.startswith("CSV") or not any(sections.values()):
         return with_sentences(reader)
-    from usbldr.io.formats.csv_log import Columns, CsvLog
+    from usbldr.io.formats.csv_log import ConfiguredColumns, CsvLog
 
     stated = [
-        Columns(role, request.topics.get(role) or configuration.topic(role), columns)
+        ConfiguredColumns(role, request.topics.get(role) or configuration.topic(role), columns)
         for role, columns in sections.items()
         if columns
     ]

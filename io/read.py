@@ -10,23 +10,28 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.io.conventions import compass, dvl_depth, positions
-from usbldr.io.conventions.clock_shift import on_one_clock
-from usbldr.io.conventions.dvl_depth import Converted
-from usbldr.io.conventions.sanity import places_apart, standing_still, truth_apart, truth_under_water
-from usbldr.io.conventions.timestamps import in_order
-from usbldr.io.conventions.truth import find_file, read_truth_file, truth_from_table
-from usbldr.io.conventions.usbl import Beside, usbl
-from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, samples, ship_choices
-from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance, lacking
-from usbldr.io.messages.layouts import Raw, raw, wanted_paths
-from usbldr.io.messages.roles import ROLES, Choice, Roles, choose_roles, find, named
-from usbldr.io.opening import AS_IT_LIES, Opened, Request, digest_paths, open_configured
+from usbldr.io.conventions.clock_shift import align_clocks
+from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.sanity import (
+    position_findings,
+    repeated_fix_findings,
+    truth_overlap_findings,
+    truth_underwater_findings,
+)
+from usbldr.io.conventions.timestamps import sorted_by_time
+from usbldr.io.conventions.truth import find_truth_file, read_truth_file, truth_from_table
+from usbldr.io.conventions.usbl import FixContext, usbl
+from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, ship_choices, time_series
+from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance, missing_sensor_text
+from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
+from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic, topic_named
+from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.settings.configuration import assumptions
 from usbldr.io.settings.sensor_sections import Configuration, GpsSection
 
 
-def read_log(path: Path, request: Request = AS_IT_LIES) -> Log:
+def read_log(path: Path, request: Request = DEFAULT_REQUEST) -> Log:
     """Read a log in any format of detect.FORMATS.
 
     Raises LogError where it cannot be read or lacks what was named, UsageError where options, configuration and log do
@@ -39,7 +44,7 @@ def require(log: Log, roles: Sequence[str]) -> None:
     """Raise LogError that says what is there if the log lacks one of the sensors."""
     for role in roles:
         if role not in log.tables:
-            raise LogError(f"{log.path}: {lacking(log, role)}")
+            raise LogError(f"{log.path}: {missing_sensor_text(log, role)}")
 
 
 def configured_topics(configuration: Configuration) -> dict[str, str]:
@@ -50,20 +55,20 @@ def configured_topics(configuration: Configuration) -> dict[str, str]:
 def roles_of(path: Path, topics: Sequence[TopicInfo], request: Request, configuration: Configuration) -> Roles:
     """Fill the roles; a ship's receiver or gyro that the configuration names for the head is none of the vehicle's."""
     head, stated = configuration.usbl.head, configured_topics(configuration)
-    ships = [find(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
-    wished = [find(topics, name) for name in (*request.topics.values(), *stated.values())]
+    ships = [find_topic(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
+    wished = [find_topic(topics, name) for name in (*request.topics.values(), *stated.values())]
     others = [topic for topic in topics if topic not in ships or topic in wished]
     return choose_roles(path, others, request.topics, stated)
 
 
-def read(opened: Opened, request: Request) -> Log:
+def read(opened: OpenedLog, request: Request) -> Log:
     """Read an opened log (see `read_log`)."""
     reader, configuration = opened.reader, opened.configuration
     path, topics = reader.path, reader.topics()
     if not any(topic.count or topic.problem for topic in topics):
         raise _without_messages(reader)
     roles = roles_of(path, topics, request, configuration)
-    for fault in roles.unclear.values():
+    for fault in roles.unresolved.values():
         raise fault
     if not any(topic.count for topic in topics):
         raise _without_messages(reader)
@@ -71,7 +76,7 @@ def read(opened: Opened, request: Request) -> Log:
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
     choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
     _refuse_truth_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
-    raws, moved = on_one_clock(_raws(reader, choices), _timed_by_log(configuration))
+    raws, moved = align_clocks(_raws(reader, choices), _timed_by_log(configuration))
 
     origin = _origin(configuration, raws)
     try:
@@ -80,7 +85,7 @@ def read(opened: Opened, request: Request) -> Log:
         raise UsageError(f"{opened.file or path}: {err}") from err
     tables: dict[str, pd.DataFrame] = {}
     for role, sensor in made.items():
-        tables[role], more = in_order(sensor.table, choices[role].topic.name, role)
+        tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
         findings += [*sensor.findings, *more]
     _refuse_apart(path, tables)
     start_ns = _start_ns(tables, topics)
@@ -100,11 +105,13 @@ def read(opened: Opened, request: Request) -> Log:
         name, kind = provenance["truth" if "truth" in provenance else "gps"].topic, _kind(source)
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
-    findings += [*truth_apart(truth, tables, start_ns), *places_apart(tables, provenance, origin)]
+    findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]
     if truth_table is not None:
-        findings += standing_still(truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns)
+        findings += repeated_fix_findings(
+            truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns
+        )
     if truth is not None and truth.kind == "gps":
-        findings += truth_under_water(truth, provenance, tables)
+        findings += truth_underwater_findings(truth, provenance, tables)
     return Log(
         path=path,
         sha256=digest_paths(opened.paths),
@@ -134,7 +141,7 @@ class TruthSource:
     """Where the truth comes from: a file, a topic, nowhere (off), else the GPS."""
 
     file: Path | None = None
-    topic: Choice | None = None
+    topic: TopicChoice | None = None
     off: bool = False
     chosen_by: str = "configuration"
 
@@ -146,24 +153,26 @@ def _truth_source(
     if option == "none" or (option is None and section.topic == "none"):
         return TruthSource(off=True)
     if option is not None:
-        file = find_file(option, path, from_option=True)
+        file = find_truth_file(option, path, from_option=True)
         if file is not None:
             return TruthSource(file, chosen_by="option")
-        if find(topics, option) is None:
+        if find_topic(topics, option) is None:
             raise LogError(f"{path}: truth {option} is neither a file here or beside the log nor a topic of it")
-        return TruthSource(topic=named(path, topics, "truth", option, "option"), chosen_by="option")
+        return TruthSource(topic=topic_named(path, topics, "truth", option, "option"), chosen_by="option")
     if section.file is not None:
-        file = find_file(section.file, path, from_option=False)
+        file = find_truth_file(section.file, path, from_option=False)
         if file is None:
             raise LogError(f"{path.resolve().parent / section.file}: no such truth file ([truth] file)")
         return TruthSource(file)
     if section.topic is not None:
-        return TruthSource(topic=named(path, topics, "truth", section.topic, "configuration"))
+        return TruthSource(topic=topic_named(path, topics, "truth", section.topic, "configuration"))
     own = [topic for topic in topics if topic.type == "usbldr/truth"]
-    return TruthSource(topic=named(path, topics, "truth", own[0].name, "type and name") if len(own) == 1 else None)
+    return TruthSource(
+        topic=topic_named(path, topics, "truth", own[0].name, "type and name") if len(own) == 1 else None
+    )
 
 
-def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, Choice], judge: str | None) -> None:
+def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, TopicChoice], judge: str | None) -> None:
     """Raise UsageError where a sensor of the filter reads the topic that the filter is judged by."""
     if judge is None or judge not in choices:
         return
@@ -175,7 +184,7 @@ def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, Choice], judge: st
             )
 
 
-def wanted_of(choices: Mapping[str, Choice]) -> dict[str, list[str]]:
+def wanted_fields(choices: Mapping[str, TopicChoice]) -> dict[str, list[str]]:
     """Return topic -> the field paths that its roles want, each once."""
     wanted: dict[str, list[str]] = {}
     for choice in choices.values():
@@ -184,14 +193,14 @@ def wanted_of(choices: Mapping[str, Choice]) -> dict[str, list[str]]:
     return wanted
 
 
-def _raws(reader: Reader, choices: Mapping[str, Choice]) -> dict[str, Raw]:
+def _raws(reader: Reader, choices: Mapping[str, TopicChoice]) -> dict[str, RawRecords]:
     """Read the topics chosen, each once."""
-    records = reader.read(wanted_of(choices))
+    records = reader.read(wanted_fields(choices))
     for role, choice in choices.items():
         if not len(records[choice.topic.name].received_ns):
             why = "; ".join(finding.text for finding in reader.findings()) or "none fits its definition"
             raise LogError(f"{reader.path}: no message of {choice.topic.name} ({role}) could be read: {why}")
-    return {role: raw(reader.path, c.topic, c.layout, records[c.topic.name]) for role, c in choices.items()}
+    return {role: raw_records(reader.path, c.topic, c.layout, records[c.topic.name]) for role, c in choices.items()}
 
 
 def _timed_by_log(configuration: Configuration) -> frozenset[str]:
@@ -199,7 +208,7 @@ def _timed_by_log(configuration: Configuration) -> frozenset[str]:
     return frozenset(role for role, section in sections.items() if section.time == "log")
 
 
-def _origin(configuration: Configuration, raws: Mapping[str, Raw]) -> Origin | None:
+def _origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:
     """Return the plane's origin: [map], else the fixed USBL head or beacon, else the first valid GPS fix, else none."""
     if configuration.map is not None:
         return Origin(configuration.map.origin_lat_deg, configuration.map.origin_lon_deg, "[map]")
@@ -216,10 +225,10 @@ def _origin(configuration: Configuration, raws: Mapping[str, Raw]) -> Origin | N
 
 
 def _converted(
-    configuration: Configuration, raws: Mapping[str, Raw], origin: Origin | None, truth_by: str
-) -> tuple[dict[str, Converted], list[Finding]]:
+    configuration: Configuration, raws: Mapping[str, RawRecords], origin: Origin | None, truth_by: str
+) -> tuple[dict[str, ConvertedTable], list[Finding]]:
     """Turn each sensor to canonical columns. Depth and GPS without a valid record are findings, not errors."""
-    made: dict[str, Converted] = {}
+    made: dict[str, ConvertedTable] = {}
     findings: list[Finding] = []
     if "dvl" in raws:
         made["dvl"] = dvl_depth.dvl(raws["dvl"], configuration.dvl)
@@ -235,8 +244,8 @@ def _converted(
         else:
             made["depth"] = depth
     if "usbl" in raws:
-        depths = samples(made["depth"], "depth", ["depth_m"]) if "depth" in made else None
-        made["usbl"] = usbl(raws["usbl"], configuration.usbl, origin, Beside(raws, made.get("compass"), depths))
+        depths = time_series(made["depth"], "depth", ["depth_m"]) if "depth" in made else None
+        made["usbl"] = usbl(raws["usbl"], configuration.usbl, origin, FixContext(raws, made.get("compass"), depths))
     if "gps" in raws:
         try:
             made["gps"] = positions.gps(raws["gps"], configuration.gps, origin)
@@ -247,7 +256,7 @@ def _converted(
     return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
 
 
-def _truth_section(configuration: Configuration, raws: Mapping[str, Raw], truth_by: str) -> GpsSection:
+def _truth_section(configuration: Configuration, raws: Mapping[str, RawRecords], truth_by: str) -> GpsSection:
     """Return how a truth topic is read: as the GPS, if it is that, else by [truth] frame.
 
     A topic of latitudes that an option puts in the place of the configured truth does not have that truth's frame.
@@ -288,7 +297,7 @@ def _kind(source: TruthSource) -> str:
     return "gps"
 
 
-def _provenance(choice: Choice, made: Converted, table: pd.DataFrame) -> Provenance:
+def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) -> Provenance:
     used = int(table["valid"].sum()) if "valid" in table else len(table)
     topic = choice.topic
     return Provenance(topic.name, topic.type, choice.chosen_by, made.conventions, topic.count, used)

@@ -14,13 +14,13 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.noise import robust_sd
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
-from usbldr.io.log import COLUMNS, Log, lacking
+from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 
 LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
-LEAST_DVL_SD_MPS = 1e-3  # the resolution of a DVL: a quiet, rounded record repeats itself and would claim 0
-LEAST_HZ, MOST_HZ = 1e-3, 1e9  # so that epochs can be counted
-MOST_EPOCHS = 20_000_000  # 46 days at 5 Hz
+MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: a quiet, rounded record repeats itself and would claim 0
+MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9  # so that epochs can be counted
+MAX_EPOCHS = 20_000_000  # 46 days at 5 Hz
 LONGEST_LOG_S = 30 * 86400.0  # a span beyond is a wrong stamp, and a grid over it would fill the memory
 
 
@@ -43,7 +43,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
     ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it
     count = 1 + int(max(ends))
-    if count > MOST_EPOCHS:
+    if count > MAX_EPOCHS:
         raise UsageError(f"{fast_hz:g} Hz over {last_s:.0f} s are {count:.2g} epochs; take a lower --fast-hz")
     time_s = np.arange(count) / fast_hz
 
@@ -78,8 +78,8 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
 
 
 def _epochs_per_slow(fast_hz: float, slow_hz: float) -> int:
-    if not (LEAST_HZ <= slow_hz <= MOST_HZ and LEAST_HZ <= fast_hz <= MOST_HZ):
-        least, most = f"{LEAST_HZ:g}", f"{MOST_HZ:g} Hz"
+    if not (MIN_RATE_HZ <= slow_hz <= MAX_RATE_HZ and MIN_RATE_HZ <= fast_hz <= MAX_RATE_HZ):
+        least, most = f"{MIN_RATE_HZ:g}", f"{MAX_RATE_HZ:g} Hz"
         raise UsageError(f"rates must be between {least} and {most} (fast {fast_hz:g}, slow {slow_hz:g})")
     every = round(fast_hz / slow_hz)
     if every < 1 or not math.isclose(every * slow_hz, fast_hz, rel_tol=1e-9):
@@ -100,7 +100,7 @@ def _dvl(log: Log) -> tuple[Vector, Array, Vector]:
     unknown = ~(sd > 0)
     if unknown.any():
         measured = robust_sd(np.diff(velocity, axis=0).ravel())
-        sd = np.where(unknown, measured if measured > LEAST_DVL_SD_MPS else LEAST_DVL_SD_MPS, sd)
+        sd = np.where(unknown, measured if measured > MIN_DVL_SD_MPS else MIN_DVL_SD_MPS, sd)
     return t, velocity, sd
 
 
@@ -142,7 +142,7 @@ def _gps(log: Log) -> Array:
 
 def _sorted(log: Log, sensor: str) -> pd.DataFrame:
     if sensor not in log.tables or log.tables[sensor].empty:
-        raise LogError(f"{log.path}: {lacking(log, sensor)}")
+        raise LogError(f"{log.path}: {missing_sensor_text(log, sensor)}")
     table = log.tables[sensor]
     return table[np.isfinite(table["time_s"])].sort_values("time_s", kind="stable")
 

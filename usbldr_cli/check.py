@@ -16,10 +16,10 @@ from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
-    from usbldr.io.settings.regression_baseline import Baseline, Option, Row
-    from usbldr_cli.runs.job_store import Outcome
-    from usbldr_cli.runs.jobs import Unit
-    from usbldr_cli.tables.check_verdicts import Checked
+    from usbldr.io.settings.regression_baseline import BaselineRow, Option, RegressionBaseline
+    from usbldr_cli.runs.job_store import JobResult
+    from usbldr_cli.runs.jobs import Job
+    from usbldr_cli.tables.check_verdicts import CheckedRow
 
 FILES = ("config", "truth", "with", "msg_path")  # options whose value may be a file or folder beside the baseline
 
@@ -69,11 +69,13 @@ def check(
         else:
             write_file("--json", Path(json_to), text + "\n")
     if json_to != "-":
-        _tell(checked, quiet, update)
+        _print_result(checked, quiet, update)
     return _update(wanted, checked, told=json_to != "-") if update else code
 
 
-def _refuse(option: str, file: Path, force: bool, baseline: "Baseline", units: "Mapping[str, Sequence[Unit]]") -> None:
+def _refuse(
+    option: str, file: Path, force: bool, baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]"
+) -> None:
     """Refuse a file that is the baseline or an input of a row, or that holds something."""
     if file.resolve() == baseline.file.resolve():
         raise UsageError(f"{file} is the baseline: choose another file for {option}")
@@ -82,20 +84,20 @@ def _refuse(option: str, file: Path, force: bool, baseline: "Baseline", units: "
     refuse_file(option, file, force, ())
 
 
-def _checked(baseline: "Baseline", units: "Mapping[str, Sequence[Unit]]", jobs: int) -> "list[Checked]":
+def _checked(baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]", jobs: int) -> "list[CheckedRow]":
     """Run all rows at once and judge each."""
-    from usbldr_cli.runs.jobs import run_units
+    from usbldr_cli.runs.jobs import run_jobs
 
-    outcomes = iter(run_units([unit for cell in units.values() for unit in cell], jobs))
+    outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], jobs))
     found = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
     return [_judged(baseline.file, row, units[row.name], found[row.name]) for row in baseline.rows]
 
 
-def _units(file: Path, row: "Row") -> "list[Unit]":
+def _units(file: Path, row: "BaselineRow") -> "list[Job]":
     """Return the runs of a row, one a seed; none where its log is not there."""
     from usbldr.filters.replay.methods import METHODS
     from usbldr.io.scenarios.library import scenario_names
-    from usbldr_cli.runs.jobs import Unit
+    from usbldr_cli.runs.jobs import Job
 
     if row.filter not in METHODS:
         raise UsageError(f"{file}: row {row.name!r}: there is no filter {row.filter!r} (filters: {', '.join(METHODS)})")
@@ -105,10 +107,10 @@ def _units(file: Path, row: "Row") -> "list[Unit]":
         return []
     log = str(beside) if beside.exists() else row.log
     seeds = range(choices.seed, choices.seed + row.seeds)
-    return [Unit(log, row.filter, replace(choices, seed=seed), selection) for seed in seeds]
+    return [Job(log, row.filter, replace(choices, seed=seed), selection) for seed in seeds]
 
 
-def _choices(file: Path, row: "Row") -> tuple[RunChoices, Mapping[str, Any]]:
+def _choices(file: Path, row: "BaselineRow") -> tuple[RunChoices, Mapping[str, Any]]:
     """Return what a row's options ask for, read by the command line's own rules."""
     arguments = [f"--{name.replace('_', '-')}={value}" for name, value in _stated(file.parent, row.options)]
     try:
@@ -137,27 +139,29 @@ def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Ma
     return choices, selection
 
 
-def _judged(file: Path, row: "Row", units: "Sequence[Unit]", outcomes: "Sequence[Outcome]") -> "Checked":
+def _judged(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "Sequence[JobResult]") -> "CheckedRow":
     from usbldr.filters.replay.run import SAMPLED
     from usbldr_cli.runs import seed_table
-    from usbldr_cli.tables.check_verdicts import Checked, change
+    from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
 
     if not units:
         where = file.parent / row.log
-        return Checked(row, (), f"{where}: there is no such log, nor a scenario of that name", CheckError.exit_code)
+        return CheckedRow(row, (), f"{where}: there is no such log, nor a scenario of that name", CheckError.exit_code)
     bad = [outcome for outcome in outcomes if outcome.fault is not None]
     if bad:
-        return Checked(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
+        return CheckedRow(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
     seeds = tuple(unit.choices.seed for unit in units)
     dives = units[0].simulated
-    run = seed_table.Row(row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLED, dives)
-    found = seed_table.numbers(run)
-    lost = run.judged.lost if run.judged is not None else ()
-    changes = tuple(change(name, metric, found.get(name)) for name, metric in row.metrics.items())
-    return Checked(row, changes, None, LogError.exit_code if lost else 0, lost)
+    run = seed_table.ComparisonRow(
+        row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLED, dives
+    )
+    found = seed_table.row_metrics(run)
+    lost = run.scored_against.lost if run.scored_against is not None else ()
+    changes = tuple(compare_metric(name, metric, found.get(name)) for name, metric in row.metrics.items())
+    return CheckedRow(row, changes, None, LogError.exit_code if lost else 0, lost)
 
 
-def _tell(checked: "Sequence[Checked]", quiet: bool, update: bool) -> None:
+def _print_result(checked: "Sequence[CheckedRow]", quiet: bool, update: bool) -> None:
     """Print the table and the verdict; no verdict on values that are about to be replaced."""
     from usbldr_cli.tables.check_verdicts import notes, summary, table
     from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
@@ -170,9 +174,9 @@ def _tell(checked: "Sequence[Checked]", quiet: bool, update: bool) -> None:
         click.echo(textwrap.fill(summary(checked), WIDTH, break_long_words=False, break_on_hyphens=False))
 
 
-def _update(baseline: "Baseline", checked: "Sequence[Checked]", told: bool) -> int:
+def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", told: bool) -> int:
     """Store the new values, if every row gave all of its metrics."""
-    from usbldr.io.settings.regression_baseline import rewritten
+    from usbldr.io.settings.regression_baseline import with_new_values
     from usbldr_cli.tables.check_verdicts import MISSING
 
     absent = [
@@ -182,7 +186,7 @@ def _update(baseline: "Baseline", checked: "Sequence[Checked]", told: bool) -> i
         codes = [one.exit_code for one in checked]
         click.echo(f"usbldr: {baseline.file}: left as it was: {', '.join(absent)} did not give every metric", err=True)
         return max(*codes, CheckError.exit_code)
-    text = rewritten(baseline, [{c.metric: c.new for c in one.changes if c.new is not None} for one in checked])
+    text = with_new_values(baseline, [{c.metric: c.new for c in one.changes if c.new is not None} for one in checked])
     if text != baseline.text:
         write_file("--update", baseline.file, text)
     if told:

@@ -15,8 +15,8 @@ from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
-    from usbldr_cli.runs.jobs import Unit
-    from usbldr_cli.runs.seed_table import Row
+    from usbldr_cli.runs.jobs import Job
+    from usbldr_cli.runs.seed_table import ComparisonRow
 
 
 @click.command()
@@ -72,9 +72,9 @@ def compare(
         rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, where, store)
         _refuse_empty(rows)
     _write(output, rows, request)
-    _tell(rows, request, output, json_to, quiet)
+    _print_result(rows, request, output, json_to, quiet)
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
-    lost = any(row.judged is not None and row.judged.lost for row in rows)
+    lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
     return max([*codes, LogError.exit_code if lost else 0])
 
 
@@ -82,27 +82,27 @@ def _refuse_inputs(
     logs: Sequence[str], where: dict[str, Any], output: Path | None, json_to: str | None, force: bool
 ) -> None:
     """Refuse to write where a log is read, or over a file."""
-    from usbldr.io.inputs import conflict
+    from usbldr.io.inputs import output_conflict
 
     for log in logs:
         read = inputs(log, **where)
-        if output is not None and (what := conflict(output, read, inside=False)):
+        if output is not None and (what := output_conflict(output, read, inside=False)):
             raise UsageError(f"{output} {what}: choose another --output")
         if json_to not in (None, "-"):
             refuse_file("--json", Path(str(json_to)), force, read, output)
 
 
-def _finished(folders: Sequence[str], filters: str | None) -> "list[Row]":
+def _finished(folders: Sequence[str], filters: str | None) -> "list[ComparisonRow]":
     """Return the rows of run directories that may be held against each other."""
     from usbldr_cli.runs.finished_runs import is_run, read_runs
-    from usbldr_cli.runs.seed_table import refuse_unlike
+    from usbldr_cli.runs.seed_table import require_comparable
 
     if not all(is_run(Path(folder)) for folder in folders):
         raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
     if filters is not None:
         raise UsageError("run directories are compared as they are: leave --filters out")
     rows = read_runs([Path(folder) for folder in folders])
-    refuse_unlike(rows)
+    require_comparable(rows)
     return rows
 
 
@@ -142,13 +142,13 @@ def _run(
     choices: RunChoices,
     where: dict[str, Any],
     store: Path | None,
-) -> "list[Row]":
+) -> "list[ComparisonRow]":
     """Run everything; a method without chance runs once on a file, and on each dive of a scenario."""
     from usbldr.filters.replay.run import SAMPLED, called
-    from usbldr_cli.runs.jobs import run_units
-    from usbldr_cli.runs.seed_table import Row
+    from usbldr_cli.runs.jobs import run_jobs
+    from usbldr_cli.runs.seed_table import ComparisonRow
 
-    cells: dict[tuple[str, str], dict[int, Unit]] = {}
+    cells: dict[tuple[str, str], dict[int, Job]] = {}
     for log in logs:
         for method in methods:
             cells[log, method] = _cell(log, method, seeds, choices, where)
@@ -156,33 +156,33 @@ def _run(
         ((log, seed, method) for (log, method), units in cells.items() for seed in units),
         key=lambda at: (logs.index(at[0]), at[1]),  # units of one dive follow each other: it is read once
     )
-    outcomes = run_units([cells[log, method][seed] for log, seed, method in seed_major], jobs, store)
+    outcomes = run_jobs([cells[log, method][seed] for log, seed, method in seed_major], jobs, store)
     by_place = dict(zip(seed_major, outcomes, strict=True))
     reused = sum(outcome.reused for outcome in outcomes)
     if reused:
         click.echo(f"{reused} of {len(outcomes)} runs were finished already, in {store}", err=True)
     names = [Path(log).name for log in logs]
-    rows: list[Row] = []
+    rows: list[ComparisonRow] = []
     for (log, method), units in cells.items():
         name = Path(log).name if names.count(Path(log).name) == 1 else log
         found = tuple(by_place[log, seed, method] for seed in units)
         dives = next(iter(units.values())).simulated
         label = called(method, choices.settings)
-        rows.append(Row(name, label, method, tuple(units), found, method in SAMPLED, dives))
+        rows.append(ComparisonRow(name, label, method, tuple(units), found, method in SAMPLED, dives))
     return rows
 
 
-def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Unit]":
+def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Job]":
     """Return the units of one method on one log, by seed."""
     from usbldr.filters.replay.run import SAMPLED
-    from usbldr_cli.runs.jobs import Unit
+    from usbldr_cli.runs.jobs import Job
 
     once = not is_simulated(log) and method not in SAMPLED
     wanted = range(choices.seed, choices.seed + (1 if once else seeds))
-    return {seed: Unit(log, method, replace(choices, seed=seed), where) for seed in wanted}
+    return {seed: Job(log, method, replace(choices, seed=seed), where) for seed in wanted}
 
 
-def _refuse_empty(rows: "Sequence[Row]") -> None:
+def _refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
     """Raise what went wrong where nothing came out."""
     if any(row.good for row in rows):
         return
@@ -192,7 +192,7 @@ def _refuse_empty(rows: "Sequence[Row]") -> None:
     raise kind("; ".join(str(fault) for fault in faults))
 
 
-def _write(output: Path | None, rows: "Sequence[Row]", request: dict[str, Any]) -> None:
+def _write(output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[str, Any]) -> None:
     from usbldr_cli.figures.compare import write_figures
     from usbldr_cli.runs.compare_directory import write_tables
     from usbldr_cli.tables.compare_table import markdown
@@ -205,8 +205,8 @@ def _write(output: Path | None, rows: "Sequence[Row]", request: dict[str, Any]) 
         raise UsageError(f"{output}: cannot be written ({err.strerror or err})") from err
 
 
-def _tell(
-    rows: "Sequence[Row]", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
+def _print_result(
+    rows: "Sequence[ComparisonRow]", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
 ) -> None:
     """Print the tables, or the rows as JSON."""
     from usbldr_cli.runs.compare_directory import as_json

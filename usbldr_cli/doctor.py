@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError
-from usbldr_cli.options.log_options import is_simulated, log_options, open_log, request
+from usbldr_cli.options.log_options import is_simulated, log_options, open_log, read_request
 
 if TYPE_CHECKING:
     from usbldr.io.doctor.doctor import Examination
@@ -30,7 +30,7 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
     if is_simulated(log):
         found = examine_log(open_log(log, seed=0, **selection)[0])
     else:
-        found = examine(Path(log), request(**selection))
+        found = examine(Path(log), read_request(**selection))
     click.echo(json.dumps(_described(found), indent=1, allow_nan=False) if as_json else _text(found))
     return 0 if found.healthy else CheckError.exit_code
 
@@ -38,12 +38,12 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
 def _text(found: "Examination") -> str:
     """Return the page for a terminal: one finding a line, errors first."""
     lines = [f"{found.path}: {found.format}", f"configuration: {found.configuration or 'none'}", ""]
-    lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.diagnoses]
-    counts = {level: sum(d.level == level for d in found.diagnoses) for level in ("error", "warning", "info")}
+    lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.graded_findings]
+    counts = {level: sum(d.level == level for d in found.graded_findings) for level in ("error", "warning", "info")}
     total = ", ".join(
         f"{n} {name if n == 1 else names}" for n, name, names in zip(counts.values(), *NAMES, strict=True)
     )
-    return "\n".join([*lines, *([""] if found.diagnoses else []), total])
+    return "\n".join([*lines, *([""] if found.graded_findings else []), total])
 
 
 NAMES = (("error", "warning", "remark"), ("errors", "warnings", "remarks"))
@@ -58,5 +58,5 @@ def _described(found: "Examination") -> dict[str, Any]:
         "configuration": str(found.configuration) if found.configuration else None,
         "start_ns": found.log.start_ns if found.log else None,
         "healthy": found.healthy,
-        "findings": [asdict(d) for d in found.diagnoses],
+        "findings": [asdict(d) for d in found.graded_findings],
     }

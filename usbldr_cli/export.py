@@ -29,15 +29,15 @@ def export(output: Path | None, form: str | None, start: str | None, end: str | 
     """
     if output is None:
         raise UsageError("say where to write with -o NAME.mcap, NAME.bag, NAME_db3, or -o FOLDER for CSV files")
-    from usbldr.io.writers.export import cut, export
-    from usbldr.io.writers.write_log import form_of
+    from usbldr.io.writers.export import cut_log, export
+    from usbldr.io.writers.write_log import log_format_of
 
-    form_of(output, form)
+    log_format_of(output, form)
     log, _ = open_log(**where)
     lost = [finding for finding in log.findings if finding.lost_data]
     from_s = -math.inf if start is None else seconds_of_log("--start", start, log.start_ns)
     to_s = math.inf if end is None else seconds_of_log("--end", end, log.start_ns)
-    written, configuration = export(cut(log, from_s, to_s), output, force, form, inputs(**where))
+    written, configuration = export(cut_log(log, from_s, to_s), output, force, form, inputs(**where))
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in written.tables.items())
     click.echo(f"{output}: records: {counts}")
     click.echo(f"{configuration}: noise, start and conventions")

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError
-from usbldr_cli.options.log_options import is_simulated, open_log, request, selection_options
+from usbldr_cli.options.log_options import is_simulated, open_log, read_request, selection_options
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
     from usbldr.io.reader import TopicInfo
     from usbldr.io.survey import Survey
 
-MOST_TOPICS = 40  # rows shown of a log that has more, unless --all
+MAX_TOPICS_SHOWN = 40  # rows shown of a log that has more, unless --all
 
 
 @click.command()
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True)
 @selection_options
-@click.option("--all", "all_topics", is_flag=True, help=f"List every topic, not only the first {MOST_TOPICS}.")
+@click.option("--all", "all_topics", is_flag=True, help=f"List every topic, not only the first {MAX_TOPICS_SHOWN}.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: Any) -> int:
     """Say what LOG holds and how each sensor is understood.
@@ -44,7 +44,7 @@ def _survey(log: str, selection: dict[str, Any]) -> "Survey":
 
     if is_simulated(log):
         return survey_of(open_log(log, seed=0, **selection)[0])
-    return survey(Path(log), request(**selection))
+    return survey(Path(log), read_request(**selection))
 
 
 def _text(found: "Survey", all_topics: bool) -> str:
@@ -91,7 +91,7 @@ def _topic_table(found: "Survey", all_topics: bool) -> list[str]:
     for role, topic in found.roles.items():
         roles.setdefault(topic, []).append(role)
     topics = sorted(found.topics, key=lambda topic: (topic.name not in roles, topic.name))
-    shown = topics if all_topics else topics[:MOST_TOPICS]
+    shown = topics if all_topics else topics[:MAX_TOPICS_SHOWN]
     header = ("topic", "type", "messages", "rate Hz", "span s", "role")
     rows = [header, *((*_cells(topic), " ".join(roles.get(topic.name, ()))) for topic in shown)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(header))]

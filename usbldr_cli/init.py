@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options.log_options import inputs, log_options, request
+from usbldr_cli.options.log_options import inputs, log_options, read_request
 from usbldr_cli.options.output_files import refuse_file, write_file
 
 
@@ -26,7 +26,7 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     $ usbldr init dive.mcap
     """
     from usbldr.io.doctor.doctor import examine
-    from usbldr.io.doctor.init_config import draft, map_unknown
+    from usbldr.io.doctor.init_config import initial_configuration, map_origin_unknown
     from usbldr.io.settings.configuration import own_configuration
 
     path = Path(log)
@@ -37,13 +37,13 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     target = Path(output) if output else own_configuration(path, path.is_dir())
     selection["config"] = "none"
     refuse_file("--output", target, force, inputs(log, **selection))
-    found = examine(path, request(**selection))
-    text = draft(found, selection["joined"])
+    found = examine(path, read_request(**selection))
+    text = initial_configuration(found, selection["joined"])
     write_file("--output", target, text)
     checks = text.count("# CHECK")
     wanted = f"; {checks} line{'s' if checks > 1 else ''} marked CHECK want{'' if checks > 1 else 's'} a decision"
     click.echo(f"{target}: written" + (wanted if checks else ""))
-    if map_unknown(found):
+    if map_origin_unknown(found):
         click.echo(
             "where the fixes' map begins is unknown, so errors against latitudes may hold one shift in common: state "
             "origin_lat_deg and origin_lon_deg under [map] if it is known, or head under [usbl]"

@@ -14,13 +14,13 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import inputs, log_options, open_log
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.runs.score_run import needed, score
+from usbldr_cli.runs.score_run import required_sensors, score
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeftOut
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
-    from usbldr.io.reports.report_json import Run, Scored
+    from usbldr.io.reports.report_json import Run, ScoredTrack
 
 MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
 
@@ -68,8 +68,8 @@ def replay(
     $ usbldr replay dive.mcap --filter cpf
     """
     from usbldr.filters.replay.methods import METHODS
-    from usbldr.io.doctor.cross_check import better_readings
-    from usbldr.io.inputs import conflict
+    from usbldr.io.doctor.cross_check import convention_warnings
+    from usbldr.io.inputs import output_conflict
     from usbldr.io.read import require
     from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.timeline import timeline
@@ -86,30 +86,30 @@ def replay(
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     if strict and lost:
         raise LogError(lost[0])
-    require(log, needed(method))
+    require(log, required_sensors(method))
     _refuse_for_tracks(method, choices)
-    line = timeline(log, choices.fast_hz, choices.slow_hz)
-    log = choices.applied(log, line, method)
-    doubts = better_readings(log, line)
+    dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
+    log = choices.with_assumptions(log, dive_timeline, method)
+    doubts = convention_warnings(log, dive_timeline)
     for finding in doubts:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     log = replace(log, findings=(*log.findings, *doubts))
     if write_calibration is not None:
         _refuse_without_errors(method, log)
     if leave_one_out is not None:
-        _refuse_without_shifts(method, choices, line)
+        _refuse_without_shifts(method, choices, dive_timeline)
     name = log.path.name if log.path.is_dir() else log.path.stem
     target = output or Path(f"{name}-{method}{'-smoothed' if choices.smooth else ''}")
-    if what := conflict(target, read, inside=False):
+    if what := output_conflict(target, read, inside=False):
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
-        run = _run(method, log, line, choices, content)
+        run = _run(method, log, dive_timeline, choices, content)
         if leave_one_out is not None:
             run = _with_left_out(method, run, choices, leave_one_out)
         _write(folder, run)
         if write_calibration is not None:
             _write_calibration(Path(write_calibration), run)
-    _tell(run, target, json_to, quiet)
+    _print_result(run, target, json_to, quiet)
     if write_calibration is not None and not quiet and json_to != "-":
         click.echo(f"configuration for the next dive written to {write_calibration}")
     return LogError.exit_code if lost else 0
@@ -138,49 +138,51 @@ def _refuse_without_errors(method: str, log: "Log") -> None:
         raise UsageError(f"--write-calibration: no errors of sensors are estimated; {hint}")
 
 
-def _refuse_without_shifts(method: str, choices: RunChoices, line: "Timeline") -> None:
+def _refuse_without_shifts(method: str, choices: RunChoices, dive_timeline: "Timeline") -> None:
     """Refuse --leave-one-out where no fix is told of, or where the filter does not tell what a fix did to it."""
     from usbldr.filters.replay.run import SMOOTHED_BY
 
     if method not in SMOOTHED_BY or choices.form == "literal":
         told = ", ".join(SMOOTHED_BY)
         raise UsageError(f"--leave-one-out: {method} does not tell what each fix did to it (those that do: {told})")
-    if not len(line.fix_time_s):
+    if not len(dive_timeline.fix_time_s):
         raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
 
 
-def _run(method: str, log: "Log", line: "Timeline", choices: RunChoices, content: dict[str, object] | None) -> "Run":
+def _run(
+    method: str, log: "Log", dive_timeline: "Timeline", choices: RunChoices, content: dict[str, object] | None
+) -> "Run":
     """Make the track and those that people do without a filter, and judge all of them alike."""
     from usbldr.io.reports.report_json import Run
 
-    anchor = choices.anchor(log, line)
-    possible = {"usbl": len(line.fix_time_s) > 0, "dr": anchor is not None}
+    anchor = choices.anchor(log, dive_timeline)
+    possible = {"usbl": len(dive_timeline.fix_time_s) > 0, "dr": anchor is not None}
     others = [name for name, there in possible.items() if there and name != method]
-    scored = score(method, log, line, choices, anchor)
-    baselines: list[Scored] = []
+    scored = score(method, log, dive_timeline, choices, anchor)
+    baselines: list[ScoredTrack] = []
     for name in others:
         with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
-            baselines.append(score(name, log, line, choices, anchor))
-    return Run(log, line, scored, tuple(baselines), choices.order, choices.seed, asdict(choices), content)
+            baselines.append(score(name, log, dive_timeline, choices, anchor))
+    return Run(log, dive_timeline, scored, tuple(baselines), choices.order, choices.seed, asdict(choices), content)
 
 
 def _with_left_out(method: str, run: "Run", choices: RunChoices, count: int) -> "Run":
     """Return the run with what it would have been without each of the most influential fixes."""
     from usbldr.filters.evaluation.influence import influential, left_out, without_fix
 
-    log, line, (whole, report) = run.log, run.timeline, run.scored
-    anchor = choices.anchor(log, line)
+    log, dive_timeline, (whole, report) = run.log, run.timeline, run.scored
+    anchor = choices.anchor(log, dive_timeline)
     found: list[LeftOut] = []
     for fix in influential(whole, count):
         try:
-            other = score(method, log, without_fix(line, fix.row), choices, anchor)
+            other = score(method, log, without_fix(dive_timeline, fix.row), choices, anchor)
         except LogError as err:
             raise LogError(f"--leave-one-out, without the fix at {fix.time_s:.1f} s: {err}") from err
         change_m = math.nan
         if report is not None and other.report is not None:
             change_m = other.report.metrics[MEAN_ERROR] - report.metrics[MEAN_ERROR]
         found.append(left_out(fix, whole, other.trajectory, change_m))
-    return replace(run, left_out=tuple(found))
+    return replace(run, without_fixes=tuple(found))
 
 
 def _write(folder: Path, run: "Run") -> None:
@@ -199,18 +201,18 @@ def _write(folder: Path, run: "Run") -> None:
 
 def _write_calibration(file: Path, run: "Run") -> None:
     """Write the configuration for the next dive."""
-    from usbldr.io.reports.calibration_config import next_configuration
+    from usbldr.io.reports.calibration_config import calibrated_configuration
 
-    write_file("--write-calibration", file, next_configuration(run.log, run.scored.trajectory))
+    write_file("--write-calibration", file, calibrated_configuration(run.log, run.scored.trajectory))
 
 
-def _tell(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
+def _print_result(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
     """Print the table, or the report as JSON."""
-    from usbldr.io.reports.report_json import describe, strict
+    from usbldr.io.reports.report_json import json_values, report_content
     from usbldr_cli.tables.run_table import render
 
     if json_to is not None:
-        text = json.dumps(strict(describe(run)), indent=1, allow_nan=False, ensure_ascii=False)
+        text = json.dumps(json_values(report_content(run)), indent=1, allow_nan=False, ensure_ascii=False)
         if json_to == "-":
             click.echo(text)
             return

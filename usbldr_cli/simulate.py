@@ -44,9 +44,9 @@ def simulate(
 
     from usbldr.io.inputs import refuse_inputs
     from usbldr.io.scenarios.files import write_scenario
-    from usbldr.io.writers.write_log import configuration_place, form_of
+    from usbldr.io.writers.write_log import configuration_place, log_format_of
 
-    for place in (output, configuration_place(output, form_of(output, form))):
+    for place in (output, configuration_place(output, log_format_of(output, form))):
         refuse_inputs(place, inputs(scenario))
     log, configuration = write_scenario(chosen, seed, output, force, form)
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in log.tables.items())

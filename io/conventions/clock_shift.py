@@ -11,18 +11,18 @@ from dataclasses import replace
 import numpy as np
 
 from usbldr.io.log import Finding
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.layouts import RawRecords
 
 SAME_CLOCK_NS = 1800 * 1_000_000_000  # time zones are whole hours apart, or half ones
 LEAST = 0.01  # the share of records that may seem to have arrived even sooner
 
 
-def on_one_clock(raws: Mapping[str, Raw], by_log: frozenset[str]) -> tuple[dict[str, Raw], list[Finding]]:
+def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tuple[dict[str, RawRecords], list[Finding]]:
     """Return the raws on one clock, and what was moved; roles in ``by_log`` are timed without stamps."""
     delay_ns = {role: 0 if role in by_log else least_delay_ns(raw) for role, raw in raws.items()}
     if not delay_ns or max(delay_ns.values()) - min(delay_ns.values()) <= SAME_CLOCK_NS:
         return dict(raws), []
-    moved: dict[str, Raw] = {}
+    moved: dict[str, RawRecords] = {}
     findings: list[Finding] = []
     for role, raw in raws.items():
         own = [ns for ns in delay_ns.values() if abs(ns - delay_ns[role]) <= SAME_CLOCK_NS]
@@ -39,7 +39,7 @@ def on_one_clock(raws: Mapping[str, Raw], by_log: frozenset[str]) -> tuple[dict[
     return moved, findings
 
 
-def least_delay_ns(raw: Raw) -> int:
+def least_delay_ns(raw: RawRecords) -> int:
     """Return log time minus stamp where it is least, but for a few; 0 without stamps."""
     if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):  # columns of times are no clock's
         return 0

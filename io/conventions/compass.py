@@ -12,10 +12,10 @@ import numpy as np
 from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
-from usbldr.io.conventions.dvl_depth import Converted, converted, dropped, kept, stated
+from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import CompassSection
 
 COMPASS_SD_DEG = 0.3  # where nobody says
@@ -24,22 +24,24 @@ DEGREES = 1  # of its unit; 0: radians
 CLOCKWISE = 1  # of its orientation, from north; 0: counter-clockwise from east
 NEWTON_STEPS = 8  # from 30 degrees off to far below what a compass can tell
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
-MANY = 100  # records without any change make one wonder
+MIN_CONSTANT_RECORDS = 100  # records without any change make one wonder
 
 
 @dataclass(frozen=True, slots=True)
-class Keys:
+class KeyTexts:
     """How sentences call the keys that would mend a heading."""
 
     declination: str = "declination_deg under [compass]"
     radians: str = 'state [compass] unit = "rad"'
 
 
-OF_COMPASS = Keys()
-OF_HEAD = Keys("heading_declination_deg in head of [usbl]", "name another heading_topic in head of [usbl]")
+OF_COMPASS = KeyTexts()
+OF_HEAD = KeyTexts("heading_declination_deg in head of [usbl]", "name another heading_topic in head of [usbl]")
 
 
-def compass(raw: Raw, section: CompassSection, place: Origin | None, keys: Keys = OF_COMPASS) -> Converted:
+def compass(
+    raw: RawRecords, section: CompassSection, place: Origin | None, keys: KeyTexts = OF_COMPASS
+) -> ConvertedTable:
     """Turn headings to degrees clockwise from true north, 0 to 360; invalid records are left out.
 
     ``place`` is where declination is taken. Raises LogError where all records are invalid, UsageError where a
@@ -47,7 +49,7 @@ def compass(raw: Raw, section: CompassSection, place: Origin | None, keys: Keys 
     """
     times = times_of(raw, section.time, section.latency_s)
     heading, causes, said, findings = _clockwise(raw, section, keys)
-    good, invalid = dropped(raw, causes, "compass", "left out")
+    good, invalid = valid_mask(raw, causes, "compass", "left out")
     added, more_said, more = _declination(raw, section, place, int(times.time_ns[good][0]), keys)
     said, findings = [*said, *more_said], [*findings, *more, *invalid, *_constant(raw, heading[good])]
     heading = heading - section.bias_deg + added
@@ -58,7 +60,7 @@ def compass(raw: Raw, section: CompassSection, place: Origin | None, keys: Keys 
         said.append(f"deviation {A:g} sin H {B:+g} cos H deg subtracted (configuration)")
     sd, sd_said = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
-    return kept(converted(raw, times, columns, [*said, sd_said], findings), good)
+    return keep_valid(converted_table(raw, times, columns, [*said, sd_said], findings), good)
 
 
 def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
@@ -71,12 +73,12 @@ def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
 
 
 def _clockwise(
-    raw: Raw, section: CompassSection, keys: Keys
+    raw: RawRecords, section: CompassSection, keys: KeyTexts
 ) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
     """Return headings clockwise from whatever north, degrees (n,); by cause which are invalid; what was assumed."""
     settled = "angle" in raw.values and "convention" in {*raw.layout.defaults, *raw.layout.fixed}
     by_frame = "NED" if named_ned(raw.frame_id) and not settled else None
-    convention, who, findings = stated(raw, "convention", section.convention or by_frame, "ENU")
+    convention, who, findings = chosen_convention(raw, "convention", section.convention or by_frame, "ENU")
     who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
     said = [f"convention {convention} ({who})"]
     if section.unit is not None and "angle" not in raw.values:
@@ -87,7 +89,7 @@ def _clockwise(
     if "angle" not in raw.values:
         yaw, causes = _yaw_deg(raw)
         return (90.0 - yaw if convention == "ENU" else yaw), causes, said, findings
-    unit, unit_who, more = stated(raw, "unit", section.unit, "deg")
+    unit, unit_who, more = chosen_convention(raw, "unit", section.unit, "deg")
     angle, findings = raw.number("angle"), [*findings, *more]
     largest = float(np.max(np.abs(angle[np.isfinite(angle)]), initial=0.0))
     if unit == "by range":
@@ -105,7 +107,7 @@ def _clockwise(
     return np.where(from_east, 90.0 - angle, angle), causes, [*said, f"unit {unit} ({unit_who})"], findings
 
 
-def _yaw_deg(raw: Raw) -> tuple[Vector, dict[str, Mask]]:
+def _yaw_deg(raw: RawRecords) -> tuple[Vector, dict[str, Mask]]:
     """Return the yaw of the quaternions about their frame's z axis, degrees (n,), and by cause which are invalid."""
     x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
     yaw = np.degrees(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
@@ -119,7 +121,7 @@ def _yaw_deg(raw: Raw) -> tuple[Vector, dict[str, Mask]]:
 
 
 def _magnetometer(
-    raw: Raw, convention: str, said: list[str], findings: list[Finding]
+    raw: RawRecords, convention: str, said: list[str], findings: list[Finding]
 ) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
     """Return the heading of a level magnetometer: x forward, y to port (ENU) or to starboard (NED)."""
     forward, y = raw.number("field_x"), raw.number("field_y")
@@ -129,7 +131,7 @@ def _magnetometer(
     return np.degrees(np.arctan2(port, forward)), causes, said, [*findings, Finding("HEADING-MAGNETOMETER", text)]
 
 
-def _magnetic(raw: Raw) -> Mask | None:
+def _magnetic(raw: RawRecords) -> Mask | None:
     """Return which records (n,) count from magnetic north by their own account; None: they do not tell."""
     if "north_code" in raw.values:
         return raw.number("north_code") == MAGNETIC
@@ -139,7 +141,7 @@ def _magnetic(raw: Raw) -> Mask | None:
 
 
 def _declination(
-    raw: Raw, section: CompassSection, place: Origin | None, time_ns: int, keys: Keys
+    raw: RawRecords, section: CompassSection, place: Origin | None, time_ns: int, keys: KeyTexts
 ) -> tuple[Vector, list[str], list[Finding]]:
     """Return the degrees to add to each record, (n,), how they came about, and what a user ought to know."""
     magnetic, stated_deg = _magnetic(raw), section.declination_deg
@@ -183,7 +185,7 @@ def _declination(
     return np.where(True if magnetic is None else magnetic, value, 0.0), said, []
 
 
-def _sd_deg(raw: Raw, section: CompassSection) -> tuple[Vector, str]:
+def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, str]:
     """Return the 1-sigma of each record, degrees (n,), and where it comes from."""
     if isinstance(section.sd_deg, float):
         return np.full(len(raw.received_ns), section.sd_deg), f"sd {section.sd_deg:g} deg (configuration)"
@@ -206,8 +208,8 @@ def _sd_deg(raw: Raw, section: CompassSection) -> tuple[Vector, str]:
     return np.where(known, sd, COMPASS_SD_DEG), said
 
 
-def _constant(raw: Raw, heading: Vector) -> list[Finding]:
-    if len(heading) < MANY or np.any(heading != heading[0]):
+def _constant(raw: RawRecords, heading: Vector) -> list[Finding]:
+    if len(heading) < MIN_CONSTANT_RECORDS or np.any(heading != heading[0]):
         return []
     text = f"{raw.topic.name}: all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; does it measure any?"
     return [Finding("HEADING-CONSTANT", text)]

@@ -15,17 +15,17 @@ from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.conventions.timestamps import Times, times_of
 from usbldr.io.log import Finding
 from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
 SURFACE_PA = 101325.0
-LEAST_PA = 5e4  # of air, wherever there is water to dive in
+MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
 ANY_COLUMNS = "docs/configuration.md#any-columns"
 IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
-DEEPEST_M = 12_000.0  # no sea is deeper
-TO_MPS: Mapping[str, float] = {
+MAX_DEPTH_M = 12_000.0  # no sea is deeper
+MPS_PER_UNIT: Mapping[str, float] = {
     "m/s": 1.0,
     "cm/s": 1e-2,
     "mm/s": 1e-3,
@@ -33,11 +33,11 @@ TO_MPS: Mapping[str, float] = {
     "ft/s": 0.3048,
     "knots": 1852 / 3600,
 }
-PASCALS: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
+PASCALS_PER_UNIT: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
 
 
 @dataclass(frozen=True, slots=True)
-class Converted:
+class ConvertedTable:
     """A sensor's table in the making: the canonical columns, with times.TIMES in place of time_s and received_s."""
 
     table: pd.DataFrame  # in order of arrival
@@ -45,7 +45,7 @@ class Converted:
     findings: tuple[Finding, ...]
 
 
-def stated(raw: Raw, key: str, value: str | None, default: str) -> tuple[str, str, list[Finding]]:
+def chosen_convention(raw: RawRecords, key: str, value: str | None, default: str) -> tuple[str, str, list[Finding]]:
     """Return a key's value, who chose it, and a finding where the configuration asks for what the log rules out."""
     if key in raw.layout.fixed:
         fixed = raw.layout.fixed[key]
@@ -61,16 +61,16 @@ def stated(raw: Raw, key: str, value: str | None, default: str) -> tuple[str, st
     return default, "default", []
 
 
-def converted(
-    raw: Raw, times: Times, columns: Mapping[str, Vector | Mask], said: list[str], findings: list[Finding]
-) -> Converted:
+def converted_table(
+    raw: RawRecords, times: Times, columns: Mapping[str, Vector | Mask], said: list[str], findings: list[Finding]
+) -> ConvertedTable:
     """Put times and columns into one table, times' conventions last."""
     table = pd.DataFrame(times.columns() | dict(columns))
-    return Converted(table, (*said, *times.conventions), (*findings, *times.findings))
+    return ConvertedTable(table, (*said, *times.conventions), (*findings, *times.findings))
 
 
-def dropped(
-    raw: Raw, causes: Mapping[str, Mask], sensor: str, verdict: str, advice: str = ""
+def valid_mask(
+    raw: RawRecords, causes: Mapping[str, Mask], sensor: str, verdict: str, advice: str = ""
 ) -> tuple[Mask, list[Finding]]:
     """Return which records (n,) are good, and a finding that counts the others by their first cause.
 
@@ -91,16 +91,16 @@ def dropped(
     return good, [Finding(f"{sensor.upper()}-INVALID", text)]
 
 
-def dvl(raw: Raw, section: DvlSection) -> Converted:
+def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     """Turn velocities to starboard, forward, up in m/s; invalid records stay in the table and are marked.
 
     Raises LogError where all are invalid, or where so many are too fast that the unit must be another.
     """
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
-    axes, who, findings = stated(raw, "axes", section.axes, by_frame)
+    axes, who, findings = chosen_convention(raw, "axes", section.axes, by_frame)
     who = f'by frame_id "{raw.frame_id}"' if who == "default" else who
-    unit, unit_who, more = stated(raw, "unit", section.unit, "m/s")
-    to_mps = TO_MPS[unit]
+    unit, unit_who, more = chosen_convention(raw, "unit", section.unit, "m/s")
+    to_mps = MPS_PER_UNIT[unit]
     said = [f"axes {axes} ({who})", f"unit {unit} ({unit_who})"]
 
     instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
@@ -118,7 +118,7 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
     free = section.unit is None or unit_who == "by column names"
     own = IN_MILLIMETRES if unit_who == "by column names" else ""
-    valid, invalid = dropped(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
+    valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
     if unit_who == "default" and in_millimetres(raw, causes):
         fast = int(np.sum(causes[TOO_FAST]))
         raise LogError(
@@ -134,10 +134,10 @@ def dvl(raw: Raw, section: DvlSection) -> Converted:
         "valid": valid,
     }
     times = times_of(raw, section.time, section.latency_s)
-    return converted(raw, times, columns, [*said, sd_said], [*findings, *more, *invalid])
+    return converted_table(raw, times, columns, [*said, sd_said], [*findings, *more, *invalid])
 
 
-def _dvl_sd(raw: Raw, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
+def _dvl_sd(raw: RawRecords, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
     """Return the 1-sigma of each record, (n,), NaN where unknown."""
     own = "sd_mps" in raw.layout.optional.values()
     if isinstance(section.sd_mps, float):
@@ -153,17 +153,17 @@ def _dvl_sd(raw: Raw, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
     return sd, f"sd of the messages, median {np.nanmedian(sd):.3g} m/s ({who})"
 
 
-def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
+def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
     """Turn pressures or depths to metres below the surface; return a finding where the unit makes no sense.
 
     Raises LogError where all are invalid.
     """
-    unit, who, findings = stated(raw, "unit", section.unit, "m")
+    unit, who, findings = chosen_convention(raw, "unit", section.unit, "m")
     said = [f"unit {unit} ({who})"]
     if "pressure" in raw.values:
         if unit == "m":
             raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
-        pressure = raw.number("pressure") * PASCALS[unit]
+        pressure = raw.number("pressure") * PASCALS_PER_UNIT[unit]
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
         said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
         if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
@@ -176,7 +176,7 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
         usual = "up" if height and not named_frd(raw.frame_id) else "down"
         if unit != "m":
             raise SettingError(f'[depth] unit = "{unit}": {raw.topic.name} holds depths in m')
-        sign, sign_who, more = stated(raw, "positive", section.positive, usual)
+        sign, sign_who, more = chosen_convention(raw, "positive", section.positive, usual)
         sign_who = f'by frame_id "{raw.frame_id}"' if height and sign_who == "default" else sign_who
         value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
         said.append(f"positive {sign} ({sign_who})")
@@ -188,10 +188,10 @@ def depth(raw: Raw, section: DepthSection) -> Converted | Finding:
                 f'if it counts the other way, state positive = "{"up" if sign == "down" else "down"}" under [depth]'
             )
             findings.append(Finding("DEPTH-SIGN", text))
-    causes = {"not a number": ~np.isfinite(value), f"beyond {DEEPEST_M / 1000:.0f} km": np.abs(value) > DEEPEST_M}
-    good, invalid = dropped(raw, causes, "depth", "left out")
+    causes = {"not a number": ~np.isfinite(value), f"beyond {MAX_DEPTH_M / 1000:.0f} km": np.abs(value) > MAX_DEPTH_M}
+    good, invalid = valid_mask(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
-    return kept(converted(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
+    return keep_valid(converted_table(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
 
 
 def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
@@ -200,18 +200,18 @@ def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
     if not len(known):
         return ""
     low, median = np.quantile(known, [0.05, 0.5])
-    if median < LEAST_PA and unit is None:
+    if median < MIN_AIR_PRESSURE_PA and unit is None:
         return f"a median of {median:g} cannot be Pa; state unit"
-    if low < LEAST_PA:
+    if low < MIN_AIR_PRESSURE_PA:
         return f"{low:g} Pa is less than the air's: gauge pressures need surface_pa = 0"
     return ""
 
 
-def _refuse(value: str | None, key: str, what: str, raw: Raw) -> None:
+def _refuse(value: str | None, key: str, what: str, raw: RawRecords) -> None:
     if value is not None:
         raise SettingError(f"[depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")
 
 
-def kept(made: Converted, good: Mask) -> Converted:
+def keep_valid(made: ConvertedTable, good: Mask) -> ConvertedTable:
     """Leave out the records that are not good."""
-    return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)
+    return ConvertedTable(made.table[good].reset_index(drop=True), made.conventions, made.findings)

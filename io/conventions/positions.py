@@ -8,21 +8,21 @@ import pandas as pd
 from usbldr.filters.errors import LogError, SettingError
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
-from usbldr.io.conventions.dvl_depth import Converted, converted, dropped, stated
+from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, valid_mask
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.geodesy import to_geodetic, to_plane
 from usbldr.io.log import Origin
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import GpsSection
 
 UNDERWATER_M = 1.0
 LONGEST_STILL_S = 5.0  # a receiver that says the same to the last digit for longer has no new fix
-MOST_M = 2e7  # half around the earth
-MOST_SD_M = 1e6  # an error that is said to be larger is unknown
+MAX_POSITION_M = 2e7  # half around the earth
+MAX_POSITION_SD_M = 1e6  # an error that is said to be larger is unknown
 SD_OF_95_PERCENT = 1 / 2.4477  # a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
-def geodetic(raw: Raw) -> tuple[Vector, Vector]:
+def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
     """Return latitude and longitude in degrees, (n,) each; GGA's may be ddmm.mmmm, with N, S, E or W beside it."""
     lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
     if "lat_side" not in raw.values:
@@ -33,7 +33,7 @@ def geodetic(raw: Raw) -> tuple[Vector, Vector]:
     return np.where(south, -np.abs(lat), lat), np.where(west, -np.abs(lon), lon)
 
 
-def _pair(raw: Raw) -> tuple[Vector, Vector]:
+def _pair(raw: RawRecords) -> tuple[Vector, Vector]:
     """Return the two numbers of each place, (n,): latitude and longitude, east and north, or x and y."""
     if "lat_deg" in raw.layout.required:
         return geodetic(raw)
@@ -41,7 +41,7 @@ def _pair(raw: Raw) -> tuple[Vector, Vector]:
     return raw.number(names[0]), raw.number(names[1])
 
 
-def place_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
+def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     """Return by cause which positions (n,) are invalid by themselves; in the frame latlon, x and y are degrees."""
     a, b = _pair(raw)
     latlon = frame == "latlon" or "lat_deg" in raw.layout.required
@@ -55,10 +55,10 @@ def place_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
         return causes
-    return causes | off_the_plane(a, b)
+    return causes | off_plane_causes(a, b)
 
 
-def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vector]:
+def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector, Vector]:
     """Return east and north, (n,) each, of positions whose frame is ENU, NED or latlon (x latitude, y longitude).
 
     Raises LogError where latitudes are to be placed and the plane has no origin.
@@ -76,12 +76,12 @@ def on_plane(raw: Raw, frame: str, origin: Origin | None) -> tuple[Vector, Vecto
     return to_plane(origin, x, y)
 
 
-def off_the_plane(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
+def off_plane_causes(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
     """Return as a cause which places (n,) lie on no map of this earth."""
-    return {f"beyond {MOST_M / 1000:.0f} km": np.fmax(np.abs(east_m), np.abs(north_m)) > MOST_M}
+    return {f"beyond {MAX_POSITION_M / 1000:.0f} km": np.fmax(np.abs(east_m), np.abs(north_m)) > MAX_POSITION_M}
 
 
-def message_covariance(raw: Raw, frame: str) -> Array:
+def message_covariance(raw: RawRecords, frame: str) -> Array:
     """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none.
 
     Of a pose in the frame latlon, x is the latitude: its variance is that of north.
@@ -99,23 +99,26 @@ def message_covariance(raw: Raw, frame: str) -> Array:
             ee, nn = nn, ee
     R = np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
     least, most = np.fmin(ee, nn), np.fmax(ee, nn)
-    unknown = ~((least > 0) & (most <= MOST_SD_M**2) & np.isfinite(ee + nn + en)) | (raw.number("covariance_type") == 0)
+    unknown = ~((least > 0) & (most <= MAX_POSITION_SD_M**2) & np.isfinite(ee + nn + en)) | (
+        raw.number("covariance_type") == 0
+    )
     return np.where(unknown[:, None, None], _round(raw.number("error_95_m") * SD_OF_95_PERCENT), R)
 
 
 def _round(sd_m: Vector) -> Array:
-    """Return covariances without a direction, (n, 2, 2); NaN where the sd is no number between 0 and MOST_SD_M."""
-    known = (sd_m > 0) & (sd_m <= MOST_SD_M)
+    """Return covariances without a direction, (n, 2, 2); NaN where the sd is no number between 0 and "
+    "MAX_POSITION_SD_M."""
+    known = (sd_m > 0) & (sd_m <= MAX_POSITION_SD_M)
     return np.eye(2) * np.where(known, sd_m, np.nan)[:, None, None] ** 2
 
 
-def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
+def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> ConvertedTable:
     """Turn GPS fixes, or another reference's positions, to east and north; fixes without validity are left out."""
     latlon = "lat_deg" in raw.layout.required
-    frame, who, findings = stated(raw, "frame", section.frame, "NED" if named_ned(raw.frame_id) else "ENU")
+    frame, who, findings = chosen_convention(raw, "frame", section.frame, "NED" if named_ned(raw.frame_id) else "ENU")
     if latlon != (frame == "latlon") and latlon:
         raise SettingError(f'frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
-    good, invalid = dropped(raw, place_causes(raw, frame), "gps", "left out")
+    good, invalid = valid_mask(raw, place_causes(raw, frame), "gps", "left out")
     east, north = on_plane(raw, frame, origin)
     covariance = message_covariance(raw, frame)
     sd = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
@@ -127,8 +130,8 @@ def gps(raw: Raw, section: GpsSection, origin: Origin | None) -> Converted:
         lat, lon = to_geodetic(origin, east, north)
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
     times = times_of(raw, section.time, section.latency_s)
-    made = converted(raw, times, columns, [f"frame {frame} ({who})", sd_said], [*findings, *invalid])
-    return Converted(made.table[good].reset_index(drop=True), made.conventions, made.findings)
+    made = converted_table(raw, times, columns, [f"frame {frame} ({who})", sd_said], [*findings, *invalid])
+    return ConvertedTable(made.table[good].reset_index(drop=True), made.conventions, made.findings)
 
 
 def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:
@@ -139,7 +142,7 @@ def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:
     return cast(Vector, np.interp(gps[time], depth[time], depth["depth_m"], left=np.nan, right=np.nan))
 
 
-def under_water(topic: str, depth_m: Vector) -> str:
+def underwater_text(topic: str, depth_m: Vector) -> str:
     """Return a sentence where satellite fixes at these depths are something else: empty where none is too deep."""
     wet = depth_m > UNDERWATER_M
     if not wet.any():
@@ -150,7 +153,7 @@ def under_water(topic: str, depth_m: Vector) -> str:
     )
 
 
-def standing_still(topic: str, table: pd.DataFrame, start_ns: int) -> str:
+def repeated_fix_text(topic: str, table: pd.DataFrame, start_ns: int) -> str:
     """Return a sentence where latitudes and longitudes are the same to the last digit for long: empty where none are.
 
     ``table`` is in order of time_ns. Under water a receiver repeats its last fix, with new stamps.

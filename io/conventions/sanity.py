@@ -9,10 +9,10 @@ from usbldr.filters.types import Truth
 from usbldr.io.conventions import positions
 from usbldr.io.log import Finding, Origin, Provenance
 
-APART_M = 50_000.0  # no dive goes so far, nor does a plane that touches the earth hold
+MAX_SEPARATION_M = 50_000.0  # no dive goes so far, nor does a plane that touches the earth hold
 
 
-def truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
+def truth_overlap_findings(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
     """Say where the truth has no moment in common with the sensors."""
     times = [tables[role]["time_ns"] for role in ("dvl", "compass", "usbl") if role in tables]
     if truth is None or not times:
@@ -24,7 +24,7 @@ def truth_apart(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_n
     return [Finding("TRUTH-APART", f"{truth.source}: truth and sensors do not overlap in time: it covers {span}")]
 
 
-def places_apart(
+def position_findings(
     tables: Mapping[str, pd.DataFrame], provenance: Mapping[str, Provenance], origin: Origin | None
 ) -> list[Finding]:
     """Say where fixes, GPS and the map's origin cannot be of one dive: no slip of theirs shows in a track's shape."""
@@ -34,29 +34,29 @@ def places_apart(
         if role in tables
     }
     where = " and ".join(places)
-    if len(places) == 2 and (far_m := float(np.hypot(*np.subtract(*places.values())))) > APART_M:
+    if len(places) == 2 and (far_m := float(np.hypot(*np.subtract(*places.values())))) > MAX_SEPARATION_M:
         told = "latitude and longitude exchanged, radians for degrees, or the [map] or head of another place"
         return [Finding("PLACES-APART", f"{where} lie {far_m / 1000:.0f} km apart: {told}")]
     far_m = max((float(np.hypot(*place)) for place in places.values()), default=0.0)
-    if origin is None or far_m < APART_M:
+    if origin is None or far_m < MAX_SEPARATION_M:
         return []
     text = f"{where}: {far_m / 1000:.0f} km from the map's origin ({origin.source}), where the plane is no map any more"
     return [Finding("PLACES-APART", f"{text}: state the [map] of this dive")]
 
 
-def truth_under_water(
+def truth_underwater_findings(
     truth: Truth, provenance: Mapping[str, Provenance], tables: Mapping[str, pd.DataFrame]
 ) -> list[Finding]:
     """Say where GPS fixes were made below the surface."""
     if not {"gps", "depth"} <= tables.keys() or truth.source != provenance["gps"].topic:
         return []
     depth_m = positions.depths_of(tables["gps"], tables["depth"], "time_ns")
-    text = positions.under_water(truth.source, depth_m)
+    text = positions.underwater_text(truth.source, depth_m)
     return [Finding("GPS-UNDERWATER", text)] if text else []
 
 
-def standing_still(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:
+def repeated_fix_findings(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:
     """Say where a receiver repeats its last fix."""
     degrees = "lat_deg" in table and any(said.startswith("frame latlon") for said in of.conventions)
-    text = positions.standing_still(of.topic, table, start_ns) if degrees else ""
+    text = positions.repeated_fix_text(of.topic, table, start_ns) if degrees else ""
     return [Finding("GPS-REPEATED", text)] if text else []

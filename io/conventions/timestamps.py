@@ -7,7 +7,7 @@ import pandas as pd
 
 from usbldr.filters.types import Vector
 from usbldr.io.log import Finding
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.reader import Nanoseconds
 
 TIMES = ("time_ns", "received_ns", "stamp_ns")
@@ -29,7 +29,7 @@ class Times:
         return {"time_ns": self.time_ns, "received_ns": self.received_ns, "stamp_ns": self.stamp_ns}
 
 
-def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
+def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
     """Time the records: by header unless there is none or the configuration wants log time; latency is subtracted."""
     name, said, findings = raw.topic.name, list[str](), list[Finding]()
     if raw.stamp_ns is None:
@@ -62,7 +62,7 @@ def times_of(raw: Raw, clock: str | None, latency_s: float) -> Times:
     return Times(time, np.maximum(time, raw.received_ns), stamp, tuple(said), tuple(findings))
 
 
-def _age_ns(raw: Raw) -> Nanoseconds | None:
+def _age_ns(raw: RawRecords) -> Nanoseconds | None:
     """Return how old each record was when its instrument sent it, (n,), -1 where unset; None: they do not tell."""
     for unit, to_ns in (("us", 1000), ("ns", 1)):
         if f"transmission_{unit}" in raw.values and f"validity_{unit}" in raw.values:
@@ -81,7 +81,7 @@ def _whole_ns(seconds: Vector) -> Nanoseconds:
     return np.rint(np.where(np.isfinite(seconds), seconds, -1e-9) * 1e9).astype(np.int64)
 
 
-def in_order(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.DataFrame, list[Finding]]:
+def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.DataFrame, list[Finding]]:
     """Sort a table (in order of arrival) by time of validity; make one of repeated records.
 
     Same time and same values: one record. Same time and other values: USBL fixes are all kept, of other sensors the

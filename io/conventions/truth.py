@@ -18,7 +18,7 @@ from usbldr.io.settings.sensor_sections import TruthSection
 FINDINGS = "findings"  # what was noticed of a truth file, as an attribute of its table
 
 
-def find_file(name: str, log: Path, from_option: bool) -> Path | None:
+def find_truth_file(name: str, log: Path, from_option: bool) -> Path | None:
     """Return the truth file of that name: of an option from here, else from the folder that holds the log."""
     places = [Path(name)] if from_option else []
     places.append(log.resolve().parent / name)

@@ -3,7 +3,8 @@
 A fix may come as latitude and longitude, as a position on the map, as an offset from the head, or as slant range and
 bearing from the head. Offsets and bearings count from true north, or from the bow of whoever carries the head: a ship,
 or the vehicle itself, which then measures a fixed beacon. A heading of the vehicle that turns a fix ties the fix to the
-compass; the filter takes both as independent, and `of_known_end` adds what the heading's own noise does to the fix.
+compass; the filter takes both as independent, and `reference_covariance` adds what the heading's own noise does to the
+fix.
 """
 
 from collections.abc import Mapping
@@ -15,51 +16,56 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd, named_ned
-from usbldr.io.conventions.dvl_depth import Converted, converted, dropped, kept, stated
-from usbldr.io.conventions.positions import off_the_plane, on_plane
+from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
+from usbldr.io.conventions.positions import off_plane_causes, on_plane
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.conventions.usbl_covariance import floored, of_known_end, sensor_covariance, stated_covariance
-from usbldr.io.conventions.usbl_head import KnownEnd, Samples, clockwise, known_end
-from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, of_target, told_once
+from usbldr.io.conventions.usbl_covariance import (
+    reference_covariance,
+    sensor_covariance,
+    stated_covariance,
+    with_variance_floor,
+)
+from usbldr.io.conventions.usbl_head import TimeSeries, UsblReference, rotated_clockwise, usbl_reference
+from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import UsblSection
 
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} where the vehicle carries the head"
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class FixContext:
     """What else the log holds that a fix may need."""
 
-    raws: Mapping[str, Raw]  # the ship's topics, by the roles of heads
-    compass: Converted | None  # the vehicle's
-    depths: Samples | None  # the vehicle's, metres below the surface
+    raws: Mapping[str, RawRecords]  # the ship's topics, by the roles of heads
+    compass: ConvertedTable | None  # the vehicle's
+    depths: TimeSeries | None  # the vehicle's, metres below the surface
 
 
-class Sight(NamedTuple):
+class PlacedFixes(NamedTuple):
     """Where n fixes are, before they are looked at for validity."""
 
     position_m: Array  # (n, 2) east, north
     turned_m: Array  # (n, 2) how much of it a heading turned
-    drop_m: Vector  # (n,) the vertical part of the line of sight, NaN unknown
+    vertical_m: Vector  # (n,) the vertical part of the line of sight, NaN unknown
     stated_m2: Array  # (n, 2, 2) covariance by the messages, NaN unknown
     causes: Mapping[str, Mask]
     said: list[str]
     findings: list[Finding]
-    from_end: bool = False  # counted from the head or beacon, not from the map
+    relative_to_reference: bool = False  # counted from the head or beacon, not from the map
 
 
-def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) -> Converted:
+def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: FixContext) -> ConvertedTable:
     """Turn fixes to east and north with their covariance; those that are no numbers are left out.
 
     Raises LogError where none is left or where latitudes have no plane, UsageError where the section does not fit.
     """
-    raw, target_said, findings = of_target(raw, section.target)
+    raw, target_said, findings = records_of_target(raw, section.target)
     kind, kind_who, unused = kind_of_fixes(raw, section, origin)
-    raw, more = told_once(raw, kind)
+    raw, more = without_repeats(raw, kind)
     times = times_of(raw, section.time, section.latency_s)
-    end = known_end(section, beside.raws, beside.compass, origin, times.time_ns)
+    end = usbl_reference(section, beside.raws, beside.compass, origin, times.time_ns)
     depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]
     drop = depth - (end.depth_m if end else 0.0)
     if kind == "latlon":
@@ -76,11 +82,13 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) 
         )
         findings.append(Finding("MAP-UNKNOWN", text))
 
-    causes = {**sight.causes, **off_the_plane(*sight.position_m.T)}
-    good, invalid = dropped(raw, causes, "usbl", "left out")
+    causes = {**sight.causes, **off_plane_causes(*sight.position_m.T)}
+    good, invalid = valid_mask(raw, causes, "usbl", "left out")
     line = sight.position_m - (end.place_m if end else np.nan)
-    own, sd_said = sensor_covariance(section, sight.stated_m2, line, sight.drop_m)
-    R = floored(own + of_known_end(end, sight.turned_m) if end is not None and sight.from_end else own)
+    own, sd_said = sensor_covariance(section, sight.stated_m2, line, sight.vertical_m)
+    R = with_variance_floor(
+        own + reference_covariance(end, sight.turned_m) if end is not None and sight.relative_to_reference else own
+    )
     columns = {
         "east_m": sight.position_m[:, 0],
         "north_m": sight.position_m[:, 1],
@@ -89,20 +97,22 @@ def usbl(raw: Raw, section: UsblSection, origin: Origin | None, beside: Beside) 
         "cov_nn_m2": R[:, 1, 1],
     }
     said = [*target_said, f"kind {kind} ({kind_who})", *sight.said, *(end.said if end else ()), sd_said]
-    return kept(converted(raw, times, columns, said, [*findings, *invalid]), good)
+    return keep_valid(converted_table(raw, times, columns, said, [*findings, *invalid]), good)
 
 
-def _by_latitude(raw: Raw, origin: Origin | None, drop_m: Vector) -> Sight:
+def _by_latitude(raw: RawRecords, origin: Origin | None, drop_m: Vector) -> PlacedFixes:
     position = np.column_stack(on_plane(raw, "latlon", origin))
     R = stated_covariance(raw, "latlon", np.eye(2), np.zeros(len(position)))
-    return Sight(position, np.zeros_like(position), drop_m, R, fix_causes(raw, "latlon"), [], [])
+    return PlacedFixes(position, np.zeros_like(position), drop_m, R, fix_causes(raw, "latlon"), [], [])
 
 
-def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: KnownEnd | None, drop_m: Vector) -> Sight:
+def _by_position(
+    raw: RawRecords, section: UsblSection, origin: Origin | None, end: UsblReference | None, drop_m: Vector
+) -> PlacedFixes:
     """Place offsets from the head or beacon, and positions on the map."""
     by_frame = "NED" if named_ned(raw.frame_id) else "ENU"
-    frame, who, findings = stated(raw, "frame", section.frame, by_frame)
-    relative, relative_who, more = stated(raw, "relative_to", section.relative_to, "head" if end else "map")
+    frame, who, findings = chosen_convention(raw, "frame", section.frame, by_frame)
+    relative, relative_who, more = chosen_convention(raw, "relative_to", section.relative_to, "head" if end else "map")
     relative = "head" if frame == "body" else relative
     said = [
         f"frame {frame} ({'by frame_id' if who == 'default' and by_frame == 'NED' else who})",
@@ -114,7 +124,7 @@ def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: Kno
     if relative == "map" or end is None:
         position = np.column_stack(on_plane(raw, frame, origin))
         own = stated_covariance(raw, frame, np.eye(2), np.zeros(len(position)))
-        return Sight(position, np.zeros_like(position), drop_m, own, fix_causes(raw), said, findings)
+        return PlacedFixes(position, np.zeros_like(position), drop_m, own, fix_causes(raw), said, findings)
     axes = np.eye(2)
     if frame == "body":
         offset, axes, more_said, more = _along_axes(raw, section)
@@ -125,14 +135,14 @@ def _by_position(raw: Raw, section: UsblSection, origin: Origin | None, end: Kno
     said += [*turn_said, *_scaled(section)]
     R = stated_covariance(raw, frame, axes, turn)
     drop = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
-    offset = clockwise(offset, turn) * section.sound_speed_scale
-    return _from_end(end, frame, Sight(offset, offset, drop, R, fix_causes(raw), said, findings))
+    offset = rotated_clockwise(offset, turn) * section.sound_speed_scale
+    return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), said, findings))
 
 
-def _along_axes(raw: Raw, section: UsblSection) -> tuple[Array, Array, str, list[Finding]]:
+def _along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, str, list[Finding]]:
     """Return starboard and forward of the instrument, (n, 2), and those two of its axes x and y, (2, 2)."""
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
-    names, who, findings = stated(raw, "axes", section.axes, by_frame)
+    names, who, findings = chosen_convention(raw, "axes", section.axes, by_frame)
     along, axes = np.zeros((len(raw.received_ns), 3)), np.zeros((3, 2))
     for column, (name, (axis, sign)) in enumerate(zip("xyz", axis_signs(names), strict=True)):
         along[:, axis] = sign * raw.number(name)
@@ -141,25 +151,25 @@ def _along_axes(raw: Raw, section: UsblSection) -> tuple[Array, Array, str, list
     return along[:, :2], axes[:2], f"axes {names} ({who})", findings
 
 
-def _turn_deg(raw: Raw, section: UsblSection, end: KnownEnd, frame: str) -> tuple[Vector, list[str]]:
+def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: str) -> tuple[Vector, list[str]]:
     """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow."""
     said = [f"mount {section.mount_deg:g} deg (configuration)"] if section.mount_deg else []
     if frame != "body":
         return np.full(len(raw.received_ns), section.mount_deg), said
-    if not np.isfinite(end.turning.heading_deg).any():
+    if not np.isfinite(end.carrier_heading.heading_deg).any():
         whom = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
         raise LogError(f"{raw.log}: {raw.topic.name} counts from the bow of whoever carries the head: {whom}")
-    return end.turning.heading_deg + section.mount_deg, ["counted from the bow", *said]
+    return end.carrier_heading.heading_deg + section.mount_deg, ["counted from the bow", *said]
 
 
-def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vector) -> Sight:
+def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, drop_m: Vector) -> PlacedFixes:
     """Place slant ranges and bearings (clockwise from true north, in a body frame from the bow).
 
     The vehicle's depth comes first, then the fix's own, then its elevation; without any the range is taken as it is.
     """
     if end is None:
         raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
-    frame, _, findings = stated(raw, "frame", section.frame, "ENU")
+    frame, _, findings = chosen_convention(raw, "frame", section.frame, "ENU")
     slant = raw.number("slant_range_m") * section.sound_speed_scale
     bearing, elevation = raw.number("bearing_deg"), np.radians(raw.number("elevation_deg"))
     own_drop = raw.number("depth_m") - end.depth_m
@@ -182,9 +192,9 @@ def _by_range(raw: Raw, section: UsblSection, end: KnownEnd | None, drop_m: Vect
     parts = ", ".join(f"{np.sum(mask)} by {what}" for what, mask in counts.items() if np.any(mask))
     turn, turn_said = _turn_deg(raw, section, end, frame)
     said = [f"slant to horizontal range: {parts}", *turn_said, *_scaled(section)]
-    offset = clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
+    offset = rotated_clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
     R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
-    return _from_end(end, frame, Sight(offset, offset, drop, R, fix_causes(raw), said, findings))
+    return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), said, findings))
 
 
 def _scaled(section: UsblSection) -> list[str]:
@@ -192,25 +202,25 @@ def _scaled(section: UsblSection) -> list[str]:
     return [f"ranges times {scale:g} for the speed of sound (configuration)"] if scale != 1 else []
 
 
-def _from_end(end: KnownEnd, frame: str, sight: Sight) -> Sight:
+def _from_end(end: UsblReference, frame: str, sight: PlacedFixes) -> PlacedFixes:
     """Put offsets onto the known end; the vehicle's own head measures where the beacon is from it."""
     away = end.sign * sight.position_m
     causes = {**sight.causes, **end.causes}
     if frame == "body":
-        causes["without a heading at their time"] = ~np.isfinite(end.turning.heading_deg)
+        causes["without a heading at their time"] = ~np.isfinite(end.carrier_heading.heading_deg)
     turned = end.arm_m + (away if frame == "body" else 0.0)
-    return sight._replace(position_m=end.place_m + away, turned_m=turned, causes=causes, from_end=True)
+    return sight._replace(position_m=end.place_m + away, turned_m=turned, causes=causes, relative_to_reference=True)
 
 
-def _unused(raw: Raw, section: UsblSection, kind: str, sight: Sight) -> list[Finding]:
+def _unused(raw: RawRecords, section: UsblSection, kind: str, sight: PlacedFixes) -> list[Finding]:
     """Say which keys of the configuration could not act."""
     by_bow = "counted from the bow" in sight.said
     unused = {
         "frame": kind != "position" and section.frame is not None and not by_bow,
         "relative_to": kind != "position" and section.relative_to is not None,
         "axes": section.axes is not None and not (by_bow and kind == "position"),
-        "mount_deg": section.mount_deg != 0 and not sight.from_end,
-        "sound_speed_scale": section.sound_speed_scale != 1 and not sight.from_end,
+        "mount_deg": section.mount_deg != 0 and not sight.relative_to_reference,
+        "sound_speed_scale": section.sound_speed_scale != 1 and not sight.relative_to_reference,
     }
     keys = [key for key, idle in unused.items() if idle]
     text = f"{raw.topic.name}: {' and '.join(keys)} of the configuration are not used; its kind is {kind}"

@@ -8,11 +8,11 @@ import numpy as np
 
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.positions import message_covariance
-from usbldr.io.conventions.usbl_head import KnownEnd
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.conventions.usbl_head import UsblReference
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import UsblSection
 
-LEAST_SD_M = 0.15  # no fix is trusted more: floor of the eigenvalues of a covariance
+MIN_USBL_SD_M = 0.15  # no fix is trusted more: floor of the eigenvalues of a covariance
 DEFAULT_SD_M, DEFAULT_SD_REL = 1.0, 0.02  # 2 % of the slant range, at least 1 m
 
 
@@ -45,7 +45,7 @@ def sensor_covariance(section: UsblSection, stated_m2: Array, line_m: Array, dro
     return cov, f"sd {guess} (default)" + (": the messages state none" if section.sd_m == "message" else "")
 
 
-def stated_covariance(raw: Raw, frame: str, axes: Array, turn_deg: Vector) -> Array:
+def stated_covariance(raw: RawRecords, frame: str, axes: Array, turn_deg: Vector) -> Array:
     """Return the covariance of east and north that the messages state, (n, 2, 2), NaN where they state none.
 
     ``axes`` (2, 2) are starboard and forward of x and y in a body frame; ``turn_deg`` (n,) is how far forward, or the
@@ -56,12 +56,12 @@ def stated_covariance(raw: Raw, frame: str, axes: Array, turn_deg: Vector) -> Ar
     return turn @ message_covariance(raw, frame) @ turn.transpose(0, 2, 1)
 
 
-def of_known_end(end: KnownEnd, turned_m: Array) -> Array:
+def reference_covariance(end: UsblReference, turned_m: Array) -> Array:
     """Return what the known end adds to the covariance of each fix, (n, 2, 2).
 
     ``turned_m`` (n, 2) is all of the fix that the heading turns. A heading that is wrong by d moves it by d across.
     """
-    across = np.column_stack([turned_m[:, 1], -turned_m[:, 0]]) * np.radians(end.turning.sd_deg)[:, None]
+    across = np.column_stack([turned_m[:, 1], -turned_m[:, 0]]) * np.radians(end.carrier_heading.sd_deg)[:, None]
     across = np.where(np.any(turned_m != 0, axis=1)[:, None], across, 0.0)
     return across[:, :, None] * across[:, None, :] + np.eye(2) * (end.sd_m**2)[:, None, None]
 
@@ -75,10 +75,10 @@ def _along_and_across(line_m: Array, along: Vector, across: Vector) -> Array:
     return np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
 
 
-def floored(R: Array) -> Array:
-    """Raise the eigenvalues to LEAST_SD_M squared."""
+def with_variance_floor(R: Array) -> Array:
+    """Raise the eigenvalues to MIN_USBL_SD_M squared."""
     safe = np.where(np.isfinite(R), R, np.eye(2))  # of fixes that are left out
     values, U = np.linalg.eigh(safe)
-    raised = np.einsum("nij,nj,nkj->nik", U, np.maximum(values, LEAST_SD_M**2), U)
-    low = values[:, 0] < LEAST_SD_M**2
+    raised = np.einsum("nij,nj,nkj->nik", U, np.maximum(values, MIN_USBL_SD_M**2), U)
+    low = values[:, 0] < MIN_USBL_SD_M**2
     return np.where(low[:, None, None], raised, safe)

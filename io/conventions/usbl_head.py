@@ -14,12 +14,12 @@ from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.conventions import positions
 from usbldr.io.conventions.compass import OF_HEAD
 from usbldr.io.conventions.compass import compass as compass_records
-from usbldr.io.conventions.dvl_depth import Converted
-from usbldr.io.conventions.timestamps import in_order
+from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.timestamps import sorted_by_time
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages.layouts import Raw
-from usbldr.io.messages.roles import Choice, named
+from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.roles import TopicChoice, topic_named
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSection, Head, UsblSection
 
@@ -28,7 +28,7 @@ SHIP_SD_M = 3.0  # of a ship's receiver that does not tell
 
 
 @dataclass(frozen=True, slots=True)
-class Samples:
+class TimeSeries:
     """Something measured over time: n records in ascending order, k numbers each."""
 
     time_ns: Nanoseconds  # (n,)
@@ -45,17 +45,17 @@ class Samples:
         return np.where(gap_s[:, None] > longest_gap_s, np.nan, between)
 
 
-def samples(made: Converted, sensor: str, columns: Sequence[str]) -> Samples:
+def time_series(made: ConvertedTable, sensor: str, columns: Sequence[str]) -> TimeSeries:
     """Return columns of a sensor's table as they change over time; headings run on past 360."""
-    table, _ = in_order(made.table, "", sensor)
+    table, _ = sorted_by_time(made.table, "", sensor)
     values = table[list(columns)].to_numpy(dtype=float)
     if columns[0] == "heading_deg":
         values = np.column_stack([np.unwrap(values[:, 0], period=360.0), values[:, 1:]])
-    return Samples(table["time_ns"].to_numpy(dtype=np.int64), values)
+    return TimeSeries(table["time_ns"].to_numpy(dtype=np.int64), values)
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
+class CarrierHeading:
     """The heading of whoever carries the head, at the times of n fixes."""
 
     heading_deg: Vector  # (n,) NaN: not known
@@ -64,7 +64,7 @@ class Turning:
     findings: tuple[Finding, ...] = ()
 
 
-def clockwise(vector_m: Array, angle_deg: Vector) -> Array:
+def rotated_clockwise(vector_m: Array, angle_deg: Vector) -> Array:
     """Turn vectors of starboard and forward, or of east and north, (n, 2), by angles, (n,)."""
     angle = np.radians(angle_deg)
     c, s = np.cos(angle), np.sin(angle)
@@ -72,13 +72,13 @@ def clockwise(vector_m: Array, angle_deg: Vector) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownEnd:
+class UsblReference:
     """Where the known end was at the times of n fixes."""
 
     place_m: Array  # (n, 2) east, north
     sd_m: Vector  # (n,) 1-sigma per axis
     depth_m: float
-    turning: Turning
+    carrier_heading: CarrierHeading
     arm_m: Array  # (n, 2) the part of the place that turns: from a ship's antenna to its head
     sign: float  # 1: the offset points from here to the vehicle; -1: the vehicle's head measures the offset to here
     geodetic: bool  # known by latitude and longitude, so that it lies on the plane without doubt
@@ -87,23 +87,23 @@ class KnownEnd:
     findings: tuple[Finding, ...] = ()
 
 
-def ship_choices(path: Path, topics: Sequence[TopicInfo], head: Head | None) -> dict[str, Choice]:
+def ship_choices(path: Path, topics: Sequence[TopicInfo], head: Head | None) -> dict[str, TopicChoice]:
     """Return the topics that the configuration names for the head; raise LogError or UsageError where they are none."""
-    chosen: dict[str, Choice] = {}
+    chosen: dict[str, TopicChoice] = {}
     if head is not None and head.topic is not None:
-        chosen[SHIP] = named(path, topics, "gps", head.topic, "configuration")
+        chosen[SHIP] = topic_named(path, topics, "gps", head.topic, "configuration")
     if head is not None and head.heading_topic is not None:
-        chosen[SHIP_HEADING] = named(path, topics, "compass", head.heading_topic, "configuration")
+        chosen[SHIP_HEADING] = topic_named(path, topics, "compass", head.heading_topic, "configuration")
     return chosen
 
 
-def known_end(
+def usbl_reference(
     section: UsblSection,
-    raws: Mapping[str, Raw],
-    compass: Converted | None,
+    raws: Mapping[str, RawRecords],
+    compass: ConvertedTable | None,
     origin: Origin | None,
     time_ns: Nanoseconds,
-) -> KnownEnd | None:
+) -> UsblReference | None:
     """Return the known end at the times of validity (n,), None where the configuration knows neither head nor beacon.
 
     ``compass`` is the vehicle's. Raises LogError where a ship's topic holds nothing valid.
@@ -114,7 +114,9 @@ def known_end(
         return None
     head = section.head
     if head.heading_deg is not None:
-        turning = Turning(np.full(len(time_ns), head.heading_deg), np.full(len(time_ns), section.heading_sd_deg or 0.0))
+        turning = CarrierHeading(
+            np.full(len(time_ns), head.heading_deg), np.full(len(time_ns), section.heading_sd_deg or 0.0)
+        )
         turning = replace(turning, said=(f"head turned by {head.heading_deg:g} deg (configuration)",))
     else:
         gyro = raws.get(SHIP_HEADING)
@@ -126,14 +128,14 @@ def known_end(
     return _ship(head, turning, raws[SHIP], origin, time_ns) if SHIP in raws else _fixed(head, turning, origin)
 
 
-def _beacon(beacon: Beacon, turning: Turning, origin: Origin | None) -> KnownEnd:
+def _beacon(beacon: Beacon, turning: CarrierHeading, origin: Origin | None) -> UsblReference:
     east, north = _place(beacon, origin)
     count = len(turning.heading_deg)
-    return KnownEnd(
+    return UsblReference(
         place_m=np.tile([east, north], (count, 1)),
         sd_m=np.full(count, beacon.sd_m),
         depth_m=beacon.depth_m,
-        turning=turning,
+        carrier_heading=turning,
         arm_m=np.zeros((count, 2)),
         sign=-1.0,
         geodetic=beacon.lat_deg is not None,
@@ -142,15 +144,15 @@ def _beacon(beacon: Beacon, turning: Turning, origin: Origin | None) -> KnownEnd
     )
 
 
-def _fixed(head: Head, turning: Turning, origin: Origin | None) -> KnownEnd:
+def _fixed(head: Head, turning: CarrierHeading, origin: Origin | None) -> UsblReference:
     antenna, arm = np.array(_place(head, origin)), _arm(head, turning)
     place = antenna + arm
     east, north = antenna
-    return KnownEnd(
+    return UsblReference(
         place_m=place,
         sd_m=np.full(len(place), head.sd_m or 0.0),
         depth_m=head.depth_m,
-        turning=turning,
+        carrier_heading=turning,
         arm_m=arm,
         sign=1.0,
         geodetic=head.lat_deg is not None,
@@ -160,9 +162,14 @@ def _fixed(head: Head, turning: Turning, origin: Origin | None) -> KnownEnd:
     )
 
 
-def _ship(head: Head, turning: Turning, ship: Raw, origin: Origin | None, time_ns: Nanoseconds) -> KnownEnd:
+def _ship(
+    head: Head, turning: CarrierHeading, ship: RawRecords, origin: Origin | None, time_ns: Nanoseconds
+) -> UsblReference:
     made = positions.gps(ship, GpsSection(), origin)
-    there, arm = samples(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s), _arm(head, turning)
+    there, arm = (
+        time_series(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s),
+        _arm(head, turning),
+    )
     place = there[:, :2] + arm
     told = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
     sd = told if head.sd_m is None else np.full(len(place), head.sd_m)
@@ -180,11 +187,11 @@ def _ship(head: Head, turning: Turning, ship: Raw, origin: Origin | None, time_n
             *said,
             f"head at {list(head.lever_arm_m)} m starboard, forward, up of the ship's antenna (configuration)",
         )
-    return KnownEnd(
+    return UsblReference(
         place_m=place,
         sd_m=sd,
         depth_m=head.depth_m,
-        turning=turning,
+        carrier_heading=turning,
         arm_m=arm,
         sign=1.0,
         geodetic="lat_deg" in ship.layout.required,
@@ -194,20 +201,22 @@ def _ship(head: Head, turning: Turning, ship: Raw, origin: Origin | None, time_n
     )
 
 
-def _arm(head: Head, turning: Turning) -> Array:
+def _arm(head: Head, turning: CarrierHeading) -> Array:
     count = len(turning.heading_deg)
     if not any(head.lever_arm_m[:2]):
         return np.zeros((count, 2))
-    return clockwise(np.tile(head.lever_arm_m[:2], (count, 1)), turning.heading_deg)
+    return rotated_clockwise(np.tile(head.lever_arm_m[:2], (count, 1)), turning.heading_deg)
 
 
-def _turning(made: Converted | None, section: UsblSection, longest_gap_s: float, time_ns: Nanoseconds) -> Turning:
+def _turning(
+    made: ConvertedTable | None, section: UsblSection, longest_gap_s: float, time_ns: Nanoseconds
+) -> CarrierHeading:
     """Return the headings of a compass at the times, none where there is no compass."""
     there = np.full((len(time_ns), 2), np.nan)
     if made is not None:
-        there = samples(made, "compass", ["heading_deg", "sd_deg"]).at(time_ns, longest_gap_s)
+        there = time_series(made, "compass", ["heading_deg", "sd_deg"]).at(time_ns, longest_gap_s)
     sd = there[:, 1] if section.heading_sd_deg is None else np.full(len(there), section.heading_sd_deg)
-    return Turning(there[:, 0], sd)
+    return CarrierHeading(there[:, 0], sd)
 
 
 def _gyro(head: Head) -> CompassSection:

@@ -8,19 +8,22 @@ from numpy.typing import NDArray
 from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Mask
 from usbldr.io.conventions.clock_shift import least_delay_ns
-from usbldr.io.conventions.dvl_depth import stated
+from usbldr.io.conventions.dvl_depth import chosen_convention
 from usbldr.io.conventions.positions import place_causes
 from usbldr.io.log import Finding, Origin
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import UsblSection
 
 FULL_FIX = 2  # of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
-RANGED = ("MSG_RESPU", "MSG_RESPX")  # of SeaTrac's kinds of messages, which HoloOcean uses: those that tell a range
+REPLIES_WITH_RANGE = (
+    "MSG_RESPU",
+    "MSG_RESPX",
+)  # of SeaTrac's kinds of messages, which HoloOcean uses: those that tell a range
 STALE_NS = 9_900 * 1_000_000_000  # COLA2 stamps a fix so long ago where it has none
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
 
 
-def of_target(raw: Raw, target: str | int | None) -> tuple[Raw, list[str], list[Finding]]:
+def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRecords, list[str], list[Finding]]:
     """Return the fixes of one target; raise UsageError where there are several and none or another is named."""
     if "target" not in raw.values:
         if target is None:
@@ -40,14 +43,14 @@ def of_target(raw: Raw, target: str | int | None) -> tuple[Raw, list[str], list[
     return _rows(raw, told == wanted), [f"target {wanted} ({who})"], []
 
 
-def _names(raw: Raw) -> NDArray[np.str_]:
+def _names(raw: RawRecords) -> NDArray[np.str_]:
     """Return the targets as texts, (n,); a number that a format has only as 3.0 is 3."""
     column = raw.values["target"]
     whole = column.dtype.kind == "f" and bool(np.all(column == np.trunc(column)))
     return np.asarray(column.astype(np.int64) if whole else column, dtype=np.str_)
 
 
-def told_once(raw: Raw, kind: str) -> tuple[Raw, list[Finding]]:
+def without_repeats(raw: RawRecords, kind: str) -> tuple[RawRecords, list[Finding]]:
     """Leave out latitudes and longitudes that repeat the fix before: its source is asked more often than it pings."""
     again = np.zeros(len(raw.received_ns), dtype=np.bool_)
     if kind == "latlon" and not raw.topic.type.startswith("usbldr/"):
@@ -59,15 +62,15 @@ def told_once(raw: Raw, kind: str) -> tuple[Raw, list[Finding]]:
     return _rows(raw, ~again), [Finding("USBL-REPEATED", text)]
 
 
-def _rows(raw: Raw, mask: Mask) -> Raw:
+def _rows(raw: RawRecords, mask: Mask) -> RawRecords:
     stamp = None if raw.stamp_ns is None else raw.stamp_ns[mask]
     values = {quantity: column[mask] for quantity, column in raw.values.items()}
     return replace(raw, stamp_ns=stamp, received_ns=raw.received_ns[mask], values=values)
 
 
-def kind_of_fixes(raw: Raw, section: UsblSection, origin: Origin | None) -> tuple[str, str, list[Finding]]:
+def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tuple[str, str, list[Finding]]:
     """Return the kind of the fixes and who chose it; refuse one that the records cannot have."""
-    kind, who, findings = stated(raw, "kind", section.kind, "position")
+    kind, who, findings = chosen_convention(raw, "kind", section.kind, "position")
     have = {"latlon"} if "lat_deg" in raw.layout.required else {"position", "latlon"}
     have = {"range_bearing"} if "slant_range_m" in raw.layout.required else have
     if kind not in have:
@@ -89,7 +92,7 @@ def kind_of_fixes(raw: Raw, section: UsblSection, origin: Origin | None) -> tupl
     return kind, who, findings
 
 
-def _like_latitudes(raw: Raw, origin: Origin | None) -> bool:
+def _like_latitudes(raw: RawRecords, origin: Origin | None) -> bool:
     """Tell whether a pose's x and y are degrees, as COLA2 fills them: near the origin, or hardly changing at all."""
     x, y = raw.number("x"), raw.number("y")
     known = np.isfinite(x) & np.isfinite(y) & ((x != 0) | (y != 0))  # (0, 0) is a position that was never filled in
@@ -101,7 +104,7 @@ def _like_latitudes(raw: Raw, origin: Origin | None) -> bool:
     return bool(0 < np.ptp(x) < SPREAD_DEG and np.ptp(y) < SPREAD_DEG and np.hypot(x, y).min() > 1)
 
 
-def fix_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
+def fix_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     """Return by cause which fixes (n,) are none, by their places and by what their makers say of them.
 
     In the frame latlon, x and y are degrees.
@@ -120,12 +123,12 @@ def fix_causes(raw: Raw, frame: str = "") -> dict[str, Mask]:
     }
 
 
-def _stale(raw: Raw) -> Mask:
+def _stale(raw: RawRecords) -> Mask:
     if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):
         return np.zeros(len(raw.received_ns), dtype=np.bool_)
     return (raw.stamp_ns != 0) & (raw.received_ns - raw.stamp_ns - least_delay_ns(raw) > STALE_NS)
 
 
-def _without_range(raw: Raw) -> Mask:
+def _without_range(raw: RawRecords) -> Mask:
     kinds = raw.text("reply")
-    return ~np.isin(kinds, RANGED) & ("reply" in raw.values)
+    return ~np.isin(kinds, REPLIES_WITH_RANGE) & ("reply" in raw.values)

@@ -15,9 +15,9 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from usbldr.io.decoding.columns import DefinitionError, Extractor, Piece, one_by_one
+from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, decode_one_by_one
 from usbldr.io.decoding.definitions import Types, ros2_name
-from usbldr.io.decoding.ros_byte_layout import TIMES, by_layout
+from usbldr.io.decoding.ros_byte_layout import TIMES, decode_by_layout
 
 
 class RosDecoder:
@@ -57,11 +57,11 @@ class RosDecoder:
         """Tell whether all of some messages fit the definition."""
         return sum(len(piece.rows) for piece in self.pieces(payloads, ())) == len(payloads)
 
-    def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[Piece]:
+    def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[DecodedRows]:
         """Read all messages; those that do not fit the definition are in no piece."""
-        pieces, left = by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
+        pieces, left = decode_by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
         if len(left):
-            pieces.append(one_by_one(self.extractor(paths), payloads, paths, left.tolist()))
+            pieces.append(decode_one_by_one(self.extractor(paths), payloads, paths, left.tolist()))
         return pieces
 
     def extractor(self, paths: Sequence[str]) -> Extractor:

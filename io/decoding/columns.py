@@ -16,29 +16,29 @@ class DefinitionError(ValueError):
     """The text of a message definition makes no sense."""
 
 
-class Piece(NamedTuple):
+class DecodedRows(NamedTuple):
     """Some of the messages of a topic, read."""
 
     rows: NDArray[np.intp]  # which ones
     columns: Mapping[str, Column]  # field path -> (len(rows),)
 
 
-def one_by_one(
+def decode_one_by_one(
     extract: Extractor, payloads: Sequence[bytes], paths: Sequence[str], rows: Sequence[int] | None = None
-) -> Piece:
+) -> DecodedRows:
     """Read messages, all or those of ``rows``, each for itself; leave out those that do not fit."""
     read = [(row, extract(payloads[row])) for row in (range(len(payloads)) if rows is None else rows)]
     fitting = [(row, values) for row, values in read if values is not None]
     columns = {path: np.array([values[i] for _, values in fitting]) for i, path in enumerate(paths)}
-    return Piece(np.array([row for row, _ in fitting], dtype=np.intp), columns)
+    return DecodedRows(np.array([row for row, _ in fitting], dtype=np.intp), columns)
 
 
-def in_one(pieces: Sequence[Piece], paths: Sequence[str]) -> Piece:
+def concatenated(pieces: Sequence[DecodedRows], paths: Sequence[str]) -> DecodedRows:
     """Return all pieces as one, numbers as int64 and float64."""
     some = [piece for piece in pieces if len(piece.rows)]
     rows = np.concatenate([np.empty(0, dtype=np.intp), *(piece.rows for piece in some)])
     columns = {path: [_wide(piece.columns[path]) for piece in some] or [np.empty(0)] for path in paths}
-    return Piece(rows, {path: np.concatenate(parts) for path, parts in columns.items()})
+    return DecodedRows(rows, {path: np.concatenate(parts) for path, parts in columns.items()})
 
 
 def _wide(column: Column) -> Column:

@@ -9,14 +9,16 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.cdr import RosDecoder, from_idl, from_msg
-from usbldr.io.decoding.columns import DefinitionError, Extractor, Piece, in_one, one_by_one
+from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, concatenated, decode_one_by_one
 from usbldr.io.decoding.definitions import Definitions
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.log import Finding
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
-Key: TypeAlias = tuple[str, str]  # topic and type
-Message: TypeAlias = tuple[Key, int, bytes | memoryview]  # and log time, ns since 1970; payload, good until the next
+TopicType: TypeAlias = tuple[str, str]  # topic and type
+StreamMessage: TypeAlias = tuple[
+    TopicType, int, bytes | memoryview
+]  # and log time, ns since 1970; payload, good until the next
 
 
 class Decoder(Protocol):
@@ -63,7 +65,7 @@ class Stream:
     first_ns: int | None = None
     last_ns: int | None = None
 
-    def saw(self, count: int, first_ns: int, last_ns: int) -> None:
+    def add_messages(self, count: int, first_ns: int, last_ns: int) -> None:
         """Count messages."""
         self.count += count
         self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
@@ -121,7 +123,7 @@ def json_decoder(type_name: str, samples: Sequence[bytes]) -> Decoder | str:
     return decoder if decoder.fields else "no schema tells the fields of its messages (json), nor do the first of them"
 
 
-def chosen_streams(streams: Mapping[Key, Stream], wanted: Iterable[str]) -> set[Key]:
+def chosen_streams(streams: Mapping[TopicType, Stream], wanted: Iterable[str]) -> set[TopicType]:
     """Return which streams are meant: where one topic has several types, the one with most messages."""
     topics = set(wanted)
     return set(
@@ -129,8 +131,11 @@ def chosen_streams(streams: Mapping[Key, Stream], wanted: Iterable[str]) -> set[
     )
 
 
-def collect(
-    log: Path, streams: Mapping[Key, Stream], wanted: Mapping[str, Sequence[str]], messages: Iterable[Message]
+def decode_topics(
+    log: Path,
+    streams: Mapping[TopicType, Stream],
+    wanted: Mapping[str, Sequence[str]],
+    messages: Iterable[StreamMessage],
 ) -> tuple[dict[str, Records], dict[str, Finding]]:
     """Decode the wanted fields; return the columns and what is to be said of topics with messages that do not fit.
 
@@ -148,7 +153,7 @@ def collect(
     for key, decoder in chosen.items():
         paths = wanted[key[0]]
         times, payloads = kept.pop(key)
-        read = in_one(_pieces(decoder, payloads, paths), paths)
+        read = concatenated(_pieces(decoder, payloads, paths), paths)
         if len(read.rows) < len(times):
             missing = np.delete(np.arange(len(times)), read.rows).tolist()
             unfit[key[0]] = _unfit(streams[key], [payloads[row] for row in missing])
@@ -156,10 +161,10 @@ def collect(
     return records, unfit
 
 
-def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -> Sequence[Piece]:
+def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -> Sequence[DecodedRows]:
     if isinstance(decoder, RosDecoder):
         return decoder.pieces(payloads, paths)
-    return [one_by_one(decoder.extractor(paths), payloads, paths)]
+    return [decode_one_by_one(decoder.extractor(paths), payloads, paths)]
 
 
 FOREIGN_CDR: Mapping[int, str] = {2: "PL_CDR", 3: "PL_CDR", **dict.fromkeys((6, 7, 8, 9, 10, 11), "XCDR2")}
@@ -181,7 +186,7 @@ def _decoder(log: Path, stream: Stream) -> Decoder:
     return stream.decoder
 
 
-def _in_order(received_ns: Nanoseconds, read: Piece) -> Records:
+def _in_order(received_ns: Nanoseconds, read: DecodedRows) -> Records:
     """Return what was read in the order of log time, and messages of one time in that of the file."""
     order = np.lexsort((read.rows, received_ns[read.rows]))
     columns = {path: column[order] for path, column in read.columns.items()}

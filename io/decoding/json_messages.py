@@ -13,11 +13,11 @@ import numpy as np
 
 from usbldr.io.decoding.columns import DefinitionError, Extractor
 
-Kind: TypeAlias = Literal["number", "text", "time"]
+LeafType: TypeAlias = Literal["number", "text", "time"]
 Schema: TypeAlias = Mapping[str, Any]
 SECONDS, NANOSECONDS = ("sec", "secs", "seconds"), ("nsec", "nsecs", "nanosec", "nanos", "nanoseconds")
-KINDS: Mapping[str, Kind] = {"number": "number", "integer": "number", "boolean": "number", "string": "text"}
-UNSET: Mapping[Kind, Any] = {"number": float("nan"), "text": "", "time": 0}
+LEAF_TYPES: Mapping[str, LeafType] = {"number": "number", "integer": "number", "boolean": "number", "string": "text"}
+UNSET: Mapping[LeafType, Any] = {"number": float("nan"), "text": "", "time": 0}
 WHOLE = re.compile(r"-?\d{1,19}", re.ASCII)
 ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d")
 LEVELS = 8  # of objects in objects; schemas may be recursive
@@ -83,7 +83,7 @@ def _both(one: Schema, other: Schema) -> Schema:
     return {"properties": {name: _both(_part(fields, name), _part(more, name)) for name in (*fields, *more)}}
 
 
-def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> Iterator[tuple[str, Kind]]:
+def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> Iterator[tuple[str, LeafType]]:
     """Yield the fields below an object by path, an array of numbers by its name; of objects in an array the first's."""
     for name, stated in _part(schema, "properties").items():
         path, inner = f"{prefix}{name}", _resolved(stated, whole)
@@ -98,11 +98,11 @@ def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> 
             yield path, kind
 
 
-def _kind(schema: Schema) -> Kind | None:
+def _kind(schema: Schema) -> LeafType | None:
     """Return what a leaf is; enumerations are constants of one kind."""
     stated = schema.get("type")
     names = cast("list[Any]", stated if isinstance(stated, list) else [stated])
-    known: list[Kind] = [KINDS[name] for name in names if isinstance(name, str) and name in KINDS]
+    known: list[LeafType] = [LEAF_TYPES[name] for name in names if isinstance(name, str) and name in LEAF_TYPES]
     return known[0] if known else "number" if "oneOf" in schema else None
 
 
@@ -129,7 +129,7 @@ def _time_names(fields: Mapping[str, Any]) -> tuple[str, str] | None:
     return (seconds[0], nanoseconds[0]) if len(fields) == 2 and seconds and nanoseconds else None
 
 
-def _getter(path: str, kinds: Mapping[str, Kind]) -> Callable[[Any], Any]:
+def _getter(path: str, kinds: Mapping[str, LeafType]) -> Callable[[Any], Any]:
     """Return a function from a message to the value at the path; it raises where a value is not of its kind."""
     kind = kinds.get(path) or kinds[path.rpartition(".")[0]]  # an element of an array of numbers
     parts = path.split(".")
@@ -146,7 +146,7 @@ def _getter(path: str, kinds: Mapping[str, Kind]) -> Callable[[Any], Any]:
     return get
 
 
-def _value(value: Any, kind: Kind) -> Any:
+def _value(value: Any, kind: LeafType) -> Any:
     """Return a leaf's value; raise ValueError or TypeError where it is not of its kind."""
     if kind == "text":
         return str(value)

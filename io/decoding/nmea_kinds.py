@@ -10,14 +10,16 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias, cast
 
-Told: TypeAlias = tuple[float | str, ...]
+SentenceValues: TypeAlias = tuple[float | str, ...]
 
 
-class Kind(NamedTuple):
+class SentenceKind(NamedTuple):
     """What one kind of sentence tells."""
 
     columns: tuple[str, ...] = ()
-    tell: Callable[[Any], Told] | None = None  # of a sentence parsed by pynmeagps, in the order of the columns
+    decode: Callable[[Any], SentenceValues] | None = (
+        None  # of a sentence parsed by pynmeagps, in the order of the columns
+    )
     time: int | None = None  # which field is the time of day, hhmmss.ss, or ends in it
     date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is ddmmyy or begins so
     fields: str = ""  # name:type of pynmeagps, a name alone is text; for sentences that it does not know
@@ -42,7 +44,7 @@ def _place(message: Any, good: bool) -> tuple[float, float, float]:
     return _number(message, "lat"), _number(message, "lon"), _status(good)
 
 
-def _magnetic(message: Any) -> Told:
+def _magnetic(message: Any) -> SentenceValues:
     """Return the heading with deviation and variation (positive to the east), and 1 where the variation was told."""
     heading = _number(message, "headingM")
     for name in ("deviation", "variation"):
@@ -52,32 +54,32 @@ def _magnetic(message: Any) -> Told:
     return heading, 0.0 if math.isnan(_number(message, "variation")) else 1.0
 
 
-def _gga(m: Any) -> Told:
+def _gga(m: Any) -> SentenceValues:
     return _place(m, _number(m, "quality") > 0)
 
 
-def _gns(m: Any) -> Told:
+def _gns(m: Any) -> SentenceValues:
     return _place(m, m.posMode.strip("N") != "")
 
 
-def _rmc(m: Any) -> Told:
+def _rmc(m: Any) -> SentenceValues:
     return _place(m, getattr(m, "status", "A") == "A")
 
 
-def _tll(m: Any) -> Told:
+def _tll(m: Any) -> SentenceValues:
     tracked = _status(m.status not in ("L", "Q"))  # lost, or still in acquisition
     return str(m.targetnum), _number(m, "targetlat"), _number(m, "targetlon"), tracked
 
 
-def _hdt(m: Any) -> Told:
+def _hdt(m: Any) -> SentenceValues:
     return (_number(m, "headingT"),)
 
 
-def _ths(m: Any) -> Told:
+def _ths(m: Any) -> SentenceValues:
     return (math.nan if getattr(m, "mi", "A") == "V" else _number(m, "headt"),)
 
 
-def _heading(m: Any) -> Told:
+def _heading(m: Any) -> SentenceValues:
     return (_number(m, "heading"),)
 
 
@@ -90,28 +92,28 @@ def _measured(message: Any) -> bool:
     return message.status == "A" and not message.error and message.filter != "P"
 
 
-def _hipap(m: Any) -> Told:
+def _hipap(m: Any) -> SentenceValues:
     return m.target, *(_number(m, axis) for axis in OFFSET), _status(_measured(m)), _number(m, "accuracy")
 
 
-def _hipap_radians(m: Any) -> Told:
+def _hipap_radians(m: Any) -> SentenceValues:
     place = (math.degrees(_number(m, axis)) for axis in "xy")
     return m.target, *place, _status(_measured(m)), _number(m, "accuracy")
 
 
-def _hipap_degrees(m: Any) -> Told:
+def _hipap_degrees(m: Any) -> SentenceValues:
     return m.target, *_place(m, _measured(m)), _number(m, "accuracy")
 
 
 EVOLOGICS = "time target head frame origin transformation x:DE y:DE z:DE accuracy:DE rssi:DE integrity:DE"
 
 
-def _evologics(m: Any) -> Told:
+def _evologics(m: Any) -> SentenceValues:
     accuracy = _number(m, "accuracy")
     return m.target, *(_number(m, axis) for axis in OFFSET), _status(not accuracy < 0), accuracy
 
 
-def _evologics_place(m: Any) -> Told:
+def _evologics_place(m: Any) -> SentenceValues:
     accuracy = _number(m, "accuracy")
     return m.target, _number(m, "x"), _number(m, "y"), _status(not accuracy < 0), accuracy
 
@@ -124,22 +126,22 @@ def _received(message: Any) -> bool:
     return message.validity.strip("0") != ""
 
 
-def _gaps(m: Any) -> Told:
+def _gaps(m: Any) -> SentenceValues:
     return m.target, *_place(m, _received(m))
 
 
-def _gaps_offset(m: Any) -> Told:
+def _gaps_offset(m: Any) -> SentenceValues:
     return m.target, *(_number(m, axis) for axis in OFFSET), _status(_received(m))
 
 
-def _ellipse(major_m: float, minor_m: float, direction_deg: float) -> Told:
+def _ellipse(major_m: float, minor_m: float, direction_deg: float) -> SentenceValues:
     """Return the covariance of east and north, the major axis being clockwise from north."""
     s, c = math.sin(math.radians(direction_deg)), math.cos(math.radians(direction_deg))
     a, b = major_m**2, minor_m**2
     return a * s * s + b * c * c, (a - b) * s * c, a * c * c + b * s * s
 
 
-def _ranger(m: Any) -> Told:
+def _ranger(m: Any) -> SentenceValues:
     ellipse = _ellipse(*(_number(m, name) for name in ("major", "minor", "direction")))
     return m.target, *_place(m, m.status == "A"), *ellipse
 
@@ -147,48 +149,48 @@ def _ranger(m: Any) -> Told:
 LOCATOR = "version device channel compass head_lat head_lon heading qw qx qy qz range bearing elevation"
 
 
-def _locator(m: Any) -> Told:
+def _locator(m: Any) -> SentenceValues:
     """Return slant range, true bearing as a compass counts, and true elevation, up."""
     return _number(m, "range"), _number(m, "bearing"), _number(m, "elevation")
 
 
-def _located(m: Any) -> Told:
+def _located(m: Any) -> SentenceValues:
     return _number(m, "lat"), _number(m, "lon")
 
 
-_hipap_offset = Kind(("target", *OFFSET, "fix_status", "sd_m"), _hipap, time=0, fields=HIPAP)
-_evologics_offset = Kind(("target", *OFFSET, "fix_status", "sd_m"), _evologics, time=0, fields=EVOLOGICS)
-_gaps_place = Kind(
+_hipap_offset = SentenceKind(("target", *OFFSET, "fix_status", "sd_m"), _hipap, time=0, fields=HIPAP)
+_evologics_offset = SentenceKind(("target", *OFFSET, "fix_status", "sd_m"), _evologics, time=0, fields=EVOLOGICS)
+_gaps_place = SentenceKind(
     ("target", *PLACE),
     _gaps,
     time=1,
     date=(2, 3, 4),
     fields=f"{GAPS} lat:LA NS:LAD lon:LN EW:LND validity z:DE",
 )
-_ranger_place = Kind(
+_ranger_place = SentenceKind(
     ("target", *PLACE, *ELLIPSE),
     _ranger,
     time=0,
     fields="time target status lat:DE lon:DE z:DE major:DE minor:DE direction:DE",
 )
-_timed = Kind(time=0)  # known, but nothing that could be used: usbl_types says why
+_timed = SentenceKind(time=0)  # known, but nothing that could be used: usbl_types says why
 
-KINDS: Mapping[str, Kind] = {
-    "GGA": Kind(PLACE, _gga, time=0),
-    "GNS": Kind(PLACE, _gns, time=0),
-    "RMC": Kind(PLACE, _rmc, time=0, date=(8,)),
-    "GLL": Kind(PLACE, _rmc, time=4),
-    "TLL": Kind(("target", *PLACE), _tll, time=6),
-    "ZDA": Kind(time=0, date=(1, 2, 3)),
-    "HDT": Kind(("heading_deg",), _hdt),
-    "THS": Kind(("heading_deg",), _ths),
-    "HDG": Kind(("magnetic_deg", "corrected"), _magnetic),
-    "HDM": Kind(("magnetic_deg", "corrected"), _magnetic),
+SENTENCE_KINDS: Mapping[str, SentenceKind] = {
+    "GGA": SentenceKind(PLACE, _gga, time=0),
+    "GNS": SentenceKind(PLACE, _gns, time=0),
+    "RMC": SentenceKind(PLACE, _rmc, time=0, date=(8,)),
+    "GLL": SentenceKind(PLACE, _rmc, time=4),
+    "TLL": SentenceKind(("target", *PLACE), _tll, time=6),
+    "ZDA": SentenceKind(time=0, date=(1, 2, 3)),
+    "HDT": SentenceKind(("heading_deg",), _hdt),
+    "THS": SentenceKind(("heading_deg",), _ths),
+    "HDG": SentenceKind(("magnetic_deg", "corrected"), _magnetic),
+    "HDM": SentenceKind(("magnetic_deg", "corrected"), _magnetic),
     "PSIMSSB_C_H": _hipap_offset,
     "PSIMSSB_C_N": _hipap_offset,
     "PSIMSSB_C_E": _hipap_offset,
-    "PSIMSSB_R": Kind(("target", *PLACE, "sd_m"), _hipap_radians, time=0, fields=HIPAP),
-    "PSIMSSB_D": Kind(
+    "PSIMSSB_R": SentenceKind(("target", *PLACE, "sd_m"), _hipap_radians, time=0, fields=HIPAP),
+    "PSIMSSB_D": SentenceKind(
         ("target", *PLACE, "sd_m"),
         _hipap_degrees,
         time=0,
@@ -198,7 +200,7 @@ KINDS: Mapping[str, Kind] = {
     "PSIMSSB_C_G": _timed,
     "PSIMSSB_U": _timed,
     "PSIMSSB_P": _timed,
-    "PSIMSNS": Kind(
+    "PSIMSNS": SentenceKind(
         ("heading_deg",),
         _heading,
         time=0,
@@ -206,31 +208,31 @@ KINDS: Mapping[str, Kind] = {
     ),
     "PTSAG": _gaps_place,
     "PTSAG_ship": _gaps_place,
-    "PTSAX": Kind(
+    "PTSAX": SentenceKind(
         ("target", *OFFSET, "fix_status"),
         _gaps_offset,
         time=1,
         date=(2, 3, 4),
         fields=f"{GAPS} x:DE y:DE validity z:DE",
     ),
-    "PTSAY": Kind(time=1, date=(2, 3, 4)),
-    "PTSAH": Kind(),  # known, but not what its fields are
+    "PTSAY": SentenceKind(time=1, date=(2, 3, 4)),
+    "PTSAH": SentenceKind(),  # known, but not what its fields are
     "PSONLLD": _ranger_place,
     "PSONLLD_ship": _ranger_place,
     "PSONALL": _timed,
     "PEVOSSB_H": _evologics_offset,
     "PEVOSSB_N": _evologics_offset,
     "PEVOSSB_E": _evologics_offset,
-    "PEVOSSB_G": Kind(("target", *PLACE, "sd_m"), _evologics_place, time=0, fields=EVOLOGICS),
+    "PEVOSSB_G": SentenceKind(("target", *PLACE, "sd_m"), _evologics_place, time=0, fields=EVOLOGICS),
     "PEVOSSB_T": _timed,
     "PEVOSSB_B": _timed,
     "PEVOSSA": _timed,
-    "RTH": Kind(  # the manual promises that fields are only ever added
+    "RTH": SentenceKind(  # the manual promises that fields are only ever added
         ("slant_range_m", "bearing_deg", "elevation_deg"),
         _locator,
         fields="math compass apparent_elevation range:DE math_bearing bearing:DE elevation:DE",
     ),
-    "TLC": Kind(
+    "TLC": SentenceKind(
         ("lat_deg", "lon_deg"),
         _located,
         time=18,
@@ -260,7 +262,7 @@ def kind_of(address: str) -> str:
     return address if address.startswith("P") else address[2:]
 
 
-def columns_of(kind: str, contents: Sequence[str]) -> list[Told | None]:
+def decode_sentences(kind: str, contents: Sequence[str]) -> list[SentenceValues | None]:
     """Return what sentences (from their name to the checksum, without it) of one kind tell, None where they do not fit.
 
     A row has the kind's columns.
@@ -269,15 +271,15 @@ def columns_of(kind: str, contents: Sequence[str]) -> list[Told | None]:
 
     parse = cast("Callable[..., Any]", NMEAReader.parse)  # pyright: ignore[reportUnknownMemberType]
 
-    known = KINDS[kind]
+    known = SENTENCE_KINDS[kind]
     pairs = (field.partition(":") for field in known.fields.split())
     name_of = kind.partition("_")[0].removeprefix("P")
     own = {name_of: {name: code or "ST" for name, _, code in pairs}} if known.fields else {}
-    rows: list[Told | None] = []
+    rows: list[SentenceValues | None] = []
     for content in contents:
         try:
             message = parse(f"${content}*00\r\n".encode(), validate=0, userdefined=own)
-            rows.append(known.tell(message) if known.tell else None)
+            rows.append(known.decode(message) if known.decode else None)
         except (NMEAMessageError, NMEAParseError, NMEATypeError, AttributeError, ValueError):
             rows.append(None)
     return rows

@@ -10,8 +10,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.io.decoding.nmea_kinds import KINDS, VARIANTS, Kind, Told, columns_of, kind_of
-from usbldr.io.decoding.nmea_times import NEVER, date_ns, placed, prefixed_ns, time_of_day_ns, told_times
+from usbldr.io.decoding.nmea_kinds import (
+    SENTENCE_KINDS,
+    VARIANTS,
+    SentenceKind,
+    SentenceValues,
+    decode_sentences,
+    kind_of,
+)
+from usbldr.io.decoding.nmea_times import (
+    NO_TIME,
+    date_ns,
+    on_nearest_date,
+    prefixed_ns,
+    time_of_day_ns,
+    times_from_sentences,
+)
 from usbldr.io.log import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
@@ -24,14 +38,14 @@ BETTER = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
 class Sentences:
     """Sentences of one kind."""
 
-    kind: str  # of KINDS, or another
+    kind: str  # of SENTENCE_KINDS, or another
     contents: Sequence[str]  # from the name to the checksum, without it
     received_ns: Nanoseconds  # (n,)
     stamp_ns: Nanoseconds | None  # (n,) None where neither they nor their messages tell
 
     def info(self, topic: str, alone: bool) -> TopicInfo:
         """Return what a user is told of them; they tell no position where they are not ``alone`` in that."""
-        known = KINDS.get(self.kind, Kind())
+        known = SENTENCE_KINDS.get(self.kind, SentenceKind())
         stamped = ("header.stamp",) if self.stamp_ns is not None else ()
         return TopicInfo(
             name=topic,
@@ -45,11 +59,11 @@ class Sentences:
 
     def records(self, paths: Sequence[str]) -> tuple[Records, int]:
         """Return the wanted columns, and how many sentences do not fit their kind."""
-        known = KINDS[self.kind]
-        rows = columns_of(self.kind, self.contents)
+        known = SENTENCE_KINDS[self.kind]
+        rows = decode_sentences(self.kind, self.contents)
         good = np.array([row is not None for row in rows], dtype=np.bool_)
         order = np.flatnonzero(good)[np.argsort(self.received_ns[good], kind="stable")]
-        told: list[Told] = [row for i in map(int, order) if (row := rows[i]) is not None]
+        told: list[SentenceValues] = [row for i in map(int, order) if (row := rows[i]) is not None]
         columns: dict[str, Column] = {}
         for path in paths:
             if path == "header.stamp" and self.stamp_ns is not None:
@@ -61,7 +75,7 @@ class Sentences:
 
 
 @dataclass(frozen=True, slots=True)
-class Spoken:
+class SentenceSet:
     """All sentences of one source, by name: "GPGGA", "PSIMSSB_C_H"."""
 
     by_name: Mapping[str, Sentences]
@@ -77,93 +91,93 @@ class Spoken:
         return found
 
 
-class _Found(NamedTuple):
+class _FoundSentence(NamedTuple):
     """One sentence."""
 
     name: str
     content: str
     checked: bool
     line: int
-    logged: int  # NEVER where nothing tells
+    logged: int  # NO_TIME where nothing tells
     time_of_day: int
     midnight: int
 
 
-def spoken(
+def find_sentences(
     source: str, lines: Iterable[str], received_ns: Nanoseconds | None = None, stamp_ns: Nanoseconds | None = None
-) -> Spoken:
+) -> SentenceSet:
     """Find the sentences in lines of text, check their checksums and time them.
 
     ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the lines' own beginnings tell.
     """
-    found, wrong, silent = _found(lines, received_ns)
+    found, wrong, silent = _scan_lines(lines, received_ns)
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
     findings = _counted(source, rows, wrong + len(found) - len(rows), silent)
     if not rows:
-        return Spoken({}, tuple(findings))
+        return SentenceSet({}, tuple(findings))
     time, midnight = np.array([row.time_of_day for row in rows]), np.array([row.midnight for row in rows])
     received, more = _received(source, np.array([row.logged for row in rows]), time, midnight)
-    own = np.where(midnight != NEVER, midnight + time, placed(time, received))
+    own = np.where(midnight != NO_TIME, midnight + time, on_nearest_date(time, received))
     by_name: dict[str, Sentences] = {}
     for name in dict.fromkeys(row.name for row in rows):
         these = [i for i, row in enumerate(rows) if row.name == name]
         kind, logged = kind_of(name), received[these]
         stamps = stamp_ns[[rows[i].line for i in these]] if stamp_ns is not None else None
-        if KINDS.get(kind, Kind()).time is not None:
-            stamps = np.where(time[these] == NEVER, logged if stamps is None else stamps, own[these])
+        if SENTENCE_KINDS.get(kind, SentenceKind()).time is not None:
+            stamps = np.where(time[these] == NO_TIME, logged if stamps is None else stamps, own[these])
         by_name[name] = Sentences(kind, [rows[i].content for i in these], logged, stamps)
-    return Spoken(by_name, (*findings, *more))
+    return SentenceSet(by_name, (*findings, *more))
 
 
-def _found(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[list[_Found], int, int]:
+def _scan_lines(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[list[_FoundSentence], int, int]:
     """Return the sentences, how many have a wrong checksum or are cut, and how many lines hold none."""
     from pynmeagps import calc_checksum  # pyright: ignore
 
-    found: list[_Found] = []
-    wrong, silent, last = 0, 0, NEVER
+    found: list[_FoundSentence] = []
+    wrong, silent, last = 0, 0, NO_TIME
     for number, line in enumerate(lines):
         begin = 0
         for match in SENTENCE.finditer(line):
             name, body, checksum = match.groups()
             content = f"{name},{body}"
             logged = prefixed_ns(line[begin : match.start()]) if received_ns is None else int(received_ns[number])
-            last = logged if logged != NEVER else last
+            last = logged if logged != NO_TIME else last
             begin = match.end()
-            told = _told(name, body.split(","))
+            told = _sentence_time(name, body.split(","))
             if told is None or (checksum and str(calc_checksum(content)) != checksum.upper()):
                 wrong += 1
             else:
                 full, time, midnight = told
-                content = content if kind_of(full) in KINDS else ""
-                found.append(_Found(full, content, bool(checksum), number, last, time, midnight))
+                content = content if kind_of(full) in SENTENCE_KINDS else ""
+                found.append(_FoundSentence(full, content, bool(checksum), number, last, time, midnight))
         silent += begin == 0 and bool(line.strip())
     return found, wrong, silent
 
 
-def _told(name: str, fields: Sequence[str]) -> tuple[str, int, int] | None:
+def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int] | None:
     """Return the kind's full name, the time of day and the midnight that a sentence tells, None where it is cut."""
     try:
         full = name + VARIANTS.get(kind_of(name), lambda _: "")(fields)
     except IndexError:
         return None
-    kind = KINDS.get(kind_of(full), Kind())
-    time = NEVER
+    kind = SENTENCE_KINDS.get(kind_of(full), SentenceKind())
+    time = NO_TIME
     if kind.time is not None and kind.time < len(fields):
         time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
     told = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
-    return full, time, date_ns(told) if time != NEVER and told and len(told) == len(kind.date) else NEVER
+    return full, time, date_ns(told) if time != NO_TIME and told and len(told) == len(kind.date) else NO_TIME
 
 
 def _received(
     source: str, logged: Nanoseconds, time: Nanoseconds, midnight: Nanoseconds
 ) -> tuple[Nanoseconds, list[Finding]]:
     """Return the log times (n,): where no line tells any, those that the sentences tell."""
-    known = logged != NEVER
+    known = logged != NO_TIME
     if known.any():
         return np.where(known, logged, logged[known][0]), []
     try:
-        received, dated = told_times(time, midnight)
+        received, dated = times_from_sentences(time, midnight)
     except ValueError:
         text = f"{source}: neither its lines nor its sentences tell a time; they are counted as seconds"
         return np.arange(len(logged), dtype=np.int64) * 1_000_000_000, [Finding("NMEA-TIME", text)]
@@ -175,7 +189,7 @@ def _received(
     return received, findings
 
 
-def _counted(source: str, rows: Sequence[_Found], wrong: int, silent: int) -> list[Finding]:
+def _counted(source: str, rows: Sequence[_FoundSentence], wrong: int, silent: int) -> list[Finding]:
     total, unchecked = len(rows) + wrong, sum(not row.checked for row in rows)
     findings: list[Finding] = []
     if wrong:
@@ -188,7 +202,7 @@ def _counted(source: str, rows: Sequence[_Found], wrong: int, silent: int) -> li
     return findings
 
 
-def unfitting(undecoded: Mapping[str, int]) -> list[Finding]:
+def undecoded_findings(undecoded: Mapping[str, int]) -> list[Finding]:
     """Say which topics had sentences with fields that are not what their kind has."""
     what = "sentences do not have the fields of their kind; left out"
     return [

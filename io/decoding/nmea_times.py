@@ -14,7 +14,7 @@ from usbldr.io.reader import Nanoseconds
 
 SECOND = 1_000_000_000
 DAY = 86_400 * SECOND
-NEVER = int(np.iinfo(np.int64).min)  # where a sentence tells no time
+NO_TIME = int(np.iinfo(np.int64).min)  # where a sentence tells no time
 LATEST = 230 * 366 * DAY  # beyond 2200, and before 1970, digits are no date
 
 ISO = re.compile(
@@ -24,29 +24,30 @@ EPOCH = re.compile(r"(?<![\d.:])(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|
 
 
 def prefixed_ns(prefix: str) -> int:
-    """Return the log time that stands before a sentence, NEVER without: ISO 8601, or seconds, ms, us, ns since 1970."""
+    """Return the log time that stands before a sentence, NO_TIME without: ISO 8601, or seconds, ms, us, ns since "
+    "1970."""
     if len(prefix) < 9:
-        return NEVER
+        return NO_TIME
     iso = ISO.search(prefix)
     if iso:
         year, month, day, hour, minute, second, fraction, zone = iso.groups()
         try:
             moment = datetime(*map(int, (year, month, day, hour, minute, second)), tzinfo=UTC)
         except ValueError:
-            return NEVER
+            return NO_TIME
         whole = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
-        return _believed(whole * SECOND + _fraction_ns(fraction) - _zone_ns(zone))
+        return _plausible_date(whole * SECOND + _fraction_ns(fraction) - _zone_ns(zone))
     epoch = EPOCH.search(prefix)
     if epoch is None:
-        return NEVER
+        return NO_TIME
     seconds, fraction, ms, us, ns = epoch.groups()
     if seconds:
         return int(seconds) * SECOND + _fraction_ns(fraction)
-    return _believed(int(ms) * 1_000_000 if ms else int(us) * 1000 if us else int(ns))
+    return _plausible_date(int(ms) * 1_000_000 if ms else int(us) * 1000 if us else int(ns))
 
 
-def _believed(time_ns: int) -> int:
-    return time_ns if 0 <= time_ns < LATEST else NEVER
+def _plausible_date(time_ns: int) -> int:
+    return time_ns if 0 <= time_ns < LATEST else NO_TIME
 
 
 def _fraction_ns(digits: str | None) -> int:
@@ -60,52 +61,52 @@ def _zone_ns(zone: str | None) -> int:
 
 
 def time_of_day_ns(text: str) -> int:
-    """Return nanoseconds since midnight of hhmmss.ss, NEVER where it is none."""
+    """Return nanoseconds since midnight of hhmmss.ss, NO_TIME where it is none."""
     whole, _, fraction = text.partition(".")
     if len(whole) != 6 or not whole.isdecimal() or not (fraction + "0").isdecimal():
-        return NEVER
+        return NO_TIME
     hour, minute, second = int(whole[:2]), int(whole[2:4]), int(whole[4:])
     if hour > 23 or minute > 59 or second > 60:  # 60: a leap second
-        return NEVER
+        return NO_TIME
     return (hour * 3600 + minute * 60 + second) * SECOND + _fraction_ns(fraction[:9])
 
 
 def date_ns(parts: Sequence[str]) -> int:
-    """Return midnight of a date, NEVER where it is none: day, month, year, or one ddmmyy."""
+    """Return midnight of a date, NO_TIME where it is none: day, month, year, or one ddmmyy."""
     if len(parts) == 1:
         (text,) = parts
         century = 1900 if text[4:] >= "80" else 2000  # GPS began in 1980
         parts = (text[:2], text[2:4], str(century + int(text[4:])) if text[4:].isdecimal() else "")
     try:
         day, month, year = map(int, parts)
-        return _believed((date(year, month, day) - date(1970, 1, 1)).days * DAY)
+        return _plausible_date((date(year, month, day) - date(1970, 1, 1)).days * DAY)
     except ValueError:
-        return NEVER
+        return NO_TIME
 
 
-def placed(time_of_day: Nanoseconds, near_ns: Nanoseconds) -> Nanoseconds:
-    """Return times of day (n,) on the date that brings them within half a day of ``near_ns``; NEVER stays."""
+def on_nearest_date(time_of_day: Nanoseconds, near_ns: Nanoseconds) -> Nanoseconds:
+    """Return times of day (n,) on the date that brings them within half a day of ``near_ns``; NO_TIME stays."""
     midnight = near_ns - near_ns % DAY
     away = time_of_day - near_ns % DAY
     days = np.where(away > DAY // 2, -1, np.where(away < -DAY // 2, 1, 0))
-    return np.where(time_of_day == NEVER, NEVER, midnight + days * DAY + time_of_day)
+    return np.where(time_of_day == NO_TIME, NO_TIME, midnight + days * DAY + time_of_day)
 
 
-def told_times(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tuple[Nanoseconds, bool]:
+def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tuple[Nanoseconds, bool]:
     """Return log times (n,) of sentences that nobody stamped, and whether any told the date.
 
     A sentence with a time of day has its own; midnight passes where it jumps back by more than half a day. The others
-    lie evenly between their neighbours. ``midnight`` (n,) is NEVER where a sentence tells no date. Raises ValueError
+    lie evenly between their neighbours. ``midnight`` (n,) is NO_TIME where a sentence tells no date. Raises ValueError
     where no sentence tells a time.
     """
-    timed = np.flatnonzero(time_of_day != NEVER)
+    timed = np.flatnonzero(time_of_day != NO_TIME)
     if not len(timed):
         raise ValueError("no sentence tells a time")
     day = time_of_day[timed]
     jumps = np.diff(day)
     days = np.concatenate([[0], np.cumsum(np.where(jumps < -DAY // 2, 1, np.where(jumps > DAY // 2, -1, 0)))])
     running = day + days * DAY
-    dated = np.flatnonzero(midnight[timed] != NEVER)
+    dated = np.flatnonzero(midnight[timed] != NO_TIME)
     base = int(midnight[timed][dated[0]] - days[dated[0]] * DAY) if len(dated) else 0
     first = int(running[0])
     between = np.interp(np.arange(len(time_of_day)), timed, (running - first).astype(np.float64))

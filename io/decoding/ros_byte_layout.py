@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
-from usbldr.io.decoding.columns import Piece
+from usbldr.io.decoding.columns import DecodedRows
 from usbldr.io.reader import Column
 
 Definitions: TypeAlias = Mapping[str, Any]  # rosbags' fielddefs: type name -> (constants, ((field, description), ...))
@@ -42,7 +42,7 @@ NUMBERS: Mapping[str, str] = {
     "float32": "<f4",
     "float64": "<f8",
 }
-MOST_LAYOUTS = 100  # of messages of one size; what is left then is decoded one by one
+MAX_LAYOUTS_PER_SIZE = 100  # of messages of one size; what is left then is decoded one by one
 
 
 class UnknownLayoutError(Exception):
@@ -59,14 +59,14 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class ByteLayout:
     """The places of all fields, and the bytes that must be as they are for that to be true."""
 
     places: Mapping[str, Place]
     fixed_at: NDArray[np.intp]
     fixed: NDArray[np.uint8]
 
-    def holds_for(self, block: Block) -> NDArray[np.bool_]:
+    def matches(self, block: Block) -> NDArray[np.bool_]:
         """Tell which messages have this layout, (n,)."""
         return np.all(block[:, self.fixed_at] == self.fixed, axis=1)
 
@@ -103,7 +103,7 @@ def _values(block: Block, place: Place) -> Column:
     return view(place.kind, np.dtype(place.kind).itemsize)[:, 0]
 
 
-class _Walk:
+class _LayoutTracer:
     """One message, walked field by field."""
 
     def __init__(self, definitions: Definitions, sample: bytes, aligned: bool) -> None:
@@ -187,39 +187,39 @@ def _number(name: str) -> str:
     return NUMBERS[name]
 
 
-def layout_of(definitions: Definitions, name: str, sample: bytes, aligned: bool) -> Layout:
+def byte_layout_of(definitions: Definitions, name: str, sample: bytes, aligned: bool) -> ByteLayout:
     """Return the layout of a message of a type; raise UnknownLayoutError where its bytes do not fit.
 
     ``aligned``: CDR, else ROS 1.
     """
-    walk = _Walk(definitions, sample, aligned)
+    walk = _LayoutTracer(definitions, sample, aligned)
     walk.message(name)
     walk.end()
     fixed = sorted(walk.fixed.items())
     at, values = [at for at, _ in fixed], [value for _, value in fixed]
-    layout = Layout(walk.places, np.array(at, dtype=np.intp), np.array(values, dtype=np.uint8))
-    if not layout.holds_for(np.frombuffer(sample, dtype=np.uint8)[np.newaxis])[0]:
+    layout = ByteLayout(walk.places, np.array(at, dtype=np.intp), np.array(values, dtype=np.uint8))
+    if not layout.matches(np.frombuffer(sample, dtype=np.uint8)[np.newaxis])[0]:
         raise UnknownLayoutError
     return layout
 
 
-def by_layout(
+def decode_by_layout(
     definitions: Definitions, name: str, payloads: Sequence[bytes], paths: Sequence[str], aligned: bool
-) -> tuple[list[Piece], Rows]:
+) -> tuple[list[DecodedRows], Rows]:
     """Read all messages that have a layout; return them in pieces, and which messages are left."""
-    pieces: list[Piece] = []
+    pieces: list[DecodedRows] = []
     left: list[Rows] = [np.empty(0, dtype=np.intp)]
     for rows in _of_one_size(payloads):
         of_one_size = [payloads[int(row)] for row in rows]
         block = np.frombuffer(b"".join(of_one_size), dtype=np.uint8).reshape(len(rows), -1)
-        for _ in range(MOST_LAYOUTS):
+        for _ in range(MAX_LAYOUTS_PER_SIZE):
             if not len(rows):
                 break
             try:
-                layout = layout_of(definitions, name, payloads[int(rows[0])], aligned)
-                same = layout.holds_for(block)
+                layout = byte_layout_of(definitions, name, payloads[int(rows[0])], aligned)
+                same = layout.matches(block)
                 table = block if same.all() else block[same]
-                pieces.append(Piece(rows[same], {path: layout.column(table, path) for path in paths}))
+                pieces.append(DecodedRows(rows[same], {path: layout.column(table, path) for path in paths}))
             except (UnknownLayoutError, UnicodeDecodeError):
                 same = np.arange(len(rows)) == 0
                 left.append(rows[same])

@@ -12,26 +12,26 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.conventions.dvl_depth import TO_MPS, dvl
-from usbldr.io.conventions.positions import depths_of, under_water
+from usbldr.io.conventions.dvl_depth import MPS_PER_UNIT, dvl
+from usbldr.io.conventions.positions import depths_of, underwater_text
 from usbldr.io.doctor.cross_check import CrossCheck, cross_check
-from usbldr.io.doctor.findings import Diagnosis, diagnosis, of_finding
-from usbldr.io.doctor.interpretations import Source, configuration_of, convention
-from usbldr.io.doctor.message_evidence import raws_of, sources_of
-from usbldr.io.log import Log, lacking
-from usbldr.io.messages.layouts import Raw
+from usbldr.io.doctor.findings import GradedFinding, grade, graded_finding
+from usbldr.io.doctor.interpretations import HandednessEvidence, configuration_of, recorded_convention
+from usbldr.io.doctor.message_evidence import message_evidence, read_raw_records
+from usbldr.io.log import Log, missing_sensor_text
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.messages.roles import candidates
-from usbldr.io.opening import Opened, Request, open_configured
+from usbldr.io.opening import OpenedLog, Request, open_configured
 from usbldr.io.read import read, roles_of
 from usbldr.io.timeline import timeline
 
 SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)  # 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
-NEEDED = ("dvl", "compass", "usbl")
-SAME_CLOCK_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
-SAME_EPOCH_S = 3600.0
-MOST_LAG_S = 5.0  # from measuring to logging
-MOST_TRIES = 12  # combinations of topics, where several roles are undecided
-LATE_S = 0.2  # a fix that arrives later is worth a word
+REQUIRED_SENSORS = ("dvl", "compass", "usbl")
+MAX_CLOCK_DIFFERENCE_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
+MAX_EPOCH_DIFFERENCE_S = 3600.0
+MAX_LOGGING_DELAY_S = 5.0  # from measuring to logging
+MAX_TOPIC_COMBINATIONS = 12  # combinations of topics, where several roles are undecided
+NOTABLE_DELAY_S = 0.2  # a fix that arrives later is worth a word
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,24 +41,24 @@ class Examination:
     path: Path
     format: str
     configuration: Path | None
-    diagnoses: tuple[Diagnosis, ...]
+    graded_findings: tuple[GradedFinding, ...]
     log: Log | None  # None: it cannot be read with any choice
     timeline: Timeline | None
     topics: Mapping[str, str]  # role -> topic where several could be the sensor: the one that was examined
-    check: CrossCheck | None = None  # None: there was nothing to hold against each other
+    sensor_check: CrossCheck | None = None  # None: there was nothing to hold against each other
 
     @property
     def healthy(self) -> bool:
         """Tell whether there is no error."""
-        return not any(d.level == "error" for d in self.diagnoses)
+        return not any(d.level == "error" for d in self.graded_findings)
 
 
 def examine(path: Path, request: Request) -> Examination:
     """Examine a log; raise LogError if it is none, UsageError if its configuration makes no sense."""
     opened = open_configured(path, request)
-    faults, chosen, tied = _decide(opened, request)
+    faults, chosen, tied = _resolve_topics(opened, request)
     log, fault = None, None
-    for picks in islice(product(*tied.values()), MOST_TRIES):
+    for picks in islice(product(*tied.values()), MAX_TOPIC_COMBINATIONS):
         trial = chosen | dict(zip(tied, picks, strict=True))
         try:
             log = read(opened, replace(request, topics=dict(request.topics) | trial))
@@ -68,63 +68,67 @@ def examine(path: Path, request: Request) -> Examination:
             chosen = trial
             break
     found = [
-        diagnosis(
+        graded_finding(
             "ROLE-UNDECIDED",
             f"{faults[role]}" + (f"; {chosen[role]} is examined here" if log else ""),
             chosen.get(role, ""),
         )
         for role in tied
     ]
-    found += [diagnosis("UNUSABLE", text) for role, text in faults.items() if role not in tied]
+    found += [graded_finding("UNUSABLE", text) for role, text in faults.items() if role not in tied]
     if log is None:
-        found += [*(of_finding(f) for f in opened.reader.findings()), diagnosis("UNUSABLE", str(fault))]
+        found += [*(grade(f) for f in opened.reader.findings()), graded_finding("UNUSABLE", str(fault))]
         return _examination(path, opened.reader.format, opened.file, found, None, None, chosen)
-    raws = raws_of(opened, replace(request, topics=dict(request.topics) | chosen))
-    return _of_log(log, [*found, *_clocks(log, raws), *_invalid(log, raws)], tuple(sources_of(log, raws)), chosen)
+    raws = read_raw_records(opened, replace(request, topics=dict(request.topics) | chosen))
+    return _examine_tables(
+        log, [*found, *_clock_findings(log, raws), *_invalid(log, raws)], tuple(message_evidence(log, raws)), chosen
+    )
 
 
 def examine_log(log: Log) -> Examination:
     """Examine a log that has no file, such as a simulated one."""
-    return _of_log(log, [], (), {})
+    return _examine_tables(log, [], (), {})
 
 
-def _of_log(log: Log, found: list[Diagnosis], sources: tuple[Source, ...], chosen: Mapping[str, str]) -> Examination:
+def _examine_tables(
+    log: Log, found: list[GradedFinding], sources: tuple[HandednessEvidence, ...], chosen: Mapping[str, str]
+) -> Examination:
     found = [*found, *_under_water(log)]
     told = {d.code for d in found}
-    found = found + [of_finding(f) for f in log.findings if f.code not in told]
-    for role in NEEDED:
+    found = found + [grade(f) for f in log.findings if f.code not in told]
+    for role in REQUIRED_SENSORS:
         if role not in log.tables:
-            found.append(diagnosis("SENSOR-MISSING", lacking(log, role)))
-    line = None
+            found.append(graded_finding("SENSOR-MISSING", missing_sensor_text(log, role)))
+    dive_timeline = None
     try:
-        line = timeline(log)
+        dive_timeline = timeline(log)
     except UsbldrError as err:
         if not any(d.code in ("SENSOR-MISSING", "ROLE-UNDECIDED") for d in found):
-            found.append(diagnosis("UNUSABLE", str(err)))
+            found.append(graded_finding("UNUSABLE", str(err)))
     found += _delays(log)
-    if line is not None:
-        found += _outages(log, line)
-    check = cross_check(log, line, sources) if line is not None and "usbl" in log.tables else None
-    found += check.diagnoses if check else ()
-    examination = _examination(log.path, log.format, log.configuration, found, log, line, chosen)
-    return replace(examination, check=check)
+    if dive_timeline is not None:
+        found += _outages(log, dive_timeline)
+    check = cross_check(log, dive_timeline, sources) if dive_timeline is not None and "usbl" in log.tables else None
+    found += check.graded_findings if check else ()
+    examination = _examination(log.path, log.format, log.configuration, found, log, dive_timeline, chosen)
+    return replace(examination, sensor_check=check)
 
 
 def _examination(
     path: Path,
     form: str,
     configuration: Path | None,
-    found: list[Diagnosis],
+    found: list[GradedFinding],
     log: Log | None,
-    line: Timeline | None,
+    dive_timeline: Timeline | None,
     chosen: Mapping[str, str],
 ) -> Examination:
     order = {"error": 0, "warning": 1, "info": 2}
     ordered = tuple(sorted(found, key=lambda d: order[d.level]))
-    return Examination(path, form, configuration, ordered, log, line, chosen)
+    return Examination(path, form, configuration, ordered, log, dive_timeline, chosen)
 
 
-def _decide(opened: Opened, request: Request) -> tuple[dict[str, str], dict[str, str], dict[str, list[str]]]:
+def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str], dict[str, str], dict[str, list[str]]]:
     """Return why roles are not filled, those that are given up, and the topics of those that several could fill.
 
     Of several topics, those with the most messages come first.
@@ -132,18 +136,18 @@ def _decide(opened: Opened, request: Request) -> tuple[dict[str, str], dict[str,
     path, topics = opened.reader.path, opened.reader.topics()
     roles = roles_of(path, topics, request, opened.configuration)
     taken = {choice.topic.name for choice in roles.chosen.values()}
-    faults = {role: str(fault).removeprefix(f"{path}: ") for role, fault in roles.unclear.items()}
+    faults = {role: str(fault).removeprefix(f"{path}: ") for role, fault in roles.unresolved.items()}
     tied: dict[str, list[str]] = {}
-    for role, fault in roles.unclear.items():
+    for role, fault in roles.unresolved.items():
         free = candidates(role, topics, taken).best
         if isinstance(fault, UsageError) and len(free) > 1:
             tied[role] = [topic.name for topic in sorted(free, key=lambda topic: -topic.count)]
     return faults, {role: "none" for role in faults if role not in tied}, tied
 
 
-def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
+def _clock_findings(log: Log, raws: Mapping[str, RawRecords]) -> list[GradedFinding]:
     """Compare the delay from stamp to log of DVL and heading: both usually pass through the same computer."""
-    found: list[Diagnosis] = []
+    found: list[GradedFinding] = []
     settings = configuration_of(log)
     by_log = {"dvl": settings.dvl.time == "log", "compass": settings.compass.time == "log"}
     lag_s: dict[str, float] = {}
@@ -155,12 +159,14 @@ def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
         if not len(lags):
             continue
         lag_s[role] = float(np.median(lags))
-    if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < SAME_EPOCH_S:
+    if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < MAX_EPOCH_DIFFERENCE_S:
         stated_s = {"dvl": settings.dvl.latency_s, "compass": settings.compass.latency_s}
         after_s = {role: lag_s[role] + stated_s[role] for role in lag_s}
-        wrong, right = ("dvl", "compass") if _strange(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
+        wrong, right = (
+            ("dvl", "compass") if _implausible_delay(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
+        )
         apart_s = after_s[wrong] - after_s[right]
-        if abs(apart_s) > SAME_CLOCK_S:
+        if abs(apart_s) > MAX_CLOCK_DIFFERENCE_S:
             topic = raws[wrong].topic.name
             headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
             text = (
@@ -168,16 +174,16 @@ def _clocks(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
                 f"{raws[right].topic.name} {after_s[right]:.2f} s after its own; if both are logged at once, state "
                 f"latency_s = {stated_s[wrong] - apart_s:.2f} under [{wrong}]"
             )
-            found.append(diagnosis("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
+            found.append(graded_finding("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
     return found
 
 
-def _strange(lag_s: float, other_s: float) -> bool:
+def _implausible_delay(lag_s: float, other_s: float) -> bool:
     """Tell whether a delay from stamp to log is none that a driver makes, while the other sensor's may be one."""
-    return (lag_s < -SAME_CLOCK_S or lag_s > MOST_LAG_S) and abs(other_s) < abs(lag_s)
+    return (lag_s < -MAX_CLOCK_DIFFERENCE_S or lag_s > MAX_LOGGING_DELAY_S) and abs(other_s) < abs(lag_s)
 
 
-def _invalid(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
+def _invalid(log: Log, raws: Mapping[str, RawRecords]) -> list[GradedFinding]:
     """Say of the DVL's invalid records what they hold, and the largest number in one, m/s along its own axes."""
     told = [finding for finding in log.findings if finding.code == "DVL-INVALID"]
     if not told or "dvl" not in log.tables:
@@ -185,47 +191,50 @@ def _invalid(log: Log, raws: Mapping[str, Raw]) -> list[Diagnosis]:
     table = log.tables["dvl"]
     bad = table[~table["valid"]]
     invalid = ~dvl(raws["dvl"], configuration_of(log).dvl).table["valid"].to_numpy(dtype=bool)  # (n,) as they arrived
-    xyz_mps = np.column_stack([raws["dvl"].number(axis) for axis in "xyz"]) * TO_MPS[convention(log, "dvl", "unit")[0]]
+    xyz_mps = (
+        np.column_stack([raws["dvl"].number(axis) for axis in "xyz"])
+        * MPS_PER_UNIT[recorded_convention(log, "dvl", "unit")[0]]
+    )
     largest = np.max(np.abs(np.nan_to_num(xyz_mps[invalid])), axis=1)
     sentinels = [s for s in SENTINELS_MPS if np.any(np.abs(largest - s) < 5e-4)]
     worst = float(largest.max())
     counts = ", ".join(f"{np.sum(np.abs(largest - s) < 5e-4)} say {s:g} m/s" for s in sentinels)
     text = told[0].text + (f"; {counts}, a DVL's way to write that it has no bottom lock" if counts else "")
     time_s = float(bad["time_s"].iloc[0]) if len(bad) else None
-    return [diagnosis("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
+    return [graded_finding("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
 
 
-def _delays(log: Log) -> list[Diagnosis]:
+def _delays(log: Log) -> list[GradedFinding]:
     """Say how late fixes arrive."""
     if "usbl" not in log.tables:
         return []
     table = log.tables["usbl"]
     late = (table["received_s"] - table["time_s"]).to_numpy(dtype=float)
     median, worst = float(np.nanmedian(late)), int(np.nanargmax(late))
-    if not median > LATE_S:
+    if not median > NOTABLE_DELAY_S:
         return []
     topic = log.provenance["usbl"].topic
     text = f"{topic}: fixes arrive {median:.2f} s (median) to {late[worst]:.2f} s after their time of validity"
-    return [diagnosis("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
+    return [graded_finding("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
 
 
-def _under_water(log: Log) -> list[Diagnosis]:
+def _under_water(log: Log) -> list[GradedFinding]:
     """A satellite fix under water is something else: an acoustic position, or an old fix repeated."""
     if "gps" not in log.tables or "depth" not in log.tables:
         return []
     gps, topic = log.tables["gps"], log.provenance["gps"].topic
     depth_m = depths_of(gps, log.tables["depth"], "time_s")
-    text = under_water(topic, depth_m)
+    text = underwater_text(topic, depth_m)
     if not text:
         return []
     worst = int(np.nanargmax(depth_m))
-    return [diagnosis("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(depth_m[worst]), "m")]
+    return [graded_finding("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(depth_m[worst]), "m")]
 
 
-def _outages(log: Log, line: Timeline) -> list[Diagnosis]:
-    found: list[Diagnosis] = []
-    for role in NEEDED:
-        mine = [outage for outage in line.outages if outage.sensor == role]
+def _outages(log: Log, dive_timeline: Timeline) -> list[GradedFinding]:
+    found: list[GradedFinding] = []
+    for role in REQUIRED_SENSORS:
+        mine = [outage for outage in dive_timeline.outages if outage.sensor == role]
         if not mine or role not in log.provenance:
             continue
         longest = max(mine, key=lambda outage: outage.end_s - outage.start_s)
@@ -238,5 +247,5 @@ def _outages(log: Log, line: Timeline) -> list[Diagnosis]:
             f"{topic}: {what} in {len(mine)} stretches of {total_s:.0f} s together, the longest {length_s:.1f} s from "
             f"{longest.start_s:.1f} s on"
         )
-        found.append(diagnosis(code, text, topic, longest.start_s, length_s, "s"))
+        found.append(graded_finding(code, text, topic, longest.start_s, length_s, "s"))
     return found

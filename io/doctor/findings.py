@@ -11,7 +11,7 @@ from usbldr.io.log import Finding
 
 Level: TypeAlias = Literal["error", "warning", "info"]
 
-LEVELS: Mapping[str, Level] = {
+FINDING_LEVELS: Mapping[str, Level] = {
     "ROLE-UNDECIDED": "error",
     "UNUSABLE": "error",
     "SENSOR-MISSING": "error",
@@ -37,7 +37,7 @@ LEVELS: Mapping[str, Level] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnosis:
+class GradedFinding:
     """One finding, with its place and its size."""
 
     code: str
@@ -49,15 +49,15 @@ class Diagnosis:
     unit: str = ""
 
 
-def diagnosis(
+def graded_finding(
     code: str, text: str, topic: str = "", time_s: float | None = None, worst: float | None = None, unit: str = ""
-) -> Diagnosis:
+) -> GradedFinding:
     """Return a diagnosis at the level of its code."""
-    return Diagnosis(code, LEVELS.get(code, "warning"), text, topic, time_s, worst, unit)
+    return GradedFinding(code, FINDING_LEVELS.get(code, "warning"), text, topic, time_s, worst, unit)
 
 
-def of_finding(finding: Finding) -> Diagnosis:
+def grade(finding: Finding) -> GradedFinding:
     """Return what reading noticed as a diagnosis; its topic stands before the colon."""
     head, colon, _ = finding.text.partition(": ")
-    level: Level = "error" if finding.lost_data else LEVELS.get(finding.code, "warning")
-    return Diagnosis(finding.code, level, finding.text, head if colon and head.startswith("/") else "")
+    level: Level = "error" if finding.lost_data else FINDING_LEVELS.get(finding.code, "warning")
+    return GradedFinding(finding.code, level, finding.text, head if colon and head.startswith("/") else "")

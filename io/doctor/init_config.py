@@ -14,31 +14,36 @@ from typing import TypeAlias
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.doctor.cross_check import clear_latency, clear_offset, clear_scale, wrapped
+from usbldr.io.doctor.cross_check import (
+    heading_offset_is_significant,
+    latency_is_significant,
+    scale_is_significant,
+    wrapped_deg,
+)
 from usbldr.io.doctor.doctor import Examination
-from usbldr.io.doctor.gross_errors import unit_or_scale
-from usbldr.io.doctor.interpretations import Verdict, convention
-from usbldr.io.doctor.map_origin import BESIDE_S, propose_origin
+from usbldr.io.doctor.gross_errors import unit_or_scale_key
+from usbldr.io.doctor.interpretations import InterpretationResult, recorded_convention
+from usbldr.io.doctor.map_origin import MAX_PAIR_GAP_S, propose_origin
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
-from usbldr.io.settings.configuration import check, own_configuration
+from usbldr.io.settings.configuration import own_configuration, parse_configuration
 
-Line: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
+ConfigLine: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
 COMMENT_COLUMN = 40
 
 
-def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
+def initial_configuration(found: Examination, joined: tuple[str, ...] = ()) -> str:
     """Return the text of a configuration by which the log replays.
 
     Raises LogError with what is missing where no configuration could do that.
     """
     log = found.log
-    hopeless = [d for d in found.diagnoses if d.code in ("UNUSABLE", "SENSOR-MISSING")]
+    hopeless = [d for d in found.graded_findings if d.code in ("UNUSABLE", "SENSOR-MISSING")]
     if log is None or hopeless:
         raise LogError(f"{found.path}: {hopeless[0].text.removeprefix(f'{found.path}: ')}")
     if _in_radians(found):
-        found = replace(found, check=None)  # held against the fixes by headings of another unit
-    sections: dict[str, list[Line]] = {"map": _map(found, log)}
+        found = replace(found, sensor_check=None)  # held against the fixes by headings of another unit
+    sections: dict[str, list[ConfigLine]] = {"map": _map(found, log)}
     for role in ROLES:
         sections[role] = _topic(found, log, role)
     sections["dvl"] += _dvl(found, log)
@@ -48,7 +53,7 @@ def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
     lines = [
         f"# Settings for {found.path.name}, written by usbldr init from the log alone; no key was fitted to GPS.",
         "# Signs: docs/configuration.md. Lines that start with # say what no log can tell, or what is only a guess.",
-        *_fit(found),
+        *_convention_comments(found),
         "schema = 1",
     ]
     for name, rows in sections.items():
@@ -59,7 +64,9 @@ def draft(found: Examination, joined: tuple[str, ...] = ()) -> str:
         relative = os.path.relpath(name, found.path.resolve().parent)
         lines += ["", "[[file]]", _row(f'path = "{Path(relative).as_posix()}"', "option --with")]
     text = "\n".join(lines) + "\n"
-    check(tomllib.loads(text), own_configuration(log.path, log.path.is_dir()))  # must be accepted, whatever the log
+    parse_configuration(
+        tomllib.loads(text), own_configuration(log.path, log.path.is_dir())
+    )  # must be accepted, whatever the log
     return text
 
 
@@ -67,44 +74,45 @@ def _row(entry: str, why: str) -> str:
     return f"{entry:{COMMENT_COLUMN - 2}}  # {why}" if why else entry
 
 
-def _fit(found: Examination) -> list[str]:
+def _convention_comments(found: Examination) -> list[str]:
     """Say how well the conventions fit, and who ruled their mirror image out."""
-    verdict = found.check.verdict if found.check else None
+    verdict = found.sensor_check.result if found.sensor_check else None
     if verdict is None:
         why = "there are too few"
         if _in_radians(found):
             why = "headings were read as degrees, but are radians; let doctor examine the log by this file"
         return [f"# CHECK: axes, convention and frame could not be held against fixes: {why}."]
-    best, read = verdict.best, verdict.read
+    best, read = verdict.best, verdict.as_read
     usual = "" if best == read else f"; as types and names have it, {read.residual_m:.2f} m"
     lies = f"dead reckoning lies {best.residual_m:.2f} m from the fixes"
     lines = [f"# With these axes, convention and frame, {lies}{usual} (rms)."]
     if not verdict.observable:
         others = [r for r in verdict.plausible if r.mirror_class != best.mirror_class]
-        lines.append(f"# CHECK: {others[0].sentence} fits nearly as well ({others[0].residual_m:.2f} m).")
+        lines.append(f"# CHECK: {others[0].description} fits nearly as well ({others[0].residual_m:.2f} m).")
     if verdict.decided_by is not None:
         lines.append(f"# Their mirror image is ruled out by this: {verdict.decided_by.name}.")
-    elif verdict.mirror is not None:
+    elif verdict.mirror_image is not None:
         lines.append(
-            f"# CHECK: their mirror image ({verdict.mirror.sentence}) fits as well; nothing in the log decides."
+            f"# CHECK: their mirror image ({verdict.mirror_image.description}) fits as well; nothing in the log "
+            "decides."
         )
     return lines
 
 
-def _map(found: Examination, log: Log) -> list[Line]:
+def _map(found: Examination, log: Log) -> list[ConfigLine]:
     if log.origin is None:
         return [("# origin_lat_deg = 0.0", "unknown: no latitude in the log"), ("# origin_lon_deg = 0.0", "")]
     who = log.origin.source
     comment = ""
     lat_deg, lon_deg = log.origin.lat_deg, log.origin.lon_deg
-    if map_unknown(found):
+    if map_origin_unknown(found):
         comment, who = "# ", f"a guess ({who}); CHECK: state where the fixes' map begins, or head under [usbl]"
-        guess = propose_origin(log, found.timeline, found.check.verdict if found.check else None)
+        guess = propose_origin(log, found.timeline, found.sensor_check.result if found.sensor_check else None)
         if guess is not None:
             lat_deg, lon_deg = guess.lat_deg, guess.lon_deg
             who = (
-                f"CHECK: a guess; there the fixes meet the GPS ({guess.pairs} within {BESIDE_S:g} s of each other, "
-                f"+-{guess.sd_m:.1f} m). Fitted to GPS: not for a run that GPS judges"
+                f"CHECK: a guess; there the fixes meet the GPS ({guess.pairs} within {MAX_PAIR_GAP_S:g} s of each "
+                f"other, +-{guess.sd_m:.1f} m). Fitted to GPS: not for a run that GPS judges"
             )
     return [
         (f"{comment}origin_lat_deg = {lat_deg:.9f}", who),
@@ -112,38 +120,42 @@ def _map(found: Examination, log: Log) -> list[Line]:
     ]
 
 
-def map_unknown(found: Examination) -> bool:
+def map_origin_unknown(found: Examination) -> bool:
     """Tell whether the fixes are local positions and nobody states where their map begins."""
-    return any(d.code == "MAP-UNKNOWN" for d in found.diagnoses)
+    return any(d.code == "MAP-UNKNOWN" for d in found.graded_findings)
 
 
-def _topic(found: Examination, log: Log, role: str) -> list[Line]:
+def _topic(found: Examination, log: Log, role: str) -> list[ConfigLine]:
     if role not in log.provenance:
         return [] if role in ("dvl", "compass", "usbl") else [('topic = "none"', "no such topic in the log")]
     p = log.provenance[role]
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"
     if role in found.topics:
-        tie = next(d.text for d in found.diagnoses if d.code == "ROLE-UNDECIDED" and d.topic == found.topics[role])
+        tie = next(
+            d.text for d in found.graded_findings if d.code == "ROLE-UNDECIDED" and d.topic == found.topics[role]
+        )
         others = [name for name in re.findall(r"(?:: |; )(\S+) \(", tie) if name != p.topic]
         why = f"CHECK: the fullest that can be read; it could be {' or '.join(others)}"
     return [(f'topic = "{p.topic}"', why)]
 
 
-def _dvl(found: Examination, log: Log) -> list[Line]:
-    verdict = found.check.verdict if found.check else None
-    far = next((d.worst for d in found.diagnoses if d.code == "DVL-UNIT"), None)
-    key = unit_or_scale(log, far) if far is not None else ""
-    unit = (key, "CHECK: by the distances between fixes") if key.startswith("unit") else _as_read(log, "dvl", "unit")
+def _dvl(found: Examination, log: Log) -> list[ConfigLine]:
+    verdict = found.sensor_check.result if found.sensor_check else None
+    far = next((d.worst for d in found.graded_findings if d.code == "DVL-UNIT"), None)
+    key = unit_or_scale_key(log, far) if far is not None else ""
+    unit = (
+        (key, "CHECK: by the distances between fixes") if key.startswith("unit") else _recorded_line(log, "dvl", "unit")
+    )
     lines = [_convention(log, verdict, "dvl", "axes"), unit]
-    if verdict and clear_offset(verdict):
+    if verdict and heading_offset_is_significant(verdict):
         said = f"fitted to the fixes, +-{max(verdict.offset_sd_deg, 0.1):.1f}; the heading may err instead (bias_deg)"
-        lines.append((f"mount_deg = {wrapped(verdict.best.offset_deg):.1f}", said))
+        lines.append((f"mount_deg = {wrapped_deg(verdict.best.offset_deg):.1f}", said))
     else:
         lines.append(("mount_deg = 0.0", _no_offset(verdict)))
-    c = found.check.calibration if found.check else None
+    c = found.sensor_check.calibration if found.sensor_check else None
     if far is not None and not key.startswith("unit"):
         lines.append((key or "# unit = ?", f"CHECK: velocities are {far:.3g} times those between fixes"))
-    elif c and clear_scale(c):
+    elif c and scale_is_significant(c):
         lines.append((f"# scale_error = {c.scale:.3f}", f"fits the fixes, +-{c.scale_sd:.3f}; calibrate it before use"))
     else:
         known = f"the fixes see none (+-{c.scale_sd:.3f})" if c and math.isfinite(c.scale_sd) else "not seen"
@@ -155,11 +167,14 @@ def _dvl(found: Examination, log: Log) -> list[Line]:
     return [line for line in lines if line[0]]
 
 
-def _compass(found: Examination, log: Log) -> list[Line]:
-    verdict = found.check.verdict if found.check else None
-    unit = _as_read(log, "compass", "unit")
+def _compass(found: Examination, log: Log) -> list[ConfigLine]:
+    verdict = found.sensor_check.result if found.sensor_check else None
+    unit = _recorded_line(log, "compass", "unit")
     if _in_radians(found):
-        unit = ('unit = "rad"', "by the fixes, instead of deg ({1})".format(*convention(log, "compass", "unit")))
+        unit = (
+            'unit = "rad"',
+            "by the fixes, instead of deg ({1})".format(*recorded_convention(log, "compass", "unit")),
+        )
     lines = [_convention(log, verdict, "compass", "convention"), unit]
     lines.append(("bias_deg = 0.0", "not told apart from mount_deg by the log"))
     said = [s for s in log.provenance["compass"].conventions if s.startswith("declination")]
@@ -169,7 +184,7 @@ def _compass(found: Examination, log: Log) -> list[Line]:
         lines.append(("# declination_deg = 0.0", "needed if the heading is magnetic; not known from the log"))
     lines.append(_sd("compass", "sd_deg", log, float(np.nanmedian(log.tables["compass"]["sd_deg"]))))
     topic = log.provenance["compass"].topic
-    offset = [d for d in found.diagnoses if d.code == "CLOCK-OFFSET" and d.topic == topic]
+    offset = [d for d in found.graded_findings if d.code == "CLOCK-OFFSET" and d.topic == topic]
     if offset and offset[0].worst is not None:
         headless = any(s.startswith("timed by log time") for s in log.provenance["compass"].conventions)
         said_s = "log time against the DVL's" + (
@@ -181,26 +196,26 @@ def _compass(found: Examination, log: Log) -> list[Line]:
 
 def _in_radians(found: Examination) -> bool:
     """Tell whether headings that were read as degrees are radians."""
-    return any(d.code == "HEADING-RADIANS" for d in found.diagnoses)
+    return any(d.code == "HEADING-RADIANS" for d in found.graded_findings)
 
 
-def _usbl(found: Examination, log: Log) -> list[Line]:
-    verdict = found.check.verdict if found.check else None
-    kind = _as_read(log, "usbl", "kind")
+def _usbl(found: Examination, log: Log) -> list[ConfigLine]:
+    verdict = found.sensor_check.result if found.sensor_check else None
+    kind = _recorded_line(log, "usbl", "kind")
     lines = [kind]
-    if convention(log, "usbl", "frame")[0]:
+    if recorded_convention(log, "usbl", "frame")[0]:
         lines.append(_convention(log, verdict, "usbl", "frame"))
         relative = [s for s in log.provenance["usbl"].conventions if s.startswith("relative to the ")]
         if relative:
             word, _, who = relative[0].removeprefix("relative to the ").partition(" ")
             lines.append((f'relative_to = "{word}"', who.strip("()")))
             lines.append(("# head = { lat_deg = 0.0, lon_deg = 0.0, depth_m = 0.0 }", "if fixes count from a head"))
-    c = found.check.calibration if found.check else None
+    c = found.sensor_check.calibration if found.sensor_check else None
     scatter = f"; fixes scatter by {c.sd_m:.2f} m within two minutes" if c else ""
     stated_m = float(np.sqrt(np.median(log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].mean(axis=1))))
     key, why = _sd("usbl", "sd_m", log, stated_m)
     lines.append((key, why + scatter))
-    if c and clear_latency(c):
+    if c and latency_is_significant(c):
         why = f"fits dead reckoning, +-{c.latency_sd_s:.2f}; relative to the DVL's clock, so only if that is right"
         lines.append((f"# latency_s = {c.latency_s:.2f}", why))
     else:
@@ -213,7 +228,7 @@ def _usbl(found: Examination, log: Log) -> list[Line]:
     return [line for line in lines if line[0]]
 
 
-def _truth(log: Log) -> list[Line]:
+def _truth(log: Log) -> list[ConfigLine]:
     if log.truth is None or "truth" in log.provenance:
         return (
             [('# topic = "/gps/fix"', "no GPS in the log; name a truth, if there is one")] if log.truth is None else []
@@ -221,27 +236,27 @@ def _truth(log: Log) -> list[Line]:
     return [(f'kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]
 
 
-def _convention(log: Log, verdict: Verdict | None, role: str, key: str) -> Line:
+def _convention(log: Log, verdict: InterpretationResult | None, role: str, key: str) -> ConfigLine:
     """Return a convention as it should be: as it was read, unless the fixes say otherwise."""
-    value, who = convention(log, role, key)
+    value, who = recorded_convention(log, role, key)
     if verdict is None or not value:
         return (f'{key} = "{value}"', who) if value else ("", "")
     best = {"axes": verdict.best.axes, "convention": verdict.best.convention, "frame": verdict.best.frame}[key]
     return f'{key} = "{best}"', who if best == value else f"by the fixes, instead of {value} ({who})"
 
 
-def _as_read(log: Log, role: str, key: str) -> Line:
-    value, who = convention(log, role, key)
+def _recorded_line(log: Log, role: str, key: str) -> ConfigLine:
+    value, who = recorded_convention(log, role, key)
     return (f'{key} = "{value}"', who) if value else ("", "")
 
 
-def _sd(role: str, key: str, log: Log, value: float) -> Line:
+def _sd(role: str, key: str, log: Log, value: float) -> ConfigLine:
     """Return a sensor's noise: as a remark, because without the key replay finds the same."""
     said = [s for s in log.provenance[role].conventions if s.startswith(("sd ", "covariance "))]
     return (f"# {key} = {value:.3g}" if value > 0 else "", said[0] if said else "")
 
 
-def _no_offset(verdict: Verdict | None) -> str:
-    if verdict is None or not verdict.trusted:
+def _no_offset(verdict: InterpretationResult | None) -> str:
+    if verdict is None or not verdict.heading_sense_known:
         return "the log does not tell"
     return f"the fixes see {verdict.best.offset_deg:+.1f} deg, +-{verdict.offset_sd_deg:.1f}: too little to state"

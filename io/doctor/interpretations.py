@@ -27,31 +27,31 @@ from usbldr.io.log import Log
 from usbldr.io.settings.configuration import read_configuration
 from usbldr.io.settings.sensor_sections import Configuration
 
-CLEARLY = 0.8  # a reading is clearly better when less than this share of the residual is left
-LEAST_GPS_SPREAD_M = 3.0  # below, GPS says nothing of the map
-CLASSES = tuple((dvl, yaw, False) for dvl in (False, True) for yaw in (False, True))  # Reading.flips
-OTHER_SIDE = str.maketrans("SRPLUD", "PLSRDU")
+CLEARLY_BETTER_RATIO = 0.8  # a reading is clearly better when less than this share of the residual is left
+MIN_GPS_SPREAD_M = 3.0  # below, GPS says nothing of the map
+FLIP_CLASSES = tuple((dvl, yaw, False) for dvl in (False, True) for yaw in (False, True))  # Interpretation.flips
+OPPOSITE_AXES = str.maketrans("SRPLUD", "PLSRDU")
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class Interpretation:
     """One way to read a log, and how well it fits."""
 
     flips: tuple[bool, bool, bool]  # against how the log was read: DVL mirrored, yaw the other way, map mirrored
     axes: str  # [dvl] axes
     convention: str  # [compass] convention
     frame: str  # [usbl] frame, "" where fixes have none
-    turn: Turn  # dead reckoning by this reading onto the fixes by this reading
+    fit: Turn  # dead reckoning by this reading onto the fixes by this reading
 
     @property
     def offset_deg(self) -> float:
         """Clockwise: add it to [dvl] mount_deg, or subtract it from [compass] bias_deg."""
-        return float(np.degrees(-self.turn.rotation_rad))
+        return float(np.degrees(-self.fit.rotation_rad))
 
     @property
     def residual_m(self) -> float:
         """Rms distance of the fixes from turned and shifted dead reckoning."""
-        return self.turn.rms_m
+        return self.fit.rms_m
 
     @property
     def mirror_class(self) -> tuple[bool, bool]:
@@ -60,42 +60,42 @@ class Reading:
         return dvl != world, yaw != world
 
     @property
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Name the reading."""
         frame = f", frame {self.frame}" if self.frame else ""
         return f"axes {self.axes}, convention {self.convention}{frame}"
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class HandednessEvidence:
     """Something beside DVL, heading and fixes that tells a reading from its mirror image."""
 
     name: str
-    part: int  # of Reading.flips
+    flip_index: int  # of Interpretation.flips
     flipped: bool  # what it says of that part
 
-    def agrees(self, reading: Reading) -> bool:
+    def agrees(self, reading: Interpretation) -> bool:
         """Tell whether the reading is what the source says."""
-        return reading.flips[self.part] == self.flipped
+        return reading.flips[self.flip_index] == self.flipped
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class InterpretationResult:
     """How a log was read, how it should be, and who decided."""
 
-    read: Reading
-    best: Reading
-    readings: tuple[Reading, ...]  # all, best first
+    as_read: Interpretation
+    best: Interpretation
+    interpretations: tuple[Interpretation, ...]  # all, best first
     offset_sd_deg: float  # of the best one
-    decided_by: Source | None  # None: the mirror image is as good
-    against: tuple[Source, ...]  # sources that contradict
-    plausible: tuple[Reading, ...]  # that fit nearly as well as the best and agree with the source
+    decided_by: HandednessEvidence | None  # None: the mirror image is as good
+    contradicting: tuple[HandednessEvidence, ...]  # sources that contradict
+    plausible: tuple[Interpretation, ...]  # that fit nearly as well as the best and agree with the source
 
     @property
-    def mirror(self) -> Reading | None:
+    def mirror_image(self) -> Interpretation | None:
         """The best reading's mirror image; None where the fixes' frame has none."""
         flips = tuple(not flip for flip in self.best.flips)
-        return next((r for r in self.readings if r.flips == flips), None)
+        return next((r for r in self.interpretations if r.flips == flips), None)
 
     @property
     def observable(self) -> bool:
@@ -103,12 +103,14 @@ class Verdict:
         return len({r.mirror_class for r in self.plausible}) == 1
 
     @property
-    def trusted(self) -> bool:
+    def heading_sense_known(self) -> bool:
         """Tell whether the yaw's sense is known, and with it what a turn or a delay would mean."""
         return len({r.mirror_class[1] for r in self.plausible}) == 1
 
 
-def judge(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) -> Verdict | None:
+def compare_interpretations(
+    log: Log, timeline: Timeline, sources: Sequence[HandednessEvidence] = ()
+) -> InterpretationResult | None:
     """Hold the readings against the fixes; None where there are too few fixes near valid dead reckoning.
 
     ``sources`` are those that the log's tables do not hold, in order of trust, such as gravity.
@@ -117,34 +119,42 @@ def judge(log: Log, timeline: Timeline, sources: Sequence[Source] = ()) -> Verdi
     if np.sum(group >= 0) < LEAST_FIXES or not np.ptp(np.abs(reckoned(timeline, timeline.fix_time_s))) > 0:
         return None
     settings = configuration_of(log)
-    readings = [_reading(log, flips, fit_turn(reread(log, timeline, flips), group)) for flips in CLASSES]
+    readings = [
+        _interpretation(log, flips, fit_turn(reinterpret(log, timeline, flips), group)) for flips in FLIP_CLASSES
+    ]
     read = readings[0]
     if read.frame in ("ENU", "NED"):  # a map has a mirror image, which fits as well; latitudes have none
-        readings += [_mirrored(log, timeline, reading, group) for reading in readings]
+        readings += [_mirror_image_of(log, timeline, reading, group) for reading in readings]
     least = min(r.residual_m for r in readings)
-    plausible = [r for r in readings if r.residual_m * CLEARLY <= least]
+    plausible = [r for r in readings if r.residual_m * CLEARLY_BETTER_RATIO <= least]
     by_fit = min(plausible, key=lambda r: (r.residual_m * (1 - 1e-6 * (r == read)), sum(r.flips)))
 
-    known = [*_geodetic(log), *_by_gps(log, timeline, by_fit, group), *sources, *_by_name(log), *_by_setting(settings)]
+    known = [
+        *_geodetic_evidence(log),
+        *_gps_evidence(log, timeline, by_fit, group),
+        *sources,
+        *_name_evidence(log),
+        *_configuration_evidence(settings),
+    ]
     decided_by = None
     for source in known:
         agreeing = [r for r in plausible if source.agrees(r)]
         if agreeing and len(agreeing) < len(plausible) and decided_by is None:
             plausible, decided_by = agreeing, source
     best = read if read in plausible else min(plausible, key=lambda r: (r.residual_m, sum(r.flips)))
-    line = reread(log, timeline, best.flips)
-    return Verdict(
-        offset_sd_deg=float(np.degrees(turn_sd_rad(line, group, best.turn.latency_s))),
-        read=read,
+    reinterpreted = reinterpret(log, timeline, best.flips)
+    return InterpretationResult(
+        offset_sd_deg=float(np.degrees(turn_sd_rad(reinterpreted, group, best.fit.latency_s))),
+        as_read=read,
         best=best,
-        readings=tuple(sorted(readings, key=lambda r: r.residual_m)),
+        interpretations=tuple(sorted(readings, key=lambda r: r.residual_m)),
         decided_by=decided_by,
-        against=tuple(source for source in known if decided_by is not None and not source.agrees(best)),
+        contradicting=tuple(source for source in known if decided_by is not None and not source.agrees(best)),
         plausible=tuple(sorted(plausible, key=lambda r: r.residual_m)),
     )
 
 
-def reread(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
+def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
     """Return the timeline by another reading of the same records (fixes up to a shift)."""
     settings = configuration_of(log)
     dvl, yaw, world = flips
@@ -155,13 +165,15 @@ def reread(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Time
         u, v = other.real, other.imag
     psi = timeline.dr_yaw_rad
     if yaw:  # heading' = 90 - heading, with bias and declination on the same side as before
-        psi = -psi - np.radians(90.0 + 2 * _added_deg(log))
+        psi = -psi - np.radians(90.0 + 2 * _heading_correction_deg(log))
     fixes = timeline.fix_m[:, ::-1] if world else timeline.fix_m
-    velocity, fixes = _of_reference(log, timeline, np.column_stack([u, v]), psi, fixes)
+    velocity, fixes = _at_reference_point(log, timeline, np.column_stack([u, v]), psi, fixes)
     return replace(timeline, dr_mps=velocity, dr_yaw_rad=psi, fix_m=fixes)
 
 
-def _of_reference(log: Log, timeline: Timeline, velocity: Array, psi: Vector, fixes: Array) -> tuple[Array, Array]:
+def _at_reference_point(
+    log: Log, timeline: Timeline, velocity: Array, psi: Vector, fixes: Array
+) -> tuple[Array, Array]:
     """Return velocity and fixes of the vehicle's reference point, where the configuration states lever arms."""
     dvl, transponder = (np.asarray(arm[:2]) for arm in (log.assumptions.dvl_lever_m, log.assumptions.usbl_lever_m))
     if dvl.any() and len(psi) > 1:
@@ -179,7 +191,7 @@ def topic_of(log: Log, role: str) -> str:
     return log.provenance[role].topic if role in log.provenance else role
 
 
-def convention(log: Log, role: str, name: str) -> tuple[str, str]:
+def recorded_convention(log: Log, role: str, name: str) -> tuple[str, str]:
     """Return what a sensor's provenance says of a convention, and by whom; "" where it says nothing."""
     sentences = log.provenance[role].conventions if role in log.provenance else ()
     for sentence in sentences:
@@ -188,7 +200,7 @@ def convention(log: Log, role: str, name: str) -> tuple[str, str]:
     return "", ""
 
 
-def _added_deg(log: Log) -> float:
+def _heading_correction_deg(log: Log) -> float:
     """Return what was added to headings: declination, less the bias."""
     sentences = log.provenance["compass"].conventions if "compass" in log.provenance else ()
     found = [re.match(r"(declination|bias) (\S+) deg (added|subtracted)", sentence) for sentence in sentences]
@@ -200,53 +212,55 @@ def configuration_of(log: Log) -> Configuration:
     return read_configuration(log.configuration) if log.configuration else Configuration()
 
 
-def _mirrored(log: Log, timeline: Timeline, reading: Reading, group: Indices) -> Reading:
+def _mirror_image_of(log: Log, timeline: Timeline, reading: Interpretation, group: Indices) -> Interpretation:
     dvl, yaw, world = reading.flips
     flips = (not dvl, not yaw, not world)
-    return _reading(log, flips, fit_turn(reread(log, timeline, flips), group, [reading.turn.latency_s]))
+    return _interpretation(log, flips, fit_turn(reinterpret(log, timeline, flips), group, [reading.fit.latency_s]))
 
 
-def _reading(log: Log, flips: tuple[bool, bool, bool], turn: Turn) -> Reading:
+def _interpretation(log: Log, flips: tuple[bool, bool, bool], turn: Turn) -> Interpretation:
     dvl, yaw, world = flips
-    axes = convention(log, "dvl", "axes")[0] or "SFU"
-    yaw_from = convention(log, "compass", "convention")[0] or "compass"
-    kind, frame = convention(log, "usbl", "kind")[0], convention(log, "usbl", "frame")[0]
+    axes = recorded_convention(log, "dvl", "axes")[0] or "SFU"
+    yaw_from = recorded_convention(log, "compass", "convention")[0] or "compass"
+    kind, frame = recorded_convention(log, "usbl", "kind")[0], recorded_convention(log, "usbl", "frame")[0]
     frame = frame or ("" if kind in ("latlon", "range_bearing") else "ENU")
-    return Reading(
+    return Interpretation(
         flips=flips,
-        axes=axes.translate(OTHER_SIDE) if dvl else axes,
+        axes=axes.translate(OPPOSITE_AXES) if dvl else axes,
         convention=("NED" if yaw_from == "ENU" else "ENU") if yaw else yaw_from,
         frame=({"ENU": "NED", "NED": "ENU"}.get(frame, "")) if world else frame,
-        turn=turn,
+        fit=turn,
     )
 
 
-def _geodetic(log: Log) -> list[Source]:
+def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
     """Latitudes, longitudes and bearings know where east is."""
-    kind = convention(log, "usbl", "kind")[0]
+    kind = recorded_convention(log, "usbl", "kind")[0]
     if kind == "latlon":
-        return [Source("the fixes are latitudes and longitudes", 2, False)]
+        return [HandednessEvidence("the fixes are latitudes and longitudes", 2, False)]
     if kind == "range_bearing":
-        return [Source("the fixes are bearings clockwise from north", 2, False)]
+        return [HandednessEvidence("the fixes are bearings clockwise from north", 2, False)]
     return []
 
 
-def _by_gps(log: Log, timeline: Timeline, reading: Reading, group: Indices) -> list[Source]:
+def _gps_evidence(log: Log, timeline: Timeline, reading: Interpretation, group: Indices) -> list[HandednessEvidence]:
     """Hold the track by the reading, and its mirror image, against GPS up to a shift: one bit, and no estimate."""
-    line = reread(log, timeline, reading.flips)
-    turn = reading.turn
+    reinterpreted = reinterpret(log, timeline, reading.flips)
+    turn = reading.fit
     seen = _groups_of_gps(timeline, group)
     used = seen >= 0
     gps = as_points(timeline.gps_m)[used]
-    if len(gps) < 2 or _rms(gps) < LEAST_GPS_SPREAD_M:
+    if len(gps) < 2 or _rms(gps) < MIN_GPS_SPREAD_M:
         return []
-    track = np.exp(1j * turn.rotation_rad) * reckoned(line, timeline.gps_time_s[used]) + turn.shift_m[seen[used]]
+    track = (
+        np.exp(1j * turn.rotation_rad) * reckoned(reinterpreted, timeline.gps_time_s[used]) + turn.shift_m[seen[used]]
+    )
     apart_m, mirrored_m = _rms(track - gps), _rms(1j * np.conj(track) - gps)
     if min(apart_m, mirrored_m) > 0.5 * max(apart_m, mirrored_m):
         return []
     times = max(apart_m, mirrored_m) / max(min(apart_m, mirrored_m), 0.1)
     name = f"GPS, to which the track fits {times:.0f} times better than its mirror image"
-    return [Source(name, 2, reading.flips[2] != (mirrored_m < apart_m))]
+    return [HandednessEvidence(name, 2, reading.flips[2] != (mirrored_m < apart_m))]
 
 
 def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
@@ -258,27 +272,29 @@ def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
     return np.array([names.get(int(b), -1) for b in of_gps], dtype=np.intp)
 
 
-def _by_name(log: Log) -> list[Source]:
+def _name_evidence(log: Log) -> list[HandednessEvidence]:
     """Frame names and types that say a convention."""
-    found: list[Source] = []
+    found: list[HandednessEvidence] = []
     for role, name, part in (("compass", "convention", 1), ("usbl", "frame", 2)):
-        value, who = convention(log, role, name)
+        value, who = recorded_convention(log, role, name)
         if who.startswith("by frame_id") or who == "by column names":
-            found.append(Source(f"{log.provenance[role].topic} is {value} {who}", part, False))
-    value, who = convention(log, "compass", "convention")
+            found.append(HandednessEvidence(f"{log.provenance[role].topic} is {value} {who}", part, False))
+    value, who = recorded_convention(log, "compass", "convention")
     if value == "compass" and who == "by type":
-        found.append(Source(f"{log.provenance['compass'].topic} counts clockwise {who}", 1, False))
+        found.append(HandednessEvidence(f"{log.provenance['compass'].topic} counts clockwise {who}", 1, False))
     if log.format == "simulated":
-        found.append(Source("the scenario's own east and north", 2, False))
+        found.append(HandednessEvidence("the scenario's own east and north", 2, False))
     return found
 
 
-def _by_setting(settings: Configuration) -> list[Source]:
-    found: list[Source] = []
+def _configuration_evidence(settings: Configuration) -> list[HandednessEvidence]:
+    found: list[HandednessEvidence] = []
     if settings.usbl.frame is not None:
-        found.append(Source(f'the configuration states frame = "{settings.usbl.frame}"', 2, False))
+        found.append(HandednessEvidence(f'the configuration states frame = "{settings.usbl.frame}"', 2, False))
     if settings.compass.convention is not None:
-        found.append(Source(f'the configuration states convention = "{settings.compass.convention}"', 1, False))
+        found.append(
+            HandednessEvidence(f'the configuration states convention = "{settings.compass.convention}"', 1, False)
+        )
     return found
 
 

@@ -9,16 +9,16 @@ import numpy as np
 
 from usbldr.filters.identification.dr_usbl_fit import Points, as_points
 from usbldr.filters.types import Timeline
-from usbldr.io.doctor.interpretations import Verdict, reread
+from usbldr.io.doctor.interpretations import InterpretationResult, reinterpret
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 
-BESIDE_S = 2.0  # a vehicle moves a few metres in that time
-LEAST_PAIRS = 3
-TO_NORMAL = 1.1774  # median of a Rayleigh distribution
+MAX_PAIR_GAP_S = 2.0  # a vehicle moves a few metres in that time
+MIN_PAIRS = 3
+RAYLEIGH_MEDIAN = 1.1774  # median of a Rayleigh distribution
 
 
-class Proposal(NamedTuple):
+class OriginProposal(NamedTuple):
     """An origin at which the fixes lie on the GPS."""
 
     lat_deg: float
@@ -27,17 +27,19 @@ class Proposal(NamedTuple):
     sd_m: float  # of one pair, each axis
 
 
-def propose_origin(log: Log, timeline: Timeline | None, verdict: Verdict | None) -> Proposal | None:
+def propose_origin(log: Log, timeline: Timeline | None, verdict: InterpretationResult | None) -> OriginProposal | None:
     """Return the origin by which the fixes, read as they fit best, meet the GPS; None where too few came together."""
     if timeline is None or log.origin is None or not len(timeline.fix_time_s) or not len(timeline.gps_time_s):
         return None
-    line = reread(log, timeline, verdict.best.flips) if verdict else timeline
-    near = np.rint(np.interp(line.fix_time_s, line.gps_time_s, np.arange(len(line.gps_time_s)))).astype(np.intp)
-    beside = np.abs(line.gps_time_s[near] - line.fix_time_s) <= BESIDE_S
-    if beside.sum() < LEAST_PAIRS:
+    reinterpreted = reinterpret(log, timeline, verdict.best.flips) if verdict else timeline
+    near = np.rint(
+        np.interp(reinterpreted.fix_time_s, reinterpreted.gps_time_s, np.arange(len(reinterpreted.gps_time_s)))
+    ).astype(np.intp)
+    beside = np.abs(reinterpreted.gps_time_s[near] - reinterpreted.fix_time_s) <= MAX_PAIR_GAP_S
+    if beside.sum() < MIN_PAIRS:
         return None
-    shifts: Points = as_points(line.gps_m)[near[beside]] - as_points(line.fix_m)[beside]
+    shifts: Points = as_points(reinterpreted.gps_m)[near[beside]] - as_points(reinterpreted.fix_m)[beside]
     shift = complex(np.median(shifts.real), np.median(shifts.imag))
     lat, lon = to_geodetic(log.origin, np.array([shift.real]), np.array([shift.imag]))
-    sd = float(np.median(np.abs(shifts - shift))) / TO_NORMAL
-    return Proposal(float(lat[0]), float(lon[0]), int(beside.sum()), sd)
+    sd = float(np.median(np.abs(shifts - shift))) / RAYLEIGH_MEDIAN
+    return OriginProposal(float(lat[0]), float(lon[0]), int(beside.sum()), sd)

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from usbldr.io.decoding.decoders import Key, Message, Stream, collect, decoder_of
-from usbldr.io.formats.bag_records import Connection, Walk
-from usbldr.io.formats.decompression import or_unknown
+from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_topics, decoder_of
+from usbldr.io.formats.bag_records import BagScan, Connection
+from usbldr.io.formats.decompression import unknown_compression_text
 from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo, utc
 
@@ -30,12 +30,12 @@ class BagLog:
         return tuple(stream.info() for stream in self._scan[0].values())
 
     @cached_property
-    def _scan(self) -> tuple[dict[Key, Stream], Walk]:
+    def _scan(self) -> tuple[dict[TopicType, Stream], BagScan]:
         """Return what is seen of each (topic, type), and how the walk went."""
-        found: dict[Key, Stream] = {}
+        found: dict[TopicType, Stream] = {}
         connections: dict[int, Stream] = {}
         with self.path.open("rb") as file:
-            walk = Walk(file, self.path.stat().st_size)
+            walk = BagScan(file, self.path.stat().st_size)
             for record in walk:
                 if isinstance(record, Connection):
                     key = (record.topic, record.type)
@@ -43,18 +43,18 @@ class BagLog:
                         found[key] = Stream(*key, "ros1", decoder_of(record.type, record.definition, "ros1", "ros1msg"))
                     connections[record.number] = found[key]
                 elif record.connection in connections:
-                    connections[record.connection].saw(1, record.time_ns, record.time_ns)
+                    connections[record.connection].add_messages(1, record.time_ns, record.time_ns)
         return found, walk
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; where one topic has several types, the one with most messages."""
-        records, self._unfit = collect(self.path, self._scan[0], wanted, self._messages())
+        records, self._unfit = decode_topics(self.path, self._scan[0], wanted, self._messages())
         return records
 
-    def _messages(self) -> Iterator[Message]:
-        connections: dict[int, Key] = {}
+    def _messages(self) -> Iterator[StreamMessage]:
+        connections: dict[int, TopicType] = {}
         with self.path.open("rb") as file:
-            for record in Walk(file, self.path.stat().st_size):
+            for record in BagScan(file, self.path.stat().st_size):
                 if isinstance(record, Connection):
                     connections[record.number] = (record.topic, record.type)
                 elif record.connection in connections:
@@ -69,13 +69,17 @@ class BagLog:
         could = f"{walk.messages} messages could be read{until}"
         if not walk.complete:
             text = f"the bag is cut or broken at byte {walk.broken_at} of {walk.size}: {could}"
-            said.append(Finding("TRUNCATED", text, lost_data=walk.promised == 0 or walk.messages < walk.promised))
+            said.append(
+                Finding(
+                    "TRUNCATED", text, lost_data=walk.expected_messages == 0 or walk.messages < walk.expected_messages
+                )
+            )
         elif not walk.indexed:
             text = f"the bag was never closed, its index is missing; {could} (rosbag reindex makes it whole)"
             said.append(Finding("UNINDEXED", text))
         if walk.lost_chunks:
-            total = f" of {walk.promised}" if walk.promised else ""
-            damaged = f"{walk.lost_chunks} chunks are damaged{or_unknown(walk.unknown)}"
+            total = f" of {walk.expected_messages}" if walk.expected_messages else ""
+            damaged = f"{walk.lost_chunks} chunks are damaged{unknown_compression_text(walk.unknown)}"
             text = f"{damaged}: {walk.messages}{total} messages could be read"
             said.append(Finding("DAMAGED", text, lost_data=True))
         return (*said, *self._unfit.values())

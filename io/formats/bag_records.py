@@ -10,7 +10,7 @@ from io import BufferedReader
 from typing import NamedTuple, TypeAlias
 
 from usbldr.filters.errors import LogError
-from usbldr.io.formats.decompression import DAMAGE, Unpacker
+from usbldr.io.formats.decompression import DAMAGE, Decompressor
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7  # op codes
@@ -32,7 +32,7 @@ class Connection(NamedTuple):
     definition: bytes
 
 
-class Message(NamedTuple):
+class BagMessage(NamedTuple):
     """One message; its bytes are good until the next record is asked for."""
 
     connection: int
@@ -40,7 +40,7 @@ class Message(NamedTuple):
     data: memoryview
 
 
-Record: TypeAlias = Connection | Message
+Record: TypeAlias = Connection | BagMessage
 Fields: TypeAlias = Mapping[bytes, bytes]
 
 
@@ -73,7 +73,7 @@ def _number(fields: Fields, name: bytes, size: int) -> int:
 
 
 @dataclass(slots=True)
-class Walk:
+class BagScan:
     """One walk through a bag: an iterator over its connections and messages that remembers what was broken."""
 
     file: BufferedReader
@@ -81,13 +81,13 @@ class Walk:
     indexed: bool = False  # the bag was closed
     complete: bool = False  # the end of the file is the end of a record
     messages: int = 0
-    promised: int = 0  # number of messages by the bag's own index
+    expected_messages: int = 0  # number of messages by the bag's own index
     good_until: int = len(MAGIC)  # byte behind the last whole record
     broken_at: int | None = None  # byte where the first record begins that is none
     lost_chunks: int = 0
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     _index_at: int = 0
-    _unpacker: Unpacker = field(default_factory=Unpacker)
+    _unpacker: Decompressor = field(default_factory=Decompressor)
 
     def __iter__(self) -> Iterator[Record]:
         """Yield connections and messages in the order of the bag.
@@ -123,7 +123,7 @@ class Walk:
                 if op == BAG_HEADER:
                     self._look_at_header(fields)
                 elif op == CHUNK_INFO:
-                    self.promised += sum(struct.unpack(f"<{length // 4}I", data[: length // 4 * 4])[1::2])
+                    self.expected_messages += sum(struct.unpack(f"<{length // 4}I", data[: length // 4 * 4])[1::2])
                 elif op in (CONNECTION, MESSAGE):
                     yield self._record(op, fields, memoryview(data))
             self.good_until = self.file.tell()
@@ -182,7 +182,7 @@ class Walk:
         if op == MESSAGE:
             seconds, nanoseconds = TIME.unpack(fields.get(b"time", b"").ljust(TIME.size, b"\0")[: TIME.size])
             self.messages += 1
-            return Message(number, seconds * 1_000_000_000 + nanoseconds, data)
+            return BagMessage(number, seconds * 1_000_000_000 + nanoseconds, data)
         about = _fields(bytes(data))
         try:
             name = (about.get(b"topic") or fields[b"topic"]).decode()

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.formats.csv_sheets import Clock, Sheet, configured_sheet, plain, sheet_of
+from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, plain, sheet_of
 from usbldr.io.formats.csv_text import nanoseconds, numbers, raw_header, read_texts, seconds, text_files
 from usbldr.io.log import Finding
 from usbldr.io.messages.registry import FRAMES
@@ -24,7 +24,7 @@ WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class CsvSource:
     """Where the records of one topic stand."""
 
     file: Path
@@ -33,7 +33,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class ConfiguredColumns:
     """What the configuration says of a sensor's columns."""
 
     sensor: str
@@ -44,7 +44,7 @@ class Columns:
 class CsvLog:
     """A folder of CSV files, or one such file."""
 
-    def __init__(self, path: Path, configured: Sequence[Columns] = ()) -> None:
+    def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = ()) -> None:
         """Open nothing yet."""
         self.path = path
         self._configured = tuple(configured)
@@ -55,14 +55,14 @@ class CsvLog:
         """What a user calls it."""
         return "CSV folder" if self.path.is_dir() else "CSV file"
 
-    def with_columns(self, configured: Sequence[Columns]) -> "CsvLog":
+    def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "CsvLog":
         """Return this log, read by what the configuration says of columns."""
         return CsvLog(self.path, configured)
 
     @cached_property
-    def _sources(self) -> Mapping[str, Source]:
+    def _sources(self) -> Mapping[str, CsvSource]:
         """Return the sources by topic."""
-        found: dict[str, Source] = {}
+        found: dict[str, CsvSource] = {}
         for file in text_files(self.path) if self.path.is_dir() else [self.path]:
             for topic, source in self._topics_of(file).items():
                 if topic in found:
@@ -70,12 +70,12 @@ class CsvLog:
                 found[topic] = source
         return found
 
-    def _topics_of(self, file: Path) -> Mapping[str, Source]:
+    def _topics_of(self, file: Path) -> Mapping[str, CsvSource]:
         header = tuple(raw_header(file))
         if "sensor" not in map(plain, header):
-            return {"/" + file.stem.replace("__", "/"): Source(file, header)}
+            return {"/" + file.stem.replace("__", "/"): CsvSource(file, header)}
         sensors = dict.fromkeys(self._texts(file)["sensor"])
-        return {"/" + sensor.lstrip("/"): Source(file, header, sensor) for sensor in sensors if sensor}
+        return {"/" + sensor.lstrip("/"): CsvSource(file, header, sensor) for sensor in sensors if sensor}
 
     @cached_property
     def _sheets(self) -> Mapping[str, Sheet | None]:
@@ -88,7 +88,7 @@ class CsvLog:
                 sheets[topic] = configured_sheet(asked.sensor, asked.columns, source.header, str(source.file))
         return sheets
 
-    def _topic(self, asked: Columns) -> str | None:
+    def _topic(self, asked: ConfiguredColumns) -> str | None:
         """Return the topic that the configuration means, None where it is not in this log."""
         if asked.topic is not None:
             slashed = "/" + asked.topic.lstrip("/")
@@ -103,7 +103,7 @@ class CsvLog:
             raise UsageError(f"{self.path}: no file has the columns {names} of [{asked.sensor}]; state topic, too")
         return fitting[0]
 
-    def _recognised(self, topic: str, source: Source) -> Sheet | None:
+    def _recognised(self, topic: str, source: CsvSource) -> Sheet | None:
         if source.sensor is None:
             return sheet_of(source.file.stem, source.header)
         texts = self._texts(source.file)
@@ -115,7 +115,7 @@ class CsvLog:
         """List the topics; one whose columns fit no sensor has no type."""
         return tuple(self._info(topic, source) for topic, source in self._sources.items())
 
-    def _info(self, topic: str, source: Source) -> TopicInfo:
+    def _info(self, topic: str, source: CsvSource) -> TopicInfo:
         sheet = self._sheets[topic]
         if sheet is None:
             return TopicInfo(topic, "", "csv", 0, None, None, problem=UNFIT)
@@ -134,14 +134,14 @@ class CsvLog:
             self._read[file] = read_texts(file)
         return self._read[file]
 
-    def _rows(self, source: Source) -> Sequence[int]:
+    def _rows(self, source: CsvSource) -> Sequence[int]:
         """Return which rows of its file a source has."""
         texts = self._texts(source.file)
         if source.sensor is None:
             return range(len(next(iter(texts.values()), ())))
         return [row for row, sensor in enumerate(texts["sensor"]) if sensor == source.sensor]
 
-    def _times(self, source: Source, clock: Clock) -> Nanoseconds:
+    def _times(self, source: CsvSource, clock: TimeColumn) -> Nanoseconds:
         texts, rows = self._texts(source.file)[clock.column], self._rows(source)
         read = seconds if clock.in_seconds else nanoseconds
         return read([texts[row] for row in rows], clock.column, source.file, rows)
@@ -159,7 +159,7 @@ class CsvLog:
         order = np.argsort(received, kind="stable")
         return Records(received[order], {path: column[order] for path, column in columns.items()})
 
-    def _column(self, source: Source, sheet: Sheet, path: str) -> Column:
+    def _column(self, source: CsvSource, sheet: Sheet, path: str) -> Column:
         if path == "header.stamp" and sheet.stamp:
             return self._times(source, sheet.stamp)
         name, rows = sheet.columns[path], self._rows(source)

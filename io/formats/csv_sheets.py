@@ -16,7 +16,7 @@ from usbldr.filters.errors import UsageError
 CANONICAL = "usbldr/"  # types of files with our own columns: "usbldr/dvl"
 
 
-class Clock(NamedTuple):
+class TimeColumn(NamedTuple):
     """A column of times."""
 
     column: str
@@ -29,23 +29,23 @@ class Sheet:
 
     type: str
     columns: Mapping[str, str]  # field path -> column
-    received: Clock | None = None  # log time; None: the file cannot be read, problem says why
-    stamp: Clock | None = None  # "header.stamp"; None: records have log time only
+    received: TimeColumn | None = None  # log time; None: the file cannot be read, problem says why
+    stamp: TimeColumn | None = None  # "header.stamp"; None: records have log time only
     problem: str = ""
 
 
-class Kind(NamedTuple):
+class OwnColumns(NamedTuple):
     """What a file of our own for one sensor has beside time_ns."""
 
     choices: tuple[frozenset[str], ...]  # the columns of at least one of these must be there
     optional: frozenset[str]
 
 
-def _kind(choices: Sequence[str], optional: str = "") -> Kind:
-    return Kind(tuple(frozenset(c.split()) for c in choices), frozenset(optional.split()))
+def _kind(choices: Sequence[str], optional: str = "") -> OwnColumns:
+    return OwnColumns(tuple(frozenset(c.split()) for c in choices), frozenset(optional.split()))
 
 
-KINDS: Mapping[str, Kind] = {
+OWN_COLUMNS: Mapping[str, OwnColumns] = {
     "dvl": _kind(["starboard_mps forward_mps"], "up_mps sd_mps valid"),
     "compass": _kind(["heading_deg"], "sd_deg"),
     "usbl": _kind(
@@ -131,16 +131,16 @@ def _rostopic(header: Sequence[str]) -> Sheet:
         array = re.fullmatch(r"(.*[a-z_])(\d+)", name)
         if array and f"{array[1]}0" in columns:
             columns[f"{array[1]}.{array[2]}"] = name
-    stamp = Clock("header.stamp") if columns.pop("header.stamp", None) else None
+    stamp = TimeColumn("header.stamp") if columns.pop("header.stamp", None) else None
     fitting = (kind for kind, paths in ROSTOPIC.items() if set(paths.split()) <= set(columns))
-    return Sheet(next(fitting, ""), columns, Clock(log_time), stamp)
+    return Sheet(next(fitting, ""), columns, TimeColumn(log_time), stamp)
 
 
 def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     sensor = _sensor(stem, set(header))
     if sensor is None:
         return None
-    kind = KINDS[sensor]
+    kind = OWN_COLUMNS[sensor]
     known = kind.optional.union(*kind.choices)
     columns = {name: name for name in header if name in known}
     missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
@@ -148,15 +148,15 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
         problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)})"
         return Sheet(CANONICAL + sensor, columns, problem=problem)
     received = "received_ns" if "received_ns" in header else "time_ns"
-    return Sheet(CANONICAL + sensor, columns, Clock(received), Clock("time_ns"))
+    return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"))
 
 
 def _sensor(stem: str, header: set[str]) -> str | None:
     """Return the sensor that a file's stem is, else the one that its columns fit and, of several, its stem names."""
     name = stem.lower().split("__")[-1]
-    if name in KINDS:
+    if name in OWN_COLUMNS:
         return name
-    fitting = [s for s, kind in KINDS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
+    fitting = [s for s, kind in OWN_COLUMNS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
     wished = [sensor for sensor in fitting if sensor in name] or fitting
     return wished[0] if len(wished) == 1 else None
 
@@ -172,7 +172,7 @@ def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[s
     if len(times) != 1:
         raise UsageError(f"{file}: [{sensor}] columns must name one of {', '.join(TIMES)}")
     arrivals = [key for key in ("received_ns", "received_unix_s") if key in wanted]
-    stamp = Clock(wanted[times[0]], times[0] != "time_ns")
-    received = Clock(wanted[arrivals[0]], arrivals[0] != "received_ns") if arrivals else stamp
+    stamp = TimeColumn(wanted[times[0]], times[0] != "time_ns")
+    received = TimeColumn(wanted[arrivals[0]], arrivals[0] != "received_ns") if arrivals else stamp
     quantities = {key: name for key, name in wanted.items() if key not in (*times, *arrivals)}
     return Sheet(CANONICAL + sensor, quantities, received, stamp)

@@ -16,7 +16,7 @@ from usbldr.io.formats.csv_sheets import plain_names
 from usbldr.io.reader import Nanoseconds
 
 SECOND = Decimal(1_000_000_000)
-LATEST_NS = 1 << 62  # in 2116
+MAX_TIME_NS = 1 << 62  # in 2116
 
 
 def text_files(folder: Path) -> Iterator[Path]:
@@ -97,7 +97,7 @@ def nanoseconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int]
     times: list[int] = []
     for i, text in enumerate(texts):
         try:
-            times.append(_believed(int(text)))
+            times.append(_in_range(int(text)))
         except (ValueError, OverflowError) as err:
             raise _fault(texts, i, name, file, rows, "a whole number of nanoseconds") from err
     return np.array(times, dtype=np.int64)
@@ -112,15 +112,15 @@ def seconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | N
     for i, text in enumerate(texts):
         try:
             exact = _iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * SECOND).to_integral_value())
-            times.append(_believed(exact))
+            times.append(_in_range(exact))
         except (InvalidOperation, ValueError, OverflowError) as err:
             raise _fault(texts, i, name, file, rows, "a number of seconds") from err
     return np.array(times, dtype=np.int64)
 
 
-def _believed(time_ns: int) -> int:
+def _in_range(time_ns: int) -> int:
     """Return a time; raise OverflowError where differences of such would not fit 64 bits."""
-    if abs(time_ns) >= LATEST_NS:
+    if abs(time_ns) >= MAX_TIME_NS:
         raise OverflowError
     return time_ns
 

@@ -19,10 +19,10 @@ import zstandard
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.decoders import (
     Decoder,
-    Key,
-    Message,
     Stream,
-    collect,
+    StreamMessage,
+    TopicType,
+    decode_topics,
     decoder_of,
     decoder_without_definition,
 )
@@ -96,12 +96,12 @@ class Db3Log:
             raise LogError(f"{self.path}: no readable rosbag2 recording ({cut}); {self._advice}")
 
     @cached_property
-    def _keys(self) -> dict[int, Key]:
+    def _keys(self) -> dict[int, TopicType]:
         """Return topic and type by the file's own numbers."""
         return {number: key for number, key, _ in self._listed}
 
     @cached_property
-    def _listed(self) -> list[tuple[int, Key, str]]:
+    def _listed(self) -> list[tuple[int, TopicType, str]]:
         with self._open() as database:
             have = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
             encoding = "serialization_format" if "serialization_format" in have else "'cdr'"  # the first rosbag2
@@ -109,8 +109,8 @@ class Db3Log:
         return [(int(number), (str(name), str(kind)), str(how or "cdr")) for number, name, kind, how in rows]
 
     @cached_property
-    def _streams(self) -> dict[Key, Stream]:
-        streams: dict[Key, Stream] = {}
+    def _streams(self) -> dict[TopicType, Stream]:
+        streams: dict[TopicType, Stream] = {}
         with self._open() as database:
             definitions = _definitions(database)
             query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
@@ -140,10 +140,10 @@ class Db3Log:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; where one topic has several types, the one with most messages."""
-        records, self._unfit = collect(self.path, self._streams, wanted, self._messages(wanted))
+        records, self._unfit = decode_topics(self.path, self._streams, wanted, self._messages(wanted))
         return records
 
-    def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[Message]:
+    def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
         """Yield the messages of the wanted topics; the payloads of others are never touched."""
         numbers = [number for number, key in self._keys.items() if key[0] in wanted]
         marks = ", ".join("?" * len(numbers))

@@ -15,7 +15,7 @@ DAMAGE = (ValueError, OverflowError, MemoryError, RuntimeError, EOFError, OSErro
 """What broken bytes raise in the libraries; lz4's errors are RuntimeErrors, bz2's OSErrors."""
 
 
-class Unpacker:
+class Decompressor:
     """Memory for one unpacked chunk."""
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class Unpacker:
         return into[:got]
 
 
-def or_unknown(compressions: Iterable[str]) -> str:
+def unknown_compression_text(compressions: Iterable[str]) -> str:
     """Return words for chunks whose compression nobody knows, none where a bent name is no word."""
     words = sorted(name for name in compressions if name.isalnum() and name.isascii() and len(name) < 16)
     return f" or packed in a way that is not known ({', '.join(words)})" if words else ""

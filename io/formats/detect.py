@@ -8,7 +8,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.reader import Reader
 
-FOREIGN: Mapping[bytes, str] = {
+UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"#ROSBAG V1": "a ROS 1 bag of an old version; bring it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
     b"\x89MCAP": "an MCAP file of a version that is not 0; convert it with the mcap tool of its writer",
     b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
@@ -118,7 +118,7 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
         )
     if not head:
         raise LogError(f"{path}: the file is empty")
-    foreign = next((what for magic, what in FOREIGN.items() if head.startswith(magic)), None)
+    foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
     if foreign:
         raise LogError(f"{path}: is {foreign}")
     from usbldr.io.formats.csv_text import lacks_header

@@ -13,7 +13,7 @@ from usbldr.io.reader import Column, Reader, Records, TopicInfo
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class LogPart:
     """A log, and its clock minus the clock of the whole, which is taken off its times."""
 
     reader: Reader
@@ -26,8 +26,8 @@ class JoinedLog:
 
     path: Path
     format: str
-    parts: tuple[Part, ...]
-    said: tuple[Finding, ...] = ()  # what was noticed of the parts together
+    parts: tuple[LogPart, ...]
+    joining_findings: tuple[Finding, ...] = ()  # what was noticed of the parts together
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics of all parts."""
@@ -56,7 +56,7 @@ class JoinedLog:
             for part in self.parts
             for finding in part.reader.findings()
         ]
-        return (*self.said, *own)
+        return (*self.joining_findings, *own)
 
 
 def _key(topic: TopicInfo) -> tuple[str, str]:

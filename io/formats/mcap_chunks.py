@@ -12,7 +12,7 @@ from typing import NamedTuple
 from mcap.exceptions import McapError
 
 from usbldr.io.formats import decompression
-from usbldr.io.formats.decompression import Unpacker
+from usbldr.io.formats.decompression import Decompressor
 
 HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 CHUNK = struct.Struct("<QQQII")  # first and last log time, size unpacked, its checksum, length of compression's name
@@ -39,7 +39,7 @@ class ChunkReader:
         """Read from where the file stands each time."""
         self._file = file
         self._raw = bytearray()
-        self._unpacker = Unpacker()
+        self._unpacker = Decompressor()
 
     def read(self, length: int, left: int) -> Chunk:
         """Read the record of a chunk, of which ``left`` bytes at most are there; raise one of DAMAGE at its head."""

@@ -25,11 +25,11 @@ MESSAGE = np.dtype(
 )
 
 
-class DisagreementError(Exception):
+class IndexMismatchError(Exception):
     """The file is not as its index says."""
 
 
-class Seen(NamedTuple):
+class ChannelSummary(NamedTuple):
     """The messages of a channel."""
 
     messages: int
@@ -45,7 +45,7 @@ class Index:
     channels: Mapping[int, Channel]
     chunks: Mapping[int, ChunkIndex]  # by their place in the file
     inside: Mapping[int, frozenset[int]]  # place of a chunk -> channels with messages in it
-    seen: Mapping[int, Seen] | None  # by channel; None: the index does not tell of every message
+    channel_summaries: Mapping[int, ChannelSummary] | None  # by channel; None: the index does not tell of every message
 
 
 def read_index(file: BufferedReader) -> Index:
@@ -58,14 +58,14 @@ def read_index(file: BufferedReader) -> Index:
         return Index({}, {}, {}, {}, None)
     chunks = {chunk.chunk_start_offset: chunk for chunk in summary.chunk_indexes}
     inside: dict[int, frozenset[int]] = {}
-    seen: dict[int, Seen] | None = {}
+    seen: dict[int, ChannelSummary] | None = {}
     try:
         for place, chunk in chunks.items():
             found = dict(_entries(file, chunk))
             inside[place] = frozenset(found)
             for channel, entries in found.items():
                 times = entries[:, 0]
-                new = Seen(len(times), int(times.min()), int(times.max()))
+                new = ChannelSummary(len(times), int(times.min()), int(times.max()))
                 seen[channel] = _together(seen[channel], new) if channel in seen else new
     except (*DAMAGE, OSError):
         seen = None
@@ -89,11 +89,11 @@ def _entries(file: BufferedReader, chunk: ChunkIndex) -> Iterator[tuple[int, Ent
             yield int.from_bytes(data[body : body + 2], "little"), entries
 
 
-def _together(a: Seen, b: Seen) -> Seen:
-    return Seen(a.messages + b.messages, min(a.first_ns, b.first_ns), max(a.last_ns, b.last_ns))
+def _together(a: ChannelSummary, b: ChannelSummary) -> ChannelSummary:
+    return ChannelSummary(a.messages + b.messages, min(a.first_ns, b.first_ns), max(a.last_ns, b.last_ns))
 
 
-def _agrees(seen: Mapping[int, Seen], summary: Summary) -> bool:
+def _agrees(seen: Mapping[int, ChannelSummary], summary: Summary) -> bool:
     """Tell whether the index tells of as many messages as the file's statistics, all of channels that are named."""
     if summary.statistics is None:
         return False
@@ -108,7 +108,7 @@ def indexed_messages(
 ) -> Iterator[tuple[int, int, memoryview]]:
     """Yield channel, log time and bytes of the messages of some channels; the bytes are good until the next.
 
-    Raises DisagreementError where anything is not as the index says; chunks without such a message are not looked at.
+    Raises IndexMismatchError where anything is not as the index says; chunks without such a message are not looked at.
     """
     chunks = ChunkReader(file)
     for place, chunk in sorted(index.chunks.items()):
@@ -120,9 +120,9 @@ def indexed_messages(
             op, length = HEAD.unpack(file.read(HEAD.size))
             data = chunks.read(length, length)
         except DAMAGE as err:
-            raise DisagreementError from err
+            raise IndexMismatchError from err
         if op != Opcode.CHUNK or not data.sound:
-            raise DisagreementError
+            raise IndexMismatchError
         for channel, entries in found.items():
             starts, ends = _places(data.data, channel, entries)
             for time_ns, start, end in zip(entries[:, 0].tolist(), starts, ends, strict=True):
@@ -130,15 +130,15 @@ def indexed_messages(
 
 
 def _places(data: memoryview, channel: int, entries: Entries) -> tuple[list[int], list[int]]:
-    """Return where messages begin and end in a chunk; raise DisagreementError where there is none, or another one."""
+    """Return where messages begin and end in a chunk; raise IndexMismatchError where there is none, or another one."""
     at = entries[:, 1].astype(np.int64)
     if at.min() < 0 or at.max() + MESSAGE.itemsize > len(data):
-        raise DisagreementError
+        raise IndexMismatchError
     rows = np.frombuffer(data, np.uint8)[at[:, np.newaxis] + np.arange(MESSAGE.itemsize)]
     heads = rows.view(MESSAGE)[:, 0]
     right = (heads["op"] == Opcode.MESSAGE) & (heads["channel"] == channel) & (heads["time_ns"] == entries[:, 0])
     right &= heads["size"] <= len(data)
     ends = at + HEAD.size + heads["size"].astype(np.int64)
     if not right.all() or ends.max() > len(data):
-        raise DisagreementError
+        raise IndexMismatchError
     return (at + MESSAGE.itemsize).tolist(), ends.tolist()

@@ -13,19 +13,19 @@ from mcap.records import Channel, Schema
 
 from usbldr.io.decoding.decoders import (
     Decoder,
-    Key,
     Stream,
+    TopicType,
     chosen_streams,
-    collect,
+    decode_topics,
     decoder_of,
     decoder_without_definition,
     json_decoder,
 )
-from usbldr.io.decoding.decoders import Message as Payload
+from usbldr.io.decoding.decoders import StreamMessage as Payload
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
-from usbldr.io.formats.decompression import or_unknown
-from usbldr.io.formats.mcap_index import DisagreementError, Index, indexed_messages, read_index
-from usbldr.io.formats.mcap_records import Message, Walk
+from usbldr.io.formats.decompression import unknown_compression_text
+from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index
+from usbldr.io.formats.mcap_records import McapMessage, McapScan
 from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo, utc
 
@@ -40,10 +40,10 @@ class McapLog:
         self.path = path
         self._definitions = known
         self._unfit: dict[str, Finding] = {}
-        self._walk: Walk | None = None  # the last one through the file; None: it was read by its index
+        self._walk: McapScan | None = None  # the last one through the file; None: it was read by its index
         self._schemas: dict[int, Schema] = {}
-        self._known: dict[Key, Stream] = {}
-        self._keys: dict[int, Key] = {}  # by the file's numbers of its channels
+        self._known: dict[TopicType, Stream] = {}
+        self._keys: dict[int, TopicType] = {}  # by the file's numbers of its channels
 
     @cached_property
     def _index(self) -> Index:
@@ -55,33 +55,33 @@ class McapLog:
         return tuple(stream.info() for stream in self._streams.values())
 
     @cached_property
-    def _streams(self) -> dict[Key, Stream]:
+    def _streams(self) -> dict[TopicType, Stream]:
         """Return what the index knows of each (topic, type), else what one walk through the file sees."""
-        if self._index.seen is None:
+        if self._index.channel_summaries is None:
             for key, time_ns, _ in self._by_walk():
-                self._known[key].saw(1, time_ns, time_ns)
+                self._known[key].add_messages(1, time_ns, time_ns)
             return self._known
         for record in (*self._index.schemas.values(), *self._index.channels.values()):
             self._register(record)
-        for channel, seen in self._index.seen.items():
-            self._known[self._keys[channel]].saw(*seen)
+        for channel, seen in self._index.channel_summaries.items():
+            self._known[self._keys[channel]].add_messages(*seen)
         return self._known
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; where one topic has several types, the one with most messages."""
         streams = self._streams
-        if self._index.seen is not None:
+        if self._index.channel_summaries is not None:
             try:
                 messages = self._by_index(chosen_streams(streams, wanted))
-                records, self._unfit = collect(self.path, streams, wanted, messages)
-            except DisagreementError:
+                records, self._unfit = decode_topics(self.path, streams, wanted, messages)
+            except IndexMismatchError:
                 pass
             else:
                 return records
-        records, self._unfit = collect(self.path, streams, wanted, self._by_walk())
+        records, self._unfit = decode_topics(self.path, streams, wanted, self._by_walk())
         return records
 
-    def _by_index(self, wanted: set[Key]) -> Iterator[Payload]:
+    def _by_index(self, wanted: set[TopicType]) -> Iterator[Payload]:
         """Yield the wanted messages of a file that is as its index says."""
         keys = {number: key for number, key in self._keys.items() if key in wanted}
         with self.path.open("rb") as file:
@@ -95,9 +95,9 @@ class McapLog:
         still be read.
         """
         with self.path.open("rb") as file:
-            self._walk = Walk(file, self.path.stat().st_size, self._index.chunks)
+            self._walk = McapScan(file, self.path.stat().st_size, self._index.chunks)
             for record in chain(self._index.schemas.values(), self._index.channels.values(), self._walk):
-                if not isinstance(record, Message):
+                if not isinstance(record, McapMessage):
                     self._register(record)
                 elif key := self._keys.get(record.channel):
                     yield key, record.time_ns, record.data
@@ -128,12 +128,12 @@ class McapLog:
 
     def _samples(self, channel: int) -> list[bytes]:
         """Return some messages of a channel, none where the index cannot tell."""
-        if self._index.seen is None:
+        if self._index.channel_summaries is None:
             return []
         try:
             with self.path.open("rb") as file:
                 return [bytes(data) for _, _, data in islice(indexed_messages(file, self._index, {channel}), 5)]
-        except DisagreementError:
+        except IndexMismatchError:
             return []
 
     def findings(self) -> tuple[Finding, ...]:
@@ -144,7 +144,7 @@ class McapLog:
         return (*said, *self._unfit.values())
 
 
-def _losses(walk: Walk, span: str) -> list[Finding]:
+def _losses(walk: McapScan, span: str) -> list[Finding]:
     """Say what a walk could not read."""
     said: list[Finding] = []
     if not walk.complete:
@@ -156,16 +156,18 @@ def _losses(walk: Walk, span: str) -> list[Finding]:
     elif not walk.finished:
         said.append(Finding("TRUNCATED", f"the file's index is missing; all {walk.messages} messages could be read"))
     if walk.lost_chunks:
-        total = f" of {walk.promised}" if walk.promised is not None else ""
+        total = f" of {walk.expected_messages}" if walk.expected_messages is not None else ""
         first, last = min(start for start, _ in walk.lost_chunks), max(end for _, end in walk.lost_chunks)
         text = (
-            f"{len(walk.lost_chunks)} chunks are damaged{or_unknown(walk.unknown)} "
+            f"{len(walk.lost_chunks)} chunks are damaged{unknown_compression_text(walk.unknown)} "
             f"(logged between {utc(first)} and {utc(last)}): {walk.messages}{total} messages could be read"
         )
         said.append(Finding("DAMAGED", text, lost_data=True))
     elif walk.complete and walk.broken_at is not None:
         text = f"the file is broken at byte {walk.broken_at} of {walk.size}: {walk.messages} messages could be read"
-        said.append(Finding("DAMAGED", text, lost_data=walk.promised is None or walk.messages < walk.promised))
+        said.append(
+            Finding("DAMAGED", text, lost_data=walk.expected_messages is None or walk.messages < walk.expected_messages)
+        )
     if walk.undated:
         text = f"{walk.undated} messages have an impossible log time and are left out"
         said.append(Finding("DAMAGED", text, lost_data=True))

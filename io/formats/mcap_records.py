@@ -17,7 +17,7 @@ MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 READ = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
 
 
-class Message(NamedTuple):
+class McapMessage(NamedTuple):
     """One message; its bytes are good until the next record is asked for."""
 
     channel: int
@@ -25,7 +25,7 @@ class Message(NamedTuple):
     data: memoryview
 
 
-Record: TypeAlias = Schema | Channel | Message
+Record: TypeAlias = Schema | Channel | McapMessage
 
 
 class CutError(EOFError):
@@ -33,7 +33,7 @@ class CutError(EOFError):
 
 
 @dataclass(slots=True)
-class Walk:
+class McapScan:
     """One walk through a file: an iterator over its records that remembers what was broken."""
 
     file: BufferedReader
@@ -43,7 +43,7 @@ class Walk:
     finished: bool = False  # so was the end of the file
     messages: int = 0
     undated: int = 0  # messages whose log time is beyond the year 2262: a bent bit where there is no checksum
-    promised: int | None = None  # number of messages by the file's own statistics
+    expected_messages: int | None = None  # number of messages by the file's own statistics
     good_until: int = len(MAGIC)  # byte behind the last whole record
     broken_at: int | None = None  # byte where the first record begins that is none
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
@@ -126,12 +126,12 @@ class Walk:
             channel, _, time_ns, _ = MESSAGE.unpack_from(body)
             if time_ns < 1 << 63:
                 self.messages += 1
-                return Message(channel, time_ns, body[MESSAGE.size :])
+                return McapMessage(channel, time_ns, body[MESSAGE.size :])
             self.undated += 1
         elif op == Opcode.SCHEMA:
             return Schema.read(ReadDataStream(BytesIO(body)))
         elif op == Opcode.CHANNEL:
             return Channel.read(ReadDataStream(BytesIO(body)))
         elif op == Opcode.STATISTICS:
-            self.promised = Statistics.read(ReadDataStream(BytesIO(body))).message_count
+            self.expected_messages = Statistics.read(ReadDataStream(BytesIO(body))).message_count
         return None

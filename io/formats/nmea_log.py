@@ -10,13 +10,15 @@ from functools import cached_property
 from pathlib import Path
 
 from usbldr.filters.errors import LogError
-from usbldr.io.decoding.nmea_sentences import SENTENCE, Spoken, spoken, unfitting
+from usbldr.io.decoding.nmea_sentences import SENTENCE, SentenceSet, find_sentences, undecoded_findings
 from usbldr.io.log import Finding
 from usbldr.io.reader import Reader, Records, TopicInfo
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
 """Last part of the type of a topic that may carry sentences, and its field."""
-SPOKEN = re.compile(r"nmea|sentence|serial|usbl|ssbl|modem|acoustic|ranger|hipap|gaps|gps|gnss|heading|gyro|hdt")
+SENTENCE_TOPIC_WORDS = re.compile(
+    r"nmea|sentence|serial|usbl|ssbl|modem|acoustic|ranger|hipap|gaps|gps|gnss|heading|gyro|hdt"
+)
 """Words in the name of a plain text topic that carries sentences."""
 
 
@@ -39,10 +41,10 @@ class NmeaFile:
         self._undecoded: dict[str, int] = {}
 
     @cached_property
-    def _spoken(self) -> Spoken:
+    def _spoken(self) -> SentenceSet:
         try:
             with self.path.open(encoding="utf-8", errors="replace") as lines:
-                return spoken(self.path.name, lines)
+                return find_sentences(self.path.name, lines)
         except OSError as err:
             raise LogError(f"{self.path}: cannot be read ({err.strerror})") from err
 
@@ -63,10 +65,10 @@ class NmeaFile:
 
     def findings(self) -> tuple[Finding, ...]:
         """Say what was dropped."""
-        return (*self._spoken.findings, *unfitting(self._undecoded))
+        return (*self._spoken.findings, *undecoded_findings(self._undecoded))
 
 
-class SpokenLog:
+class LogWithSentences:
     """A log some of whose text topics carry sentences, which are topics of their own beside its others."""
 
     def __init__(self, carried: Reader, carriers: Mapping[str, str]) -> None:
@@ -76,21 +78,21 @@ class SpokenLog:
         self._undecoded: dict[str, int] = {}
 
     @cached_property
-    def _spoken(self) -> Mapping[str, Spoken]:
+    def _spoken(self) -> Mapping[str, SentenceSet]:
         """Return the sentences by the topic that carries them."""
         stamped = {t.name for t in self._carried.topics() if t.has("header.stamp")}
         wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in self._carriers.items()}
         records = self._carried.read(wanted)
         return {
-            topic: spoken(
+            topic: find_sentences(
                 topic, map(str, r.columns[self._carriers[topic]]), r.received_ns, r.columns.get("header.stamp")
             )
             for topic, r in records.items()
         }
 
     @cached_property
-    def _topics(self) -> Mapping[str, tuple[Spoken, str, TopicInfo]]:
-        found: dict[str, tuple[Spoken, str, TopicInfo]] = {}
+    def _topics(self) -> Mapping[str, tuple[SentenceSet, str, TopicInfo]]:
+        found: dict[str, tuple[SentenceSet, str, TopicInfo]] = {}
         for topic, told in self._spoken.items():
             found |= {full: (told, name, info) for full, (name, info) in told.topics(topic).items()}
         return found
@@ -112,7 +114,7 @@ class SpokenLog:
     def findings(self) -> tuple[Finding, ...]:
         """Say what the log lost, and which sentences were dropped."""
         said = [f for told in self._spoken.values() for f in told.findings if told.by_name or f.code != "NMEA-OTHER"]
-        return (*self._carried.findings(), *said, *unfitting(self._undecoded))
+        return (*self._carried.findings(), *said, *undecoded_findings(self._undecoded))
 
 
 def with_sentences(log: Reader) -> Reader:
@@ -121,7 +123,7 @@ def with_sentences(log: Reader) -> Reader:
     for topic in log.topics():
         last = topic.type.rpartition("/")[2].lower()
         field = CARRIERS.get(last)
-        told = last == "sentence" or SPOKEN.search(topic.name.lower())
+        told = last == "sentence" or SENTENCE_TOPIC_WORDS.search(topic.name.lower())
         if field and told and topic.count and not topic.problem and topic.has(field):
             carriers[topic.name] = field
-    return SpokenLog(log, carriers) if carriers else log
+    return LogWithSentences(log, carriers) if carriers else log

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
-from usbldr.io.formats.joined import JoinedLog, Part
+from usbldr.io.formats.joined import JoinedLog, LogPart
 from usbldr.io.log import Finding
 from usbldr.io.reader import Reader
 
@@ -32,7 +32,7 @@ def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
         files, findings = _found(path, [path / name for name in named], there)
     else:
         files, findings = _numbered(path, there), _gaps(there)
-    return JoinedLog(path, "rosbag2 folder", tuple(Part(_reader(file, known)) for file in files), tuple(findings))
+    return JoinedLog(path, "rosbag2 folder", tuple(LogPart(_reader(file, known)) for file in files), tuple(findings))
 
 
 def _reader(file: Path, known: Definitions) -> Reader:

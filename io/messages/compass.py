@@ -4,22 +4,22 @@ Sources: the .msg files of the ROS packages named; REP 103 (yaw is counter-clock
 An estimate of the vehicle's own navigation is no sensor and serves only where the user names it.
 """
 
-from usbldr.io.messages.layouts import Layout, only_when_named, own, quaternion
+from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_columns, quaternion
 
 ENU, NED = {"convention": "ENU"}, {"convention": "NED"}
 COMPASS_RAD, COMPASS_DEG = ({"convention": "compass", "unit": unit} for unit in ("rad", "deg"))
 NO_DATA = (-9999.0,)  # ds_sensor_msgs
 
 ESTIMATES = (
-    Layout("posestamped", quaternion("pose.orientation"), defaults=ENU),
-    Layout("posewithcovariancestamped", quaternion("pose.pose.orientation"), defaults=ENU),
-    Layout("odometry", quaternion("pose.pose.orientation"), defaults=ENU),
-    Layout("latlonodometry", quaternion("lat_lon_pose.orientation"), defaults=ENU),  # smarc_msgs
-    Layout("navsts", {"angle": "orientation.yaw"}, defaults=COMPASS_RAD),  # cola2_msgs, auv_msgs
-    Layout("navigationstatus", {"angle": "orientation.z"}, defaults=COMPASS_RAD),  # auv_msgs
+    MessageLayout("posestamped", quaternion("pose.orientation"), defaults=ENU),
+    MessageLayout("posewithcovariancestamped", quaternion("pose.pose.orientation"), defaults=ENU),
+    MessageLayout("odometry", quaternion("pose.pose.orientation"), defaults=ENU),
+    MessageLayout("latlonodometry", quaternion("lat_lon_pose.orientation"), defaults=ENU),  # smarc_msgs
+    MessageLayout("navsts", {"angle": "orientation.yaw"}, defaults=COMPASS_RAD),  # cola2_msgs, auv_msgs
+    MessageLayout("navigationstatus", {"angle": "orientation.z"}, defaults=COMPASS_RAD),  # auv_msgs
 )
 BESIDE_POSITIONS = (
-    Layout(
+    MessageLayout(
         "locationfix",  # foxglove: absent, or NaN in ROS, where there is none
         {"angle": "heading"},
         {"variance_rad2": "heading_variance"},
@@ -27,68 +27,74 @@ BESIDE_POSITIONS = (
         stamp="timestamp",
         frame="frame_id",
     ),
-    Layout("gpsdata", {"angle": "heading"}, defaults=COMPASS_DEG, missing={"angle": (0.0,)}),  # cola2_msgs, by HDT
-    Layout(
+    MessageLayout(
+        "gpsdata", {"angle": "heading"}, defaults=COMPASS_DEG, no_data_values={"angle": (0.0,)}
+    ),  # cola2_msgs, by HDT
+    MessageLayout(
         "gpsraw",  # mavros_msgs: hundredths of a degree, north is 36000; 0 and 65535: not provided
         {"angle": "yaw"},
         defaults=COMPASS_DEG,
         scale={"angle": 0.01},
-        missing={"angle": (0.0, 65535.0)},
+        no_data_values={"angle": (0.0, 65535.0)},
     ),
-    Layout("gpsfix", {"angle": "track"}, refused="tells the course over ground, which is no heading"),  # gps_msgs
-    Layout(
+    MessageLayout(
+        "gpsfix", {"angle": "track"}, unsupported="tells the course over ground, which is no heading"
+    ),  # gps_msgs
+    MessageLayout(
         "vector3stamped", {"angle": "vector.z"}, defaults={"unit": "by range"}
     ),  # roll, pitch, yaw by the vendor's own convention
-    Layout("magneticfield", {"field_x": "magnetic_field.x", "field_y": "magnetic_field.y"}, defaults=ENU),
+    MessageLayout("magneticfield", {"field_x": "magnetic_field.x", "field_y": "magnetic_field.y"}, defaults=ENU),
 )
 
 COMPASS = (
-    Layout(
+    MessageLayout(
         "imu",
         quaternion("orientation"),
         {"own_covariance": "orientation_covariance.0", "variance_rad2": "orientation_covariance.8"},
         "by type",
         ENU,
-        rank=1,
+        preference=1,
     ),
-    Layout(
+    MessageLayout(
         "azimuth",  # compass_msgs, compass_interfaces: each record says its unit, its sense and its north
         {"angle": "azimuth", "unit_code": "unit", "sense_code": "orientation", "north_code": "reference"},
         {"variance": "variance"},
         "by type",
         {"convention": "as each record says", "unit": "as each record says"},
     ),
-    Layout(
+    MessageLayout(
         "compass",  # ds_sensor_msgs
         {"angle": "heading", "is_true": "is_true_heading"},
         {"variance_deg2": "heading_covar"},
         "by type",
         COMPASS_DEG,
-        missing={"angle": NO_DATA},
+        no_data_values={"angle": NO_DATA},
     ),
-    Layout(
+    MessageLayout(
         "gyro",  # ds_sensor_msgs: "+ turns to left", with a quaternion beside it
         {"angle": "heading", "variance_deg2": "heading_covar", "qw": "orientation.w"},
         {},
         "by type",
         {"convention": "ENU", "unit": "deg"},
-        missing={"angle": NO_DATA},
+        no_data_values={"angle": NO_DATA},
     ),
-    Layout("gyro", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # before 2019: "+ turns to stbd"
-    Layout("ins", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # ds_sensor_msgs; its quaternion is ENU
-    Layout("quaternionstamped", quaternion("quaternion"), defaults=NED),  # nmea_navsat_driver, from HDT as it comes
-    Layout(  # mavros: of an autopilot's number there is no doubt which way it counts
-        "float64", {"angle": "data"}, defaults={"convention": "compass"}, topic=r"compass_hdg$", rank=0
+    MessageLayout("gyro", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # before 2019: "+ turns to stbd"
+    MessageLayout("ins", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # ds_sensor_msgs; its quaternion is ENU
+    MessageLayout(
+        "quaternionstamped", quaternion("quaternion"), defaults=NED
+    ),  # nmea_navsat_driver, from HDT as it comes
+    MessageLayout(  # mavros: of an autopilot's number there is no doubt which way it counts
+        "float64", {"angle": "data"}, defaults={"convention": "compass"}, topic=r"compass_hdg$", preference=0
     ),
-    Layout("float64", {"angle": "data"}, defaults={"convention": "compass"}),
-    Layout("float32", {"angle": "data"}, defaults={"convention": "compass"}),
+    MessageLayout("float64", {"angle": "data"}, defaults={"convention": "compass"}),
+    MessageLayout("float32", {"angle": "data"}, defaults={"convention": "compass"}),
     *only_when_named((*ESTIMATES, *BESIDE_POSITIONS)),
-    Layout(
+    MessageLayout(
         "compass",
         {"angle": "heading_deg"},
-        own("sd_deg"),
+        own_columns("sd_deg"),
         "by type",
         fixed={"convention": "compass", "unit": "deg"},
     ),
-    Layout("compass", {"angle": "heading"}, own("sd_deg"), "by type", {"convention": "compass"}),
+    MessageLayout("compass", {"angle": "heading"}, own_columns("sd_deg"), "by type", {"convention": "compass"}),
 )

@@ -7,7 +7,7 @@ starboard, z down (docs/dvl/axes.md of waterlinked/docs), and every ROS driver c
 import numpy as np
 
 from usbldr.filters.types import Mask, Vector
-from usbldr.io.messages.layouts import Layout, Raw, own, xyz
+from usbldr.io.messages.layouts import MessageLayout, RawRecords, own_columns, xyz
 
 FRD = {"axes": "FRD"}
 TWIST = xyz("twist.twist.linear")
@@ -16,49 +16,53 @@ SIMULATED = xyz("velocity") | {"own_covariance": "velocity_covariance.0"}  # uuv
 AGES = {"validity_us": "time_of_validity", "transmission_us": "time_of_transmission"}
 
 DVL = (  # a driver's messages rank before twists made of them, those with a flag of validity before those without
-    Layout(
+    MessageLayout(
         "dvl",  # ds_sensor_msgs/Dvl (WHOI): in the coordinates that each record names
         xyz("velocity") | {"covariance": "velocity_covar.0", "coordinates": "coordinate_mode"},
         {"mode": "velocity_mode", "good_beams": "num_good_beams"},
         "by type",
-        rank=1,
+        preference=1,
     ),
-    Layout(
+    MessageLayout(
         "dvl",  # marine_acoustic_msgs/Dvl: x forward, z where the DVL points; a covariance of -1 is only unknown
         xyz("velocity") | {"covariance": "velocity_covar.0", "good_beams": "num_good_beams"},
         {"mode": "velocity_mode", "beams_valid": "beam_velocities_valid"},
         "by type",
         FRD,
-        rank=1,
+        preference=1,
     ),
-    Layout(
+    MessageLayout(
         "dvl",  # Water Linked's and dvl_msgs/DVL, with and without covariance
         xyz("velocity") | {"velocity_valid": "velocity_valid"},
         {"covariance": "covariance.0", "sd": "fom", **AGES},
         "by type",
         FRD,
-        rank=0,
+        preference=0,
     ),
-    Layout(
+    MessageLayout(
         "transducerreportstamped",  # waterlinked_dvl (ROS 1): the same report, one level down
         {axis: f"report.v{axis}" for axis in "xyz"} | {"velocity_valid": "report.velocity_valid"},
         {"covariance": "report.covariance.0", "sd": "report.fom"}
         | {"validity_ns": "report.time_of_validity", "transmission_ns": "report.time_of_transmission"},
         "by type",
         FRD,
-        rank=0,
+        preference=0,
     ),
-    Layout("dvl", SIMULATED, {}, "by type", FRD, packages=("cola2", "stonefish", "smarc"), rank=2),  # bodies are FRD
-    Layout("dvl", SIMULATED, {"mode": "velocity_reference"}, "by type", rank=2),  # uuv_sensor(_ros_plugins)_msgs
-    Layout("dvl", xyz("velocity") | {"sd": "figureOfMerit"}, {}, "by type"),  # nortek_dvl/Dvl
-    Layout(
+    MessageLayout(
+        "dvl", SIMULATED, {}, "by type", FRD, packages=("cola2", "stonefish", "smarc"), preference=2
+    ),  # bodies are FRD
+    MessageLayout(
+        "dvl", SIMULATED, {"mode": "velocity_reference"}, "by type", preference=2
+    ),  # uuv_sensor(_ros_plugins)_msgs
+    MessageLayout("dvl", xyz("velocity") | {"sd": "figureOfMerit"}, {}, "by type"),  # nortek_dvl/Dvl
+    MessageLayout(
         "linkquestdvl",  # cola2_msgs: the bottom's motion past the instrument, so that every sign is turned
         {"x": "velocityInst.0", "y": "velocityInst.1", "z": "velocityInst.2", "velocity_valid": "velocityInstFlag"},
         {},
         "by type",
         {"axes": "BPU"},
     ),
-    Layout(
+    MessageLayout(
         "teledyneexplorerdvl",  # cola2_msgs: bottom track in instrument axes
         {"x": "bi_x_axis", "y": "bi_y_axis", "z": "bi_z_axis", "status": "bi_status"},
         {},
@@ -66,32 +70,34 @@ DVL = (  # a driver's messages rank before twists made of them, those with a fla
         FRD,
     ),
     *(  # mavros: what was told to the autopilot
-        Layout(
+        MessageLayout(
             kind,
             {},
             recognised="only when named",
             topic=r"vision_speed",
-            refused="holds velocities in earth axes; record those of the DVL itself",
+            unsupported="holds velocities in earth axes; record those of the DVL itself",
         )
         for kind in ("twiststamped", "twistwithcovariancestamped", "vector3stamped")
     ),
-    Layout("twistwithcovariancestamped", TWIST, TWIST_COVARIANCE, rank=3),
-    Layout("odometry", TWIST, TWIST_COVARIANCE, frame="child_frame_id", rank=4),
-    Layout("twiststamped", xyz("twist.linear"), rank=3),
-    Layout(
+    MessageLayout("twistwithcovariancestamped", TWIST, TWIST_COVARIANCE, preference=3),
+    MessageLayout("odometry", TWIST, TWIST_COVARIANCE, frame="child_frame_id", preference=4),
+    MessageLayout("twiststamped", xyz("twist.linear"), preference=3),
+    MessageLayout(
         "dvl",
         {"x": "starboard_mps", "y": "forward_mps"},
         {"z": "up_mps", "sd": "sd_mps", "velocity_valid": "valid"},
         "by type",
         fixed={"axes": "SFU", "unit": "m/s"},
     ),
-    Layout("dvl", own("x", "y"), {"z": "z", "sd": "sd_mps", "velocity_valid": "valid"}, "by type"),
-    Layout(
+    MessageLayout("dvl", own_columns("x", "y"), {"z": "z", "sd": "sd_mps", "velocity_valid": "valid"}, "by type"),
+    MessageLayout(
         "bottomtrack",  # nortek_dvl333_msgs
         {"beam": "vel_beam0"},
-        refused="holds velocities along the beams alone; record XYZ velocities",
+        unsupported="holds velocities along the beams alone; record XYZ velocities",
     ),
-    Layout("dvlsensorrange", {"range": "range"}, refused="holds ranges and no velocities"),  # holoocean_interfaces
+    MessageLayout(
+        "dvlsensorrange", {"range": "range"}, unsupported="holds ranges and no velocities"
+    ),  # holoocean_interfaces
 )
 
 BEAM, EARTH, WATER = 0, 3, 2  # of coordinate_mode; of velocity_mode and velocity_reference
@@ -99,7 +105,7 @@ TOO_FAST = "faster than 20 m/s"
 NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
 
 
-def dvl_causes(raw: Raw, speed_mps: Vector, least_beams: int | None) -> dict[str, Mask]:
+def dvl_causes(raw: RawRecords, speed_mps: Vector, least_beams: int | None) -> dict[str, Mask]:
     """Return by cause which DVL records (n,) are invalid, by what their family of messages says.
 
     ``speed_mps`` = |v|; ``least_beams`` None: three where any record tells its good beams at all.
@@ -127,7 +133,7 @@ def dvl_causes(raw: Raw, speed_mps: Vector, least_beams: int | None) -> dict[str
     return causes
 
 
-def in_millimetres(raw: Raw, causes: dict[str, Mask]) -> bool:
+def in_millimetres(raw: RawRecords, causes: dict[str, Mask]) -> bool:
     """Tell whether records are faster than 20 m/s too often for m/s: one in ten of those that nothing else rules out.
 
     One and the same velocity again and again stands for none; a DVL without bottom lock writes so.

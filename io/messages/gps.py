@@ -4,50 +4,50 @@ Sources: the .msg, .proto and .json files of the packages named. None of them te
 the vehicle's.
 """
 
-from usbldr.io.messages.layouts import Layout, only_when_named, own
+from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_columns
 from usbldr.io.messages.positions import COVARIANCE, LATLON, NAVSAT, NAVSAT_MORE, PLACES, own_places
 
 GEODETIC = (
-    Layout("navsatfix", NAVSAT, NAVSAT_MORE, "by type", LATLON),
-    Layout(
+    MessageLayout("navsatfix", NAVSAT, NAVSAT_MORE, "by type", LATLON),
+    MessageLayout(
         "gpsfix",  # gps_common, gps_msgs: error estimates of 95 %
         NAVSAT | {"error_95_m": "err_horz"},
         NAVSAT_MORE,
         "by type",
         LATLON,
-        missing={"error_95_m": (0.0,)},
+        no_data_values={"error_95_m": (0.0,)},
     ),
-    Layout(
+    MessageLayout(
         "gpsraw",  # mavros_msgs: 1e-7 degrees and millimetres; the same fixes come as NavSatFix on global_position/raw
         {"lat_deg": "lat", "lon_deg": "lon", "fix_type": "fix_type"},
         {"sd_m": "h_acc"},
         "only when named",
         LATLON,
         scale={"lat_deg": 1e-7, "lon_deg": 1e-7, "sd_m": 1e-3},
-        missing={"sd_m": (0.0,)},
+        no_data_values={"sd_m": (0.0,)},
     ),
-    Layout(
+    MessageLayout(
         "gpgga",  # nmea_msgs: degrees, or degrees and minutes (ddmm.mmmm), whichever the driver took
         {"lat_deg": "lat", "lon_deg": "lon", "lat_side": "lat_dir", "lon_side": "lon_dir", "quality": "gps_qual"},
         {},
         "by type",
         LATLON,
     ),
-    Layout(
+    MessageLayout(
         "gpsdata",  # cola2_msgs
         NAVSAT | {"quality": "fix_quality"},
         {"sd_north_m": "latitude_stdev", "sd_east_m": "longitude_stdev"},
         "by type",
         LATLON,
     ),
-    Layout(
+    MessageLayout(
         "ubloxnav",  # ds_sensor_msgs
         NAVSAT | {"sd_m": "accuracy_horz"},
         {"fix_name": "fixtype"},
         "by type",
         LATLON,
     ),
-    Layout(
+    MessageLayout(
         "locationfix",  # foxglove, in ROS, protobuf or JSON: no status at all
         NAVSAT,
         COVARIANCE,
@@ -56,7 +56,7 @@ GEODETIC = (
         stamp="timestamp",
         frame="frame_id",
     ),
-    Layout(
+    MessageLayout(
         "locationfixes",  # foxglove: the first of each
         {"lat_deg": "fixes.0.latitude", "lon_deg": "fixes.0.longitude"},
         {},
@@ -65,15 +65,15 @@ GEODETIC = (
         stamp="fixes.0.timestamp",
         frame="fixes.0.frame_id",
     ),
-    Layout(
+    MessageLayout(
         "locationfixes",
         {},
         recognised="only when named",
-        refused="holds messages within messages, which are read from protobuf and JSON alone; log LocationFix",
+        unsupported="holds messages within messages, which are read from protobuf and JSON alone; log LocationFix",
     ),
-    Layout("latlonstamped", NAVSAT, {}, "by type", LATLON),  # smarc_msgs
+    MessageLayout("latlonstamped", NAVSAT, {}, "by type", LATLON),  # smarc_msgs
     *(
-        Layout(kind, {"lat_deg": f"{place}.latitude", "lon_deg": f"{place}.longitude"}, defaults=LATLON)
+        MessageLayout(kind, {"lat_deg": f"{place}.latitude", "lon_deg": f"{place}.longitude"}, defaults=LATLON)
         for kind, place in (
             ("geopointstamped", "position"),  # geographic_msgs
             ("geopointstamped", "geo_point"),
@@ -83,6 +83,11 @@ GEODETIC = (
 )
 """Latitudes and longitudes."""
 
-GPS = (*GEODETIC, *only_when_named(PLACES), *own_places("gps"), Layout("gps", own("x", "y"), own("sd_m"), "by type"))
+GPS = (
+    *GEODETIC,
+    *only_when_named(PLACES),
+    *own_places("gps"),
+    MessageLayout("gps", own_columns("x", "y"), own_columns("sd_m"), "by type"),
+)
 
 TRUTH = (*only_when_named((*GEODETIC, *PLACES)), *own_places("gps"), *own_places("truth"))

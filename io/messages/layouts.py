@@ -18,11 +18,11 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
-MOST = 1e12  # in any unit: beyond, a number is a driver's way to say none, or another field's bytes
+MAX_VALUE = 1e12  # in any unit: beyond, a number is a driver's way to say none, or another field's bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class MessageLayout:
     """How messages of one type tell what one sensor measured."""
 
     type: str  # last part of the type's name, lower case
@@ -36,9 +36,13 @@ class Layout:
     stamp: str = "header.stamp"  # where the time of validity stands
     frame: str = "header.frame_id"  # where the frame of the values is named
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, where not 1
-    missing: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])  # mean: no data
-    refused: str = ""  # why this type, though known, cannot serve: the end of "it ..."
-    rank: int | None = None  # where the type stands in its sensor's order of preference, 0 first; None: not compared
+    no_data_values: Mapping[str, tuple[float, ...]] = field(
+        default_factory=dict[str, tuple[float, ...]]
+    )  # mean: no data
+    unsupported: str = ""  # why this type, though known, cannot serve: the end of "it ..."
+    preference: int | None = (
+        None  # where the type stands in its sensor's order of preference, 0 first; None: not compared
+    )
 
     def fits(self, topic: TopicInfo) -> bool:
         """Tell whether a topic has this type and these fields."""
@@ -49,12 +53,12 @@ class Layout:
 
 
 @dataclass(frozen=True, slots=True)
-class Raw:
+class RawRecords:
     """What a sensor's messages say, in their own units and frames, in the order of arrival."""
 
     log: Path
     topic: TopicInfo
-    layout: Layout
+    layout: MessageLayout
     stamp_ns: Nanoseconds | None  # (n,) stamps, 0 where unset; None: the type has none
     received_ns: Nanoseconds  # (n,) log time
     values: Mapping[str, Column]  # quantity -> (n,)
@@ -63,13 +67,13 @@ class Raw:
     def number(self, quantity: str) -> Vector:
         """Return a quantity as floats in its own unit, (n,).
 
-        NaN where it is no finite number, one beyond MOST or one that means no data, and where the messages have no such
-        field.
+        NaN where it is no finite number, one beyond MAX_VALUE or one that means no data, and where the messages have no
+        such field.
         """
         if quantity not in self.values:
             return np.full(len(self.received_ns), np.nan)
         values = np.asarray(self.values[quantity], dtype=np.float64)
-        known = (np.abs(values) <= MOST) & ~np.isin(values, self.layout.missing.get(quantity, ()))
+        known = (np.abs(values) <= MAX_VALUE) & ~np.isin(values, self.layout.no_data_values.get(quantity, ()))
         return np.where(known, values * self.layout.scale.get(quantity, 1.0), np.nan)
 
     def text(self, quantity: str) -> NDArray[np.str_]:
@@ -89,7 +93,7 @@ def plane_covariance(path: str, xx: int, xy: int, yy: int) -> dict[str, str]:
     return {"cov_xx": f"{path}.{xx}", "cov_xy": f"{path}.{xy}", "cov_yy": f"{path}.{yy}"}
 
 
-def own(*names: str) -> dict[str, str]:
+def own_columns(*names: str) -> dict[str, str]:
     """Return the columns of our CSV, whose names are their quantities."""
     return {name: name for name in names}
 
@@ -99,23 +103,23 @@ def quaternion(prefix: str) -> dict[str, str]:
     return {f"q{axis}": f"{prefix}.{axis}" for axis in "xyzw"}
 
 
-def only_when_named(layouts: tuple[Layout, ...]) -> tuple[Layout, ...]:
+def only_when_named(layouts: tuple[MessageLayout, ...]) -> tuple[MessageLayout, ...]:
     """Return the layouts for a sensor that they serve only where the user names the topic."""
     return tuple(replace(layout, recognised="only when named") for layout in layouts)
 
 
-def wanted_paths(topic: TopicInfo, layout: Layout) -> dict[str, str]:
+def wanted_paths(topic: TopicInfo, layout: MessageLayout) -> dict[str, str]:
     """Return quantity -> field path for all that the topic has of a layout, and its header."""
     paths = dict(layout.required) | {q: path for q, path in layout.optional.items() if topic.has(path)}
     return paths | {path: path for path in (layout.stamp, layout.frame) if topic.has(path)}
 
 
-def raw(log: Path, topic: TopicInfo, layout: Layout, records: Records) -> Raw:
+def raw_records(log: Path, topic: TopicInfo, layout: MessageLayout, records: Records) -> RawRecords:
     """Name the columns of a topic by quantity."""
     paths = wanted_paths(topic, layout)
     frames = records.columns.get(layout.frame, np.array([""]))
     stamps = records.columns.get(layout.stamp)
-    return Raw(
+    return RawRecords(
         log=log,
         topic=topic,
         layout=layout,

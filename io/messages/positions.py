@@ -1,6 +1,6 @@
 """Message types of positions, whoever measured them: local ones, latitudes and longitudes, our own columns."""
 
-from usbldr.io.messages.layouts import Layout, own, plane_covariance, xyz
+from usbldr.io.messages.layouts import MessageLayout, own_columns, plane_covariance, xyz
 
 POSE_COVARIANCE = plane_covariance("pose.covariance", 0, 1, 7)
 NAVSAT = {"lat_deg": "latitude", "lon_deg": "longitude"}
@@ -9,25 +9,25 @@ NAVSAT_MORE = COVARIANCE | {"status": "status.status"}
 LATLON = {"frame": "latlon"}
 
 PLACES = (
-    Layout("pointstamped", xyz("point")),
-    Layout("posestamped", xyz("pose.position")),
-    Layout("posewithcovariancestamped", xyz("pose.pose.position"), POSE_COVARIANCE),
-    Layout("odometry", xyz("pose.pose.position"), POSE_COVARIANCE),
+    MessageLayout("pointstamped", xyz("point")),
+    MessageLayout("posestamped", xyz("pose.position")),
+    MessageLayout("posewithcovariancestamped", xyz("pose.pose.position"), POSE_COVARIANCE),
+    MessageLayout("odometry", xyz("pose.pose.position"), POSE_COVARIANCE),
     *(
-        Layout(kind, xyz(place), stamp="timestamp", frame="frame_id")
+        MessageLayout(kind, xyz(place), stamp="timestamp", frame="frame_id")
         for kind, place in (("poseinframe", "pose.position"), ("point3inframe", "point"))  # foxglove
     ),
 )
 """Local positions."""
 
 OWN_ENU, OWN_LATLON = {"kind": "position", "frame": "ENU"}, {"kind": "latlon", "frame": "latlon"}
-OWN_COVARIANCE = own("sd_m", "cov_ee_m2", "cov_en_m2", "cov_nn_m2")
+OWN_COVARIANCE = own_columns("sd_m", "cov_ee_m2", "cov_en_m2", "cov_nn_m2")
 
 
-def own_places(sensor: str) -> tuple[Layout, Layout]:
+def own_places(sensor: str) -> tuple[MessageLayout, MessageLayout]:
     """Return the layouts of our CSV for positions: east and north come before latitude and longitude."""
-    geodetic = own("lat_deg", "lon_deg")
+    geodetic = own_columns("lat_deg", "lon_deg")
     return (
-        Layout(sensor, own("east_m", "north_m"), geodetic | OWN_COVARIANCE, "by type", fixed=OWN_ENU),
-        Layout(sensor, geodetic, OWN_COVARIANCE, "by type", fixed=OWN_LATLON),
+        MessageLayout(sensor, own_columns("east_m", "north_m"), geodetic | OWN_COVARIANCE, "by type", fixed=OWN_ENU),
+        MessageLayout(sensor, geodetic, OWN_COVARIANCE, "by type", fixed=OWN_LATLON),
     )

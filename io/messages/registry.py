@@ -6,12 +6,12 @@ from usbldr.io.messages.compass import COMPASS
 from usbldr.io.messages.depth import DEPTH
 from usbldr.io.messages.dvl import DVL
 from usbldr.io.messages.gps import GPS, TRUTH
-from usbldr.io.messages.layouts import Layout, only_when_named
+from usbldr.io.messages.layouts import MessageLayout, only_when_named
 from usbldr.io.messages.nmea import NMEA_HEADINGS, NMEA_PLACES, NMEA_SHIPS
 from usbldr.io.messages.usbl import USBL
 from usbldr.io.reader import TopicInfo
 
-LAYOUTS: Mapping[str, tuple[Layout, ...]] = {
+LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
     "dvl": DVL,
     "compass": (*COMPASS, *NMEA_HEADINGS),
     "usbl": USBL,
@@ -31,6 +31,6 @@ FRAMES = frozenset(layout.frame for layouts in LAYOUTS.values() for layout in la
 """All fields in which some type names its frame."""
 
 
-def layout_of(role: str, topic: TopicInfo) -> Layout | None:
+def message_layout_of(role: str, topic: TopicInfo) -> MessageLayout | None:
     """Return how the topic serves the role, None if it can't."""
     return next((layout for layout in LAYOUTS[role] if layout.fits(topic)), None)

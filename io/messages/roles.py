@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.log import Finding
-from usbldr.io.messages.layouts import Layout
-from usbldr.io.messages.registry import LAYOUTS, layout_of
+from usbldr.io.messages.layouts import MessageLayout
+from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.reader import TopicInfo
 
 ROLES = ("dvl", "compass", "usbl", "gps", "depth")
@@ -35,46 +35,46 @@ SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class TopicChoice:
     """A topic taken for a role."""
 
     topic: TopicInfo
-    layout: Layout
+    layout: MessageLayout
     chosen_by: str  # "option", "configuration", "type and name"
-    behind: tuple[TopicInfo, ...] = ()  # what could be the role, too, and comes after it by its type
+    lower_ranked: tuple[TopicInfo, ...] = ()  # what could be the role, too, and comes after it by its type
 
 
 class Candidates(NamedTuple):
     """The topics that could be a role."""
 
     best: list[TopicInfo]  # of several, the user has to choose
-    behind: list[TopicInfo]  # those that come after one of them by their types
+    lower_ranked: list[TopicInfo]  # those that come after one of them by their types
 
 
 @dataclass(frozen=True, slots=True)
 class Roles:
     """The roles of a log, and what keeps a role from being filled."""
 
-    chosen: Mapping[str, Choice]
-    unclear: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
+    chosen: Mapping[str, TopicChoice]
+    unresolved: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Say which topics stand behind those chosen."""
-        return tuple(_preferred(role, choice) for role, choice in self.chosen.items() if choice.behind)
+        return tuple(_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked)
 
 
 def choose_roles(
     log: Path, topics: Sequence[TopicInfo], options: Mapping[str, str], configured: Mapping[str, str]
 ) -> Roles:
     """Fill the roles; ``options`` and ``configured`` map roles to topics, or to "none" to leave a role empty."""
-    chosen: dict[str, Choice] = {}
+    chosen: dict[str, TopicChoice] = {}
     unclear: dict[str, UsbldrError] = {}
     for role in ROLES:
         name = options.get(role) or configured.get(role)
         if name is not None and name != "none":
             try:
-                chosen[role] = named(log, topics, role, name, "option" if role in options else "configuration")
+                chosen[role] = topic_named(log, topics, role, name, "option" if role in options else "configuration")
             except UsbldrError as err:
                 unclear[role] = err
     for role in ROLES:
@@ -84,9 +84,9 @@ def choose_roles(
             if len(found) > 1:
                 unclear[role] = UsageError(_which(log, role, found))
             elif found:
-                layout = layout_of(role, found[0])
+                layout = message_layout_of(role, found[0])
                 assert layout is not None, "a candidate has a layout"
-                chosen[role] = Choice(found[0], layout, "type and name", tuple(behind))
+                chosen[role] = TopicChoice(found[0], layout, "type and name", tuple(behind))
             elif broken := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
                 unclear[role] = _unreadable(log, role, broken[0])
             elif useless := [topic for topic in topics if topic.count and _useless(role, topic)]:
@@ -94,9 +94,9 @@ def choose_roles(
     return Roles({role: chosen[role] for role in ROLES if role in chosen}, unclear)
 
 
-def named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> Choice:
+def topic_named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> TopicChoice:
     """Return the topic of that name as the role; raise LogError or UsageError where that is impossible."""
-    topic = find(topics, name)
+    topic = find_topic(topics, name)
     if topic is None:
         near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
         hint = f"; did you mean {' or '.join(near)}?" if near else ""
@@ -105,16 +105,16 @@ def named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_b
         raise _unreadable(log, role, topic)
     if topic.count == 0:
         raise LogError(f"{log}: {topic.name}, named for the {role}, has no messages")
-    layout = layout_of(role, topic)
+    layout = message_layout_of(role, topic)
     if layout is None:
-        known = ", ".join(sorted({layout.type for layout in LAYOUTS[role] if not layout.refused}))
+        known = ", ".join(sorted({layout.type for layout in LAYOUTS[role] if not layout.unsupported}))
         raise UsageError(f"{log}: {topic.name} is of type {topic.type}, which cannot serve as {role} (only {known})")
-    if layout.refused:
+    if layout.unsupported:
         raise _refused(log, role, topic)
-    return Choice(topic, layout, chosen_by)
+    return TopicChoice(topic, layout, chosen_by)
 
 
-def find(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
+def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
     """Return the topic of that name: with or without the first "/"; of CSV files also by its last part alone."""
     topics = list(topics)
     slashed = "/" + name.lstrip("/")
@@ -133,10 +133,10 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
     ranks: dict[TopicInfo, int | None] = {}
     hinted: list[TopicInfo] = []
     for topic in topics:
-        layout = layout_of(role, topic)
+        layout = message_layout_of(role, topic)
         if (
             layout is None
-            or layout.refused
+            or layout.unsupported
             or topic.count == 0
             or topic.problem
             or NO_SENSOR.search(topic.name.lower())
@@ -146,7 +146,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
         own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
         by_type = layout.recognised == "by type" and (role in hints or not hints or own)
         if by_type or (layout.recognised == "by type and name" and role in hints):
-            ranks[topic] = layout.rank
+            ranks[topic] = layout.preference
             hinted += [topic] if role in hints else []
     best = hinted or list(ranks)
     best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
@@ -163,8 +163,8 @@ def _hints(name: str) -> set[str]:
     return hints - {"gps"} if "usbl" in hints and not re.search(GPS_ITSELF, name) else hints
 
 
-def _preferred(role: str, choice: Choice) -> Finding:
-    others = "; ".join(f"{topic.name} ({topic.type}, {topic.count} messages)" for topic in choice.behind)
+def _preferred(role: str, choice: TopicChoice) -> Finding:
+    others = "; ".join(f"{topic.name} ({topic.type}, {topic.count} messages)" for topic in choice.lower_ranked)
     text = (
         f"{choice.topic.name}: taken for the {role}, for by its type it comes before {others}; "
         f"choose another with --{role} TOPIC or with topic under [{role}]"
@@ -178,13 +178,13 @@ def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
 
 def _useless(role: str, topic: TopicInfo) -> bool:
     """Tell whether a topic is known for the role but cannot serve; one that would only serve where named is neither."""
-    layout = layout_of(role, topic)
-    return layout is not None and layout.refused != "" and layout.recognised != "only when named"
+    layout = message_layout_of(role, topic)
+    return layout is not None and layout.unsupported != "" and layout.recognised != "only when named"
 
 
 def _refusal(role: str, topic: TopicInfo) -> str:
-    layout = layout_of(role, topic)
-    return layout.refused if layout else ""
+    layout = message_layout_of(role, topic)
+    return layout.unsupported if layout else ""
 
 
 def _refused(log: Path, role: str, topic: TopicInfo) -> UsageError:

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 
 from usbldr.io.decoding.nmea_kinds import ELLIPSE
-from usbldr.io.messages.layouts import Layout, own, plane_covariance, xyz
+from usbldr.io.messages.layouts import MessageLayout, own_columns, plane_covariance, xyz
 from usbldr.io.messages.positions import NAVSAT, NAVSAT_MORE, OWN_COVARIANCE, PLACES, own_places
 
 LATLON = {"kind": "latlon"}
@@ -23,20 +23,39 @@ TILTED = "has a frame that is tilted with the instrument; log its head-up, north
 BODY_SFD, BODY_FRD = ({**OF_HEAD, "frame": "body", "axes": axes} for axes in ("SFD", "FRD"))
 
 SENTENCES = (
-    Layout("psimssb_c_h", own("x", "y"), own("z") | TARGET, "by type", BODY_SFD),
-    *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", BODY_FRD) for kind in ("ptsax", "pevossb_h")),
-    *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", NED_OF_HEAD) for kind in ("psimssb_c_n", "pevossb_n")),
-    *(Layout(kind, own("x", "y"), own("z") | TARGET, "by type", ENU_OF_HEAD) for kind in ("psimssb_c_e", "pevossb_e")),
+    MessageLayout("psimssb_c_h", own_columns("x", "y"), own_columns("z") | TARGET, "by type", BODY_SFD),
     *(
-        Layout(kind, own("lat_deg", "lon_deg"), TARGET, "by type", LATLON)
+        MessageLayout(kind, own_columns("x", "y"), own_columns("z") | TARGET, "by type", BODY_FRD)
+        for kind in ("ptsax", "pevossb_h")
+    ),
+    *(
+        MessageLayout(kind, own_columns("x", "y"), own_columns("z") | TARGET, "by type", NED_OF_HEAD)
+        for kind in ("psimssb_c_n", "pevossb_n")
+    ),
+    *(
+        MessageLayout(kind, own_columns("x", "y"), own_columns("z") | TARGET, "by type", ENU_OF_HEAD)
+        for kind in ("psimssb_c_e", "pevossb_e")
+    ),
+    *(
+        MessageLayout(kind, own_columns("lat_deg", "lon_deg"), TARGET, "by type", LATLON)
         for kind in ("psimssb_r", "psimssb_d", "pevossb_g")
     ),
-    Layout("rth", own("slant_range_m", "bearing_deg"), own("elevation_deg"), "by type", RANGE_BEARING),
-    Layout("tlc", own("lat_deg", "lon_deg"), recognised="by type", defaults=LATLON),
-    Layout("ptsag", own("lat_deg", "lon_deg"), own("target") | {"status": "fix_status"}, "by type", LATLON),
-    Layout("psonlld", own("lat_deg", "lon_deg"), own("target", *ELLIPSE) | {"status": "fix_status"}, "by type", LATLON),
+    MessageLayout(
+        "rth", own_columns("slant_range_m", "bearing_deg"), own_columns("elevation_deg"), "by type", RANGE_BEARING
+    ),
+    MessageLayout("tlc", own_columns("lat_deg", "lon_deg"), recognised="by type", defaults=LATLON),
+    MessageLayout(
+        "ptsag", own_columns("lat_deg", "lon_deg"), own_columns("target") | {"status": "fix_status"}, "by type", LATLON
+    ),
+    MessageLayout(
+        "psonlld",
+        own_columns("lat_deg", "lon_deg"),
+        own_columns("target", *ELLIPSE) | {"status": "fix_status"},
+        "by type",
+        LATLON,
+    ),
     *(
-        Layout(kind, {}, recognised="by type", refused=why)
+        MessageLayout(kind, {}, recognised="by type", unsupported=why)
         for kind, why in {
             "psimssb_u": f"holds UTM coordinates without their zone; {SURER}",
             "psimssb_p": f"holds polar coordinates, whose order and units are not known here; {SURER}",
@@ -51,7 +70,13 @@ SENTENCES = (
     ),
     # a position of the target, as Water Linked's UGPS sends it: known by the topic's name alone
     *(
-        Layout(kind, own("lat_deg", "lon_deg"), own("target") | {"status": "fix_status"}, "by type and name", LATLON)
+        MessageLayout(
+            kind,
+            own_columns("lat_deg", "lon_deg"),
+            own_columns("target") | {"status": "fix_status"},
+            "by type and name",
+            LATLON,
+        )
         for kind in ("gga", "gll", "tll")
     ),
 )
@@ -62,7 +87,7 @@ AGE = {"sent_s": "current_time", "valid_s": "measurement_time"}
 ACCURATE = {"sd_m": "accuracy", "target": "remote_address"}
 
 MODEMS = (
-    Layout(  # dmac and farol_msgs: of the modem's AHRS, ranges of 1500 m/s
+    MessageLayout(  # dmac and farol_msgs: of the modem's AHRS, ranges of 1500 m/s
         "musblfix",
         xyz("relative_position") | {"fix_kind": "type"},
         plane_covariance("position_covariance", 0, 1, 4) | {"target": "source_id"},
@@ -70,13 +95,13 @@ MODEMS = (
         ENU_OF_HEAD,
     ),
     *(  # USBLLONG: evologics_ros_sync, vehicle_interface, nanoauv_localization_msgs; ROS 1 has capitals
-        Layout(kind, {"x": e, "y": n, "z": u}, ACCURATE | AGE, "by type", ENU_OF_HEAD)
+        MessageLayout(kind, {"x": e, "y": n, "z": u}, ACCURATE | AGE, "by type", ENU_OF_HEAD)
         for kind in ("evologicsusbllong", "acousticmodemusbllong")
         for e, n, u in ("enu", "ENU", "END")
     ),
-    Layout("evologicsusbllong", xyz("enu"), ACCURATE, "by type", ENU_OF_HEAD),  # mvp_acomm: without header
-    Layout("usbldata", xyz("enu"), ACCURATE | AGE, "by type", ENU_OF_HEAD),  # acomms_msgs
-    Layout(  # seatrac_interfaces: whole decimetres
+    MessageLayout("evologicsusbllong", xyz("enu"), ACCURATE, "by type", ENU_OF_HEAD),  # mvp_acomm: without header
+    MessageLayout("usbldata", xyz("enu"), ACCURATE | AGE, "by type", ENU_OF_HEAD),  # acomms_msgs
+    MessageLayout(  # seatrac_interfaces: whole decimetres
         "modemrec",
         {"x": "position_easting", "y": "position_northing", "valid": "includes_position"},
         {"z": "position_depth", "outlier": "position_flt_error", "target": "src_id"},
@@ -85,7 +110,7 @@ MODEMS = (
         scale=dict.fromkeys("xyz", 0.1),
     ),
     *(  # seatrac_driver: metres
-        Layout(
+        MessageLayout(
             kind,
             {"x": f"{fix}.position_easting", "y": f"{fix}.position_northing", "valid": f"{fix}.position_valid"},
             {
@@ -99,8 +124,9 @@ MODEMS = (
         for kind in ("transceiverfixstatus", "navigationqueryresponsestatus")
         for fix in ("fix", "acoustic_fix")
     ),
-    Layout("beaconinfo", xyz("relative_position"), {"target": "beacon_id"}, "by type", BODY_FRD),  # stonefish
-    Layout(  # holoocean_interfaces: radians, from its bow to port and from the horizon up; its z is not the other's
+    MessageLayout("beaconinfo", xyz("relative_position"), {"target": "beacon_id"}, "by type", BODY_FRD),  # stonefish
+    # holoocean_interfaces: radians, from its bow to port and from the horizon up; its z is not the other's
+    MessageLayout(
         "acousticbeaconsensor",
         {"slant_range_m": "range", "bearing_deg": "azimuth", "elevation_deg": "elevation", "reply": "msg_type"},
         {"target": "from_beacon"},
@@ -109,20 +135,22 @@ MODEMS = (
         scale={"bearing_deg": -math.degrees(1.0), "elevation_deg": math.degrees(1.0)},
         stamp="timestamp",
     ),
-    Layout(  # vehicle_interface, nanoauv_localization_msgs: what measurement_time counts from, it does not say
+    MessageLayout(  # vehicle_interface, nanoauv_localization_msgs: what measurement_time counts from, it does not say
         "acousticlocalization",
         DEGREES,
         {"target": "sender_address", "sd_m": "accuracy"},
         "by type",
         LATLON,
     ),
-    Layout("position", own("depth") | DEGREES | {"age_s": "age"}, {"target": "name"}, "by type", LATLON),  # sonardyne
+    MessageLayout(
+        "position", own_columns("depth") | DEGREES | {"age_s": "age"}, {"target": "name"}, "by type", LATLON
+    ),  # sonardyne
     *(  # sonardyne's positions/NAME
-        Layout("geopointstamped", {q: f"{place}.{path}" for q, path in DEGREES.items()}, defaults=LATLON)
+        MessageLayout("geopointstamped", {q: f"{place}.{path}" for q, path in DEGREES.items()}, defaults=LATLON)
         for place in ("position", "geo_point")
     ),
     *(
-        Layout(kind, {}, recognised="by type", refused=f"tells {what} alone, which are no fix")
+        MessageLayout(kind, {}, recognised="by type", unsupported=f"tells {what} alone, which are no fix")
         for kind, what in (("acousticmodemusblangles", "angles"), ("acousticmodemrange", "ranges"))
     ),
 )
@@ -131,40 +159,40 @@ MODEMS = (
 TOPSIDE_BOX = "counts along the axes of the topside box from its first fix; take /waterlinked/fix"
 
 
-def _ranked(layout: Layout) -> Layout:
+def _ranked(layout: MessageLayout) -> MessageLayout:
     """Rank what needs no head before what needs its place, and that before what needs its heading, too."""
     kind, frame = (layout.defaults.get(key) for key in ("kind", "frame"))
     if kind not in ("latlon", "position"):
         return layout
-    return replace(layout, rank=0 if kind == "latlon" else 2 if frame == "body" else 1)
+    return replace(layout, preference=0 if kind == "latlon" else 2 if frame == "body" else 1)
 
 
 _UNRANKED = (
-    Layout(
+    MessageLayout(
         "odometry",  # waterlinked_underwater_gps_ros, as is utm
         xyz("pose.pose.position"),
         recognised="only when named",
         topic=r"waterlinked/odom$",
-        refused=TOPSIDE_BOX,
+        unsupported=TOPSIDE_BOX,
     ),
-    Layout(
+    MessageLayout(
         "point",
-        own("x", "y"),
+        own_columns("x", "y"),
         recognised="only when named",
         topic=r"/utm$",
-        refused="holds UTM coordinates without their zone; take the topic of latitudes and longitudes",
+        unsupported="holds UTM coordinates without their zone; take the topic of latitudes and longitudes",
     ),
     *PLACES,
-    Layout("navsatfix", NAVSAT, NAVSAT_MORE, defaults=LATLON),
+    MessageLayout("navsatfix", NAVSAT, NAVSAT_MORE, defaults=LATLON),
     *own_places("usbl"),
-    Layout(
+    MessageLayout(
         "usbl",
-        own("slant_range_m", "bearing_deg"),
-        own("elevation_deg", "depth_m") | OWN_COVARIANCE,
+        own_columns("slant_range_m", "bearing_deg"),
+        own_columns("elevation_deg", "depth_m") | OWN_COVARIANCE,
         "by type",
         fixed={"kind": "range_bearing"},
     ),
-    Layout("usbl", own("x", "y"), own("z", "sd_m"), "by type"),
+    MessageLayout("usbl", own_columns("x", "y"), own_columns("z", "sd_m"), "by type"),
     *MODEMS,
     *SENTENCES,
 )

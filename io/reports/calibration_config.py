@@ -14,7 +14,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.calibration import NARROWED, assumed_sd, found
 from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
-from usbldr.io.settings.configuration import check
+from usbldr.io.settings.configuration import parse_configuration
 from usbldr.io.settings.toml_edit import commented_out, with_key
 
 
@@ -23,7 +23,7 @@ def _scales(stated: float, found: float) -> float:
     return (1 + stated) * (1 + found) - 1
 
 
-class Key(NamedTuple):
+class ErrorKey(NamedTuple):
     """Where an error is stated, and how one that is found adds to one that was stated."""
 
     section: str
@@ -32,18 +32,18 @@ class Key(NamedTuple):
     added: Callable[[float, float], float] = operator.add
 
 
-KEYS: Mapping[str, Key] = {
-    "dvl_scale": Key("dvl", "scale_error", 5, _scales),
-    "dvl_mount_deg": Key("dvl", "mount_deg", 3),
-    "heading_bias_deg": Key("compass", "bias_deg", 3),
-    "deviation_sin_deg": Key("compass", "deviation_sin_deg", 3),
-    "deviation_cos_deg": Key("compass", "deviation_cos_deg", 3),
-    "usbl_latency_s": Key("usbl", "latency_s", 3),
+KEYS: Mapping[str, ErrorKey] = {
+    "dvl_scale": ErrorKey("dvl", "scale_error", 5, _scales),
+    "dvl_mount_deg": ErrorKey("dvl", "mount_deg", 3),
+    "heading_bias_deg": ErrorKey("compass", "bias_deg", 3),
+    "deviation_sin_deg": ErrorKey("compass", "deviation_sin_deg", 3),
+    "deviation_cos_deg": ErrorKey("compass", "deviation_cos_deg", 3),
+    "usbl_latency_s": ErrorKey("usbl", "latency_s", 3),
 }
 """By the name that an error has at the border; a USBL bias that wanders is no property of the sensor."""
 
 
-def next_configuration(log: Log, trajectory: Trajectory) -> str:
+def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
     """Return the text of a configuration that subtracts what was found beside what was subtracted already.
 
     An error that the dive hardly told is left as it was, and the dive's own start becomes a comment. Raises UsageError
@@ -82,5 +82,5 @@ def _verified(text: str, expected: dict[str, Any], log: Log) -> str:
     if said != expected:
         sections = ", ".join(f"[{name}]" for name in dict.fromkeys(key.section for key in KEYS.values()))
         raise UsageError(f"{file}: cannot be changed line by line: give {sections} headers and lines of their own")
-    check(said, file)
+    parse_configuration(said, file)
     return text

@@ -7,13 +7,13 @@ from usbldr.io.reader import utc
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.report_text import (
     INFLUENCE,
-    LEFT_OUT,
+    LEAVE_ONE_OUT_NOTE,
     Table,
     context,
     error_table,
-    health,
+    health_lines,
     influence_table,
-    left_out_table,
+    leave_one_out_table,
     method_table,
 )
 
@@ -29,12 +29,12 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     ]
     if run.scored.report is not None:
         parts += ["## Errors", _table(error_table(run.scored.report)), _table(method_table(run))]
-    if told := health(run):
+    if told := health_lines(run):
         parts += ["## Health", _pairs(told)]
     if len((fixes := influence_table(run)).rows):
         parts += ["## Influential fixes", INFLUENCE, _table(fixes)]
-    if run.left_out:
-        parts += ["## Fixes left out", LEFT_OUT, _table(left_out_table(run))]
+    if run.without_fixes:
+        parts += ["## Fixes left out", LEAVE_ONE_OUT_NOTE, _table(leave_one_out_table(run))]
     if run.warnings:
         parts += ["## Warnings", _bullets(run.warnings)]
     if pictures:

@@ -28,7 +28,7 @@ from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, writ
 SCHEMA = 1
 
 
-class Scored(NamedTuple):
+class ScoredTrack(NamedTuple):
     """A track and its errors; no errors where the log has no truth."""
 
     trajectory: Trajectory
@@ -41,13 +41,13 @@ class Run:
 
     log: Log
     timeline: Timeline
-    scored: Scored
-    baselines: tuple[Scored, ...] = ()  # usbl and dr, judged in the same way
+    scored: ScoredTrack
+    reference_tracks: tuple[ScoredTrack, ...] = ()  # usbl and dr, judged in the same way
     order: str = "validity"  # of the fixes
     seed: int = 0
     options: Mapping[str, object] = field(default_factory=dict[str, object])  # as the user gave them
     configuration: Mapping[str, object] | None = None  # content of the configuration file
-    left_out: tuple[LeftOut, ...] = ()  # runs without one fix, where the user asked for them
+    without_fixes: tuple[LeftOut, ...] = ()  # runs without one fix, where the user asked for them
 
     @property
     def filter(self) -> str:
@@ -64,7 +64,9 @@ class Run:
         """Return the sentence that every table ends in."""
         if self.scored.report is None:
             return f"{self.filter}: no truth in {self.log.path.name}, so nothing to judge it by"
-        return verdict(self.scored.report, [other.report for other in self.baselines if other.report is not None])
+        return verdict(
+            self.scored.report, [other.report for other in self.reference_tracks if other.report is not None]
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -168,11 +170,13 @@ def _grid_names(run: Run) -> tuple[str, str]:
 def write_json(folder: Path, run: Run) -> None:
     """Write report.json, the last file of a run: it names all others."""
     files = sorted(path.name for path in folder.iterdir())
-    text = json.dumps(strict({**describe(run), "files": files}), indent=1, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(
+        json_values({**report_content(run), "files": files}), indent=1, allow_nan=False, ensure_ascii=False
+    )
     (folder / REPORT).write_text(text + "\n", encoding="utf-8")
 
 
-def describe(run: Run) -> dict[str, Any]:
+def report_content(run: Run) -> dict[str, Any]:
     """Return the content of report.json but for its list of files."""
     log, (trajectory, report) = run.log, run.scored
     t = run.timeline.time_s
@@ -197,7 +201,7 @@ def describe(run: Run) -> dict[str, Any]:
         "assumptions": _assumptions(log.assumptions),
         "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in found(trajectory)},
         "influential_fixes": [_influence(fix) for fix in influential(trajectory)],
-        "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.left_out],
+        "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
         "returns": [one._asdict() for one in trajectory.returns],
         "sensors": log.provenance,
@@ -205,7 +209,7 @@ def describe(run: Run) -> dict[str, Any]:
         "outages": run.timeline.outages,
         "truth": _truth(run.truth),
         **_judged(report),
-        "baselines": {other.trajectory.filter: _judged(other.report) for other in run.baselines},
+        "baselines": {other.trajectory.filter: _judged(other.report) for other in run.reference_tracks},
         "warnings": run.warnings,
         "verdict": run.verdict,
     }
@@ -217,7 +221,7 @@ def _influence(fix: Influence) -> dict[str, Any]:
 
 def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
     """Return the model side of the run; a noise family, which is known by its class alone, is named."""
-    told: dict[str, Any] = strict(assumptions)
+    told: dict[str, Any] = json_values(assumptions)
     for sensor in ("dvl", "compass", "usbl", "gps"):
         told[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **told[sensor]}
     told["tuned"] = [number._asdict() for number in assumptions.tuned]
@@ -258,18 +262,18 @@ def _judged(report: ErrorReport | None) -> dict[str, Any]:
     }
 
 
-def strict(value: object) -> Any:
+def json_values(value: object) -> Any:
     """Turn values into what JSON knows: NaN and infinity become null, dataclasses become objects."""
     if value is None or isinstance(value, bool | str | int):
         return value
     if isinstance(value, np.generic):
-        return strict(cast(object, value.item()))
+        return json_values(cast(object, value.item()))
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: strict(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {f.name: json_values(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): strict(item) for key, item in cast(Mapping[object, object], value).items()}
+        return {str(key): json_values(item) for key, item in cast(Mapping[object, object], value).items()}
     if isinstance(value, np.ndarray | Sequence | set | frozenset):
-        return [strict(item) for item in cast(Iterable[object], value)]
+        return [json_values(item) for item in cast(Iterable[object], value)]
     return str(value)

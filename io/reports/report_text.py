@@ -101,7 +101,7 @@ def method_table(run: Run) -> Table:
     heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "covered")
     names = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m", "rmse_horizontal_m", "median_horizontal_m")
     rows: list[tuple[str, ...]] = []
-    for scored in (run.scored, *run.baselines):
+    for scored in (run.scored, *run.reference_tracks):
         report = scored.report
         if report is None or any(row[0] == report.filter for row in rows):
             continue
@@ -135,14 +135,14 @@ def influence_table(run: Run) -> Table:
     return Table("fix", heads, tuple(rows))
 
 
-LEFT_OUT = (
+LEAVE_ONE_OUT_NOTE = (
     "The whole dive filtered again, each time without one of the fixes that moved the track most when they came; noise "
     "and calibrated errors stay those that the whole log told. The shift is how far the two tracks lie apart; the "
     "error's change is without minus with: below 0 the track is better without the fix."
 )
 
 
-def left_out_table(run: Run) -> Table:
+def leave_one_out_table(run: Run) -> Table:
     """Return what the track would have been without each of some fixes, the largest effect first."""
     heads = ("time [s]", "largest shift [m]", "at [s]", "mean shift [m]", "mean error changes by [m]")
     rows = [
@@ -154,7 +154,7 @@ def left_out_table(run: Run) -> Table:
             f"{one.mean_shift_m:.3f}",
             "" if math.isnan(one.error_change_m) else f"{one.error_change_m:+.3f}",
         )
-        for one in sorted(run.left_out, key=lambda one: -one.largest_shift_m)
+        for one in sorted(run.without_fixes, key=lambda one: -one.largest_shift_m)
     ]
     return Table("without fix", heads, tuple(rows))
 
@@ -164,7 +164,7 @@ def _towards(east_m: float, north_m: float) -> str:
     return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]
 
 
-def health(run: Run) -> list[tuple[str, str]]:
+def health_lines(run: Run) -> list[tuple[str, str]]:
     """Return sentences on consistency, sensors, particles, surfacings, drift, outages and speed."""
     report = run.scored.report
     lines: list[tuple[str, str]] = []
@@ -202,7 +202,7 @@ def health(run: Run) -> list[tuple[str, str]]:
             lines.append(("speed", f"{m['filter_time_s']:.2f} s, {m['real_time_factor']:.0f} times real time"))
     if tuned := run.log.assumptions.tuned:
         lines.append(("tuned", "; ".join(tuned_text(number) for number in tuned)))
-    for scored in (run.scored, *run.baselines):
+    for scored in (run.scored, *run.reference_tracks):
         if scored.report is not None and "drift_percent" in scored.report.metrics:
             m = scored.report.metrics
             text = f"{m['drift_percent']:.2f} % of {m['distance_m']:.0f} m travelled"

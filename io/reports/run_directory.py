@@ -84,7 +84,7 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file that appears under its name when it is complete."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 from usbldr.filters.simulation.scenario import Scenario
 from usbldr.io.log import Log
 from usbldr.io.scenarios.simulated_log import configuration_text, simulated_log
-from usbldr.io.writers.write_log import conventions_of, form_of, write_records, write_whole
+from usbldr.io.writers.write_log import conventions_of, log_format_of, write_log_atomically, write_records
 
 
 def write_scenario(
@@ -13,9 +13,9 @@ def write_scenario(
 ) -> tuple[Log, Path]:
     """Write to ``out``, in the stated form or the one of its name; return the log and the configuration's path.
 
-    Raises UsageError as log_files.write_whole does.
+    Raises UsageError as log_files.write_log_atomically does.
     """
-    form = form_of(out, stated)
+    form = log_format_of(out, stated)
     log = simulated_log(scenario, seed)
     remarks = {"scenario": scenario.name, "seed": str(seed)}
     configuration = configuration_text(scenario, seed, conventions_of(log, form, exported=False))
@@ -23,4 +23,4 @@ def write_scenario(
     def make(target: Path) -> None:
         write_records(log, target, form, remarks, exported=False)
 
-    return log, write_whole(out, form, configuration, make, force)
+    return log, write_log_atomically(out, form, configuration, make, force)

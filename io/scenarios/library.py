@@ -33,7 +33,13 @@ from usbldr.io.scenarios.sections import (
     SensorSection,
     UsblSensor,
 )
-from usbldr.io.settings.configuration import checked, family, known_start, process_noise, read_document
+from usbldr.io.settings.configuration import (
+    noise_family_of,
+    parse_section,
+    process_noise,
+    read_document,
+    start_of_section,
+)
 from usbldr.io.settings.noise_sections import CompassNoise, DvlNoise, UsblNoise
 
 FOLDER = Path(__file__).parent
@@ -57,7 +63,7 @@ def find_scenario(name: str) -> Scenario:
 
 def read_scenario(file: Path) -> Scenario:
     """Read and check a scenario; raise UsageError with file, key, nearest match and allowed values."""
-    stated = checked(_document(file), ScenarioFile, file)
+    stated = parse_section(_document(file), ScenarioFile, file)
     vehicle, drawn = stated.vehicle, stated.drawn
     return Scenario(
         name=file.stem,
@@ -77,7 +83,7 @@ def read_scenario(file: Path) -> Scenario:
         current_mps=(stated.current.east_mps, stated.current.north_mps),
         drawn=drawn and Drawn(drawn.step_s, drawn.dvl_scale_sd, math.radians(drawn.dvl_mount_sd_deg)),
         process=process_noise(stated.process),
-        start=stated.start and known_start(stated.start),
+        start=stated.start and start_of_section(stated.start),
     )
 
 
@@ -104,7 +110,7 @@ def _yaw(clockwise_deg: float) -> float:
 
 
 def _noise(stated: DvlNoise | CompassNoise | UsblNoise | None) -> NoiseFamily:
-    return family(stated, Gaussian())
+    return noise_family_of(stated, Gaussian())
 
 
 def _told(stated: DvlNoise | CompassNoise | UsblNoise | None) -> NoiseFamily | None:

@@ -15,7 +15,7 @@ Part: TypeAlias = Annotated[float, Meta(ge=0, lt=1)]
 Pair: TypeAlias = tuple[float, float]
 Stretch: TypeAlias = tuple[NotNegative, NotNegative]
 
-MOST = 10_000_000  # records of a sensor in a dive: three weeks at 5 Hz
+MAX_RECORDS = 10_000_000  # records of a sensor in a dive: three weeks at 5 Hz
 
 
 class VehicleSection(Section, frozen=True, kw_only=True):
@@ -217,8 +217,10 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
         if self.usbl.multipath is not None and self.usbl.multipath.every_s:
             counts["usbl.multipath.every_s"] = 1 / self.usbl.multipath.every_s
         for key, per_s in counts.items():
-            if self.duration_s * per_s > MOST:
-                raise ValueError(f"{key} and duration_s make {self.duration_s * per_s:.2g}, at most {MOST:.0e} fit")
+            if self.duration_s * per_s > MAX_RECORDS:
+                raise ValueError(
+                    f"{key} and duration_s make {self.duration_s * per_s:.2g}, at most {MAX_RECORDS:.0e} fit"
+                )
 
 
 def forwards(stretches: tuple[Pair, ...], name: str) -> None:

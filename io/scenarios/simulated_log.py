@@ -18,13 +18,13 @@ from usbldr.filters.models.parameters import Assumptions, LeverArm
 from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Array, Truth, Vector
-from usbldr.io.conventions.usbl_covariance import floored
+from usbldr.io.conventions.usbl_covariance import with_variance_floor
 from usbldr.io.log import COLUMNS, Log, Origin, Provenance
 from usbldr.io.reader import Column
-from usbldr.io.settings.toml_text import degrees, noise_text, toml_text
+from usbldr.io.settings.toml_text import noise_text, shortest_degrees, toml_text
 from usbldr.io.writers.write_log import WRITTEN_BY
 
-Told = TypeVar("Told")
+Quantity = TypeVar("Quantity")
 START_NS = 1_767_225_600_000_000_000  # 2026-01-01T00:00:00Z: a fixed date, so that the same seed gives the same bytes
 ORIGIN = Origin(45.0, -30.0, "[map]")  # invented: the open Atlantic
 
@@ -54,9 +54,9 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
         },
         assumptions=Assumptions(
             process=scenario.process,
-            dvl=_told(scenario.dvl.told_noise, scenario.dvl.noise),
-            compass=_told(scenario.compass.told_noise, scenario.compass.noise),
-            usbl=_told(scenario.usbl.told_noise, scenario.usbl.noise),
+            dvl=_assumed(scenario.dvl.told_noise, scenario.dvl.noise),
+            compass=_assumed(scenario.compass.told_noise, scenario.compass.noise),
+            usbl=_assumed(scenario.usbl.told_noise, scenario.usbl.noise),
             dvl_lever_m=scenario.dvl.lever_m,
             usbl_lever_m=scenario.usbl.lever_m,
             gps_lever_m=scenario.gps.lever_m,
@@ -67,7 +67,7 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
     )
 
 
-def _told(stated: Told | None, true: Told) -> Told:
+def _assumed(stated: Quantity | None, true: Quantity) -> Quantity:
     """Return what a filter is told of a quantity: what the scenario states, else the truth."""
     return true if stated is None else stated
 
@@ -75,30 +75,30 @@ def _told(stated: Told | None, true: Told) -> Told:
 def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, Mapping[str, str]]) -> str:
     """Return the usbldr.toml of a simulated log; ``conventions`` are the keys of each section that the file needs."""
     dvl, compass, usbl, process = scenario.dvl, scenario.compass, scenario.usbl, scenario.process
-    accuracy = _told(usbl.told_accuracy, usbl.accuracy)
+    accuracy = _assumed(usbl.told_accuracy, usbl.accuracy)
     sections: dict[str, dict[str, str]] = {
         "map": {"origin_lat_deg": f"{ORIGIN.lat_deg!r}", "origin_lon_deg": f"{ORIGIN.lon_deg!r}"},
         "dvl": {
-            "sd_mps": repr(_told(dvl.told_sd_mps, dvl.sd_mps)),
-            "noise": noise_text(_told(dvl.told_noise, dvl.noise), "mps"),
+            "sd_mps": repr(_assumed(dvl.told_sd_mps, dvl.sd_mps)),
+            "noise": noise_text(_assumed(dvl.told_noise, dvl.noise), "mps"),
             **_lever(dvl.lever_m),
         },
         "compass": {
-            "sd_deg": repr(degrees(_told(compass.told_sd_rad, compass.sd_rad))),
-            "noise": noise_text(_told(compass.told_noise, compass.noise), "deg"),
+            "sd_deg": repr(shortest_degrees(_assumed(compass.told_sd_rad, compass.sd_rad))),
+            "noise": noise_text(_assumed(compass.told_noise, compass.noise), "deg"),
         },
         "usbl": {
             "sd_m": repr(accuracy.sd_m) if accuracy.constant else '"message"',
-            "noise": noise_text(_told(usbl.told_noise, usbl.noise), "m"),
+            "noise": noise_text(_assumed(usbl.told_noise, usbl.noise), "m"),
             **_lever(usbl.lever_m),
         },
         "gps": _lever(scenario.gps.lever_m),
         "truth": {"kind": '"simulated"'},
         "process": {
             "position_m": f"{process.position_m!r}",
-            "heading_deg": f"{degrees(process.yaw_rad)!r}",
+            "heading_deg": f"{shortest_degrees(process.yaw_rad)!r}",
             "velocity_mps": f"{process.velocity_mps!r}",
-            "turn_rate_dps": f"{degrees(process.turn_rate_radps)!r}",
+            "turn_rate_dps": f"{shortest_degrees(process.turn_rate_radps)!r}",
             **({"uncalibrated_m": f"{process.uncalibrated_m!r}"} if process.uncalibrated_m else {}),
         },
         "calibrate": {"states": "[]"},
@@ -109,9 +109,9 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
             "east_m": f"{start.east_m!r}",
             "north_m": f"{start.north_m!r}",
             "sd_m": f"{start.sd_m!r}",
-            "heading_sd_deg": f"{degrees(start.sd_yaw_rad)!r}",
+            "heading_sd_deg": f"{shortest_degrees(start.sd_yaw_rad)!r}",
             "velocity_sd_mps": f"{start.sd_mps!r}",
-            "turn_rate_sd_dps": f"{degrees(start.sd_radps)!r}",
+            "turn_rate_sd_dps": f"{shortest_degrees(start.sd_radps)!r}",
         }
     title = (
         f"{WRITTEN_BY} simulate {scenario.name} --seed {seed}",
@@ -128,12 +128,15 @@ def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]
     """Return the absolute time of time_s = 0, and each sensor's table; one without records has none."""
     dive = simulate(scenario, seed)
     dvl, compass, gps = scenario.dvl, scenario.compass, scenario.gps
-    cov_m2 = floored(dive.fix_cov_m2)
-    gps_sd_m = _told(gps.told_sd_m, gps.sd_m) or math.nan  # no format can say "exact": 0 is how many say "unknown"
+    cov_m2 = with_variance_floor(dive.fix_cov_m2)
+    gps_sd_m = _assumed(gps.told_sd_m, gps.sd_m) or math.nan  # no format can say "exact": 0 is how many say "unknown"
     lat_deg, lon_deg = _at_sea_level(dive.gps.value)
     columns: dict[str, tuple[Column | float, ...]] = {
-        "dvl": (*dive.dvl.value.T, 0.0, _told(dvl.told_sd_mps, dvl.sd_mps), dive.dvl.valid),
-        "compass": (_heading_deg(dive.compass.value[:, 0]), degrees(_told(compass.told_sd_rad, compass.sd_rad))),
+        "dvl": (*dive.dvl.value.T, 0.0, _assumed(dvl.told_sd_mps, dvl.sd_mps), dive.dvl.valid),
+        "compass": (
+            _heading_deg(dive.compass.value[:, 0]),
+            shortest_degrees(_assumed(compass.told_sd_rad, compass.sd_rad)),
+        ),
         "usbl": (*dive.usbl.value.T, cov_m2[:, 0, 0], cov_m2[:, 0, 1], cov_m2[:, 1, 1]),
         "gps": (*dive.gps.value.T, gps_sd_m, lat_deg, lon_deg),
     }

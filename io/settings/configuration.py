@@ -65,7 +65,7 @@ def own_configuration(log: Path, folder: bool) -> Path:
 
 def read_configuration(file: Path) -> Configuration:
     """Read and check a configuration; raise UsageError with file, key, nearest match and allowed values."""
-    return check(read_document(file), file)
+    return parse_configuration(read_document(file), file)
 
 
 def read_document(file: Path) -> dict[str, object]:
@@ -78,12 +78,12 @@ def read_document(file: Path) -> dict[str, object]:
         raise UsageError(f"{file}: is not TOML ({err})") from err
 
 
-def check(document: dict[str, object], file: Path) -> Configuration:
+def parse_configuration(document: dict[str, object], file: Path) -> Configuration:
     """Turn a parsed TOML document into a Configuration."""
-    return checked(document, Configuration, file)
+    return parse_section(document, Configuration, file)
 
 
-def checked(document: dict[str, object], form: type[Form], file: Path) -> Form:
+def parse_section(document: dict[str, object], form: type[Form], file: Path) -> Form:
     """Turn a parsed TOML document into a typed one; raise UsageError with file, key, nearest match, allowed values."""
     _refuse_unknown_keys(document, form, "", file)
     try:
@@ -168,14 +168,14 @@ def assumptions(configuration: Configuration) -> Assumptions:
     return replace(
         default,
         process=process_noise(configuration.process),
-        dvl=family(configuration.dvl.noise, default.dvl),
-        compass=family(configuration.compass.noise, default.compass),
-        usbl=family(configuration.usbl.noise, default.usbl),
-        gps=family(configuration.gps.noise, default.gps),
+        dvl=noise_family_of(configuration.dvl.noise, default.dvl),
+        compass=noise_family_of(configuration.compass.noise, default.compass),
+        usbl=noise_family_of(configuration.usbl.noise, default.usbl),
+        gps=noise_family_of(configuration.gps.noise, default.gps),
         dvl_lever_m=configuration.dvl.lever_arm_m,
         usbl_lever_m=configuration.usbl.lever_arm_m,
         gps_lever_m=configuration.gps.lever_arm_m,
-        start=known_start(start) if start else None,
+        start=start_of_section(start) if start else None,
         calibrate=_calibrated(configuration.calibrate),
         errors=sensor_errors(configuration.calibrate),
         dvl_sd_scale=configuration.dvl.sd_scale,
@@ -215,7 +215,7 @@ def sensor_errors(stated: CalibrateSection) -> SensorErrors:
     return replace(SensorErrors(), **{name: size for name, size in sizes.items() if size is not None})
 
 
-def known_start(stated: StartSection) -> Start:
+def start_of_section(stated: StartSection) -> Start:
     """Return the start that a section states."""
     return Start(
         stated.east_m,
@@ -231,7 +231,7 @@ def _radians(angle_deg: float | None) -> float | None:
     return None if angle_deg is None else math.radians(angle_deg)
 
 
-def family(noise: DvlNoise | CompassNoise | UsblNoise | None, default: NoiseFamily) -> NoiseFamily:
+def noise_family_of(noise: DvlNoise | CompassNoise | UsblNoise | None, default: NoiseFamily) -> NoiseFamily:
     """Return the noise family that a section states; ``per`` is the family's own unless stated."""
     chosen: Gaussian | Mixture | StudentT | Contamination
     match noise:

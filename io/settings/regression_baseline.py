@@ -43,7 +43,7 @@ class Metric(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class BaselineRow:
     """A run, or one for each of ``seeds`` seeds, and what it has to give."""
 
     name: str
@@ -64,12 +64,12 @@ class _Stated(Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Baseline:
+class RegressionBaseline:
     """A baseline file: its rows, and its text, which an update keeps but for the values."""
 
     file: Path
     text: str
-    rows: tuple[Row, ...]
+    rows: tuple[BaselineRow, ...]
 
 
 def usual_direction(metric: str) -> Direction:
@@ -80,7 +80,7 @@ def usual_direction(metric: str) -> Direction:
     return "higher" if plain in HIGHER else "both"
 
 
-def read_baseline(file: Path) -> Baseline:
+def read_baseline(file: Path) -> RegressionBaseline:
     """Read and check a baseline; raise UsageError that names row and key."""
     try:
         text = file.read_text(encoding="utf-8")
@@ -100,10 +100,10 @@ def read_baseline(file: Path) -> Baseline:
     names = [row.name for row in rows]
     if repeated := [name for name in names if names.count(name) > 1]:
         raise UsageError(f"{file}: two rows are called {repeated[0]!r}: give each its own name")
-    return Baseline(file, text, rows)
+    return RegressionBaseline(file, text, rows)
 
 
-def _row(file: Path, number: int, stated: Any) -> Row:
+def _row(file: Path, number: int, stated: Any) -> BaselineRow:
     if not isinstance(stated, dict):
         raise UsageError(f"{file}: row {number}: expected a table; write [[row]]")
     table = cast("dict[str, Any]", stated)
@@ -121,7 +121,7 @@ def _row(file: Path, number: int, stated: Any) -> Row:
             raise UsageError(f"{where}: metrics.{key} states no tolerance: give abs, rel or both")
         if not all(math.isfinite(number) for number in (metric.value, metric.abs, metric.rel) if number is not None):
             raise UsageError(f"{where}: metrics.{key} has a number that is not finite")
-    return Row(name, known.log, known.filter, known.seeds, options, metrics)
+    return BaselineRow(name, known.log, known.filter, known.seeds, options, metrics)
 
 
 def _typed(value: object, kind: Any, where: str, key: str) -> Any:
@@ -143,7 +143,7 @@ def _sentence(message: str, key: str) -> str:
     return f"{key}: {what}" if key else what
 
 
-def rewritten(baseline: Baseline, values: Sequence[Mapping[str, float]]) -> str:
+def with_new_values(baseline: RegressionBaseline, values: Sequence[Mapping[str, float]]) -> str:
     """Return the file's text with new values, ``values`` by row and metric; comments, order and tolerances stay.
 
     Raises UsageError where the text is laid out in a way that cannot be followed line by line.
@@ -173,7 +173,7 @@ def _with_value(line: str, start: int, value: str) -> str:
     return f"{head}{{ value = {value}, {rest[1:].lstrip()}"
 
 
-def _require_values(baseline: Baseline, text: str, values: Sequence[Mapping[str, float]]) -> None:
+def _require_values(baseline: RegressionBaseline, text: str, values: Sequence[Mapping[str, float]]) -> None:
     """Refuse a text that does not say exactly what it should: the old document with the new values."""
     wanted = tomllib.loads(baseline.text)
     for stated, new in zip(wanted["row"], values, strict=True):

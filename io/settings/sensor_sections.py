@@ -37,7 +37,7 @@ from usbldr.io.settings.noise_sections import (
     UsblNoise,
 )
 
-LEAST_SCALE, MOST_SCALE = -0.9, 10.0  # of a DVL's scale_error: what is further off is another unit
+MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: what is further off is another unit
 Clock: TypeAlias = Literal["header", "log"]
 UsblColumn: TypeAlias = Literal[
     "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m"
@@ -60,7 +60,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     axes: str | None = None
     mount_deg: Degrees = 0.0
     unit: Literal["m/s", "cm/s", "mm/s", "km/h", "ft/s", "knots"] | None = None
-    scale_error: Annotated[float, Meta(ge=LEAST_SCALE, le=MOST_SCALE)] = 0.0
+    scale_error: Annotated[float, Meta(ge=MIN_SCALE_ERROR, le=MAX_SCALE_ERROR)] = 0.0
     sd_mps: SdSpeed | Literal["message"] | None = None
     sd_scale: Factor = 1.0
     min_good_beams: Annotated[int, Meta(ge=0, le=100)] | None = None

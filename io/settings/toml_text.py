@@ -18,7 +18,7 @@ def toml_text(
     return "\n".join(lines) + "\n"
 
 
-def degrees(angle_rad: float) -> float:
+def shortest_degrees(angle_rad: float) -> float:
     """Degrees with the fewest digits that bring back the angle: 0.1 deg in a scenario is 0.1 in its file."""
     candidates = [float(f"{math.degrees(angle_rad):.{digits}g}") for digits in range(1, 18)]
     return next((deg for deg in candidates if math.radians(deg) == angle_rad), candidates[-1])
@@ -32,7 +32,7 @@ def noise_text(family: NoiseFamily, unit: str) -> str:
         case Mixture():
             keys = f'kind = "mixture", share = {family.share!r}, variance_ratio = {family.variance_ratio!r}'
         case Contamination():
-            sd = degrees(family.sd) if unit == "deg" else family.sd
+            sd = shortest_degrees(family.sd) if unit == "deg" else family.sd
             keys = f'kind = "contamination", share = {family.share!r}, sd_{unit} = {sd!r}'
         case StudentT():
             keys = f'kind = "student-t", dof = {family.dof!r}'

@@ -21,18 +21,18 @@ from usbldr.io.inputs import refuse_inputs
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.settings.configuration import configuration_places, read_configuration
-from usbldr.io.settings.toml_text import degrees, noise_text, toml_text
+from usbldr.io.settings.toml_text import noise_text, shortest_degrees, toml_text
 from usbldr.io.writers.write_log import (
     WRITTEN_BY,
     configuration_place,
     conventions_of,
-    form_of,
+    log_format_of,
+    write_log_atomically,
     write_records,
-    write_whole,
 )
 
 
-def cut(log: Log, start_s: float, end_s: float) -> Log:
+def cut_log(log: Log, start_s: float, end_s: float) -> Log:
     """Return the records valid from start to end, seconds of the log, ends included; raise LogError if none is left.
 
     A known start is forgotten where the beginning is cut off.
@@ -62,10 +62,10 @@ def export(
 ) -> tuple[Log, Path]:
     """Write a log to ``out``, in the stated form or the one of its name; ``read``: what it was read from, if known.
 
-    Return what was written, as tables, and the configuration's path. Raises UsageError as log_files.write_whole does,
-    and where that would touch what was read.
+    Return what was written, as tables, and the configuration's path. Raises UsageError as
+    log_files.write_log_atomically does, and where that would touch what was read.
     """
-    form = form_of(out, stated)
+    form = log_format_of(out, stated)
     _refuse_own(log, out, configuration_place(out, form), read)
     latencies = _latencies(log)
     written = _restamped(_with_truth(log), latencies)
@@ -74,7 +74,7 @@ def export(
     def make(target: Path) -> None:
         write_records(written, target, form, {"exported from": log.path.name}, exported=True)
 
-    return written, write_whole(out, form, configuration, make, force)
+    return written, write_log_atomically(out, form, configuration, make, force)
 
 
 def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
@@ -135,9 +135,9 @@ def _configuration(
     default = ProcessNoise()
     walks = {
         "position_m": (process.position_m, default.position_m, process.position_m),
-        "heading_deg": (process.yaw_rad, default.yaw_rad, degrees(process.yaw_rad)),
+        "heading_deg": (process.yaw_rad, default.yaw_rad, shortest_degrees(process.yaw_rad)),
         "velocity_mps": (process.velocity_mps, default.velocity_mps, process.velocity_mps),
-        "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, degrees(process.turn_rate_radps)),
+        "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, shortest_degrees(process.turn_rate_radps)),
         "uncalibrated_m": (process.uncalibrated_m, default.uncalibrated_m, process.uncalibrated_m),
     }
     states = '"auto"' if known.calibrate == (AUTO,) else json.dumps(known.calibrate)
@@ -149,9 +149,9 @@ def _configuration(
             "east_m": repr(start.east_m),
             "north_m": repr(start.north_m),
             "sd_m": repr(start.sd_m),
-            "heading_sd_deg": repr(degrees(start.sd_yaw_rad)),
+            "heading_sd_deg": repr(shortest_degrees(start.sd_yaw_rad)),
             "velocity_sd_mps": repr(start.sd_mps),
-            "turn_rate_sd_dps": repr(degrees(start.sd_radps)),
+            "turn_rate_sd_dps": repr(shortest_degrees(start.sd_radps)),
         }
     title = (
         f"{WRITTEN_BY} export {log.path.name}",
@@ -174,10 +174,14 @@ def _sizes(errors: SensorErrors) -> dict[str, str]:
     default = SensorErrors()
     sizes = {
         "scale_sd": (errors.scale, default.scale, errors.scale),
-        "mount_sd_deg": (errors.misalignment_rad, default.misalignment_rad, degrees(errors.misalignment_rad)),
-        "heading_sd_deg": (errors.heading_rad, default.heading_rad, degrees(errors.heading_rad)),
-        "heading_walk_deg": (errors.heading_walk_rad, default.heading_walk_rad, degrees(errors.heading_walk_rad)),
-        "deviation_sd_deg": (errors.deviation_rad, default.deviation_rad, degrees(errors.deviation_rad)),
+        "mount_sd_deg": (errors.misalignment_rad, default.misalignment_rad, shortest_degrees(errors.misalignment_rad)),
+        "heading_sd_deg": (errors.heading_rad, default.heading_rad, shortest_degrees(errors.heading_rad)),
+        "heading_walk_deg": (
+            errors.heading_walk_rad,
+            default.heading_walk_rad,
+            shortest_degrees(errors.heading_walk_rad),
+        ),
+        "deviation_sd_deg": (errors.deviation_rad, default.deviation_rad, shortest_degrees(errors.deviation_rad)),
         "latency_sd_s": (errors.latency_s, default.latency_s, errors.latency_s),
         "usbl_bias_sd_m": (errors.usbl_bias_m, default.usbl_bias_m, errors.usbl_bias_m),
         "usbl_bias_time_s": (errors.usbl_bias_s, default.usbl_bias_s, errors.usbl_bias_s),

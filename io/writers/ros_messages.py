@@ -14,8 +14,8 @@ from rosbags.typesys.store import Typestore
 from usbldr.io.conventions.dvl_depth import SURFACE_PA, WATER_PA_PER_M
 from usbldr.io.log import Log
 
-Row: TypeAlias = Mapping[str, Any]  # one record of a table, by the names of COLUMNS
-Message: TypeAlias = Any  # rosbags makes the classes of messages at run time
+TableRow: TypeAlias = Mapping[str, Any]  # one record of a table, by the names of COLUMNS
+RosMessage: TypeAlias = Any  # rosbags makes the classes of messages at run time
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Channel:
 
     topic: str
     type: str
-    message: Callable[["Makers", Row], Message]
+    message: Callable[["Makers", TableRow], RosMessage]
     conventions: Mapping[str, str]  # keys of the sensor's section
 
 
@@ -35,23 +35,23 @@ class Makers:
         self.types: Mapping[str, Any] = store.types
         self._sequenced = "seq" in dict(store.fielddefs["std_msgs/msg/Header"][1])  # ROS 1
 
-    def make(self, type_name: str, *fields: Any) -> Message:
+    def make(self, type_name: str, *fields: Any) -> RosMessage:
         """Return a message with its fields in the order of the definition."""
         return self.types[type_name](*fields)
 
-    def header(self, row: Row, frame: str) -> Message:
+    def header(self, row: TableRow, frame: str) -> RosMessage:
         """Return the header: time of validity and frame."""
         sec, nanosec = divmod(int(row["stamp_ns"]), 1_000_000_000)
         sequence = (0,) if self._sequenced else ()
         stamp = self.make("builtin_interfaces/msg/Time", sec, nanosec)
         return self.make("std_msgs/msg/Header", *sequence, stamp, frame)
 
-    def vector(self, x: float, y: float, z: float) -> Message:
+    def vector(self, x: float, y: float, z: float) -> RosMessage:
         """Return a geometry_msgs/Vector3."""
         return self.make("geometry_msgs/msg/Vector3", x, y, z)
 
 
-def _dvl(m: Makers, row: Row) -> Message:
+def _dvl(m: Makers, row: TableRow) -> RosMessage:
     """The message's own axes: x forward, y starboard, z down."""
     x, y, z = row["forward_mps"], row["starboard_mps"], -row["up_mps"]
     variance = row["sd_mps"] ** 2
@@ -79,7 +79,7 @@ def _dvl(m: Makers, row: Row) -> Message:
     )
 
 
-def _imu(m: Makers, row: Row) -> Message:
+def _imu(m: Makers, row: TableRow) -> RosMessage:
     """REP 103: the yaw of the quaternion is counter-clockwise from east, so 90 degrees minus the heading."""
     half = math.radians(90.0 - row["heading_deg"]) / 2
     variance = math.radians(row["sd_deg"]) ** 2
@@ -96,12 +96,12 @@ def _imu(m: Makers, row: Row) -> Message:
     )
 
 
-def _point(m: Makers, row: Row) -> Message:
+def _point(m: Makers, row: TableRow) -> RosMessage:
     point = m.make("geometry_msgs/msg/Point", row["east_m"], row["north_m"], 0.0)
     return m.make("geometry_msgs/msg/PointStamped", m.header(row, "map"), point)
 
 
-def _navsat(m: Makers, row: Row) -> Message:
+def _navsat(m: Makers, row: TableRow) -> RosMessage:
     known = not math.isnan(row["sd_m"])
     return m.make(
         "sensor_msgs/msg/NavSatFix",
@@ -115,7 +115,7 @@ def _navsat(m: Makers, row: Row) -> Message:
     )
 
 
-def _known_validity(m: Makers, row: Row) -> Message:
+def _known_validity(m: Makers, row: TableRow) -> RosMessage:
     """The DVL message that knows of validity beside the velocity, so that standing still stays valid."""
     return m.make(
         "dvl_msgs/msg/DVL",
@@ -134,7 +134,7 @@ def _known_validity(m: Makers, row: Row) -> Message:
     )
 
 
-def _fix(m: Makers, row: Row) -> Message:
+def _fix(m: Makers, row: TableRow) -> RosMessage:
     """A position and its covariance in the plane; one sd stands for a round covariance."""
     covariance = np.zeros(36)
     variance = row.get("sd_m", math.nan) ** 2
@@ -151,7 +151,7 @@ def _fix(m: Makers, row: Row) -> Message:
     return m.make("geometry_msgs/msg/PoseWithCovarianceStamped", m.header(row, "map"), in_plane)
 
 
-def _pressure(m: Makers, row: Row) -> Message:
+def _pressure(m: Makers, row: TableRow) -> RosMessage:
     """The pressure in sea water, by the density and the surface that a reader takes by default."""
     pressure_pa = SURFACE_PA + row["depth_m"] * WATER_PA_PER_M
     return m.make("sensor_msgs/msg/FluidPressure", m.header(row, "pressure_link"), pressure_pa, 0.0)
@@ -212,7 +212,7 @@ class Stamped(NamedTuple):
 
     received_ns: int
     sensor: str
-    message: Message
+    message: RosMessage
 
 
 def messages(log: Log, channels: Mapping[str, Channel], store: Typestore) -> list[Stamped]:
@@ -225,7 +225,7 @@ def messages(log: Log, channels: Mapping[str, Channel], store: Typestore) -> lis
     return sorted(made, key=lambda stamped: stamped.received_ns)
 
 
-def _rows(log: Log, sensors: Mapping[str, Channel]) -> Iterator[tuple[str, int, Row]]:
+def _rows(log: Log, sensors: Mapping[str, Channel]) -> Iterator[tuple[str, int, TableRow]]:
     for sensor in sensors:
         for row in log.tables[sensor].to_dict("records") if sensor in log.tables else ():
             stamp_ns, received_ns = nanoseconds(log, row["time_s"]), nanoseconds(log, row["received_s"])

@@ -11,15 +11,15 @@ from usbldr.filters.errors import UsageError
 from usbldr.io.log import COLUMNS, Log
 from usbldr.io.settings.configuration import own_configuration
 
-Form: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
-FORMS: Mapping[str, Form] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
+LogFormat: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
+FORMS: Mapping[str, LogFormat] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
 OTHER_FORMATS = (".csv", ".json", ".txt", ".zip")  # a folder would not be called so
-FOLDERS: tuple[Form, ...] = ("csv", "rosbag2")
+FOLDERS: tuple[LogFormat, ...] = ("csv", "rosbag2")
 OURS = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # in a folder; and *.db3
 WRITTEN_BY = "Written by: usbldr"  # how the configuration of every log that we write begins
 
 
-def form_of(out: Path, stated: str | None = None) -> Form:
+def log_format_of(out: Path, stated: str | None = None) -> LogFormat:
     """Return the form that the user states, else the one that the name means.
 
     NAME.mcap, NAME.bag and NAME.db3 are files, NAME_db3 is a rosbag2 folder, any other name a folder of CSV files.
@@ -35,12 +35,14 @@ def form_of(out: Path, stated: str | None = None) -> Form:
     return FORMS.get(out.suffix.lower(), "rosbag2" if out.name.endswith("_db3") else "csv")
 
 
-def configuration_place(out: Path, form: Form) -> Path:
+def configuration_place(out: Path, form: LogFormat) -> Path:
     """Return where the configuration of a written log stands."""
     return own_configuration(out, form in FOLDERS)
 
 
-def write_whole(out: Path, form: Form, configuration: str, make: Callable[[Path], None], force: bool) -> Path:
+def write_log_atomically(
+    out: Path, form: LogFormat, configuration: str, make: Callable[[Path], None], force: bool
+) -> Path:
     """Let ``make`` write the log to a path of the name of ``out``; return where its configuration stands.
 
     Everything is made in a hidden sibling and then renamed, so that an interrupted run leaves nothing under the name.
@@ -79,7 +81,7 @@ def write_whole(out: Path, form: Form, configuration: str, make: Callable[[Path]
     return place
 
 
-def write_records(log: Log, target: Path, form: Form, remarks: Mapping[str, str], exported: bool) -> None:
+def write_records(log: Log, target: Path, form: LogFormat, remarks: Mapping[str, str], exported: bool) -> None:
     """Write a log's tables to ``target``; ``exported``: with messages that carry every canonical value."""
     if form == "csv":
         from usbldr.io.writers.csv_writing import write_csv_folder
@@ -107,7 +109,7 @@ def write_records(log: Log, target: Path, form: Form, remarks: Mapping[str, str]
             os.replace(folder / f"{folder.name}.db3", target)
 
 
-def conventions_of(log: Log, form: Form, exported: bool) -> dict[str, dict[str, str]]:
+def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[str, str]]:
     """Return by section what a configuration has to say of the messages' conventions."""
     if form == "csv":
         return {}

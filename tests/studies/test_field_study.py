@@ -31,8 +31,8 @@ from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
-from usbldr_cli.runs.job_store import Outcome, Store, Trace
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.job_store import JobResult, JobStore, Trace
+from usbldr_cli.runs.seed_table import ComparisonRow
 from weaving import Faults
 from weaving import dive as weaving_dive
 
@@ -48,7 +48,7 @@ def line() -> Timeline:
     return replace(whole, fix_received_s=late, gps_time_s=whole.gps_time_s[10:], gps_m=whole.gps_m[10:])
 
 
-def invented(case: Case, way: Way, change: str, trace: Path) -> list[Row]:
+def invented(case: Case, way: Way, change: str, trace: Path) -> list[ComparisonRow]:
     """Return a row for each definition; each change costs a little more."""
     error = 0.5 + 0.001 * list(CHANGES).index(change)
     metrics = {"mean_abs_east_m": error / 2, "mean_abs_north_m": error / 2, "mean_horizontal_m": error}
@@ -57,18 +57,20 @@ def invented(case: Case, way: Way, change: str, trace: Path) -> list[Row]:
     metrics |= {f"verdict_{key}": float(key == "deviation") for key in CANDIDATES}
     metrics |= {f"narrowed_{key}": 0.5 for key in CANDIDATES} | {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001}
     seeds = tuple(range(min(case.dives, FEW_DIVES)))
-    outcomes = tuple(Outcome(metrics, trace=trace) for _ in seeds)
-    return [Row(name, way.label, way.method, seeds, outcomes, way.method in SAMPLED, True) for name in case.scored]
+    outcomes = tuple(JobResult(metrics, trace=trace) for _ in seeds)
+    return [
+        ComparisonRow(name, way.label, way.method, seeds, outcomes, way.method in SAMPLED, True) for name in case.scored
+    ]
 
 
-class Asked(dict[tuple[str, Way, str], Row]):
+class Asked(dict[tuple[str, Way, str], ComparisonRow]):
     """Rows that remember which of them were looked at."""
 
     def __init__(self, rows: Rows) -> None:
         super().__init__(rows)
         self.looked_at: set[tuple[str, Way, str]] = set()
 
-    def __getitem__(self, key: tuple[str, Way, str]) -> Row:
+    def __getitem__(self, key: tuple[str, Way, str]) -> ComparisonRow:
         self.looked_at.add(key)
         return super().__getitem__(key)
 
@@ -78,7 +80,7 @@ def rows(tmp_path: Path) -> Asked:
     trace = tmp_path / "trace.npz"
     cov = np.repeat(np.eye(2)[None], 5, axis=0)
     np.savez(trace, time_s=np.arange(5.0), estimate_m=np.ones((5, 2)), truth_m=np.zeros((5, 2)), cov_m2=cov)
-    found: dict[tuple[str, Way, str], Row] = {}
+    found: dict[tuple[str, Way, str], ComparisonRow] = {}
     for cell in plan(list(CASES.values())):
         for row in invented(CASES[cell.case], cell.way, cell.change, trace):
             found[row.log, cell.way, cell.change] = row
@@ -289,8 +291,8 @@ def test_rare_fixes_need_an_error_below_dr_an_honest_sigma_and_no_lock_out(
 ) -> None:
     case = CASES["uib_simulation"]
     metrics = {"mean_horizontal_m": error, "nees_mean": nees, "refused_at_the_end": refused}
-    one = Row(case.name, "adf", "adf", (0,), (Outcome(metrics),))
-    dr = Row(case.name, "dr", "dr", (0,), (Outcome({"mean_horizontal_m": 5.0}),))
+    one = ComparisonRow(case.name, "adf", "adf", (0,), (JobResult(metrics),))
+    dr = ComparisonRow(case.name, "dr", "dr", (0,), (JobResult({"mean_horizontal_m": 5.0}),))
     rows = {(case.name, Way("dr"), ""): dr}
     rows |= {(case.name, ONLINE, name): one for name in ("one fix in 10 s", "one fix in 60 s")}
 
@@ -306,7 +308,9 @@ def test_cpf_is_held_to_the_gated_ekf_and_to_adf(cpf: float, met: tuple[bool, bo
         replace(ONLINE, method="cpf"): cpf,
     }
     rows = {
-        (case.name, way, ""): Row(case.name, way.label, way.method, (0,), (Outcome({"mean_horizontal_m": error}),))
+        (case.name, way, ""): ComparisonRow(
+            case.name, way.label, way.method, (0,), (JobResult({"mean_horizontal_m": error}),)
+        )
         for way, error in errors.items()
     }
 
@@ -314,9 +318,9 @@ def test_cpf_is_held_to_the_gated_ekf_and_to_adf(cpf: float, met: tuple[bool, bo
 
 
 def test_a_run_that_failed_meets_no_goal() -> None:
-    failed = Row("paper", "adf", "adf", (0,), (Outcome(fault="no fix"),))
+    failed = ComparisonRow("paper", "adf", "adf", (0,), (JobResult(fault="no fix"),))
     rows = {("paper", BEST, name): failed for name in ("", "one fix in 10 s", "one fix in 60 s")}
-    rows[("paper", Way("dr"), "")] = Row("paper", "dr", "dr", (0,), (Outcome({"mean_horizontal_m": 5.0}),))
+    rows[("paper", Way("dr"), "")] = ComparisonRow("paper", "dr", "dr", (0,), (JobResult({"mean_horizontal_m": 5.0}),))
 
     assert not any(goal.met for goal in field_goals.thinned_goals(CASES["paper"], rows))
 
@@ -324,8 +328,8 @@ def test_a_run_that_failed_meets_no_goal() -> None:
 def test_nees_over_time_is_the_squared_error_in_sigmas(tmp_path: Path) -> None:
     cov = np.repeat(4.0 * np.eye(2)[None], 2, axis=0)
     trace = Trace(np.arange(2.0), np.array([[3.0, 0.0], [0.0, 4.0]]), np.zeros((2, 2)), cov)
-    kept = Store(tmp_path).write("0" * 32, Outcome(), trace)
-    rows = {("paper", BEST, ""): Row("paper", "adf", "adf", (0,), (kept,))}
+    kept = JobStore(tmp_path).write("0" * 32, JobResult(), trace)
+    rows = {("paper", BEST, ""): ComparisonRow("paper", "adf", "adf", (0,), (kept,))}
 
     found = nees_over_time(rows, "paper", BEST)
 
@@ -335,7 +339,8 @@ def test_nees_over_time_is_the_squared_error_in_sigmas(tmp_path: Path) -> None:
 
 def test_a_change_without_effect_is_a_dot_and_not_a_number() -> None:
     whole, less = (
-        Row("paper", "adf", "adf", (0,), (Outcome({"mean_horizontal_m": e}),), dives=True) for e in (0.3, 0.35)
+        ComparisonRow("paper", "adf", "adf", (0,), (JobResult({"mean_horizontal_m": e}),), dives=True)
+        for e in (0.3, 0.35)
     )
     rows = {("paper", BEST, ""): whole, ("paper", BEST, "x half"): whole, ("paper", BEST, "x twice"): less}
 

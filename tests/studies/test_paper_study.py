@@ -23,8 +23,8 @@ from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.compare import compare
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.job_store import Outcome, Store, Trace
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.job_store import JobResult, JobStore, Trace
+from usbldr_cli.runs.seed_table import ComparisonRow
 
 LIMIT, OF_PAPER, OF_RANGE = (
     Limits(np.arange(60.0), np.tile(filter_sd_m, (60, 1)), np.tile(smoother_sd_m, (60, 1)))
@@ -34,7 +34,7 @@ LIMIT, OF_PAPER, OF_RANGE = (
 TIMES_S = {Way("cpf"): 5.9, Way("adf"): 3.1}
 
 
-def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = None) -> Row:
+def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = None) -> ComparisonRow:
     """Return a row whose dives have these errors, the same east and north."""
     metrics = [
         {
@@ -47,8 +47,8 @@ def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = 
         }
         for value in values
     ]
-    outcomes = tuple(Outcome(one, trace=trace) for one in metrics)
-    return Row(log, way.label, way.method, tuple(range(len(values))), outcomes, way.method in SAMPLED, True)
+    outcomes = tuple(JobResult(one, trace=trace) for one in metrics)
+    return ComparisonRow(log, way.label, way.method, tuple(range(len(values))), outcomes, way.method in SAMPLED, True)
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def rows(sweeps: Path, tmp_path: Path) -> Rows:
     rng = np.random.default_rng(0)
     cov = np.repeat(0.04 * np.eye(2)[None], 60, axis=0)
     trace = Trace(np.arange(60.0), 0.2 * rng.standard_normal((60, 2)), np.zeros((60, 2)), cov)
-    kept = Store(tmp_path).write("0" * 32, Outcome(), trace).trace
+    kept = JobStore(tmp_path).write("0" * 32, JobResult(), trace).trace
     return {
         (log, way): row(way, rng.uniform(0.2, 0.4, count).tolist(), Path(log).stem, kept)
         for (log, way), count in plan(3, sweeps, unseen=True).items()
@@ -234,12 +234,12 @@ def test_limits_of_one_dive_are_its_bounds_at_the_epochs_of_the_errors() -> None
 def test_nees_over_time_is_the_mean_of_the_squared_errors_in_sigmas(tmp_path: Path) -> None:
     errors = np.array([[3.0, 0.0], [0.0, 4.0]])  # two epochs, sigmas 2 m: 9/4 and 16/4
     cov = np.repeat(4.0 * np.eye(2)[None], 2, axis=0)
-    store = Store(tmp_path)
+    store = JobStore(tmp_path)
     outcomes = tuple(
-        store.write(f"{k:032x}", Outcome(), Trace(np.arange(2.0), k * errors, np.zeros((2, 2)), cov)) for k in (0, 1)
+        store.write(f"{k:032x}", JobResult(), Trace(np.arange(2.0), k * errors, np.zeros((2, 2)), cov)) for k in (0, 1)
     )
 
-    time_s, value = paper_figures.nees_over_time(Row("paper", "adf", "adf", (0, 1), outcomes, dives=True), 2)
+    time_s, value = paper_figures.nees_over_time(ComparisonRow("paper", "adf", "adf", (0, 1), outcomes, dives=True), 2)
 
     assert time_s.tolist() == [0.0, 1.0]
     assert value.tolist() == pytest.approx([9 / 8, 16 / 8])

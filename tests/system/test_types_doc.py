@@ -7,7 +7,7 @@ import pytest
 
 from dives import T0, define, write_mcap
 from usbldr.io.messages import registry
-from usbldr.io.messages.layouts import Layout
+from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.read import read_log
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,7 +24,7 @@ define(
 def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = DOC[DOC.index("## A new type") : DOC.index("## A new sentence")]
     (shown,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    layout = eval(shown, {"Layout": Layout})
+    layout = eval(shown, {"Layout": MessageLayout})
     monkeypatch.setattr(registry, "LAYOUTS", {**registry.LAYOUTS, "dvl": (layout,)})
     values = {"header.stamp": T0, "speed.forward": 150.0, "speed.port": -20.0, "status": 1, "sigma": 2.0}
     rows = [(T0 + k, "/acme", "acme_msgs/msg/BottomLock", {**values, "status": 1 - k}) for k in range(2)]
@@ -51,7 +51,7 @@ def names(cell: str) -> set[str]:
 
 
 def test_every_type_that_the_page_names_is_known() -> None:
-    known = {layout.type for layouts in registry.LAYOUTS.values() for layout in layouts if not layout.refused}
+    known = {layout.type for layouts in registry.LAYOUTS.values() for layout in layouts if not layout.unsupported}
 
     named = set[str]().union(*map(names, cells("## What is read", 0)))
     assert named - {"compass_hdg", "rel_alt"} <= known
@@ -72,20 +72,20 @@ def test_each_type_is_found_the_way_that_the_page_says() -> None:
 
 def test_every_type_that_is_read_stands_on_the_page() -> None:
     ours = {*registry.LAYOUTS, "psonlld_ship", "ptsag_ship"}
-    read = {layout.type for layouts in registry.LAYOUTS.values() for layout in layouts if not layout.refused}
+    read = {layout.type for layouts in registry.LAYOUTS.values() for layout in layouts if not layout.unsupported}
 
     assert read - ours <= set[str]().union(*map(names, cells("## What is read", 0)))
 
 
 def test_every_refusal_stands_on_the_page_and_no_other() -> None:
-    layouts = [layout for layouts in registry.LAYOUTS.values() for layout in layouts if layout.refused]
-    starred = {layout.refused for layout in layouts if layout.recognised == "only when named"}
+    layouts = [layout for layouts in registry.LAYOUTS.values() for layout in layouts if layout.unsupported]
+    starred = {layout.unsupported for layout in layouts if layout.recognised == "only when named"}
     types, sentences = cells("## What is refused", 0)[1:], cells("## What is refused", 1)[1:]  # without the heading
 
-    assert set(sentences) == {layout.refused for layout in layouts}
+    assert set(sentences) == {layout.unsupported for layout in layouts}
     assert {why for kind, why in zip(types, sentences, strict=True) if kind.endswith("*")} == starred
     for layout in layouts:
-        assert layout.type in names(types[sentences.index(layout.refused)]), layout.type
+        assert layout.type in names(types[sentences.index(layout.unsupported)]), layout.type
 
 
 def test_every_file_that_the_page_names_is_there() -> None:

@@ -12,9 +12,9 @@ import pytest
 
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
-from usbldr.io.settings.regression_baseline import Metric, Row
+from usbldr.io.settings.regression_baseline import BaselineRow, Metric
 from usbldr_cli.check import _stated
-from usbldr_cli.tables.check_verdicts import Change, Checked, change, markdown, summary
+from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, markdown, summary
 
 LAWNMOWER = find_scenario("lawnmower")
 
@@ -101,25 +101,25 @@ def test_a_metric_beyond_its_limit_is_a_regression_unless_that_is_better(
 ) -> None:
     metric = Metric(value=10.0, abs=0.5, rel=0.05, direction=direction)  # pyright: ignore[reportArgumentType]
 
-    assert change("anything", metric, new).verdict == verdict
+    assert compare_metric("anything", metric, new).verdict == verdict
 
 
 def test_a_metric_without_a_stored_value_fails() -> None:
-    assert change("mean_abs_east_m", Metric(rel=0.1), 1.0).verdict == "NO VALUE"
+    assert compare_metric("mean_abs_east_m", Metric(rel=0.1), 1.0).verdict == "NO VALUE"
 
 
 def test_the_summary_counts_and_names_failures_and_stale_values() -> None:
-    row = Row("dive", "dive.mcap", "adf", 1, {}, {})
-    good = Change("a_m", 1.0, 1.0, 0.1, "lower", "ok")
+    row = BaselineRow("dive", "dive.mcap", "adf", 1, {}, {})
+    good = MetricChange("a_m", 1.0, 1.0, 0.1, "lower", "ok")
     better = dataclasses.replace(good, new=0.5, verdict="better: stale")
     worse = dataclasses.replace(good, new=2.0, verdict="REGRESSION")
 
     hint = "; 1 better than the baseline by more than the limit: renew it with --update"
-    assert summary([Checked(row, (good, better))]) == f"passed: 1 of 2 metrics in 1 rows within their limits{hint}"
-    assert summary([Checked(row, (good, worse))]) == "FAILED: dive: a_m REGRESSION"
-    assert summary([Checked(row, (), "no such log", 1)]) == "FAILED: dive: not run"
-    assert summary([Checked(row, (good,), lost=("cut",))]) == "FAILED: dive: log partly lost"
-    page = markdown("baseline.toml", [Checked(row, (good, worse))])
+    assert summary([CheckedRow(row, (good, better))]) == f"passed: 1 of 2 metrics in 1 rows within their limits{hint}"
+    assert summary([CheckedRow(row, (good, worse))]) == "FAILED: dive: a_m REGRESSION"
+    assert summary([CheckedRow(row, (), "no such log", 1)]) == "FAILED: dive: not run"
+    assert summary([CheckedRow(row, (good,), lost=("cut",))]) == "FAILED: dive: log partly lost"
+    page = markdown("baseline.toml", [CheckedRow(row, (good, worse))])
     assert "| dive | a_m | 1.00 | 2.00 | +1.00 | 0.10 | **REGRESSION** |" in page
 
 

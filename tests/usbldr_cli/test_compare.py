@@ -21,7 +21,7 @@ from usbldr_cli.compare import compare
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.replay import replay
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.jobs import Unit, fitted, run_units
+from usbldr_cli.runs.jobs import Job, relevant_choices, run_jobs
 
 PAPER = find_scenario("paper")
 
@@ -98,7 +98,7 @@ def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tm
 
 
 def test_the_kept_errors_are_those_of_the_metrics(dive: Path, tmp_path: Path) -> None:
-    (outcome,) = run_units([Unit(str(dive), "ckf", CHOICES)], 1, tmp_path)
+    (outcome,) = run_jobs([Job(str(dive), "ckf", CHOICES)], 1, tmp_path)
 
     assert outcome.trace is not None
     errors = read_trace(outcome.trace).error_m
@@ -106,9 +106,9 @@ def test_the_kept_errors_are_those_of_the_metrics(dive: Path, tmp_path: Path) ->
 
 
 def test_the_number_of_jobs_changes_no_bit(dive: Path) -> None:
-    units = [Unit(str(dive), m, dataclasses.replace(CHOICES, seed=k)) for m in ("pf", "cpf") for k in (0, 1)]
+    units = [Job(str(dive), m, dataclasses.replace(CHOICES, seed=k)) for m in ("pf", "cpf") for k in (0, 1)]
 
-    one, two = run_units(units, 1), run_units(units, 2)
+    one, two = run_jobs(units, 1), run_jobs(units, 2)
 
     def told(outcomes: list[Any]) -> list[dict[str, float]]:
         return without_time([dict(outcome.metrics) for outcome in outcomes])
@@ -118,10 +118,10 @@ def test_the_number_of_jobs_changes_no_bit(dive: Path) -> None:
 
 
 def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_path: Path) -> None:
-    units = [Unit("paper", "usbl", dataclasses.replace(CHOICES, seed=k)) for k in (0, 1, 0)]
-    missing = Unit(str(tmp_path / "nothing"), "usbl", CHOICES)
+    units = [Job("paper", "usbl", dataclasses.replace(CHOICES, seed=k)) for k in (0, 1, 0)]
+    missing = Job(str(tmp_path / "nothing"), "usbl", CHOICES)
 
-    first, second, again, lost = run_units([*units, missing], 1)
+    first, second, again, lost = run_jobs([*units, missing], 1)
 
     assert first.metrics == again.metrics
     assert first.metrics != second.metrics
@@ -133,9 +133,9 @@ def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_p
 def test_a_method_ignores_options_that_it_has_no_use_for() -> None:
     asked = dataclasses.replace(CHOICES, gate=0.99, form="gaussian", particles=500)
 
-    assert fitted("ekf", asked).gate == 0.99
-    assert (fitted("cpf", asked).gate, fitted("cpf", asked).form) == (None, "gaussian")
-    assert fitted("ekf", asked) == fitted("ekf", dataclasses.replace(asked, particles=9))
+    assert relevant_choices("ekf", asked).gate == 0.99
+    assert (relevant_choices("cpf", asked).gate, relevant_choices("cpf", asked).form) == (None, "gaussian")
+    assert relevant_choices("ekf", asked) == relevant_choices("ekf", dataclasses.replace(asked, particles=9))
 
 
 def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Path) -> None:
@@ -166,15 +166,15 @@ def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Pa
 def test_a_changed_log_is_run_anew(tmp_path: Path) -> None:
     dive = tmp_path / "dive"
     write_scenario(dataclasses.replace(PAPER, duration_s=20.0), 1, dive)
-    unit = Unit(str(dive), "ekf", CHOICES)
+    unit = Job(str(dive), "ekf", CHOICES)
     store = tmp_path / "units"
     store.mkdir()
 
-    first = run_units([unit], 1, store)[0]
-    kept = run_units([unit], 1, store)[0]
+    first = run_jobs([unit], 1, store)[0]
+    kept = run_jobs([unit], 1, store)[0]
     configuration = dive / "usbldr.toml"
     configuration.write_text(configuration.read_text().replace("sd_m = 1.0", "sd_m = 3.0"))
-    changed = run_units([unit], 1, store)[0]
+    changed = run_jobs([unit], 1, store)[0]
 
     assert (first.reused, kept.reused, changed.reused) == (False, True, False)
     assert kept.metrics == first.metrics

@@ -15,7 +15,7 @@ from usbldr.filters.replay.run import run
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
-from usbldr.io.writers.export import cut, export
+from usbldr.io.writers.export import cut_log, export
 from usbldr_cli.main import cli
 
 NAMES = ["out.mcap", "out.bag", "out.db3", "out_db3", "out"]
@@ -182,7 +182,7 @@ def test_gps_rows_that_are_no_truth_are_none_in_the_export(
         gps=f"time_ns,east_m,north_m,sd_m\n{rows}",
     )
     (folder / "usbldr.toml").write_text("[truth]\nskip_rows = 2\n", encoding="utf-8")
-    log = cut(read_log(folder), start_s, 9.0)
+    log = cut_log(read_log(folder), start_s, 9.0)
     assert log.truth is not None
 
     for name in NAMES:
@@ -198,7 +198,7 @@ def test_gps_rows_that_are_no_truth_are_none_in_the_export(
 def test_a_stretch_holds_what_was_valid_in_it(tmp_path: Path) -> None:
     log = read_log(write_mcap(tmp_path / "dive.mcap", short_dive()))
 
-    stretch = cut(log, 3.0, 6.0)
+    stretch = cut_log(log, 3.0, 6.0)
     export(stretch, tmp_path / "stretch.bag")
     back = read_log(tmp_path / "stretch.bag")
 
@@ -206,14 +206,14 @@ def test_a_stretch_holds_what_was_valid_in_it(tmp_path: Path) -> None:
     assert back.start_ns == T0 + 3 * 10**9
     assert list(back.tables["usbl"]["east_m"]) == [3, 4, 5, 6]
     with pytest.raises(LogError, match=r"no record lies between 50 and 60 s"):
-        cut(log, 50.0, 60.0)
+        cut_log(log, 50.0, 60.0)
 
 
 def test_a_known_start_is_forgotten_where_the_beginning_is_cut_off(tmp_path: Path) -> None:
     log = read_log(every_kind_of_record(tmp_path))
 
-    assert cut(log, -1.0, 9.0).assumptions.start == log.assumptions.start
-    assert cut(log, 0.1, 9.0).assumptions.start is None
+    assert cut_log(log, -1.0, 9.0).assumptions.start == log.assumptions.start
+    assert cut_log(log, 0.1, 9.0).assumptions.start is None
 
 
 @pytest.mark.parametrize("out", ["dive.mcap", "dive.bag"])

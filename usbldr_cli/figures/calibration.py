@@ -9,7 +9,16 @@ import numpy as np
 
 from usbldr.filters.models.calibration import Found, assumed_sd, found
 from usbldr.io.reports.report_json import Run
-from usbldr_cli.figures.style import TRUTH_COLOUR, Axes, Figure, canvas, colour, legend_below, shade_outages, time_axis
+from usbldr_cli.figures.style import (
+    TRUTH_COLOUR,
+    Axes,
+    Figure,
+    colour,
+    legend_below,
+    run_figure,
+    shade_outages,
+    time_axis,
+)
 
 SETTLING = 0.05  # share of the run in which a sigma may still be as wide as before, and sets no scale
 PRIOR_COLOUR = "#bbbbbb"
@@ -20,7 +29,7 @@ def calibration_figure(run: Run) -> Figure | None:
     errors = found(run.scored.trajectory)
     if not errors:
         return None
-    figure = canvas(run, "Errors of sensors", 11, 1.3 + 1.75 * len(errors))
+    figure = run_figure(run, "Errors of sensors", 11, 1.3 + 1.75 * len(errors))
     panels: Any = figure.subplots(len(errors), 1, sharex=True, squeeze=False)
     assumed = assumed_sd(run.log.assumptions.errors)
     for axes, error in zip(panels[:, 0], errors, strict=True):

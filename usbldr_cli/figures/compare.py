@@ -22,12 +22,12 @@ from usbldr_cli.figures.overlay import (
 )
 from usbldr_cli.figures.style import Figure, in_style, legend_below, save
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.seed_table import Row, grouped
+from usbldr_cli.runs.seed_table import ComparisonRow, grouped
 
 CROWDED = 20.0  # times: a wider range of errors is drawn on a logarithmic axis
 
 
-def write_figures(folder: Path, rows: Sequence[Row]) -> list[tuple[str, str]]:
+def write_figures(folder: Path, rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
     """Draw every picture of every log into the folder; return file names and captions."""
     groups = grouped(rows)
     written: list[tuple[str, str]] = []
@@ -52,7 +52,7 @@ def _save_whole(figure: Figure, path: Path) -> None:
         part.unlink(missing_ok=True)
 
 
-def cdf_figure(rows: Sequence[Row]) -> Figure | None:
+def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw which share of the errors of all runs is below a length."""
     pooled = {row.label: _pooled_errors(row) for row in rows}
     pooled = {label: errors for label, errors in pooled.items() if len(errors)}
@@ -80,7 +80,7 @@ def cdf_figure(rows: Sequence[Row]) -> Figure | None:
     return figure
 
 
-def filter_figure(rows: Sequence[Row]) -> Figure | None:
+def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw the mean error of each method: a dot for each run, the mean over runs with its standard error."""
     if not rows:
         return None
@@ -120,7 +120,7 @@ def filter_figure(rows: Sequence[Row]) -> Figure | None:
     return figure
 
 
-PICTURES: tuple[tuple[str, str, Callable[[Sequence[Row]], Figure | None]], ...] = (
+PICTURES: tuple[tuple[str, str, Callable[[Sequence[ComparisonRow]], Figure | None]], ...] = (
     ("by_filter", "Mean error of each filter, a dot for each run", filter_figure),
     ("errors", "East and north error over time", error_figure),
     ("track", "The tracks over the truth", track_figure),
@@ -128,10 +128,10 @@ PICTURES: tuple[tuple[str, str, Callable[[Sequence[Row]], Figure | None]], ...] 
 )
 
 
-def _pooled_errors(row: Row) -> Array:
+def _pooled_errors(row: ComparisonRow) -> Array:
     found = [read_trace(o.trace).error_m for o in row.good.values() if o.trace is not None]
     return np.vstack(found) if found else np.empty((0, 2))
 
 
-def _long(rows: Sequence[Row]) -> bool:
+def _long(rows: Sequence[ComparisonRow]) -> bool:
     return sum(len(row.label) for row in rows) > 30

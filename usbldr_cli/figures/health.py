@@ -15,15 +15,15 @@ from usbldr_cli.figures.style import (
     Axes,
     Figure,
     broken_at_gaps,
-    canvas,
     colour,
     legend_below,
+    run_figure,
     shade_outages,
     time_axis,
 )
 
 DENSE = 3000  # points: more of them are drawn smaller
-DOUBTED_COLOUR = "#333333"
+DOWN_WEIGHTED_COLOUR = "#333333"
 BINS = 60  # of the running mean of NIS over the whole run
 RESAMPLED_BELOW = 0.5  # of N: where the particle filters resample
 
@@ -62,7 +62,7 @@ def innovation_figure(run: Run) -> Figure | None:
     if not drawn:
         return None
     sensors = list(dict.fromkeys(channel.sensor for channel, _ in drawn))
-    figure = canvas(run, "Innovations and NIS", 13, 1.0 + 1.75 * len(drawn))
+    figure = run_figure(run, "Innovations and NIS", 13, 1.0 + 1.75 * len(drawn))
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
     rows: Any = left.subplots(len(drawn), 1, sharex=True, squeeze=False)
     for axes, (channel, series) in zip(rows[:, 0], drawn, strict=True):
@@ -104,7 +104,14 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     axes.fill_between(t, -2 * sd, 2 * sd, color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
     styles: dict[str, dict[str, Any]] = {
         "used": {"marker": "o", "ms": point, "mew": 0, "color": mine, "alpha": 0.6},
-        "down-weighted": {"marker": "o", "ms": point, "mfc": "none", "mec": DOUBTED_COLOUR, "mew": 0.6, "alpha": 0.8},
+        "down-weighted": {
+            "marker": "o",
+            "ms": point,
+            "mfc": "none",
+            "mec": DOWN_WEIGHTED_COLOUR,
+            "mew": 0.6,
+            "alpha": 0.8,
+        },
         "rejected": {"marker": "x", "ms": point + 1, "color": REJECTED_COLOUR, "mew": 0.7, "alpha": 0.7},
     }
     for fate, style in styles.items():
@@ -168,7 +175,7 @@ def particle_figure(run: Run) -> Figure | None:
     if trajectory.ess is None or trajectory.particles < 2:
         return None
     moved = trajectory.acceptance is not None and bool(np.isfinite(trajectory.acceptance).any())
-    figure = canvas(run, "Particles", 11, 5.6 if moved else 3.8)
+    figure = run_figure(run, "Particles", 11, 5.6 if moved else 3.8)
     panels: Any = figure.subplots(2 if moved else 1, 1, sharex=True, squeeze=False)
     mine, t = colour(run.filter), trajectory.time_s
     top: Axes = panels[0, 0]

@@ -14,11 +14,11 @@ from usbldr_cli.figures.style import (
     colour,
     legend_below,
     time_axis,
-    titled,
+    titled_figure,
     truth_text,
 )
 from usbldr_cli.runs.job_store import Trace, read_trace
-from usbldr_cli.runs.seed_table import Row
+from usbldr_cli.runs.seed_table import ComparisonRow
 
 AXES = ("east", "north")
 UNFILTERED = ("dr", "usbl", "nudge")  # what filters are held against: their errors do not set the scale
@@ -29,7 +29,7 @@ GAP_STEPS = 3.0  # times the usual step: a line is not drawn across more
 Traces = Mapping[str, Trace]  # by label
 
 
-def error_figure(rows: Sequence[Row]) -> Figure | None:
+def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw the errors of all methods over one dive, one panel per axis."""
     traces = _first_traces(rows)
     if not traces:
@@ -53,7 +53,7 @@ def error_figure(rows: Sequence[Row]) -> Figure | None:
     return figure
 
 
-def track_figure(rows: Sequence[Row]) -> Figure | None:
+def track_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw all tracks over the truth, and a close-up of where the best filter is worst."""
     traces = _first_traces(rows)
     if not traces:
@@ -65,7 +65,7 @@ def track_figure(rows: Sequence[Row]) -> Figure | None:
     leader = min(scaling, key=lambda label: float(np.mean(_lengths(scaling[label]))))
     errors_m = _lengths(traces[leader])
     worst = int(np.argmax(errors_m))
-    for axes, span_s in ((whole, None), (close, _around(traces[leader], worst, CLOSE_ERRORS * errors_m[worst]))):
+    for axes, span_s in ((whole, None), (close, _close_up_span(traces[leader], worst, CLOSE_ERRORS * errors_m[worst]))):
         for label, trace in traces.items():
             during = _during(trace.time_s, span_s)
             _draw_track(
@@ -88,17 +88,17 @@ def track_figure(rows: Sequence[Row]) -> Figure | None:
     return figure
 
 
-def overlay_canvas(rows: Sequence[Row], what: str, more: str, width_in: float, height_in: float) -> Figure:
+def overlay_canvas(rows: Sequence[ComparisonRow], what: str, more: str, width_in: float, height_in: float) -> Figure:
     """Return a figure whose title says what is drawn, of which log, against which truth."""
-    judged = rows[0].judged
+    judged = rows[0].scored_against
     parts = [more]
     if judged is not None:
         parts.append(truth_text(judged.truth_kind, judged.truth_source))
         parts.append("no alignment" if judged.align == "none" else f"alignment {judged.align}")
-    return titled(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
+    return titled_figure(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
 
 
-def _first_traces(rows: Sequence[Row]) -> dict[str, Trace]:
+def _first_traces(rows: Sequence[ComparisonRow]) -> dict[str, Trace]:
     """Return each method's errors over the first seed that all have, else over its own first."""
     seeds = [set(row.good) for row in rows if row.dives]
     common = min(_common(seeds), default=None) if seeds else None
@@ -111,7 +111,7 @@ def _first_traces(rows: Sequence[Row]) -> dict[str, Trace]:
     return found
 
 
-def _seed_text(rows: Sequence[Row]) -> str:
+def _seed_text(rows: Sequence[ComparisonRow]) -> str:
     """Say which run is drawn."""
     seeds = [set(row.good) for row in rows if len(row.seeds) > 1]
     if not seeds:
@@ -120,23 +120,23 @@ def _seed_text(rows: Sequence[Row]) -> str:
     return "the first run of each" if first is None else f"seed {first}"
 
 
-def scaling_traces(rows: Sequence[Row], traces: Traces) -> Traces:
+def scaling_traces(rows: Sequence[ComparisonRow], traces: Traces) -> Traces:
     """Return the traces that set the scale: those of filters, where there are any."""
     filters = {label: trace for label, trace in traces.items() if method_of(rows, label) not in UNFILTERED}
     return filters or traces
 
 
-def method_of(rows: Sequence[Row], label: str) -> str:
+def method_of(rows: Sequence[ComparisonRow], label: str) -> str:
     """Return the method of a row."""
     return next(row.method for row in rows if row.label == label)
 
 
-def colour_of(rows: Sequence[Row], label: str) -> str:
+def colour_of(rows: Sequence[ComparisonRow], label: str) -> str:
     """Return the colour of a row's method."""
     return colour(method_of(rows, label))
 
 
-def line_style(rows: Sequence[Row], label: str) -> dict[str, Any]:
+def line_style(rows: Sequence[ComparisonRow], label: str) -> dict[str, Any]:
     """Return colour, dashes that tell rows of one method apart, and a width by which coinciding lines still show.
 
     What filters are held against is thin and lies behind them.
@@ -151,7 +151,7 @@ def line_style(rows: Sequence[Row], label: str) -> dict[str, Any]:
     return {**style, "lw": float(width), "zorder": 3}
 
 
-def _draw_over_time(axes: Axes, rows: Sequence[Row], label: str, time_s: Vector, values: Array) -> None:
+def _draw_over_time(axes: Axes, rows: Sequence[ComparisonRow], label: str, time_s: Vector, values: Array) -> None:
     if method_of(rows, label) == "usbl":
         style = {"ls": "", "marker": ".", "ms": 3.5, "alpha": 0.3, "zorder": 1.5}
         axes.plot(time_s, values[:, 0], color=colour_of(rows, label), label=label, **style)
@@ -161,7 +161,7 @@ def _draw_over_time(axes: Axes, rows: Sequence[Row], label: str, time_s: Vector,
 
 
 def _draw_track(
-    axes: Axes, rows: Sequence[Row], label: str, time_s: Vector, position_m: Array, marker: str = ""
+    axes: Axes, rows: Sequence[ComparisonRow], label: str, time_s: Vector, position_m: Array, marker: str = ""
 ) -> None:
     """Draw one track; with a marker at each epoch, errors along the track show, too."""
     if method_of(rows, label) == "usbl":
@@ -172,11 +172,11 @@ def _draw_track(
     axes.plot(*line_m.T, label=label, marker=marker, ms=5, **line_style(rows, label))
 
 
-def _around(trace: Trace, middle: int, reach_m: float) -> tuple[float, float]:
+def _close_up_span(trace: Trace, middle: int, reach_m: float) -> tuple[float, float]:
     """Return the times between which the truth is no further from an epoch than ``reach_m`` along its way."""
-    way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(trace.truth_m, axis=0).T))])
-    near = np.flatnonzero(np.abs(way_m - way_m[middle]) <= reach_m)
-    first, last = max(min(near[0], middle - 1), 0), min(max(near[-1], middle + 1), len(way_m) - 1)
+    travelled_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(trace.truth_m, axis=0).T))])
+    near = np.flatnonzero(np.abs(travelled_m - travelled_m[middle]) <= reach_m)
+    first, last = max(min(near[0], middle - 1), 0), min(max(near[-1], middle + 1), len(travelled_m) - 1)
     return float(trace.time_s[first]), float(trace.time_s[last])
 
 

@@ -16,11 +16,11 @@ from usbldr_cli.figures.style import (
     Axes,
     Figure,
     broken_at_gaps,
-    canvas,
     colour,
     in_style,
     legend_below,
-    others,
+    other_tracks,
+    run_figure,
     save,
     shade_outages,
     time_axis,
@@ -60,9 +60,9 @@ def error_figure(run: Run) -> Figure | None:
     report = run.scored.report
     if report is None:
         return None
-    figure = canvas(run, "Errors", 11, 6.6)
+    figure = run_figure(run, "Errors", 11, 6.6)
     panels: Any = figure.subplots(2, 1, sharex=True)
-    raw = next((other.report for other in others(run) if other.trajectory.filter == "usbl"), None)
+    raw = next((other.report for other in other_tracks(run) if other.trajectory.filter == "usbl"), None)
     half = _half_height(report)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
@@ -132,16 +132,16 @@ def cdf_figure(run: Run) -> Figure | None:
     report = run.scored.report
     if report is None:
         return None
-    figure = canvas(run, "Distribution of errors", 11, 4.9)
+    figure = run_figure(run, "Distribution of errors", 11, 4.9)
     panels: Any = figure.subplots(1, 3, sharey=True)
-    rivals = [other.report for other in others(run) if other.report is not None]
+    references = [other.report for other in other_tracks(run) if other.report is not None]
     for k, (axes, name) in enumerate(zip(panels, ("|east|", "|north|", "horizontal"), strict=True)):
-        for other in (*rivals, report):
+        for other in (*references, report):
             width = 2.2 if other is report else 1.3
             length, share = _cdf(_lengths(other, k))
             axes.step(length, 100 * share, where="post", color=colour(other.filter), lw=width, label=other.filter)
         _mark_quantiles(axes, _lengths(report, k), colour(report.filter))
-        axes.set_xlim(0, max(_widest(report, rivals, k) for k in range(3)))
+        axes.set_xlim(0, max(_widest(report, references, k) for k in range(3)))
         axes.set_ylim(0, 101)
         axes.set_xlabel(f"{name} error [m]")
     panels[0].set_ylabel("share of errors below [%]")
@@ -166,8 +166,8 @@ def _mark_quantiles(axes: Axes, lengths: Vector, shade: str) -> None:
         axes.annotate(text, (x, percent), (6, -11), textcoords="offset points", size=9, color=shade, bbox=box)
 
 
-def _widest(report: ErrorReport, rivals: list[ErrorReport], k: int) -> float:
+def _widest(report: ErrorReport, references: list[ErrorReport], k: int) -> float:
     """Return the width that shows all of the method and what fits of the others."""
     own = float(_lengths(report, k).max())
-    theirs = [float(np.percentile(_lengths(other, k), 90)) for other in rivals]
+    theirs = [float(np.percentile(_lengths(other, k), 90)) for other in references]
     return max(1.15 * own, min(max(theirs, default=0.0), 4 * own)) or 1.0

@@ -16,7 +16,7 @@ from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
 
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.types import Array, Vector
-from usbldr.io.reports.report_json import Run, Scored
+from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
 
 Axes: TypeAlias = Any  # matplotlib's own types leave every keyword unknown, which strict checking refuses
@@ -78,12 +78,12 @@ def colour(method: str) -> str:
     return FILTER_COLOURS.get(method.removesuffix(" smoothed"), OTHER_COLOUR)
 
 
-def canvas(run: Run, what: str, width_in: float, height_in: float) -> Figure:
+def run_figure(run: Run, what: str, width_in: float, height_in: float) -> Figure:
     """Return a figure whose title says what is drawn, of which run, against which truth."""
-    return titled(f"{what}: {run.filter} on {run.log.path.name}", subtitle(run), width_in, height_in)
+    return titled_figure(f"{what}: {run.filter} on {run.log.path.name}", subtitle(run), width_in, height_in)
 
 
-def titled(title: str, told: str, width_in: float, height_in: float) -> Figure:
+def titled_figure(title: str, told: str, width_in: float, height_in: float) -> Figure:
     """Return a figure with a title and, under it, what has to stand beside every number."""
     lines = textwrap.wrap(told, int(width_in * LETTERS_AN_INCH))
     head_in = TITLE_IN + LINE_IN * len(lines)
@@ -133,9 +133,9 @@ def shade_outages(axes: Axes, run: Run) -> None:
         axes.axvspan(outage.start_s, outage.end_s, facecolor=shade, hatch=hatch, linewidth=0, zorder=0, label=label)
 
 
-def others(run: Run) -> list[Scored]:
+def other_tracks(run: Run) -> list[ScoredTrack]:
     """Return the baselines that are not the method itself."""
-    return [other for other in run.baselines if other.trajectory.filter != run.filter]
+    return [other for other in run.reference_tracks if other.trajectory.filter != run.filter]
 
 
 def time_axis(axes: Axes, *times_s: Vector) -> None:

@@ -15,10 +15,10 @@ from usbldr_cli.figures.style import (
     Axes,
     Figure,
     broken_at_gaps,
-    canvas,
     colour,
     legend_below,
-    others,
+    other_tracks,
+    run_figure,
 )
 
 CLOSE_S = 60.0  # before and after the largest error: a survey comes by the same place often
@@ -30,7 +30,7 @@ def track_figure(run: Run) -> Figure:
     """Draw the whole track, and beside it a close-up of the largest error."""
     report = run.scored.report
     closer = report is not None and run.filter != "usbl"  # the worst of the raw fixes would show nothing else
-    figure = canvas(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
+    figure = run_figure(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
     panels: Any = figure.subplots(1, 2 if closer else 1, squeeze=False)
     whole: Axes = panels[0, 0]
     aligned = report is not None and report.alignment.name != "none"
@@ -52,7 +52,7 @@ def track_figure(run: Run) -> Figure:
 
 def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -> None:
     """Draw what the method had to do better than: dead reckoning and the raw fixes."""
-    for other in others(run):
+    for other in other_tracks(run):
         if other.trajectory.filter == "dr":
             path = other.trajectory.position_m[_during(other.trajectory.time_s, span)]
             axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label="dr", zorder=1)

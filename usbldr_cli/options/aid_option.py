@@ -7,7 +7,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.windows import Span
 
 
-def windows(text: str) -> tuple[Span, ...]:
+def aid_windows(text: str) -> tuple[Span, ...]:
     """Return the windows in their order of time; raise UsageError for what is none."""
     sensor, at, said = text.partition("@")
     if sensor != "gps" or not at:

@@ -46,7 +46,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.argument("log", metavar="LOG")(selection_options(command))
 
 
-def request(
+def read_request(
     config: str | None = None,
     truth: str | None = None,
     joined: tuple[str, ...] = (),
@@ -68,7 +68,7 @@ def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str,
     """
     from usbldr.io.read import read_log
 
-    asked = request(**selection)
+    asked = read_request(**selection)
     if is_simulated(log):
         return _scenario(log, seed, any(selection.values())), None
     found = read_log(Path(log), asked)
@@ -86,10 +86,10 @@ def is_simulated(log: str) -> bool:
 
 def inputs(log: str, **selection: Any) -> tuple[Path, ...]:
     """Return what open_log reads, LOG first: nothing may be written there. A scenario that is shipped is no file."""
-    from usbldr.io.inputs import inputs
+    from usbldr.io.inputs import input_files
 
     if not is_simulated(log):
-        return inputs(Path(log), request(**selection))
+        return input_files(Path(log), read_request(**selection))
     return (Path(log),) if Path(log).exists() else ()
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.reports.run_directory import write_whole
+from usbldr.io.reports.run_directory import write_atomically
 
 
 def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made: Path | None = None) -> None:
@@ -13,9 +13,9 @@ def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made
 
     Nor may it lie in a folder that is read, unless it is a configuration. ``made`` is a folder that the run will make.
     """
-    from usbldr.io.inputs import conflict
+    from usbldr.io.inputs import output_conflict
 
-    what = conflict(file, read, inside=file.suffix != ".toml")
+    what = output_conflict(file, read, inside=file.suffix != ".toml")
     if os.path.isdir(file) or file == made:
         what = "is a folder"
     if what:
@@ -36,7 +36,7 @@ def write_file(option: str, file: Path, text: str) -> None:
         if _special(file):
             file.write_text(text, encoding="utf-8")
         else:
-            write_whole(file.resolve(), text.encode())  # a link stays one
+            write_atomically(file.resolve(), text.encode())  # a link stays one
     except OSError as err:
         why = err.strerror or err
         raise UsageError(f"{file}: cannot be written ({why}): choose another file for {option}") from err

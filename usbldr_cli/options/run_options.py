@@ -52,17 +52,17 @@ class RunChoices:
 
     def overrides(self) -> dict[str, object]:
         """Return the fields of Assumptions that the options state."""
-        from usbldr_cli.options.aid_option import windows
+        from usbldr_cli.options.aid_option import aid_windows
         from usbldr_cli.options.noise_option import noise_family
 
         stated: dict[str, object] = dict(noise_family(text) for text in self.noise)
         if self.aid is not None:
-            stated["aid"] = windows(self.aid)
+            stated["aid"] = aid_windows(self.aid)
         if self.calibrate is not None:
             stated["calibrate"] = _keys(self.calibrate)
         return stated
 
-    def applied(self, log: "Log", line: "Timeline", method: str) -> "Log":
+    def with_assumptions(self, log: "Log", dive_timeline: "Timeline", method: str) -> "Log":
         """Return the log with the assumptions that the user states, or that the log itself tells.
 
         Where nobody asked for the errors of sensors, a method that cannot carry one goes without.
@@ -72,16 +72,16 @@ class RunChoices:
         from usbldr.filters.models.calibration import AUTO
 
         assumptions = replace(log.assumptions, **self.overrides())
-        able = _carried(method, self.form)
+        able = _estimable_errors(method, self.form)
         if assumptions.calibrate == (AUTO,) and not able:
             assumptions = replace(assumptions, calibrate=())
         if assumptions.calibrate == (AUTO,):
-            assumptions = observe(line, assumptions)
+            assumptions = observe(dive_timeline, assumptions)
             if self.calibrate is None:
                 kept = tuple(key for key in assumptions.calibrate if key in able)
                 assumptions = replace(assumptions, calibrate=kept)
         if self.tune:
-            assumptions = tune(line, assumptions).assumptions
+            assumptions = tune(dive_timeline, assumptions).assumptions
         return replace(log, assumptions=assumptions)
 
     def window(self, log: "Log") -> "Window":
@@ -197,7 +197,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return packed
 
 
-def _carried(method: str, form: str) -> frozenset[str]:
+def _estimable_errors(method: str, form: str) -> frozenset[str]:
     """Return the errors of sensors that a method can estimate beside the track."""
     from usbldr.filters.models.calibration import STATES
     from usbldr.filters.replay.run import FILTERS

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.reports.run_directory import write_whole
-from usbldr_cli.runs.seed_table import Row, described, grouped, overall
+from usbldr.io.reports.run_directory import write_atomically
+from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_content
 
 UNITS, TABLES = "units", "compare.json"
 OWN = re.compile(r"compare\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter)[\w.-]*\.png|\..*\.part")
@@ -71,7 +71,7 @@ def _plain(request: Mapping[str, Any]) -> Any:
     return json.loads(json.dumps(request))
 
 
-def as_json(rows: Sequence[Row], request: Mapping[str, Any]) -> str:
+def as_json(rows: Sequence[ComparisonRow], request: Mapping[str, Any]) -> str:
     """Return compare.json."""
     content = {
         "schema": SCHEMA,
@@ -83,20 +83,20 @@ def as_json(rows: Sequence[Row], request: Mapping[str, Any]) -> str:
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
 
 
-def records(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
     """Return each row with every number; differences are to the first row of its log that has numbers."""
     found: list[dict[str, Any]] = []
     for group in grouped(rows).values():
         first = next((row for row in group if row.good), group[0])
-        found += [described(row, first) for row in group]
+        found += [row_content(row, first) for row in group]
     return found
 
 
-def write_tables(folder: Path, rows: Sequence[Row], request: Mapping[str, Any], markdown: str) -> None:
+def write_tables(folder: Path, rows: Sequence[ComparisonRow], request: Mapping[str, Any], markdown: str) -> None:
     """Write compare.csv, compare.md and, last, compare.json, each whole or not at all."""
     import pandas as pd
 
     table = pd.DataFrame(records(rows)).to_csv(index=False, lineterminator="\n")
-    write_whole(folder / "compare.csv", table.encode())
-    write_whole(folder / "compare.md", markdown.encode())
-    write_whole(folder / TABLES, (as_json(rows, request) + "\n").encode())
+    write_atomically(folder / "compare.csv", table.encode())
+    write_atomically(folder / "compare.md", markdown.encode())
+    write_atomically(folder / TABLES, (as_json(rows, request) + "\n").encode())

@@ -9,8 +9,8 @@ from typing import Any
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.reports.run_directory import REPORT
-from usbldr_cli.runs.job_store import Judged, Outcome
-from usbldr_cli.runs.seed_table import Row, grouped
+from usbldr_cli.runs.job_store import JobResult, ScoringContext
+from usbldr_cli.runs.seed_table import ComparisonRow, grouped
 
 
 def is_run(path: Path) -> bool:
@@ -18,11 +18,13 @@ def is_run(path: Path) -> bool:
     return (path / REPORT).is_file()
 
 
-def read_runs(folders: Sequence[Path]) -> list[Row]:
+def read_runs(folders: Sequence[Path]) -> list[ComparisonRow]:
     """Return a row for each run directory; raises LogError for one that is not whole, or that had no truth."""
     rows = [_row(folder) for folder in folders]
-    rows = [_told_apart(row, rows) for row in rows]
-    names = {row.log: {r.judged.log_sha256 for r in rows if r.judged and r.log == row.log} for row in rows}
+    rows = [_with_seed_label(row, rows) for row in rows]
+    names = {
+        row.log: {r.scored_against.log_sha256 for r in rows if r.scored_against and r.log == row.log} for row in rows
+    }
     for log, digests in names.items():
         if len(digests) > 1:
             raise UsageError(f"{log}: the runs read {len(digests)} different logs of that name: compare them apart")
@@ -34,7 +36,7 @@ def read_runs(folders: Sequence[Path]) -> list[Row]:
     return [row for group in grouped(labelled).values() for row in group]
 
 
-def _row(folder: Path) -> Row:
+def _row(folder: Path) -> ComparisonRow:
     from usbldr.filters.replay.run import SAMPLED
 
     file = folder / REPORT
@@ -44,7 +46,7 @@ def _row(folder: Path) -> Row:
         if metrics is None:
             raise LogError(f"{folder}: this run had no truth, so it has no errors to compare")
         log, truth, window = report["log"], report["truth"], report["window"]
-        judged = Judged(
+        judged = ScoringContext(
             log=log["name"],
             log_format=log["format"],
             log_sha256=log["sha256"],
@@ -60,16 +62,16 @@ def _row(folder: Path) -> Row:
         )
         numbers = {str(name): float(value) for name, value in metrics.items() if value is not None}
         trace = folder if (folder / "track.tum").is_file() and (folder / "truth.tum").is_file() else None
-        outcome = Outcome(numbers, tuple(report["warnings"]), judged=judged, trace=trace)
+        outcome = JobResult(numbers, tuple(report["warnings"]), scored_against=judged, trace=trace)
         method = str(report["filter"])
-        return Row(judged.log, method, method, (int(report["seed"]),), (outcome,), method in SAMPLED)
+        return ComparisonRow(judged.log, method, method, (int(report["seed"]),), (outcome,), method in SAMPLED)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
         raise LogError(f"{file}: is not a report of usbldr replay, or not a whole one ({err!r})") from err
 
 
-def _told_apart(row: Row, rows: Sequence[Row]) -> Row:
+def _with_seed_label(row: ComparisonRow, rows: Sequence[ComparisonRow]) -> ComparisonRow:
     """Name the dive of a simulated log by its seed where several dives of one scenario are compared."""
-    alike = [r for r in rows if r.log == row.log and r.judged and r.judged.log_format == "simulated"]
-    if len({r.judged.log_sha256 for r in alike if r.judged}) < 2 or row not in alike:
+    alike = [r for r in rows if r.log == row.log and r.scored_against and r.scored_against.log_format == "simulated"]
+    if len({r.scored_against.log_sha256 for r in alike if r.scored_against}) < 2 or row not in alike:
         return row
     return replace(row, log=f"{row.log} (seed {row.seeds[0]})")

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from usbldr.io.reports.run_directory import write_whole
+from usbldr.io.reports.run_directory import write_atomically
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.evaluation import Window
@@ -21,7 +21,7 @@ SCHEMA = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class ScoringContext:
     """What stands beside every number: the log, and what it was measured against."""
 
     log: str
@@ -47,14 +47,14 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class JobResult:
     """What came of one unit: its metrics, or the one sentence that says why there are none."""
 
     metrics: Mapping[str, float] = field(default_factory=dict[str, float])  # by their names in report.json; finite
     warnings: tuple[str, ...] = ()
     fault: str | None = None
     exit_code: int = 0  # that the fault asks for
-    judged: Judged | None = None  # None where there is a fault
+    scored_against: ScoringContext | None = None  # None where there is a fault
     trace: Path | None = None  # what read_trace opens
     reused: bool = False  # taken from the store
 
@@ -74,12 +74,12 @@ class Trace(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Store:
+class JobStore:
     """A folder of finished units by their keys. A unit is there when its JSON is, which is written last."""
 
     folder: Path
 
-    def read(self, key: str) -> Outcome | None:
+    def read(self, key: str) -> JobResult | None:
         """Return a kept outcome, None where there is none that can be read."""
         try:
             told: Any = json.loads(self._json(key).read_text(encoding="utf-8"))
@@ -88,23 +88,25 @@ class Store:
             beside: dict[str, Any] = told["judged"]
             beside["lost"] = tuple(beside["lost"])
             beside["aid"] = tuple((start_s, end_s) for start_s, end_s in beside["aid"])
-            judged = Judged(**beside)
-            return Outcome(told["metrics"], tuple(told["warnings"]), judged=judged, trace=self._trace(key), reused=True)
+            judged = ScoringContext(**beside)
+            return JobResult(
+                told["metrics"], tuple(told["warnings"]), scored_against=judged, trace=self._trace(key), reused=True
+            )
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
-    def write(self, key: str, outcome: Outcome, trace: Trace | None) -> Outcome:
+    def write(self, key: str, outcome: JobResult, trace: Trace | None) -> JobResult:
         """Keep an outcome and its trace; return the outcome as it would be read but for ``reused``."""
         import numpy as np
 
         if trace is not None:
             packed = io.BytesIO()
             np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
-            write_whole(self._trace(key), packed.getvalue())
+            write_atomically(self._trace(key), packed.getvalue())
         kept = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
-        judged = asdict(outcome.judged) if outcome.judged is not None else None
+        judged = asdict(outcome.scored_against) if outcome.scored_against is not None else None
         text = json.dumps({**kept, "judged": judged}, indent=1, allow_nan=False, ensure_ascii=False)
-        write_whole(self._json(key), (text + "\n").encode())
+        write_atomically(self._json(key), (text + "\n").encode())
         return replace(outcome, trace=self._trace(key) if trace is not None else None)
 
     def _json(self, key: str) -> Path:

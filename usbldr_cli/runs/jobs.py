@@ -27,7 +27,7 @@ import click
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr_cli.options.log_options import is_simulated
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.job_store import Judged, Outcome, Store, Trace
+from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 
 if TYPE_CHECKING:
     from usbldr.filters.types import Timeline
@@ -37,7 +37,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class Job:
     """One run. Of a scenario, the seed in ``choices`` is the dive's and the filter's; of a file the filter's alone."""
 
     log: str  # as the user gave it: a file, a folder, or else a scenario
@@ -51,15 +51,15 @@ class Unit:
         return is_simulated(self.log)
 
 
-class _Done(NamedTuple):
+class _FinishedJob(NamedTuple):
     """What comes back from a worker; ``key`` is None where nothing is to be kept."""
 
-    outcome: Outcome
+    outcome: JobResult
     trace: Trace | None
     key: str | None
 
 
-def fitted(method: str, choices: RunChoices) -> RunChoices:
+def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
     from usbldr.filters.replay.run import FILTERS, FORMED, GATED, GUARDED, SAMPLED, SMOOTHED_BY
 
@@ -75,15 +75,15 @@ def fitted(method: str, choices: RunChoices) -> RunChoices:
     )
 
 
-def run_units(units: Sequence[Unit], jobs: int, store: Path | None = None) -> list[Outcome]:
+def run_jobs(units: Sequence[Job], jobs: int, store: Path | None = None) -> list[JobResult]:
     """Run the units, ``jobs`` at a time, and return their outcomes in the same order.
 
     A fault of a unit is a sentence in its outcome and stops no other. With a ``store``, an existing folder, each
     finished unit is written there and later taken from there; an interruption leaves the finished ones. Raises
     UsbldrError where a process was killed from outside.
     """
-    kept = Store(store) if store is not None else None
-    outcomes: dict[int, Outcome] = {}
+    kept = JobStore(store) if store is not None else None
+    outcomes: dict[int, JobResult] = {}
     with _workers(min(jobs, len(units))) as submit, _bar(len(units)) as advance:
         waiting = {submit(unit, kept): k for k, unit in enumerate(units)}
         for future in as_completed(waiting):
@@ -95,7 +95,7 @@ def run_units(units: Sequence[Unit], jobs: int, store: Path | None = None) -> li
     return [outcomes[k] for k in range(len(units))]
 
 
-def _result(future: "Future[_Done]") -> _Done:
+def _result(future: "Future[_FinishedJob]") -> _FinishedJob:
     try:
         return future.result()
     except BrokenProcessPool as err:
@@ -106,7 +106,7 @@ def _result(future: "Future[_Done]") -> _Done:
 
 
 @contextmanager
-def _workers(jobs: int) -> "Generator[Callable[[Unit, Store | None], Future[_Done]]]":
+def _workers(jobs: int) -> "Generator[Callable[[Job, JobStore | None], Future[_FinishedJob]]]":
     """Give a function that submits to a pool; an interruption ends the pool's processes and waits for none."""
     if jobs < 1:
         yield lambda unit, kept: Future()
@@ -114,7 +114,7 @@ def _workers(jobs: int) -> "Generator[Callable[[Unit, Store | None], Future[_Don
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read when a spawned process loads its BLAS
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _settle)
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _init_worker)
     try:
         yield functools.partial(pool.submit, _run)
     except BaseException:  # an interruption, too
@@ -130,7 +130,7 @@ def _workers(jobs: int) -> "Generator[Callable[[Unit, Store | None], Future[_Don
                 os.environ[name] = value
 
 
-def _settle() -> None:
+def _init_worker() -> None:
     """Leave Ctrl-C to the parent, and end when the parent ends, however it did."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
@@ -147,25 +147,25 @@ def _bar(total: int) -> Generator[Callable[[], None]]:
         yield lambda: bar.update(1)
 
 
-def _run(unit: Unit, kept: Store | None) -> _Done:
+def _run(unit: Job, kept: JobStore | None) -> _FinishedJob:
     """Run one unit, or take it from those that are kept."""
     selection = tuple(sorted(unit.selection.items()))
-    choices = fitted(unit.method, unit.choices)
+    choices = relevant_choices(unit.method, unit.choices)
     try:
         source = _read(unit.log, selection, choices.seed if unit.simulated else 0, choices.fast_hz, choices.slow_hz)
         key = _key(source, unit.method, choices)
         if kept is not None and (outcome := kept.read(key)) is not None:
-            return _Done(outcome, None, None)
-        return _Done(*_judge(source, unit.method, choices), key)
+            return _FinishedJob(outcome, None, None)
+        return _FinishedJob(*_score_job(source, unit.method, choices), key)
     except UsbldrError as fault:
-        return _Done(Outcome(fault=str(fault), exit_code=fault.exit_code), None, None)
+        return _FinishedJob(JobResult(fault=str(fault), exit_code=fault.exit_code), None, None)
 
 
 class _Source(NamedTuple):
     """A log as the filters see it."""
 
     log: "Log"
-    line: "Timeline"
+    dive_timeline: "Timeline"
     digest: str
 
 
@@ -176,22 +176,22 @@ def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: 
     from usbldr_cli.options.log_options import open_log
 
     found, _ = open_log(log, seed, **dict(selection))
-    line = timeline(found, fast_hz, slow_hz)
-    return _Source(found, line, _digest(found, line))
+    dive_timeline = timeline(found, fast_hz, slow_hz)
+    return _Source(found, dive_timeline, _digest(found, dive_timeline))
 
 
-def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, Trace]:
+def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:
     from usbldr.io.read import require
-    from usbldr_cli.runs.score_run import needed, score
+    from usbldr_cli.runs.score_run import required_sensors, score
 
-    require(source.log, needed(method))
-    log, line = choices.applied(source.log, source.line, method), source.line
+    require(source.log, required_sensors(method))
+    log, dive_timeline = choices.with_assumptions(source.log, source.dive_timeline, method), source.dive_timeline
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
-    anchor = choices.anchor(log, line) if method == "dr" else None
-    trajectory, report = score(method, log, line, choices, anchor, shown=False)
+    anchor = choices.anchor(log, dive_timeline) if method == "dr" else None
+    trajectory, report = score(method, log, dive_timeline, choices, anchor, shown=False)
     assert report is not None  # there is a truth
-    judged = Judged(
+    judged = ScoringContext(
         log=log.path.name,
         log_format=log.format,
         log_sha256=log.sha256,
@@ -207,7 +207,7 @@ def _judge(source: _Source, method: str, choices: RunChoices) -> tuple[Outcome, 
     )
     metrics = {name: value for name, value in report.metrics.items() if math.isfinite(value)}
     trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
-    return Outcome(metrics, (*trajectory.warnings, *report.warnings), judged=judged), trace
+    return JobResult(metrics, (*trajectory.warnings, *report.warnings), scored_against=judged), trace
 
 
 def _key(source: _Source, method: str, choices: RunChoices) -> str:
@@ -219,10 +219,10 @@ def _key(source: _Source, method: str, choices: RunChoices) -> str:
     return hashlib.sha256(said.encode()).hexdigest()[:32]
 
 
-def _digest(log: "Log", line: "Timeline") -> str:
+def _digest(log: "Log", dive_timeline: "Timeline") -> str:
     """Return the digest of what a filter and its judge are given, and of the file that it comes from."""
     digest = hashlib.sha256(repr((log.sha256, log.origin, log.assumptions)).encode())
-    for part in (line, log.truth):
+    for part in (dive_timeline, log.truth):
         for name, value in [] if part is None else [(f.name, getattr(part, f.name)) for f in fields(part)]:
             digest.update(name.encode())
             digest.update(value.tobytes() if hasattr(value, "tobytes") else repr(value).encode())

@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from usbldr.filters.replay.methods import Anchor
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
-    from usbldr.io.reports.report_json import Scored
+    from usbldr.io.reports.report_json import ScoredTrack
 
 
-def needed(method: str) -> tuple[str, ...]:
+def required_sensors(method: str) -> tuple[str, ...]:
     """Return the sensors that a method cannot do without."""
     return ("dvl", "compass", "usbl") if method in ("usbl", "nudge") else ("dvl", "compass")
 
 
 def score(
-    method: str, log: "Log", line: "Timeline", choices: RunChoices, anchor: "Anchor | None", shown: bool = True
-) -> "Scored":
+    method: str, log: "Log", dive_timeline: "Timeline", choices: RunChoices, anchor: "Anchor | None", shown: bool = True
+) -> "ScoredTrack":
     """Make a track and take its errors: raw fixes at their own stamps, all others on the slow grid.
 
     ``shown``: with a progress bar while stderr is a terminal.
@@ -34,18 +34,22 @@ def score(
     from usbldr.filters.replay.position_fixes import require_gps
     from usbldr.filters.replay.prior import NO_START, starting_fixes
     from usbldr.filters.replay.run import FILTERS
-    from usbldr.io.reports.report_json import Scored
+    from usbldr.io.reports.report_json import ScoredTrack
 
     aid = log.assumptions.aid
-    require_gps(line, aid, str(log.path))
-    if method in FILTERS and log.assumptions.start is None and not len(starting_fixes(line, log.assumptions)[0]):
+    require_gps(dive_timeline, aid, str(log.path))
+    if (
+        method in FILTERS
+        and log.assumptions.start is None
+        and not len(starting_fixes(dive_timeline, log.assumptions)[0])
+    ):
         raise LogError(f"{log.path}: {NO_START}")
-    with _bar(method, len(line.time_s), shown) as progress:
-        trajectory = track(method, line, log.assumptions, choices.settings, anchor, progress)
+    with _bar(method, len(dive_timeline.time_s), shown) as progress:
+        trajectory = track(method, dive_timeline, log.assumptions, choices.settings, anchor, progress)
     if log.truth is None:
-        return Scored(trajectory, None)
-    at = None if method == "usbl" else line.time_s[line.slow]
-    return Scored(trajectory, evaluate(trajectory, log.truth, choices.window(log), choices.align, at, aid))
+        return ScoredTrack(trajectory, None)
+    at = None if method == "usbl" else dive_timeline.time_s[dive_timeline.slow]
+    return ScoredTrack(trajectory, evaluate(trajectory, log.truth, choices.window(log), choices.align, at, aid))
 
 
 @contextmanager

@@ -19,26 +19,26 @@ from usbldr.filters.evaluation.seed_statistics import (
     pooled_nees,
 )
 from usbldr.filters.windows import windows_text
-from usbldr_cli.runs.job_store import Judged, Outcome
+from usbldr_cli.runs.job_store import JobResult, ScoringContext
 
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
 """The metrics whose difference to the first row is told."""
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ComparisonRow:
     """One method on one log, a run for each seed."""
 
     log: str
     label: str  # the method, with more where two rows would be called alike
     method: str
     seeds: tuple[int, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[JobResult, ...]
     sampled: bool = False  # the method draws
     dives: bool = False  # each seed is a dive of its own
 
     @property
-    def good(self) -> dict[int, Outcome]:
+    def good(self) -> dict[int, JobResult]:
         """The outcomes that have numbers, by seed."""
         pairs = zip(self.seeds, self.outcomes, strict=True)
         return {seed: outcome for seed, outcome in pairs if outcome.fault is None}
@@ -49,9 +49,9 @@ class Row:
         return next((outcome.fault for outcome in self.outcomes if outcome.fault is not None), None)
 
     @property
-    def judged(self) -> Judged | None:
+    def scored_against(self) -> ScoringContext | None:
         """What the runs were measured against."""
-        return next((outcome.judged for outcome in self.good.values()), None)
+        return next((outcome.scored_against for outcome in self.good.values()), None)
 
     def values(self, metric: str) -> dict[int, float]:
         """Return a metric by seed, without the runs to which it does not apply."""
@@ -63,7 +63,7 @@ class Row:
         return average(values).mean if values else None
 
 
-def difference(row: Row, other: Row, metric: str = "mean_horizontal_m") -> Difference | None:
+def difference(row: ComparisonRow, other: ComparisonRow, metric: str = "mean_horizontal_m") -> Difference | None:
     """Return row minus other over the seeds that both have; None where there are none.
 
     A method without chance ran once on a file: that one run stands for every seed.
@@ -84,7 +84,7 @@ def _for_all(values: dict[int, float], sampled: bool, seeds: list[int]) -> dict[
     return dict.fromkeys(seeds, next(iter(values.values())))
 
 
-def numbers(row: Row) -> dict[str, float | None]:
+def row_metrics(row: ComparisonRow) -> dict[str, float | None]:
     """Return every metric of a row over its seeds; null where it does not apply."""
     names = dict.fromkeys((*METRICS, *(name for o in row.good.values() for name in o.metrics)))
     found: dict[str, float | None] = {}
@@ -104,15 +104,15 @@ def numbers(row: Row) -> dict[str, float | None]:
     return found
 
 
-def trust(row: Row) -> str:
+def consistency_text(row: ComparisonRow) -> str:
     """Say in words whether the row's sigmas are to be believed."""
-    return consistency_verdict({name: value for name, value in numbers(row).items() if value is not None})
+    return consistency_verdict({name: value for name, value in row_metrics(row).items() if value is not None})
 
 
-def described(row: Row, first: Row) -> dict[str, Any]:
+def row_content(row: ComparisonRow, first: ComparisonRow) -> dict[str, Any]:
     """Return a row as compare.json and compare.csv tell it."""
     told: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}
-    told |= numbers(row) | {"consistency": trust(row) or None}
+    told |= row_metrics(row) | {"consistency": consistency_text(row) or None}
     if row is first:
         return told
     told["difference_to"] = first.label
@@ -124,18 +124,18 @@ def described(row: Row, first: Row) -> dict[str, Any]:
     return told
 
 
-def grouped(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def grouped(rows: Sequence[ComparisonRow]) -> dict[str, list[ComparisonRow]]:
     """Return the rows of each log."""
-    groups: dict[str, list[Row]] = {}
+    groups: dict[str, list[ComparisonRow]] = {}
     for row in rows:
         groups.setdefault(row.log, []).append(row)
     return groups
 
 
-def refuse_unlike(rows: Sequence[Row]) -> None:
+def require_comparable(rows: Sequence[ComparisonRow]) -> None:
     """Raise UsageError where rows of one log were measured against different things."""
     for log, group in grouped(rows).items():
-        told = [(row.label, *_measure(row.judged)) for row in group if row.judged is not None]
+        told = [(row.label, *_measure(row.scored_against)) for row in group if row.scored_against is not None]
         for label, *measure in told[1:]:
             for what, one, other in zip(("truth", "window", "alignment", "aid"), told[0][1:], measure, strict=True):
                 if one != other:
@@ -145,7 +145,7 @@ def refuse_unlike(rows: Sequence[Row]) -> None:
                     )
 
 
-def _measure(judged: Judged) -> tuple[str, str, str, str]:
+def _measure(judged: ScoringContext) -> tuple[str, str, str, str]:
     start = "start" if judged.window_start_s is None else f"{judged.window_start_s:g} s"
     end = "end" if judged.window_end_s is None else f"{judged.window_end_s:g} s"
     return (
@@ -156,7 +156,7 @@ def _measure(judged: Judged) -> tuple[str, str, str, str]:
     )
 
 
-def verdict(rows: Sequence[Row]) -> str:
+def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
     """Say which row of a log is best, and how much better than each of the others."""
     ranked = sorted((row for row in rows if row.good), key=lambda row: row.mean("mean_horizontal_m") or 0.0)
     if not ranked:
@@ -184,11 +184,11 @@ def _listed(labels: Sequence[str]) -> str:
     return labels[0] if len(labels) == 1 else f"{', '.join(labels[:-1])} and {labels[-1]}"
 
 
-def overall(rows: Sequence[Row]) -> str:
+def overall(rows: Sequence[ComparisonRow]) -> str:
     """Return the sentence that everything ends in: the verdict of one log, or how often each method was best."""
     groups = grouped(rows)
     if len(groups) == 1:
-        return verdict(rows)
+        return best_method_sentence(rows)
     best: dict[str, list[str]] = {}
     for log, group in groups.items():
         ranked = [row for row in group if row.good]

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from usbldr.io.reports.report_text import Table
-from usbldr.io.settings.regression_baseline import Direction, Metric, Row, usual_direction
+from usbldr.io.settings.regression_baseline import BaselineRow, Direction, Metric, usual_direction
 
 OK, REGRESSION, STALE, MISSING, UNKNOWN = "ok", "REGRESSION", "better: stale", "MISSING", "NO VALUE"
 FAILURES = (REGRESSION, MISSING, UNKNOWN)
@@ -13,7 +13,7 @@ HEADS = ("old", "new", "change", "limit", "verdict")
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class MetricChange:
     """One metric of one row."""
 
     metric: str
@@ -25,11 +25,11 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckedRow:
     """One row: what changed, or the sentence that says why it could not be run."""
 
-    row: Row
-    changes: tuple[Change, ...]
+    row: BaselineRow
+    changes: tuple[MetricChange, ...]
     fault: str | None = None
     exit_code: int = 0  # that the fault asks for
     lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
@@ -40,7 +40,7 @@ class Checked:
         return self.fault is None and not self.lost and all(change.verdict not in FAILURES for change in self.changes)
 
 
-def change(name: str, metric: Metric, new: float | None) -> Change:
+def compare_metric(name: str, metric: Metric, new: float | None) -> MetricChange:
     """Judge one metric: beyond its limit it is a regression, unless that is the better direction."""
     direction = metric.direction or usual_direction(name)
     verdict = OK
@@ -51,10 +51,10 @@ def change(name: str, metric: Metric, new: float | None) -> Change:
     elif abs(new - metric.value) > metric.limit:
         better = {"lower": new < metric.value, "higher": new > metric.value, "both": False}[direction]
         verdict = STALE if better else REGRESSION
-    return Change(name, metric.value, new, metric.limit, direction, verdict)
+    return MetricChange(name, metric.value, new, metric.limit, direction, verdict)
 
 
-def table(checked: Sequence[Checked]) -> Table:
+def table(checked: Sequence[CheckedRow]) -> Table:
     """Return every metric under the name of its row."""
     rows: list[tuple[str, ...]] = []
     for one in checked:
@@ -63,7 +63,7 @@ def table(checked: Sequence[Checked]) -> Table:
     return Table("row, metric", HEADS, tuple(rows))
 
 
-def _cells(c: Change) -> tuple[str, ...]:
+def _cells(c: MetricChange) -> tuple[str, ...]:
     digits = _digits(c.limit)
     old, new = ("none" if value is None else _number(value, digits) for value in (c.old, c.new))
     moved = "" if c.old is None or c.new is None else _number(c.new - c.old, digits, "+z")
@@ -79,13 +79,13 @@ def _digits(limit: float) -> int | None:
     return next((digits for digits in range(2, 9) if limit >= 10.0 ** (1 - digits)), None)
 
 
-def notes(checked: Sequence[Checked]) -> list[tuple[str, str]]:
+def notes(checked: Sequence[CheckedRow]) -> list[tuple[str, str]]:
     """Return why rows could not be run, and what of their logs could not be read."""
     told = [(one.row.name, f"not run: {one.fault}") for one in checked if one.fault is not None]
     return told + [(one.row.name, text) for one in checked for text in one.lost]
 
 
-def summary(checked: Sequence[Checked]) -> str:
+def summary(checked: Sequence[CheckedRow]) -> str:
     """Return the sentence that everything ends in."""
     every = [c for one in checked for c in one.changes]
     failed = [
@@ -102,7 +102,7 @@ def summary(checked: Sequence[Checked]) -> str:
     return f"passed: {good} of {len(every)} metrics in {len(checked)} rows within their limits{hint}"
 
 
-def as_json(baseline: str, checked: Sequence[Checked], exit_code: int) -> dict[str, Any]:
+def as_json(baseline: str, checked: Sequence[CheckedRow], exit_code: int) -> dict[str, Any]:
     """Return the result for machines."""
     return {
         "baseline": baseline,
@@ -124,7 +124,7 @@ def as_json(baseline: str, checked: Sequence[Checked], exit_code: int) -> dict[s
     }
 
 
-def markdown(baseline: str, checked: Sequence[Checked]) -> str:
+def markdown(baseline: str, checked: Sequence[CheckedRow]) -> str:
     """Return the result as a page: the verdict, then failures alone, then everything."""
     parts = [f"# usbldr check {baseline}", f"**{summary(checked)}.**"]
     parts += [f"* **{name}**: {text}" for name, text in notes(checked)]

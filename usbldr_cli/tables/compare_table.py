@@ -6,7 +6,15 @@ from collections.abc import Sequence
 
 from usbldr.filters.evaluation.evaluation import Window
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
-from usbldr_cli.runs.seed_table import Row, difference, grouped, numbers, overall, trust, verdict
+from usbldr_cli.runs.seed_table import (
+    ComparisonRow,
+    best_method_sentence,
+    consistency_text,
+    difference,
+    grouped,
+    overall,
+    row_metrics,
+)
 from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
 
 HUGE = 1e5  # a number that only says that something is very wrong
@@ -16,7 +24,7 @@ LEGEND = (
 )
 
 
-def error_table(rows: Sequence[Row]) -> Table:
+def error_table(rows: Sequence[ComparisonRow]) -> Table:
     """Return the errors of a log's rows, each with its difference to the first."""
     first = rows[0]
     heads = ("|east|", "|north|", "horizontal", "CEP95", f"against {first.label}")
@@ -33,14 +41,14 @@ def error_table(rows: Sequence[Row]) -> Table:
     return Table("mean error, m", heads, body)
 
 
-def health_table(rows: Sequence[Row]) -> Table:
+def health_table(rows: Sequence[ComparisonRow]) -> Table:
     """Return runs, medians, divergence, consistency and cost of a log's rows; what applies to none is left out."""
     heads = ("runs", "median horiz.", "diverged", "ESS", "NEES", "sigmas", "time")
     body: list[tuple[str, ...]] = []
     for row in rows:
         if not row.good:
             continue
-        told = numbers(row)
+        told = row_metrics(row)
         share, ess, seconds = told.get("diverged_share"), told["ess_mean_ratio"], told["filter_time_s"]
         body.append(
             (
@@ -50,7 +58,7 @@ def health_table(rows: Sequence[Row]) -> Table:
                 f"{100 * share:.0f} %" if share is not None else "",
                 f"{100 * ess:.0f} %" if ess is not None else "",
                 _number(row, "nees_mean", 2),
-                trust(row),
+                consistency_text(row),
                 f"{seconds:.1f} s" if seconds is not None else "",
             )
         )
@@ -58,9 +66,9 @@ def health_table(rows: Sequence[Row]) -> Table:
     return Table("per run", tuple(heads[k - 1] for k in kept[1:]), tuple(tuple(line[k] for k in kept) for line in body))
 
 
-def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
+def context(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
     """Return what has to stand beside the numbers of a log."""
-    judged = next((row.judged for row in rows if row.judged is not None), None)
+    judged = next((row.scored_against for row in rows if row.scored_against is not None), None)
     if judged is None:
         return []
     lines = [("log", f"{judged.log} ({judged.log_format})")]
@@ -71,7 +79,7 @@ def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
         lines.append(("window", window_text(judged.window)))
     if judged.aid:
         lines.append(("aid", aid_text(judged.aid)))
-    orders = {row.label: ORDERS[row.judged.order] for row in rows if row.judged is not None}
+    orders = {row.label: ORDERS[row.scored_against.order] for row in rows if row.scored_against is not None}
     alike = len(set(orders.values())) == 1
     lines.append(("fixes", ORDERS[judged.order] if alike else "; ".join(f"{k}: {v}" for k, v in orders.items())))
     lines.append(("alignment", judged.align))
@@ -84,7 +92,7 @@ def context(rows: Sequence[Row]) -> list[tuple[str, str]]:
     return lines
 
 
-def notes(rows: Sequence[Row]) -> list[tuple[str, str]]:
+def notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
     """Return faults and warnings, each once."""
     lines: list[tuple[str, str]] = []
     for row in rows:
@@ -92,8 +100,8 @@ def notes(rows: Sequence[Row]) -> list[tuple[str, str]]:
         if row.fault is not None:
             share = f"{lost} of {len(row.seeds)} runs failed: " if len(row.seeds) > 1 else "failed: "
             lines.append((row.label, share + row.fault))
-        if row.judged is not None:
-            lines += [("lost", text) for text in row.judged.lost]
+        if row.scored_against is not None:
+            lines += [("lost", text) for text in row.scored_against.lost]
         told = [text for outcome in row.good.values() for text in outcome.warnings]
         for text in dict.fromkeys(told):
             count = f" ({told.count(text)} of {len(row.seeds)} runs)" if len(row.seeds) > 1 else ""
@@ -101,7 +109,7 @@ def notes(rows: Sequence[Row]) -> list[tuple[str, str]]:
     return list(dict.fromkeys(lines))
 
 
-def render(rows: Sequence[Row], colour: bool = False) -> str:
+def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
     """Return the text for the terminal; colour only where a terminal shows it."""
     blocks: list[str] = []
     groups = grouped(rows)
@@ -111,11 +119,11 @@ def render(rows: Sequence[Row], colour: bool = False) -> str:
             blocks += ["", aligned(error_table(_shown(group))), "", aligned(health_table(group))]
         if told := notes(group):
             blocks += ["", pairs(told)]
-        blocks += ["", *([_filled(verdict(group)), ""] if len(groups) > 1 else [])]
+        blocks += ["", *([_filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
     return "\n".join([*blocks, pairs([("note", LEGEND)]), "", _title(_filled(overall(rows)), colour)])
 
 
-def markdown(rows: Sequence[Row], pictures: Sequence[tuple[str, str]]) -> str:
+def markdown(rows: Sequence[ComparisonRow], pictures: Sequence[tuple[str, str]]) -> str:
     """Return compare.md; the pictures, file name and caption, lie beside it."""
     parts = ["# Comparison", f"**{overall(rows)}.**"]
     for log, group in grouped(rows).items():
@@ -124,26 +132,26 @@ def markdown(rows: Sequence[Row], pictures: Sequence[tuple[str, str]]) -> str:
             parts += [piped(error_table(_shown(group))), piped(health_table(group))]
         if told := notes(group):
             parts.append(_bullets(told))
-        parts.append(f"{verdict(group)}.")
+        parts.append(f"{best_method_sentence(group)}.")
     parts += [LEGEND.replace("*", r"\*"), "Every number stands in `compare.json` under its name in `report.json`."]
     parts += [f"![{caption}]({name})\n\n*{caption}*" for name, caption in pictures]
     return "\n\n".join(parts) + "\n"
 
 
-def _shown(rows: Sequence[Row]) -> list[Row]:
+def _shown(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
     """Return the rows that have numbers: the first of them is what others are compared with."""
     return [row for row in rows if row.good]
 
 
-def _mean_se(row: Row, metric: str) -> str:
-    told = numbers(row)
+def _mean_se(row: ComparisonRow, metric: str) -> str:
+    told = row_metrics(row)
     mean, se = told[metric], told.get(f"{metric}_se")
     if mean is None:
         return ""
     return f"{mean:.3f}" if se is None else f"{mean:.3f} ± {se:.3f}"
 
 
-def _against(row: Row, first: Row) -> str:
+def _against(row: ComparisonRow, first: ComparisonRow) -> str:
     found = difference(row, first)
     if found is None:
         return ""
@@ -152,7 +160,7 @@ def _against(row: Row, first: Row) -> str:
     return f"{found.mean:+z.3f} ± {found.se:.3f}{' ' if found.significant else '*'}"
 
 
-def _number(row: Row, metric: str, digits: int = 3) -> str:
+def _number(row: ComparisonRow, metric: str, digits: int = 3) -> str:
     value = row.mean(metric)
     if value is None:
         return ""

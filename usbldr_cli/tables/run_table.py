@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 
 from usbldr.io.reports.report_json import Run
-from usbldr.io.reports.report_text import Table, context, error_table, health, left_out_table, method_table
+from usbldr.io.reports.report_text import Table, context, error_table, health_lines, leave_one_out_table, method_table
 
 WIDTH = 100
 LABEL = 13  # columns that the longest label needs, with its gap
@@ -15,12 +15,12 @@ def render(run: Run, colour: bool = False) -> str:
     blocks = [_title(f"{run.filter} on {run.log.path.name}", colour), pairs(context(run))]
     if run.scored.report is not None:
         blocks += ["", aligned(error_table(run.scored.report)), "", aligned(method_table(run))]
-    if told := health(run):
+    if told := health_lines(run):
         blocks += ["", pairs(told)]
-    if run.left_out:
-        blocks += ["", aligned(left_out_table(run))]
+    if run.without_fixes:
+        blocks += ["", aligned(leave_one_out_table(run))]
     if run.warnings:
-        blocks += ["", *(wrapped("warning", text) for text in run.warnings)]
+        blocks += ["", *(wrap_labelled("warning", text) for text in run.warnings)]
     blocks += ["", _title(run.verdict, colour)]
     return "\n".join(blocks)
 
@@ -39,10 +39,10 @@ def aligned(table: Table) -> str:
 
 def pairs(lines: Sequence[tuple[str, str]]) -> str:
     """Set labelled sentences, wrapped under themselves."""
-    return "\n".join(wrapped(label, text) for label, text in lines)
+    return "\n".join(wrap_labelled(label, text) for label, text in lines)
 
 
-def wrapped(label: str, text: str) -> str:
+def wrap_labelled(label: str, text: str) -> str:
     """Set one labelled sentence."""
     return textwrap.fill(
         text,

@@ -10,7 +10,7 @@ import pytest
 
 from dives import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.conventions.usbl_head import Samples
+from usbldr.io.conventions.usbl_head import TimeSeries
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.survey import survey
@@ -126,7 +126,7 @@ def test_fixes_inside_a_gap_of_the_ship_are_refused(tmp_path: Path, missing: str
 
 
 def test_between_records_one_interpolates_and_beyond_them_nothing_is_known() -> None:
-    samples = Samples(np.array([0, 2, 10], dtype=np.int64) * SECOND, np.array([[0.0], [4.0], [20.0]]))
+    samples = TimeSeries(np.array([0, 2, 10], dtype=np.int64) * SECOND, np.array([[0.0], [4.0], [20.0]]))
     asked = np.array([-1, 0, 1, 2, 5, 10, 11], dtype=np.int64) * SECOND
 
     np.testing.assert_array_equal(samples.at(asked)[:, 0], [np.nan, 0, 2, 4, 10, 20, np.nan])

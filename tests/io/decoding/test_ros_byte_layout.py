@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from usbldr.io.decoding.cdr import RosDecoder, from_msg
-from usbldr.io.decoding.columns import in_one
+from usbldr.io.decoding.columns import concatenated
 
 ODD = """\
 bool flag
@@ -108,7 +108,7 @@ def paths_of(decoder: RosDecoder, message: Any) -> list[str]:
 
 def columns(decoder: RosDecoder, payloads: Sequence[bytes], paths: Sequence[str]) -> tuple[list[int], dict[str, Any]]:
     """Return which messages were read, in order, and their columns."""
-    read = in_one(decoder.pieces(payloads, paths), paths)
+    read = concatenated(decoder.pieces(payloads, paths), paths)
     order = np.argsort(read.rows)
     return read.rows[order].tolist(), {path: column[order] for path, column in read.columns.items()}
 

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from dives import SECOND, T0, Row, point, write_csv, write_mcap, yaw
 from doctored import dive, doctor, findings, in_radians
 from usbldr.filters.errors import LogError
-from usbldr.io.doctor.gross_errors import unit_or_scale
+from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.read import Request, read_log
 from usbldr_cli.main import cli
 
@@ -326,7 +326,7 @@ def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
 def test_of_two_units_that_are_near_the_nearest_is_named(tmp_path: Path, times: float, unit: str) -> None:
     log = read_log(write_mcap(tmp_path / "dive.mcap", dive()))
 
-    assert unit_or_scale(log, times) == f'unit = "{unit}"'
+    assert unit_or_scale_key(log, times) == f'unit = "{unit}"'
 
 
 def drafted_for(log: Path) -> Path:

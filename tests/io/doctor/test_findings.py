@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from usbldr.io.doctor.findings import LEVELS, of_finding
+from usbldr.io.doctor.findings import FINDING_LEVELS, grade
 from usbldr.io.log import Finding
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -33,12 +33,12 @@ def test_levels_are_as_documented() -> None:
     lost = {"TRUNCATED", "DAMAGED", "MISSING-PART", "UNDECODED"}  # by what was lost, not by code
     for code, level in DOCUMENTED.items():
         if code not in lost:
-            assert LEVELS.get(code, "warning") == level, code
+            assert FINDING_LEVELS.get(code, "warning") == level, code
 
 
 def test_a_finding_of_reading_keeps_its_topic_and_is_an_error_where_data_were_lost() -> None:
-    lost = of_finding(Finding("TRUNCATED", "the file ends early", lost_data=True))
-    repeated = of_finding(Finding("REPEATED", "/dvl: 3 of 9 records repeat another's stamp and values"))
+    lost = grade(Finding("TRUNCATED", "the file ends early", lost_data=True))
+    repeated = grade(Finding("REPEATED", "/dvl: 3 of 9 records repeat another's stamp and values"))
 
     assert (lost.level, lost.topic) == ("error", "")
     assert (repeated.level, repeated.topic) == ("info", "/dvl")

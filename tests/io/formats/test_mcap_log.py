@@ -69,7 +69,7 @@ def test_a_file_as_its_index_says_is_not_walked_through(
     tmp_path: Path, compression: CompressionType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 4096)
-    monkeypatch.setattr("usbldr.io.formats.mcap_log.Walk", None)
+    monkeypatch.setattr("usbldr.io.formats.mcap_log.McapScan", None)
     log = McapLog(file)
 
     dvl = log.read(TWIST_X)["/dvl"]

@@ -11,7 +11,7 @@ import pytest
 from dives import SECOND, T0, write_mcap
 from recordings import sentence
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr.io.decoding.nmea_times import NEVER, placed, prefixed_ns, told_times
+from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
@@ -60,8 +60,8 @@ def test_times_around_midnight_fall_on_either_side_of_it() -> None:
     midnight = 20_000 * DAY
     before, after = midnight - 2 * SECOND, midnight + 2 * SECOND
 
-    of_yesterday = placed(np.array([DAY - SECOND]), np.array([after]))
-    of_tomorrow = placed(np.array([SECOND]), np.array([before]))
+    of_yesterday = on_nearest_date(np.array([DAY - SECOND]), np.array([after]))
+    of_tomorrow = on_nearest_date(np.array([SECOND]), np.array([before]))
 
     assert of_yesterday == [midnight - SECOND]
     assert of_tomorrow == [midnight + SECOND]
@@ -89,7 +89,7 @@ def test_without_any_date_the_first_day_is_1970_and_that_is_said(tmp_path: Path)
 
 
 def test_sentences_without_a_time_lie_evenly_between_those_with_one() -> None:
-    received, dated = told_times(np.array([10, NEVER, NEVER, NEVER, 14]) * 1, np.full(5, NEVER))
+    received, dated = times_from_sentences(np.array([10, NO_TIME, NO_TIME, NO_TIME, 14]) * 1, np.full(5, NO_TIME))
 
     assert received.tolist() == [10, 11, 12, 13, 14]
     assert not dated
@@ -107,10 +107,10 @@ def test_sentences_without_a_time_lie_evenly_between_those_with_one() -> None:
         ("2020/09/13 12:26:40,5\t", T0 + SECOND // 2),
         ("2020-09-13 14:26:40+02:00 ", T0),
         ("2020-09-13 09:56:40 -0230 ", T0),
-        ("9999-09-13 12:26:40 ", NEVER),
-        ("9999999999999999999,", NEVER),
-        ("12:26:40 ", NEVER),
-        ("COM1: ", NEVER),
+        ("9999-09-13 12:26:40 ", NO_TIME),
+        ("9999999999999999999,", NO_TIME),
+        ("12:26:40 ", NO_TIME),
+        ("COM1: ", NO_TIME),
     ],
 )
 def test_lines_begin_with_their_log_time_in_many_ways(prefix: str, time_ns: int) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.messages.roles import Roles, choose_roles, find
+from usbldr.io.messages.roles import Roles, choose_roles, find_topic
 from usbldr.io.reader import TopicInfo
 
 TWIST = ("header.stamp", "header.frame_id", "twist.linear.x", "twist.linear.y", "twist.linear.z")
@@ -34,7 +34,7 @@ def test_the_usual_topics_are_recognised() -> None:
 
     assert taken(roles) == {"dvl": "/dvl/twist", "compass": "/imu/data", "usbl": "/usbl/point", "gps": "/gps/fix"}
     assert {choice.chosen_by for choice in roles.chosen.values()} == {"type and name"}
-    assert roles.unclear == {}
+    assert roles.unresolved == {}
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_two_candidates_are_an_error_that_lists_them_and_the_option() -> None:
     roles = choose_roles(LOG, [USBL, other], {}, {})
 
     assert taken(roles) == {}
-    fault = roles.unclear["usbl"]
+    fault = roles.unresolved["usbl"]
     assert isinstance(fault, UsageError)
     assert str(fault) == (
         "dive.mcap: 2 topics could be the usbl: "
@@ -85,7 +85,7 @@ def test_an_ordinary_log_of_mavros_has_its_heading_without_a_choice() -> None:
     roles = choose_roles(LOG, [raw, MAVROS_IMU, HDG], {}, {})
 
     assert taken(roles) == {"compass": "/mavros/global_position/compass_hdg"}
-    assert roles.unclear == {}
+    assert roles.unresolved == {}
     (said,) = roles.findings
     assert (said.code, said.text) == (
         "ROLE-PREFERRED",
@@ -100,7 +100,7 @@ def test_a_heading_that_nobody_ranks_is_a_choice_for_the_user() -> None:
     for topics in ([gyro, HDG], [gyro, MAVROS_IMU], [HDG, topic("/b/compass_hdg", HDG.type, HDG.fields)]):
         roles = choose_roles(LOG, topics, {}, {})
         assert taken(roles) == {}
-        assert "2 topics could be the compass" in str(roles.unclear["compass"])
+        assert "2 topics could be the compass" in str(roles.unresolved["compass"])
         assert roles.findings == ()
 
 
@@ -136,7 +136,7 @@ def test_messages_of_the_dvl_come_before_what_was_made_of_them(rank: int) -> Non
     for first in ONE_AFTER_THE_OTHER[rank]:
         roles = choose_roles(LOG, [*behind[::-1], first], {}, {})
         assert taken(roles) == {"dvl": first.name}
-        assert set(roles.chosen["dvl"].behind) == set(behind)
+        assert set(roles.chosen["dvl"].lower_ranked) == set(behind)
 
 
 @pytest.mark.parametrize("rank", range(4))
@@ -146,7 +146,7 @@ def test_two_of_one_rank_are_a_choice_whatever_stands_behind(rank: int) -> None:
 
     roles = choose_roles(LOG, [one, *behind, other], {}, {})
 
-    said = str(roles.unclear["dvl"])
+    said = str(roles.unresolved["dvl"])
     assert said.startswith(f"dive.mcap: 2 topics could be the dvl: {one.name} (")
     assert f"; {other.name} (" in said
 
@@ -192,7 +192,7 @@ def test_an_option_brings_back_what_the_configuration_switched_off() -> None:
 def test_an_absent_topic_is_an_error_with_the_nearest_and_all_names() -> None:
     roles = choose_roles(LOG, [DVL, USBL], {"dvl": "/dvl/twits"}, {})
 
-    fault = roles.unclear["dvl"]
+    fault = roles.unresolved["dvl"]
     assert isinstance(fault, LogError)
     assert str(fault) == (
         "dive.mcap: no topic /dvl/twits for the dvl; did you mean /dvl/twist? "
@@ -203,14 +203,14 @@ def test_an_absent_topic_is_an_error_with_the_nearest_and_all_names() -> None:
 def test_a_topic_without_messages_is_an_error() -> None:
     empty = topic("/dvl/twist", DVL.type, TWIST, count=0)
 
-    assert str(choose_roles(LOG, [empty], {"dvl": "/dvl/twist"}, {}).unclear["dvl"]) == (
+    assert str(choose_roles(LOG, [empty], {"dvl": "/dvl/twist"}, {}).unresolved["dvl"]) == (
         "dive.mcap: /dvl/twist, named for the dvl, has no messages"
     )
     assert taken(choose_roles(LOG, [empty], {}, {})) == {}
 
 
 def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
-    fault = choose_roles(LOG, [GPS], {"dvl": "/gps/fix"}, {}).unclear["dvl"]
+    fault = choose_roles(LOG, [GPS], {"dvl": "/gps/fix"}, {}).unresolved["dvl"]
 
     assert isinstance(fault, UsageError)
     assert str(fault) == (
@@ -224,17 +224,17 @@ def test_an_unreadable_topic_is_an_error_only_where_it_is_named() -> None:
     json = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported")
 
     assert taken(choose_roles(LOG, [json, DVL], {}, {})) == {"dvl": "/dvl/twist"}
-    assert str(choose_roles(LOG, [json], {"gps": "/gps/fix"}, {}).unclear["gps"]) == (
+    assert str(choose_roles(LOG, [json], {"gps": "/gps/fix"}, {}).unresolved["gps"]) == (
         "dive.mcap: /gps/fix cannot be read as the gps: encoding json is not supported"
     )
 
 
 def test_the_first_slash_of_a_topic_may_be_left_out() -> None:
-    assert find([DVL], "dvl/twist") == find([DVL], "/dvl/twist") == DVL
-    assert find([DVL], "twist") is None
+    assert find_topic([DVL], "dvl/twist") == find_topic([DVL], "/dvl/twist") == DVL
+    assert find_topic([DVL], "twist") is None
 
 
 def test_a_csv_file_is_found_by_the_last_part_of_its_topic() -> None:
     sheet = TopicInfo("/twist", "usbldr/dvl", "csv", 3, 0, 1)
 
-    assert find([sheet], "/dvl/twist") == sheet
+    assert find_topic([sheet], "/dvl/twist") == sheet

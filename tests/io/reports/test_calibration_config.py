@@ -14,7 +14,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.conventions.compass import without_deviation
 from usbldr.io.read import read_log
-from usbldr.io.reports.calibration_config import next_configuration
+from usbldr.io.reports.calibration_config import calibrated_configuration
 from usbldr.io.settings.toml_edit import commented_out, with_key
 from usbldr.io.timeline import timeline
 from usbldr_cli.main import cli
@@ -118,7 +118,7 @@ def following(dive: Path, own: str, *keys: str) -> str:
     place.write_text(own, encoding="utf-8")
     log = read_log(dive)
     log = replace(log, assumptions=replace(log.assumptions, calibrate=keys))
-    return next_configuration(log, run_filter("adf", timeline(log), log.assumptions))
+    return calibrated_configuration(log, run_filter("adf", timeline(log), log.assumptions))
 
 
 OWN = """\

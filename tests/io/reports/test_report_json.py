@@ -16,7 +16,7 @@ from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
 from usbldr.io.log import Finding
 from usbldr.io.reports.markdown_report import write_markdown
-from usbldr.io.reports.report_json import Run, Scored, fixes_table, strict, write_json, write_tables
+from usbldr.io.reports.report_json import Run, ScoredTrack, fixes_table, json_values, write_json, write_tables
 from usbldr.io.reports.run_directory import run_directory
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -28,10 +28,10 @@ LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
 
 
-def scored(trajectory: Trajectory, window: Window = Window(), align: str = "none") -> Scored:  # noqa: B008
+def scored(trajectory: Trajectory, window: Window = Window(), align: str = "none") -> ScoredTrack:  # noqa: B008
     assert LOG.truth is not None
     times_s = None if trajectory.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
-    return Scored(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
+    return ScoredTrack(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
 
 
 USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
@@ -75,7 +75,7 @@ def test_raw_fixes_have_no_grid_in_their_file_names(tmp_path: Path) -> None:
 
 
 def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None, origin=None), TIMELINE, Scored(CKF, None))
+    blind = Run(dataclasses.replace(LOG, truth=None, origin=None), TIMELINE, ScoredTrack(CKF, None))
 
     out = written(tmp_path, blind)
 
@@ -221,7 +221,7 @@ def test_report_md_states_the_verdict_the_truth_the_order_the_alignment_and_show
 def test_strict_turns_what_json_does_not_know_into_null() -> None:
     value = {"a": math.nan, "b": [np.float64(2.5), -math.inf], "c": np.array([[1, 2]]), "d": np.bool_(True)}
 
-    assert strict(value) == {"a": None, "b": [2.5, None], "c": [[1, 2]], "d": True}
+    assert json_values(value) == {"a": None, "b": [2.5, None], "c": [[1, 2]], "d": True}
 
 
 def leave_a_run(target: Path, text: str = "old", force: bool = False) -> None:

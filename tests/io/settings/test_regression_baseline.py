@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.settings.regression_baseline import Metric, read_baseline, rewritten, usual_direction
+from usbldr.io.settings.regression_baseline import Metric, read_baseline, usual_direction, with_new_values
 
 GOOD = """\
 # what the gate holds
@@ -86,7 +86,7 @@ def test_errors_are_better_when_lower_and_consistency_has_no_better_side(metric:
 def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path: Path) -> None:
     baseline = read_baseline(_baseline(tmp_path, GOOD))
 
-    text = rewritten(
+    text = with_new_values(
         baseline,
         [{"mean_abs_east_m": 0.2612345678, "nees_mean": 2.0}, {"rmse_horizontal_m": 4.5e-7, "coverage": 0.9}],
     )
@@ -104,7 +104,7 @@ def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
     baseline = read_baseline(_baseline(tmp_path, text))
     assert baseline.rows[0].metrics["mean_abs_east_m"].value is None
 
-    assert rewritten(baseline, [{"mean_abs_east_m": 0.25}, {}]) == GOOD
+    assert with_new_values(baseline, [{"mean_abs_east_m": 0.25}, {}]) == GOOD
 
 
 def test_an_update_refuses_a_layout_that_it_cannot_follow(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_an_update_refuses_a_layout_that_it_cannot_follow(tmp_path: Path) -> Non
     baseline = read_baseline(_baseline(tmp_path, unusual))
 
     with pytest.raises(UsageError, match="cannot be updated line by line: write each metric on a line of its own"):
-        rewritten(baseline, [{"x": 2.0}])
+        with_new_values(baseline, [{"x": 2.0}])
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from usbldr.filters.models.calibration import assumed_sd, found
 from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.replay.run import run as run_filter
-from usbldr.io.reports.report_json import Run, Scored
+from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.reports.tracks import track_table
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -22,7 +22,7 @@ LOG = simulated_log(dataclasses.replace(find_scenario("paper"), duration_s=60.0)
 TIMELINE = timeline(LOG)
 ERRORS = dataclasses.replace(LOG.assumptions, calibrate=("scale", "heading"), errors=SensorErrors(scale=0.02))
 ADF = run_filter("adf", TIMELINE, ERRORS)
-RUN = Run(dataclasses.replace(LOG, assumptions=ERRORS), TIMELINE, Scored(ADF, None))
+RUN = Run(dataclasses.replace(LOG, assumptions=ERRORS), TIMELINE, ScoredTrack(ADF, None))
 
 
 def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:
@@ -45,7 +45,7 @@ def test_a_run_that_calibrates_nothing_has_no_such_picture(tmp_path: Path) -> No
     plain = dataclasses.replace(whole, names=whole.names[:6], mean=whole.mean[:, :6], cov=whole.cov[:, :6, :6])
 
     with_errors = [name for name, _ in write_figures(tmp_path, RUN)]
-    without = [name for name, _ in write_figures(tmp_path, dataclasses.replace(RUN, scored=Scored(plain, None)))]
+    without = [name for name, _ in write_figures(tmp_path, dataclasses.replace(RUN, scored=ScoredTrack(plain, None)))]
 
     assert set(with_errors) - set(without) == {"calibration.png"}
     assert (tmp_path / "calibration.png").is_file()

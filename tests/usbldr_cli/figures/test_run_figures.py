@@ -12,7 +12,7 @@ from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.replay.run import Settings
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
-from usbldr.io.reports.report_json import Run, Scored
+from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
@@ -31,10 +31,10 @@ USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2
 
 
 def a_run(trajectory: Trajectory, align: str = "none") -> Run:
-    def scored(track: Trajectory) -> Scored:
+    def scored(track: Trajectory) -> ScoredTrack:
         assert LOG.truth is not None
         times_s = None if track.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
-        return Scored(track, evaluate(track, LOG.truth, align=align, times_s=times_s))
+        return ScoredTrack(track, evaluate(track, LOG.truth, align=align, times_s=times_s))
 
     return Run(LOG, TIMELINE, scored(trajectory), (scored(USBL), scored(DR)))
 
@@ -63,7 +63,7 @@ def test_a_particle_filter_has_five_pictures_and_a_single_gaussian_no_particles(
 
 
 def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_truth_no_errors(tmp_path: Path) -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Scored(CPF, None))
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, ScoredTrack(CPF, None))
 
     assert [name for name, _ in write_figures(tmp_path, a_run(USBL))] == ["track.png", "errors.png", "error_cdf.png"]
     assert [name for name, _ in write_figures(tmp_path, blind)] == ["track.png", "innovations.png", "ess.png"]

@@ -9,13 +9,13 @@ from click.testing import CliRunner
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.main import cli
-from usbldr_cli.options.aid_option import windows
+from usbldr_cli.options.aid_option import aid_windows
 
 SAMPLE = Path(__file__).parents[3] / "sample_logs" / "lawnmower.mcap"
 
 
 def test_windows_come_in_their_order_of_time() -> None:
-    assert windows("gps@500:520,0:60") == ((0.0, 60.0), (500.0, 520.0))
+    assert aid_windows("gps@500:520,0:60") == ((0.0, 60.0), (500.0, 520.0))
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_windows_come_in_their_order_of_time() -> None:
 )
 def test_what_is_no_window_is_refused_in_one_sentence(text: str, told: str) -> None:
     with pytest.raises(UsageError) as error:
-        windows(text)
+        aid_windows(text)
 
     assert str(error.value).startswith(f"--aid {text}: ")
     assert told in str(error.value)

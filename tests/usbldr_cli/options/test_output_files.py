@@ -45,7 +45,7 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(usbldr_cli.replay, "_run", never)
     monkeypatch.setattr(usbldr_cli.compare, "_run", never)
-    monkeypatch.setattr(usbldr_cli.runs.jobs, "run_units", never)
+    monkeypatch.setattr(usbldr_cli.runs.jobs, "run_jobs", never)
 
 
 def refusal(*arguments: object) -> str:

@@ -13,7 +13,7 @@ from usbldr.filters.models.parameters import Assumptions
 from usbldr.io.reports.tuned_config import tuned_toml
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.settings.configuration import assumptions, check, read_configuration
+from usbldr.io.settings.configuration import assumptions, parse_configuration, read_configuration
 from usbldr.io.writers.export import export
 from usbldr_cli.main import cli
 
@@ -31,7 +31,9 @@ def test_a_tuned_replay_tells_what_was_found_in_table_report_and_configuration(t
     folder, said = tuned
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     found = {number["name"]: number for number in report["assumptions"]["tuned"]}
-    stated = assumptions(check(tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8")), folder))
+    stated = assumptions(
+        parse_configuration(tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8")), folder)
+    )
 
     assert "tuned.toml" in report["files"]
     assert stated.calibrate == ("scale", "heading", "usbl-bias")
@@ -89,7 +91,7 @@ def test_the_configuration_states_all_that_differs_from_the_defaults() -> None:
     found = replace(found, errors=replace(default.errors, latency_s=1.0, usbl_bias_m=0.7, usbl_bias_s=90.0))
     text = tuned_toml(replace(log, assumptions=found))
 
-    assert assumptions(check(tomllib.loads(text), Path("tuned.toml"))) == found
+    assert assumptions(parse_configuration(tomllib.loads(text), Path("tuned.toml"))) == found
 
 
 def _usbldr(*arguments: str) -> str:

@@ -5,28 +5,36 @@ import pytest
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.evaluation import Window
 from usbldr.io.reports.report_text import window_text
-from usbldr_cli.runs.job_store import Judged, Outcome
-from usbldr_cli.runs.seed_table import Row, described, difference, numbers, overall, refuse_unlike, verdict
+from usbldr_cli.runs.job_store import JobResult, ScoringContext
+from usbldr_cli.runs.seed_table import (
+    ComparisonRow,
+    best_method_sentence,
+    difference,
+    overall,
+    require_comparable,
+    row_content,
+    row_metrics,
+)
 from usbldr_cli.tables.compare_table import markdown, render
 from usbldr_cli.tables.run_table import WIDTH
 
-JUDGED = Judged("dive.mcap", "MCAP", "0" * 64, "", "gps", "/gps", None, None, "none")
+JUDGED = ScoringContext("dive.mcap", "MCAP", "0" * 64, "", "gps", "/gps", None, None, "none")
 
 
-def outcome(east_m: float, **more: float) -> Outcome:
+def outcome(east_m: float, **more: float) -> JobResult:
     metrics = {"mean_abs_east_m": east_m, "mean_abs_north_m": 1.0, "mean_horizontal_m": 2 * east_m}
-    return Outcome({**metrics, "p95_horizontal_m": 4 * east_m, "coverage": 1.0, **more}, judged=JUDGED)
+    return JobResult({**metrics, "p95_horizontal_m": 4 * east_m, "coverage": 1.0, **more}, scored_against=JUDGED)
 
 
-def row(name: str, *east_m: float, sampled: bool = True, dives: bool = True) -> Row:
-    return Row("dive", name, name, tuple(range(len(east_m))), tuple(map(outcome, east_m)), sampled, dives)
+def row(name: str, *east_m: float, sampled: bool = True, dives: bool = True) -> ComparisonRow:
+    return ComparisonRow("dive", name, name, tuple(range(len(east_m))), tuple(map(outcome, east_m)), sampled, dives)
 
 
-FAILED = Outcome(fault="dive: no dvl data", exit_code=3)
+FAILED = JobResult(fault="dive: no dvl data", exit_code=3)
 
 
 def test_a_row_averages_its_seeds() -> None:
-    told = numbers(row("cpf", 1.0, 2.0, 6.0))
+    told = row_metrics(row("cpf", 1.0, 2.0, 6.0))
 
     assert told["mean_abs_east_m"] == 3.0
     assert told["mean_abs_east_m_se"] == pytest.approx((14 / 2 / 3) ** 0.5)  # squares about the mean: 4 + 1 + 9
@@ -38,11 +46,11 @@ def test_a_row_averages_its_seeds() -> None:
 def test_a_metric_is_averaged_over_the_runs_that_have_it() -> None:
     mixed = dataclasses.replace(row("cpf", 1.0, 1.0), outcomes=(outcome(1.0, surfacing_error_m=8.0), outcome(1.0)))
 
-    assert numbers(mixed)["surfacing_error_m"] == 8.0
+    assert row_metrics(mixed)["surfacing_error_m"] == 8.0
 
 
 def test_a_method_without_chance_has_no_share_of_diverged_seeds() -> None:
-    assert "diverged_share" not in numbers(row("ckf", 1.0, 2.0, sampled=False))
+    assert "diverged_share" not in row_metrics(row("ckf", 1.0, 2.0, sampled=False))
 
 
 def test_differences_are_taken_over_the_seeds_that_both_have() -> None:
@@ -77,19 +85,19 @@ def test_two_runs_without_chance_have_a_difference_without_a_standard_error() ->
 def test_a_described_row_names_what_it_is_compared_with() -> None:
     first, second = row("ckf", 1.0, 2.0, 3.0), row("cpf", 0.9, 1.9, 2.9)
 
-    told = described(second, first)
+    told = row_content(second, first)
 
     assert (told["log"], told["filter"], told["seeds"]) == ("dive", "cpf", 3)
     assert told["difference_to"] == "ckf"
     assert told["mean_abs_east_m_difference"] == pytest.approx(-0.1)
     assert told["mean_abs_east_m_difference_significant"] is True
-    assert "difference_to" not in described(first, first)
+    assert "difference_to" not in row_content(first, first)
 
 
 def test_the_verdict_ranks_and_says_what_chance_explains() -> None:
     rows = [row("pf", 4.0, 5.0, 6.0), row("cpf", 1.0, 2.0, 3.0), row("adf", 1.1, 1.9, 3.1)]
 
-    assert verdict(rows) == (
+    assert best_method_sentence(rows) == (
         "dive: cpf is best with 4.00 m mean horizontal error over 3 dives: "
         "not significantly better than adf, 60 % better than pf"
     )
@@ -109,7 +117,7 @@ def test_a_failed_row_carries_its_sentence_and_the_others_their_numbers() -> Non
 
     assert "dr           2 of 2 runs failed: dive: no dvl data" in text
     assert "ckf 1.500 ± 0.500" in " ".join(text.split())
-    assert described(failed, failed)["fault"] == "dive: no dvl data"
+    assert row_content(failed, failed)["fault"] == "dive: no dvl data"
 
 
 def test_the_tables_fit_the_terminal_and_mark_what_is_not_significant() -> None:
@@ -125,9 +133,9 @@ def test_the_tables_fit_the_terminal_and_mark_what_is_not_significant() -> None:
 
 
 def test_a_window_is_told_as_replay_tells_it() -> None:
-    told = dataclasses.replace(outcome(1.0), judged=dataclasses.replace(JUDGED, window_end_s=20.0))
+    told = dataclasses.replace(outcome(1.0), scored_against=dataclasses.replace(JUDGED, window_end_s=20.0))
 
-    text = render([Row("dive", "ekf", "ekf", (0,), (told,))])
+    text = render([ComparisonRow("dive", "ekf", "ekf", (0,), (told,))])
 
     assert window_text(Window(end_s=20.0)) == "truth rows from the start to 20 s of the log"
     assert window_text(Window(end_s=20.0)) in " ".join(text.split())
@@ -135,9 +143,9 @@ def test_a_window_is_told_as_replay_tells_it() -> None:
 
 
 def test_runs_against_another_truth_window_or_alignment_are_refused() -> None:
-    def against(**other: object) -> Row:
+    def against(**other: object) -> ComparisonRow:
         judged = dataclasses.replace(JUDGED, **other)
-        return Row("dive", "ekf", "ekf", (0,), (dataclasses.replace(outcome(1.0), judged=judged),))
+        return ComparisonRow("dive", "ekf", "ekf", (0,), (dataclasses.replace(outcome(1.0), scored_against=judged),))
 
     for other, said in (
         ({"truth_source": "/dgps"}, "cpf has truth gps /gps, ekf has gps /dgps"),
@@ -145,5 +153,5 @@ def test_runs_against_another_truth_window_or_alignment_are_refused() -> None:
         ({"align": "rigid"}, "cpf has alignment none, ekf has rigid"),
     ):
         with pytest.raises(UsageError, match=said):
-            refuse_unlike([row("cpf", 1.0), against(**other)])
-    refuse_unlike([row("cpf", 1.0), dataclasses.replace(against(align="rigid"), log="another")])
+            require_comparable([row("cpf", 1.0), against(**other)])
+    require_comparable([row("cpf", 1.0), dataclasses.replace(against(align="rigid"), log="another")])

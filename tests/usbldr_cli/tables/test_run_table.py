@@ -7,7 +7,7 @@ from usbldr.filters.evaluation.evaluation import Window, evaluate
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
-from usbldr.io.reports.report_json import Run, Scored, describe, strict
+from usbldr.io.reports.report_json import Run, ScoredTrack, json_values, report_content
 from usbldr.io.reports.report_text import Table
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -21,10 +21,10 @@ TIMELINE = timeline(LOG)
 CPF = run_filter("cpf", TIMELINE, LOG.assumptions)
 
 
-def scored(trajectory: Trajectory, window: Window, align: str) -> Scored:
+def scored(trajectory: Trajectory, window: Window, align: str) -> ScoredTrack:
     assert LOG.truth is not None
     times_s = None if trajectory.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
-    return Scored(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
+    return ScoredTrack(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
 
 
 def a_run(trajectory: Trajectory = CPF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
@@ -51,7 +51,7 @@ def test_every_number_of_the_table_is_in_report_json() -> None:
     run = a_run()
     numbers = [float(text) for text in re.findall(r"-?\d+\.\d+", "\n".join(render(run).splitlines()[6:]))]
 
-    found = re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", str(strict(describe(run))))
+    found = re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", str(json_values(report_content(run))))
     known = {round(float(text), digits) for text in found for digits in (1, 2, 3)}
 
     assert len(numbers) > 40
@@ -87,7 +87,7 @@ def test_outages_and_warnings_are_told() -> None:
 
 
 def test_a_run_without_truth_has_a_table_without_errors() -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Scored(CPF, None))
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, ScoredTrack(CPF, None))
 
     text = render(blind)
 
