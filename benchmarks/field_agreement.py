@@ -11,7 +11,7 @@ import numpy as np
 
 from field_logs import Dive
 from usbldr.filters.evaluation.alignment import fit_rigid
-from usbldr.filters.replay.dead_reckoning import at_times, displacement_m, velocity_mps
+from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, velocity_mps
 from usbldr.filters.types import Array, Timeline, Vector
 
 OVER_S = 60.0  # long enough for moves well above the noise of both
@@ -45,7 +45,7 @@ def likeness(line: Timeline, time_s: Vector, source_m: Array) -> Likeness:
     moved, way = source_m[later[first]] - source_m[first], displacement_m(line)
     fits: dict[float, Fit] = {}
     for lead_s in LEADS_S.tolist():
-        reckoned = at_times(line, way, time_s + lead_s)
+        reckoned = interpolate(line, way, time_s + lead_s)
         fits[lead_s] = _fitted(reckoned[later[first]] - reckoned[first], moved)
     best = min(fits, key=lambda lead_s: fits[lead_s].residual_m)
     beside = min(fits[lead_s].residual_m for lead_s in (best - 1.0, best + 1.0) if lead_s in fits)

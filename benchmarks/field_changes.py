@@ -17,7 +17,7 @@ from field_logs import cut, stamped_at_arrival, thinned
 from usbldr.filters.identification import observability
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions, Start
-from usbldr.filters.replay.dead_reckoning import carried_back, start_from
+from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
 from usbldr.filters.types import Timeline
 
 HALF, TWICE = "half", "twice"
@@ -72,7 +72,7 @@ def _without(key: str) -> Change:
 
 
 def _everything(assumptions: Assumptions, line: Timeline) -> Assumptions:
-    return replace(assumptions, calibrate=observability.CANDIDATES)
+    return replace(assumptions, calibrate=observability.CANDIDATE_KEYS)
 
 
 def _plain_start(assumptions: Assumptions, line: Timeline) -> Assumptions:
@@ -87,9 +87,14 @@ def _ablations() -> Iterator[tuple[str, Change]]:
     for key in STATES:
         if key != "misalignment":
             yield f"without {key}", _without(key)
-    as_assumed = {"LONGER": (1.0,), "MORE_OUTLIERS": (1.0,), "FURTHER": (1.0,), "WIDER": ()}
+    as_assumed = {
+        "BIAS_TIME_FACTORS": (1.0,),
+        "OUTLIER_SHARE_FACTORS": (1.0,),
+        "DR_WALK_FACTORS": (1.0,),
+        "USBL_SD_FACTORS": (),
+    }
     yield "noise not asked of the log", Change(observing=as_assumed)
-    yield "DVL not heard for itself", Change(observing={"_heard": lambda line, assumptions: assumptions})
+    yield "DVL not heard for itself", Change(observing={"_with_dvl_noise": lambda line, assumptions: assumptions})
     yield "without guard", Change(options={"guard": False})
     yield "every state by its default", Change(after=_everything)
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
@@ -115,10 +120,12 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 def _scaled_start(name: str, factor: float) -> Change:
     """Scale what is assumed of a start that nobody states."""
     if name == "count":
-        counted = {part.__name__: partial(part, count=round(5 * factor)) for part in (start_from, carried_back)}
+        counted = {
+            part.__name__: partial(part, count=round(5 * factor)) for part in (start_position, start_sensitivity)
+        }
         return Change(starting=counted)
     if name == "least_sd_m":
-        return Change(starting={"start_from": partial(start_from, least_sd_m=3.0 * factor)})
+        return Change(starting={"start_position": partial(start_position, least_sd_m=3.0 * factor)})
     other = replace(UNKNOWN_START, **{name: factor * getattr(UNKNOWN_START, name)})
     return Change(starting={"UNKNOWN_START": other})
 
@@ -142,15 +149,18 @@ def _sensitivity() -> Iterator[tuple[str, Change]]:
         )
         for name in ("count", "least_sd_m", "sd_yaw_rad", "sd_mps", "sd_radps"):
             yield f"start.{name} {label}", _scaled_start(name, factor)
-        for name in ("NARROWED", "WIDE_LATENCY_S", "LEAST_TURN_RAD", "MOST_OUTLIERS"):
+        for name in ("MAX_SIGMA_RATIO", "UNTRUSTED_LATENCY_SD_S", "MIN_YAW_RANGE_RAD", "MAX_OUTLIER_SHARE"):
             value = factor * getattr(observability, name)
             yield f"observability.{name} {label}", Change(observing={name: value})
-        for name in ("LONGER", "MORE_OUTLIERS", "FURTHER", "WIDER"):
+        for name in ("BIAS_TIME_FACTORS", "OUTLIER_SHARE_FACTORS", "DR_WALK_FACTORS", "USBL_SD_FACTORS"):
             value = tuple(m if m == 1 else factor * m for m in getattr(observability, name))
             yield f"observability.{name} {label}", Change(observing={name: value})
-        yield f"observability.STRONG {label}", Change(observing={"STRONG": observability.STRONG + math.log(factor)})
-    yield f"observability.SHARED {HALF}", Change(observing={"SHARED": COARSE})
-    yield f"observability.SHARED {TWICE}", Change(observing={"SHARED": FINE})
+        yield (
+            f"observability.STRONG {label}",
+            Change(observing={"MIN_LOG_BAYES_FACTOR": observability.MIN_LOG_BAYES_FACTOR + math.log(factor)}),
+        )
+    yield f"observability.SHARED {HALF}", Change(observing={"CORRELATED_VARIANCE_SHARES": COARSE})
+    yield f"observability.SHARED {TWICE}", Change(observing={"CORRELATED_VARIANCE_SHARES": FINE})
 
 
 ABLATIONS: Mapping[str, Change] = dict(_ablations())

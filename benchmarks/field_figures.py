@@ -19,7 +19,7 @@ from paper_runs import Way
 from usbldr.filters.evaluation.consistency import DOF, nees
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.replay.methods import anchor_at, track
+from usbldr.filters.replay.methods import find_anchor, track
 from usbldr.filters.types import Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr_cli.figures.calibration import calibration_figure
@@ -75,7 +75,7 @@ def online_run(case: Case, change: str, folder: Path) -> Run:
     truth = truth_for(definition, given)
     scored: list[ScoredTrack] = []
     for method in (way.method, "usbl", "dr"):
-        anchor = anchor_at("start", line, assumptions, None)
+        anchor = find_anchor("start", line, assumptions, None)
         made = track(method, line, assumptions, way.choices(0).settings, anchor)
         times_s = None if method == "usbl" else line.time_s[line.slow]
         scored.append(ScoredTrack(made, evaluate(made, truth, definition.window, definition.align, times_s)))

@@ -14,7 +14,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import fit_rigid
-from usbldr.filters.evaluation.evaluation import WHOLE, Window
+from usbldr.filters.evaluation.evaluation import WHOLE_LOG, Window
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Outage, Timeline, Truth
 from usbldr.io.log import Log
@@ -32,7 +32,7 @@ class Definition(NamedTuple):
     """How the errors of a track are taken."""
 
     name: str = ""
-    window: Window = WHOLE
+    window: Window = WHOLE_LOG
     align: str = "none"
     truth_onto_fixes: bool = False  # the truth is moved once, the same for every filter
 

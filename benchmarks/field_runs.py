@@ -19,14 +19,14 @@ from field_logs import CASES, Case, Dive, dive, truth_for
 from field_plan import Cell, Plan, Rows
 from paper_runs import Way
 from usbldr.filters.errors import UsbldrError
-from usbldr.filters.evaluation.consistency import worst_fate
+from usbldr.filters.evaluation.consistency import worst_outcome
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification import observability
-from usbldr.filters.models.calibration import found
+from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.replay import prior
-from usbldr.filters.replay.methods import anchor_at, track
-from usbldr.filters.replay.run import SAMPLED
+from usbldr.filters.replay.methods import find_anchor, track
+from usbldr.filters.replay.run import SAMPLING_FILTERS
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
@@ -55,7 +55,7 @@ def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
         for k, name in enumerate(case.scored):
             outcomes = tuple(told[cell, seed][k] for seed in seeds)
             row = ComparisonRow(
-                name, cell.way.label, method, tuple(seeds), outcomes, method in SAMPLED, not case.folder
+                name, cell.way.label, method, tuple(seeds), outcomes, method in SAMPLING_FILTERS, not case.folder
             )
             rows[name, cell.way, cell.change] = row
     return rows
@@ -72,7 +72,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult
         kept = [JobStore(store).read(name) for name in names]
         if all(kept):
             return [one for one in kept if one is not None]
-        anchor = anchor_at("start", line, assumptions, None)
+        anchor = find_anchor("start", line, assumptions, None)
         with constants(prior, CHANGES[cell.change].starting):
             made = track(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor)
         return [
@@ -105,7 +105,7 @@ def _judged(
     times_s = None if made.filter == "usbl" else line.time_s[line.slow]
     report = evaluate(made, truth_for(definition, given), definition.window, definition.align, times_s)
     metrics = dict(report.metrics) | refusals(made)
-    for one in found(made):
+    for one in estimated_errors(made):
         metrics |= {f"found_{one.name}": float(one.value[-1]), f"found_sd_{one.name}": float(one.sd[-1])}
     for key, narrowed, verdict in assumptions.observed:
         metrics |= {f"narrowed_{key}": narrowed, f"verdict_{key}": float(VERDICTS.index(verdict))}
@@ -130,10 +130,10 @@ def refusals(made: Trajectory) -> dict[str, float]:
     fates: dict[int, list[str]] = {}
     for update in made.updates:
         if update.sensor == "usbl":
-            fates.setdefault(update.row, []).append(update.fate)
+            fates.setdefault(update.row, []).append(update.outcome)
     if not fates:
         return {}
-    good = [worst_fate(fates[row]) == "used" for row in sorted(fates)]
+    good = [worst_outcome(fates[row]) == "used" for row in sorted(fates)]
     rows = [0 if taken else len(list(group)) for taken, group in groupby(good)]
     return {"refused_in_a_row": float(max(rows)), "refused_at_the_end": float(rows[-1])}
 

@@ -17,11 +17,11 @@ from field_plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_name
 from field_runs import VERDICTS
 from paper_runs import Way
 from paper_tables import times
-from usbldr.filters.identification.observability import CANDIDATES
-from usbldr.filters.models.calibration import BORDER, STATES
+from usbldr.filters.identification.observability import CANDIDATE_KEYS
+from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.seed_table import ComparisonRow, consistency_text, difference
+from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency
 from usbldr_cli.tables.compare_table import piped
 
 NO_CHANGE = "·"  # the log does not use what was changed
@@ -62,7 +62,7 @@ def _plain(label: str, calibrate: str, row: ComparisonRow, *after: ComparisonRow
         calibrate,
         *axes,
         *_size(row),
-        consistency_text(row),
+        row_consistency(row),
         *(cell for one in after for cell in _size(one)),
     )
 
@@ -112,7 +112,7 @@ def _lead(one: Likeness) -> tuple[str, str]:
 def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, Likeness]]) -> str:
     """Return what `auto` made of each log, the errors of the sensors at its end, and what plain lengths say of one."""
     body: list[tuple[str, ...]] = []
-    for key in CANDIDATES:
+    for key in CANDIDATE_KEYS:
         cells = [_state(key, rows[case.scored[0], replace(BEST, order=online(case)), ""]) for case in cases]
         body.append((key, *cells))
     by_length = (f"{1 / agreed[case.name]['fixes'].ratio - 1:.3g}" for case in cases)
@@ -127,7 +127,7 @@ def _state(key: str, row: ComparisonRow) -> str:
     verdict = VERDICTS[round(first.metrics[f"verdict_{key}"])]
     told = []
     for state in STATES[key]:
-        name, unit, _ = BORDER[state][:3]
+        name, unit, _ = REPORTED_QUANTITIES[state][:3]
         if f"found_{name}" in first.metrics:
             told.append(
                 f"{first.metrics[f'found_{name}']:.3g} ± {first.metrics[f'found_sd_{name}']:.2g} {unit}".strip()

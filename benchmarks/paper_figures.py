@@ -13,9 +13,9 @@ from paper_bounds import OF_SIGMA, Limits
 from paper_runs import COUNTS, GATED, SHARES, SWEPT, Rows, Way, few, shared
 from usbldr.filters.evaluation.consistency import CONFIDENCE, DOF, nees
 from usbldr.filters.evaluation.seed_statistics import average
-from usbldr.filters.models.calibration import Found, found
+from usbldr.filters.models.calibration import EstimatedError, estimated_errors
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.replay.run import FilterSettings, run
 from usbldr.filters.types import Array, Vector
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -192,12 +192,12 @@ def _scale(seeds: int) -> Figure:
     return figure
 
 
-def scale_over_time(seed: int) -> tuple[Vector, Found]:
+def scale_over_time(seed: int) -> tuple[Vector, EstimatedError]:
     """Return times and the DVL's scale error as adf sees it on `paper`."""
     log = simulated_log(find_scenario("paper"), seed)
     line = timeline(log)
-    track = run("adf", line, replace(log.assumptions, calibrate=("scale",)), Settings())
-    return track.time_s, next(one for one in found(track) if one.name == "dvl_scale")
+    track = run("adf", line, replace(log.assumptions, calibrate=("scale",)), FilterSettings())
+    return track.time_s, next(one for one in estimated_errors(track) if one.name == "dvl_scale")
 
 
 def _percent(*values: Vector) -> list[Vector]:

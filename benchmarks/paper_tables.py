@@ -30,7 +30,7 @@ from paper_runs import (
     drifting,
     shared,
 )
-from usbldr.filters.evaluation.consistency import consistency_verdict
+from usbldr.filters.evaluation.consistency import consistency_text
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_metrics
@@ -257,7 +257,7 @@ def nees_text(row: ComparisonRow) -> str:
     told = {name: value for name, value in row_metrics(row).items() if value is not None}
     if "nees_mean" not in told:
         return ""
-    return f"{_mean(row, 'nees_mean', 2)}, {consistency_verdict(told)}"
+    return f"{_mean(row, 'nees_mean', 2)}, {consistency_text(told)}"
 
 
 def _lost(row: ComparisonRow) -> float:

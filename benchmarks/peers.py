@@ -26,11 +26,11 @@ import numpy as np
 
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Noise
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.replay.run import FilterSettings, run
 from usbldr.filters.replay.steps import steps
-from usbldr.filters.simulation.simulate import motion as true_motion
+from usbldr.filters.simulation.simulate import leg_motion as true_motion
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
 from usbldr.io.scenarios.library import find_scenario
@@ -59,7 +59,7 @@ class Dive(NamedTuple):
     @property
     def matched(self) -> dict[int, float]:
         """Variance of each state's readings."""
-        return {row: float(noise.matched[0, 0]) for row, noise in self.noise.items()}
+        return {row: float(noise.mixture_cov[0, 0]) for row, noise in self.noise.items()}
 
 
 class Row(NamedTuple):
@@ -73,7 +73,7 @@ class Row(NamedTuple):
 
 
 def dive() -> Dive:
-    scenario, layout = find_scenario("paper"), Layout()
+    scenario, layout = find_scenario("paper"), StateLayout()
     log = simulated_log(scenario, seed=0)
     line = timeline(log)
     start = prior(line, log.assumptions, layout)
@@ -118,7 +118,7 @@ def ours(work: Dive) -> Iterator[Row]:
         ("usbldr pf (bootstrap)", "pf", "mixture", 1000),
         ("usbldr adf (no particles)", "adf", "mixture", 1),
     ):
-        settings = Settings(particles=count, form=form)
+        settings = FilterSettings(particles=count, form=form)
         yield timed(
             label, work, count, lambda n=name, s=settings: run(n, work.line, work.log.assumptions, s).position_m
         )
@@ -143,7 +143,7 @@ def of_particles(work: Dive) -> Iterator[Row]:
             for row in np.flatnonzero(np.isfinite(z)):
                 e, noise = z[row] - self.x[:, row], work.noise[row]
                 R = noise.cov[:, 0, 0]
-                modes = np.log(noise.shares / np.sqrt(2 * np.pi * R))[:, None] - e * e / (2 * R[:, None])
+                modes = np.log(noise.probabilities / np.sqrt(2 * np.pi * R))[:, None] - e * e / (2 * R[:, None])
                 total += np.logaddexp.reduce(modes, axis=0)
             return total
 

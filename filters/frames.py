@@ -8,7 +8,7 @@ from usbldr.filters.types import Array, Vector
 
 
 def wrapped(angle_rad: Array) -> Array:
-    """Return the angle within half a turn of 0."""
+    """Return the angle in_intervals half a turn of 0."""
     return (angle_rad + math.pi) % (2 * math.pi) - math.pi
 
 
@@ -18,7 +18,7 @@ def rotation(angle_rad: float) -> Array:
     return np.array([[c, -s], [s, c]])
 
 
-def turned(angle_rad: Vector, vector: Array) -> Array:
+def rotated(angle_rad: Vector, vector: Array) -> Array:
     """Turn vectors, (n, 2) or one (2,), counter-clockwise by angles (n,): R(psi) (u, v) = (V_E, V_N)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     a, b = vector[..., 0], vector[..., 1]

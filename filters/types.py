@@ -82,8 +82,8 @@ class Update(NamedTuple):
     innovation_sd: tuple[float, ...]  # 1-sigma of the innovation by the filter's own account
     nis: float  # innovation squared, normalised by its covariance under the whole noise model
     dof: int  # what nis should be on average
-    fate: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate or guard)
-    nominal_share: float  # posterior probability of the nominal noise mode
+    outcome: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate or guard)
+    nominal_probability: float  # posterior probability of the nominal noise mode
     shift: tuple[float, ...] | None = None  # by which it moved each state; None where it told no position
 
 
@@ -91,23 +91,23 @@ class Reacquisition(NamedTuple):
     """Fixes that told of another place than the track had, and what was made of them in the end."""
 
     since_s: float  # the first of them
-    silent_s: float  # how long there had been no fix before; infinite at the start
-    settled_s: float  # when the track took the side that it kept
+    outage_s: float  # how long there had been no fix before; infinite at the start
+    resolved_s: float  # when the track took the side that it kept
     refused: int  # fixes that the track did not follow while it was not clear
     jump_m: float  # the farthest that it jumped when it took another side; 0 where it did not
-    believed: bool  # the track went where the fixes told
+    accepted: bool  # the track went where the fixes told
 
 
-class Return(NamedTuple):
+class OutageRecovery(NamedTuple):
     """The end of a silence of the USBL, what its first fixes said of the track, and what they did to it."""
 
     start_s: float  # of the silence
     end_s: float
     sd_start_m: float  # 1-sigma of the position in its worst direction, when the silence began
     sd_end_m: float  # when it ended
-    off_m: float  # how far the first fixes lay from where the track then was, by their median
+    residual_m: float  # how far the first fixes lay from where the track then was, by their median
     sigmas: float  # the same in terms of what track and fixes claim together
-    moved_m: float  # how far they moved the track
+    correction_m: float  # how far they moved the track
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ class Trajectory:
     warnings: tuple[str, ...] = ()
     seconds: float = float("nan")  # wall time that the filter took
     reacquisitions: tuple[Reacquisition, ...] = ()
-    returns: tuple[Return, ...] = ()
+    recoveries: tuple[OutageRecovery, ...] = ()
 
     @property
     def position_m(self) -> Array:

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from usbldr.filters.types import Vector
 
-Span = tuple[float, float]  # from, to: seconds of the log, both ends included
+TimeWindow = tuple[float, float]  # from, to: seconds of the log, both ends included
 
 
-def inside(time_s: Vector, windows: Sequence[Span]) -> NDArray[np.bool_]:
+def in_windows(time_s: Vector, windows: Sequence[TimeWindow]) -> NDArray[np.bool_]:
     """Return which times, (T,), lie in any of the windows."""
     found = np.zeros(len(time_s), np.bool_)
     for start_s, end_s in windows:
@@ -18,6 +18,6 @@ def inside(time_s: Vector, windows: Sequence[Span]) -> NDArray[np.bool_]:
     return found
 
 
-def windows_text(windows: Sequence[Span]) -> str:
+def windows_text(windows: Sequence[TimeWindow]) -> str:
     """Say the windows as one would write them: "0 to 60, 500 to 520 s"."""
     return ", ".join(f"{start_s:g} to {end_s:g}" for start_s, end_s in windows) + " s"

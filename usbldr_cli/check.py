@@ -140,7 +140,7 @@ def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Ma
 
 
 def _judged(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "Sequence[JobResult]") -> "CheckedRow":
-    from usbldr.filters.replay.run import SAMPLED
+    from usbldr.filters.replay.run import SAMPLING_FILTERS
     from usbldr_cli.runs import seed_table
     from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
 
@@ -153,7 +153,7 @@ def _judged(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "S
     seeds = tuple(unit.choices.seed for unit in units)
     dives = units[0].simulated
     run = seed_table.ComparisonRow(
-        row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLED, dives
+        row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLING_FILTERS, dives
     )
     found = seed_table.row_metrics(run)
     lost = run.scored_against.lost if run.scored_against is not None else ()

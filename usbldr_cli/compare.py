@@ -109,7 +109,7 @@ def _finished(folders: Sequence[str], filters: str | None) -> "list[ComparisonRo
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     """Return the names in a list of filters; refuse what none of them takes."""
     from usbldr.filters.replay.methods import METHODS
-    from usbldr.filters.replay.run import FILTERS, FORMED, GATED
+    from usbldr.filters.replay.run import FILTERS, FILTERS_WITH_FORMS, GATED
 
     choices.overrides()  # refuses what no run could take
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
@@ -123,8 +123,8 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
         raise UsageError("--aid is for filters, and none of them is compared")
     if choices.tune and not set(names) & set(FILTERS):
         raise UsageError("--tune is for filters, and none of them is compared")
-    if choices.form != "mixture" and not set(names) & set(FORMED):
-        raise UsageError(f"--form is for {', '.join(FORMED)}, and none of them is compared")
+    if choices.form != "mixture" and not set(names) & set(FILTERS_WITH_FORMS):
+        raise UsageError(f"--form is for {', '.join(FILTERS_WITH_FORMS)}, and none of them is compared")
     return names
 
 
@@ -144,7 +144,7 @@ def _run(
     store: Path | None,
 ) -> "list[ComparisonRow]":
     """Run everything; a method without chance runs once on a file, and on each dive of a scenario."""
-    from usbldr.filters.replay.run import SAMPLED, called
+    from usbldr.filters.replay.run import SAMPLING_FILTERS, track_name
     from usbldr_cli.runs.jobs import run_jobs
     from usbldr_cli.runs.seed_table import ComparisonRow
 
@@ -167,17 +167,17 @@ def _run(
         name = Path(log).name if names.count(Path(log).name) == 1 else log
         found = tuple(by_place[log, seed, method] for seed in units)
         dives = next(iter(units.values())).simulated
-        label = called(method, choices.settings)
-        rows.append(ComparisonRow(name, label, method, tuple(units), found, method in SAMPLED, dives))
+        label = track_name(method, choices.settings)
+        rows.append(ComparisonRow(name, label, method, tuple(units), found, method in SAMPLING_FILTERS, dives))
     return rows
 
 
 def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Job]":
     """Return the units of one method on one log, by seed."""
-    from usbldr.filters.replay.run import SAMPLED
+    from usbldr.filters.replay.run import SAMPLING_FILTERS
     from usbldr_cli.runs.jobs import Job
 
-    once = not is_simulated(log) and method not in SAMPLED
+    once = not is_simulated(log) and method not in SAMPLING_FILTERS
     wanted = range(choices.seed, choices.seed + (1 if once else seeds))
     return {seed: Job(log, method, replace(choices, seed=seed), where) for seed in wanted}
 

@@ -17,7 +17,7 @@ from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.runs.score_run import required_sensors, score
 
 if TYPE_CHECKING:
-    from usbldr.filters.evaluation.influence import LeftOut
+    from usbldr.filters.evaluation.influence import LeaveOneOut
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
     from usbldr.io.reports.report_json import Run, ScoredTrack
@@ -117,12 +117,14 @@ def replay(
 
 def _refuse_for_tracks(method: str, choices: RunChoices) -> None:
     """Refuse --smooth, --tune and --aid without a filter; run() refuses the filters that --smooth does not suit."""
-    from usbldr.filters.replay.run import FILTERS, SMOOTHED_BY
+    from usbldr.filters.replay.run import FILTERS, SMOOTHER_TRANSFORMS
 
     if choices.aid is not None and method not in FILTERS:
         raise UsageError(f"{method} is no filter, so there is nothing to aid (filters: {', '.join(FILTERS)})")
     if choices.smooth and method not in FILTERS:
-        raise UsageError(f"{method} is no filter, so there is nothing to smooth (smoothed: {', '.join(SMOOTHED_BY)})")
+        raise UsageError(
+            f"{method} is no filter, so there is nothing to smooth (smoothed: {', '.join(SMOOTHER_TRANSFORMS)})"
+        )
     if choices.tune and method not in FILTERS:
         raise UsageError(f"{method} is no filter, so there is nothing to tune (filters: {', '.join(FILTERS)})")
 
@@ -140,10 +142,10 @@ def _refuse_without_errors(method: str, log: "Log") -> None:
 
 def _refuse_without_shifts(method: str, choices: RunChoices, dive_timeline: "Timeline") -> None:
     """Refuse --leave-one-out where no fix is told of, or where the filter does not tell what a fix did to it."""
-    from usbldr.filters.replay.run import SMOOTHED_BY
+    from usbldr.filters.replay.run import SMOOTHER_TRANSFORMS
 
-    if method not in SMOOTHED_BY or choices.form == "literal":
-        told = ", ".join(SMOOTHED_BY)
+    if method not in SMOOTHER_TRANSFORMS or choices.form == "literal":
+        told = ", ".join(SMOOTHER_TRANSFORMS)
         raise UsageError(f"--leave-one-out: {method} does not tell what each fix did to it (those that do: {told})")
     if not len(dive_timeline.fix_time_s):
         raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
@@ -168,12 +170,12 @@ def _run(
 
 def _with_left_out(method: str, run: "Run", choices: RunChoices, count: int) -> "Run":
     """Return the run with what it would have been without each of the most influential fixes."""
-    from usbldr.filters.evaluation.influence import influential, left_out, without_fix
+    from usbldr.filters.evaluation.influence import compare_without, most_influential, without_fix
 
     log, dive_timeline, (whole, report) = run.log, run.timeline, run.scored
     anchor = choices.anchor(log, dive_timeline)
-    found: list[LeftOut] = []
-    for fix in influential(whole, count):
+    found: list[LeaveOneOut] = []
+    for fix in most_influential(whole, count):
         try:
             other = score(method, log, without_fix(dive_timeline, fix.row), choices, anchor)
         except LogError as err:
@@ -181,7 +183,7 @@ def _with_left_out(method: str, run: "Run", choices: RunChoices, count: int) -> 
         change_m = math.nan
         if report is not None and other.report is not None:
             change_m = other.report.metrics[MEAN_ERROR] - report.metrics[MEAN_ERROR]
-        found.append(left_out(fix, whole, other.trajectory, change_m))
+        found.append(compare_without(fix, whole, other.trajectory, change_m))
     return replace(run, without_fixes=tuple(found))
 
 

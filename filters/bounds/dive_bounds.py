@@ -11,14 +11,14 @@ from usbldr.filters.bounds.pcrlb import Bounds, bounds
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Assumptions
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.steps import steps
-from usbldr.filters.simulation.simulate import Simulated
+from usbldr.filters.simulation.simulate import SimulatedDive
 from usbldr.filters.types import Array, Timeline, Vector
 
 
-def dive_bounds(simulated: Simulated, timeline: Timeline, assumptions: Assumptions) -> Bounds:
+def dive_bounds(simulated: SimulatedDive, timeline: Timeline, assumptions: Assumptions) -> Bounds:
     """Return the least covariances, at the epochs of the timeline, of the states that the assumptions calibrate.
 
     The timeline is that of the dive's own records. Raises UsageError where there is no bound (pcrlb.py).
@@ -32,7 +32,7 @@ def dive_bounds(simulated: Simulated, timeline: Timeline, assumptions: Assumptio
     )
 
 
-def true_states(simulated: Simulated, layout: Layout, time_s: Vector) -> Array:
+def true_states(simulated: SimulatedDive, layout: StateLayout, time_s: Vector) -> Array:
     """Return the states of the layout at instants (K,): (K, n).
 
     Of the USBL's correlated error only the mean, 0, is kept, and between the stamps of the DVL the truth is

@@ -17,8 +17,8 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.types import Array, Vector
 
-SPACING = 0.1  # in t; the information is then good to 1e-6 (tests/test_fisher.py)
-REACH = 9.0  # sigmas of the widest mode
+GRID_SPACING = 0.1  # in t; the information is then good to 1e-6 (tests/test_fisher.py)
+GRID_SIGMAS = 9.0  # sigmas of the widest mode
 
 
 def fisher_information(noise: Noise) -> Array:
@@ -34,7 +34,7 @@ def fisher_information(noise: Noise) -> Array:
     unroot = np.linalg.inv(root).astype(np.float64, copy=False)
     whitened = unroot @ noise.cov @ unroot.T
     # a mixture of multiples of R is the same for each R once whitened; rounding makes it so to the bit
-    information = _whitened_information(_rounded(noise.shares), _rounded(whitened), whitened.shape)
+    information = _whitened_information(_rounded(noise.probabilities), _rounded(whitened), whitened.shape)
     return unroot.T @ information @ unroot
 
 
@@ -67,10 +67,10 @@ def _grid(narrow: Vector, wide: Vector) -> tuple[Array, Vector]:
     """Return the product grid of each axis' points c sinh(t), (m, k), and their weights, (m,)."""
     values: list[Vector] = []
     steps: list[Vector] = []
-    for c, reach in zip(narrow, REACH * wide, strict=True):
-        count = int(np.ceil(np.arcsinh(reach / c) / SPACING))
-        t = SPACING * np.arange(-count, count + 1)
+    for c, reach in zip(narrow, GRID_SIGMAS * wide, strict=True):
+        count = int(np.ceil(np.arcsinh(reach / c) / GRID_SPACING))
+        t = GRID_SPACING * np.arange(-count, count + 1)
         values.append(c * np.sinh(t))
-        steps.append(SPACING * c * np.cosh(t))
+        steps.append(GRID_SPACING * c * np.cosh(t))
     points = np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, len(values))
     return points, np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, len(steps)).prod(axis=1)

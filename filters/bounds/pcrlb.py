@@ -29,7 +29,7 @@ from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.types import Array
 
-AT_ONCE = 16  # truths in one pass of ``local_bounds``: more would cost memory and save no time
+BATCH_SIZE = 16  # truths in one pass of ``local_bounds``: more would cost memory and save no time
 
 
 class Bounds(NamedTuple):
@@ -39,7 +39,7 @@ class Bounds(NamedTuple):
     smoothed: Array  # (K, n, n) from all measurements
 
 
-class Link(NamedTuple):
+class TransitionTerms(NamedTuple):
     """What the motion from one epoch to the next says about both, for B recursions side by side."""
 
     F: Array  # (B, n, n) Jacobian
@@ -65,8 +65,8 @@ def local_bounds(steps: Sequence[Step], motion: MotionModel, truth: Array, prior
     what a good filter comes to where its errors are small beside the bends of the model (docs/bounds.md).
     """
     total = Bounds(np.zeros((len(truth), *prior_cov.shape)), np.zeros((len(truth), *prior_cov.shape)))
-    for first in range(0, truth.shape[2], AT_ONCE):
-        some = truth[:, :, first : first + AT_ONCE]
+    for first in range(0, truth.shape[2], BATCH_SIZE):
+        some = truth[:, :, first : first + BATCH_SIZE]
         found = _recursion(steps, motion, some, prior_cov, together=False)
         share = some.shape[2] / truth.shape[2]
         total = Bounds(total.filtered + share * found.filtered, total.smoothed + share * found.smoothed)
@@ -78,7 +78,7 @@ def mean_absolute_error(cov: Array, row: int) -> float:
     return math.sqrt(2 / math.pi) * float(np.sqrt(np.maximum(cov[:, row, row], 0.0)).mean())
 
 
-def parallel(A: Array, B: Array) -> Array:
+def parallel_sum(A: Array, B: Array) -> Array:
     """Return (A^-1 + B)^-1 for symmetric A, B without negative eigenvalues, (..., n, n), even where A is singular."""
     if not B.any():
         return A
@@ -89,33 +89,33 @@ def parallel(A: Array, B: Array) -> Array:
 def _recursion(steps: Sequence[Step], motion: MotionModel, truth: Array, prior_cov: Array, together: bool) -> Bounds:
     """Run one recursion over expectations, or one for each truth and return their mean."""
     cov = prior_cov[None]
-    links: list[Link] = []
-    told: list[Array] = []  # information that each epoch's measurements bring, (B, n, n)
+    links: list[TransitionTerms] = []
+    measured: list[Array] = []  # information that each epoch's measurements bring, (B, n, n)
     filtered: list[Array] = []
     for k, (step, x) in enumerate(zip(steps, truth, strict=True)):
         link = _link(motion, truth[max(k - 1, 0)], step, together)
-        told.append(_information(step, x, together))
-        cov = parallel(link.F @ parallel(cov, link.M) @ link.F.swapaxes(1, 2) + link.Q, told[-1])
+        measured.append(_information(step, x, together))
+        cov = parallel_sum(link.F @ parallel_sum(cov, link.M) @ link.F.swapaxes(1, 2) + link.Q, measured[-1])
         links.append(link)
         filtered.append(cov)
     future = np.zeros_like(cov)  # information that later epochs bring
     smoothed: list[Array] = []
-    for cov, link, news in zip(reversed(filtered), reversed(links), reversed(told), strict=True):
-        smoothed.append(parallel(cov, future).mean(axis=0))
-        future = link.F.swapaxes(1, 2) @ parallel(future + news, link.Q) @ link.F + link.M
+    for cov, link, news in zip(reversed(filtered), reversed(links), reversed(measured), strict=True):
+        smoothed.append(parallel_sum(cov, future).mean(axis=0))
+        future = link.F.swapaxes(1, 2) @ parallel_sum(future + news, link.Q) @ link.F + link.M
     return Bounds(np.array([cov.mean(axis=0) for cov in filtered]), np.array(smoothed[::-1]))
 
 
-def _link(motion: MotionModel, x: Array, step: Step, together: bool) -> Link:
+def _link(motion: MotionModel, x: Array, step: Step, together: bool) -> TransitionTerms:
     """Return the link from the truths x, (n, T), over a step; time may stand still."""
     n, count = x.shape
     nothing = np.zeros((n, n))
     if step.t1_s == step.t0_s:
-        return Link(np.eye(n)[None], nothing, nothing)
+        return TransitionTerms(np.eye(n)[None], nothing, nothing)
     F = _jacobians(motion, x, step.t0_s, step.t1_s)
     q = motion.noise(step.t0_s, step.t1_s)
     if not together or count == 1:
-        return Link(F, np.diag(q), nothing)
+        return TransitionTerms(F, np.diag(q), nothing)
     mean = F.mean(axis=0)
     # equal numbers have a mean that may differ in the last bit, which no noise would forgive
     spread = np.where(np.ptp(F, axis=0) > 0, F - mean, 0.0)
@@ -123,7 +123,7 @@ def _link(motion: MotionModel, x: Array, step: Step, together: bool) -> Link:
     if not q[bent].all():
         raise UsageError("there is no bound over several truths without process noise where the motion is not linear")
     weighted = (spread[:, bent] / np.sqrt(q[bent])[:, None]).reshape(-1, n)
-    return Link(mean[None], np.diag(q), weighted.T @ weighted / count)
+    return TransitionTerms(mean[None], np.diag(q), weighted.T @ weighted / count)
 
 
 def _jacobians(motion: MotionModel, x: Array, t0_s: float, t1_s: float) -> Array:

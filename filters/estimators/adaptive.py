@@ -23,17 +23,17 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import Gaussians, inverse_and_logdet, project
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, inverse_and_logdet, project
 from usbldr.filters.models.noise import Noise, chi_square_quantile
 from usbldr.filters.models.sensors import Measurement
-from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.models.sigma_points import MomentTransform
 from usbldr.filters.types import Array, Vector
 
-LISTENED = ("usbl", "gps")
+ADAPTED_SENSORS = ("usbl", "gps")
 """Sensors that tell where the vehicle is. Speed and heading are measured anew at every epoch and need no help; a DVL
 that errs more than it says would only blow up the position."""
 
-MOST = 1e4  # beyond this the prediction counts for nothing against a fix anyway, and angles must stay angles
+MAX_FACTOR = 1e4  # beyond this the prediction counts for nothing against a fix anyway, and angles must stay angles
 
 
 class Innovation(NamedTuple):
@@ -45,15 +45,15 @@ class Innovation(NamedTuple):
 
     def distance(self, factor: float = 1.0) -> float:
         """Return e' (f H P H' + R)^-1 e with R of the whole mixture: k on average when all is as predicted."""
-        inverse, _ = inverse_and_logdet((factor * self.predicted + self.noise.matched)[:, :, None])
+        inverse, _ = inverse_and_logdet((factor * self.predicted + self.noise.mixture_cov)[:, :, None])
         return float(self.e @ inverse[:, :, 0] @ self.e)
 
 
-History: TypeAlias = Mapping[str, tuple[Innovation, ...]]
+InnovationHistory: TypeAlias = Mapping[str, tuple[Innovation, ...]]
 """The last innovations of each scalar that is listened to, oldest first; never changed, only replaced."""
 
 
-class Factor(Protocol):
+class InflationFactor(Protocol):
     """What a full window of innovations of one scalar (or record) makes of the predicted covariance."""
 
     @property
@@ -67,7 +67,7 @@ class Factor(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Fading:
+class FadingFactor:
     """Bring the median distance back to its limit: two false fixes in five are borne, a displacement is not."""
 
     window: int = 5
@@ -78,7 +78,7 @@ class Fading:
         limit = chi_square_quantile(self.probability, len(innovations[0].e))
         if _median_distance(innovations) <= limit:
             return 1.0
-        low, high = 1.0, MOST
+        low, high = 1.0, MAX_FACTOR
         while high > 1.001 * low:
             middle = (low * high) ** 0.5
             low, high = (middle, high) if _median_distance(innovations, middle) > limit else (low, middle)
@@ -98,25 +98,29 @@ class CovarianceMatching:
         if _median_distance(innovations) <= chi_square_quantile(self.probability, k):
             return 1.0
         C = np.median([one.e @ one.e for one in innovations]) * k / chi_square_quantile(0.5, k)  # trace
-        R = np.median([np.trace(one.noise.matched) for one in innovations])
+        R = np.median([np.trace(one.noise.mixture_cov) for one in innovations])
         predicted = np.median([np.trace(one.predicted) for one in innovations])
-        return min(max(float((C - R) / predicted), 1.0), MOST) if predicted > 0 else 1.0
+        return min(max(float((C - R) / predicted), 1.0), MAX_FACTOR) if predicted > 0 else 1.0
 
 
 def _median_distance(innovations: Sequence[Innovation], factor: float = 1.0) -> float:
     return float(np.median([innovation.distance(factor) for innovation in innovations]))
 
 
-def inflated(
-    bank: Gaussians, measurements: Sequence[Measurement], history: History, rule: Rule, factor: Factor
-) -> tuple[Gaussians, History, float]:
+def inflate(
+    bank: GaussianBank,
+    measurements: Sequence[Measurement],
+    history: InnovationHistory,
+    rule: MomentTransform,
+    factor: InflationFactor,
+) -> tuple[GaussianBank, InnovationHistory, float]:
     """Return a predicted bank of one with its covariance times the largest factor of the step's scalars.
 
     The innovations of the step join the history first; a factor above 1 empties it.
     """
     largest = 1.0
     for measurement in measurements:
-        if measurement.sensor not in LISTENED:
+        if measurement.sensor not in ADAPTED_SENSORS:
             continue
         seen = project(bank, measurement, rule)
         scalar = f"{measurement.sensor} {measurement.axis}"

@@ -23,33 +23,41 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from usbldr.filters.estimators.gaussian_bank import Gaussians, Projection, copies, moments, predict, project, update
-from usbldr.filters.estimators.mode_updates import Modes, modes
-from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, moved, record
+from usbldr.filters.estimators.gaussian_bank import (
+    GaussianBank,
+    Projection,
+    mixture_moments,
+    predict,
+    project,
+    replicate,
+    update,
+)
+from usbldr.filters.estimators.mode_updates import ModeLikelihoods, mode_likelihoods
+from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update, with_state_shift
 from usbldr.filters.estimators.resampling import effective_size, normalised, systematic
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sensors import Measurement
-from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.models.sigma_points import MomentTransform
 from usbldr.filters.types import Array, Indices, Update, Vector
 
 
-class Past(NamedTuple):
+class PastStep(NamedTuple):
     """A step that a move may run again."""
 
-    start: Gaussians  # the bank before the step, by today's particles
+    start: GaussianBank  # the bank before the step, by today's particles
     step: Step
     log_likelihood: Vector  # (N,) of the step's measurements along each particle's modes
 
-    def take(self, ancestors: Indices) -> "Past":
+    def take(self, ancestors: Indices) -> "PastStep":
         """Follow the particles through resampling."""
-        return Past(self.start.take(ancestors), self.step, self.log_likelihood[ancestors])
+        return PastStep(self.start.take(ancestors), self.step, self.log_likelihood[ancestors])
 
 
 class ParticleBelief(NamedTuple):
     """N Gaussians, the steps that a move may still change, and what the last step did."""
 
-    bank: Gaussians
-    past: tuple[Past, ...]
+    bank: GaussianBank
+    past: tuple[PastStep, ...]
     updates: tuple[Update, ...]
     ess: float
     acceptance: float
@@ -60,21 +68,21 @@ class CubatureParticleFilter:
     """N Kalman filters, each on the noise modes that it has drawn."""
 
     motion: MotionModel
-    rule: Rule
+    rule: MomentTransform
     particles: int = 100
     resample_below: float = 0.5  # share of N
     move_steps: int = 2  # how far back a move reaches; 0: no move
 
     def start(self, prior: Prior) -> ParticleBelief:
         """Return N copies of the prior."""
-        return ParticleBelief(copies(prior.mean, prior.cov, self.particles), (), (), float(self.particles), math.nan)
+        return ParticleBelief(replicate(prior.mean, prior.cov, self.particles), (), (), float(self.particles), math.nan)
 
-    def step(self, belief: ParticleBelief, step: Step, chance: Chance) -> ParticleBelief:
+    def step(self, belief: ParticleBelief, step: Step, make_rng: MakeRng) -> ParticleBelief:
         """Return the belief after the step: predict; weigh, resample, draw and update per measurement; move."""
-        rng = chance()
-        past: tuple[Past, ...] = (
+        rng = make_rng()
+        past: tuple[PastStep, ...] = (
             *belief.past[-(self.move_steps - 1) :],
-            Past(belief.bank, step, np.zeros(self.particles)),
+            PastStep(belief.bank, step, np.zeros(self.particles)),
         )
         if self.move_steps < 2:
             past = past[-1:]
@@ -83,8 +91,8 @@ class CubatureParticleFilter:
         least, resampled = float(self.particles), False
         for measurement in step.measurements:
             seen, before = project(bank, measurement, self.rule), bank
-            told = record(measurement, seen, np.exp(bank.log_weight), rejected=False)
-            weighed = modes(seen, measurement.noise)
+            described = measurement_update(measurement, seen, np.exp(bank.log_weight), rejected=False)
+            weighed = mode_likelihoods(seen, measurement.noise)
             log_l = weighed.log_likelihood
             bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
             past = (*past[:-1], past[-1]._replace(log_likelihood=past[-1].log_likelihood + log_l))
@@ -92,12 +100,12 @@ class CubatureParticleFilter:
             least = min(least, ess)
             if ess < self.resample_below * self.particles:
                 ancestors = systematic(np.exp(bank.log_weight), rng)
-                bank = bank.offspring(ancestors)
+                bank = bank.resampled_members(ancestors)
                 past = tuple(old.take(ancestors) for old in past)
-                seen, weighed = seen.take(ancestors), Modes(*(x[..., ancestors] for x in weighed))
+                seen, weighed = seen.take(ancestors), ModeLikelihoods(*(x[..., ancestors] for x in weighed))
                 resampled = True
             bank = _drawn_update(bank, seen, weighed, measurement, rng)
-            updates.append(moved(told, before, bank))
+            updates.append(with_state_shift(described, before, bank))
         acceptance = math.nan
         if resampled and self.move_steps:
             bank, past, acceptance = self._move(bank, past, rng)
@@ -105,18 +113,18 @@ class CubatureParticleFilter:
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
         """Return the weighted mean and the covariance of the whole mixture."""
-        mean, cov = moments(belief.bank)
+        mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, belief.ess, belief.acceptance)
 
     def _move(
-        self, bank: Gaussians, past: Sequence[Past], rng: np.random.Generator
-    ) -> tuple[Gaussians, tuple[Past, ...], float]:
+        self, bank: GaussianBank, past: Sequence[PastStep], rng: np.random.Generator
+    ) -> tuple[GaussianBank, tuple[PastStep, ...], float]:
         """Offer each particle new modes for its last steps; accept with min(1, product of l* / product of l).
 
         The proposal draws every mode from its exact conditional, so the ratio of target to proposal is the product of
         the predictive likelihoods along the path (independence Metropolis-Hastings).
         """
-        proposal: list[Past] = []
+        proposal: list[PastStep] = []
         state = past[0].start
         for _, step, _ in past:
             start = state
@@ -124,14 +132,14 @@ class CubatureParticleFilter:
             log_l = np.zeros(self.particles)
             for measurement in step.measurements:
                 seen = project(state, measurement, self.rule)
-                weighed = modes(seen, measurement.noise)
+                weighed = mode_likelihoods(seen, measurement.noise)
                 log_l += weighed.log_likelihood
                 state = _drawn_update(state, seen, weighed, measurement, rng)
-            proposal.append(Past(start, step, log_l))
+            proposal.append(PastStep(start, step, log_l))
         gain = sum(new.log_likelihood for new in proposal) - sum(old.log_likelihood for old in past)
         accepted = np.log(rng.random(self.particles)) < gain
         moved = tuple(
-            Past(
+            PastStep(
                 _chosen(accepted, new.start, old.start),
                 new.step,
                 np.where(accepted, new.log_likelihood, old.log_likelihood),
@@ -142,8 +150,8 @@ class CubatureParticleFilter:
 
 
 def _drawn_update(
-    bank: Gaussians, seen: Projection, weighed: Modes, measurement: Measurement, rng: np.random.Generator
-) -> Gaussians:
+    bank: GaussianBank, seen: Projection, weighed: ModeLikelihoods, measurement: Measurement, rng: np.random.Generator
+) -> GaussianBank:
     """Draw each particle's noise mode from p(mode | history, z) and update it as if that mode were known."""
     R = measurement.noise.cov
     if len(R) == 1:
@@ -158,6 +166,6 @@ def _by_mode(R: Array, mode: Indices) -> Array:
     return np.moveaxis(R[mode], 0, -1)
 
 
-def _chosen(accepted: NDArray[np.bool_], new: Gaussians, old: Gaussians) -> Gaussians:
+def _chosen(accepted: NDArray[np.bool_], new: GaussianBank, old: GaussianBank) -> GaussianBank:
     """Return the new member where accepted, the old elsewhere; a move changes no weight."""
-    return Gaussians(np.where(accepted, new.mean, old.mean), np.where(accepted, new.cov, old.cov), old.log_weight)
+    return GaussianBank(np.where(accepted, new.mean, old.mean), np.where(accepted, new.cov, old.cov), old.log_weight)

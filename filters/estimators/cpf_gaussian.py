@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.estimators.cpf import ParticleBelief
-from usbldr.filters.estimators.gaussian_bank import Gaussians, copies, moments, predict, project
-from usbldr.filters.estimators.mode_updates import collapse, modes
-from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, moved, record
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, mixture_moments, predict, project, replicate
+from usbldr.filters.estimators.mode_updates import collapse, mode_likelihoods
+from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update, with_state_shift
 from usbldr.filters.estimators.resampling import effective_size, normalised
 from usbldr.filters.models.motion import MotionModel
-from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.models.sigma_points import MomentTransform
 from usbldr.filters.types import Array, Update, Vector
 
 
@@ -29,14 +29,14 @@ class GaussianParticleFilter:
     """N whitened particles around one Gaussian."""
 
     motion: MotionModel
-    rule: Rule
+    rule: MomentTransform
     particles: int = 100
 
     def start(self, prior: Prior) -> ParticleBelief:
         """Return the prior."""
-        return ParticleBelief(copies(prior.mean, prior.cov, 1), (), (), float(self.particles), math.nan)
+        return ParticleBelief(replicate(prior.mean, prior.cov, 1), (), (), float(self.particles), math.nan)
 
-    def step(self, belief: ParticleBelief, step: Step, chance: Chance) -> ParticleBelief:
+    def step(self, belief: ParticleBelief, step: Step, make_rng: MakeRng) -> ParticleBelief:
         """Return the belief after the step; without a measurement nothing is drawn."""
         before = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)
         if not step.measurements:
@@ -45,26 +45,26 @@ class GaussianParticleFilter:
         updates: list[Update] = []
         for measurement in step.measurements:
             seen = project(proposal, measurement, self.rule)
-            told, last = record(measurement, seen, np.ones(1), rejected=False), proposal
+            described, last = measurement_update(measurement, seen, np.ones(1), rejected=False), proposal
             proposal, *_ = collapse(last, seen, measurement.noise, 0)
-            updates.append(moved(told, last, proposal))
-        normals = whitened(chance().standard_normal((len(before.mean), self.particles)))
+            updates.append(with_state_shift(described, last, proposal))
+        normals = whitened(make_rng().standard_normal((len(before.mean), self.particles)))
         root = np.linalg.cholesky(proposal.cov[:, :, 0])
         points = proposal.mean + root @ normals
         log_q = -0.5 * np.sum(normals**2, axis=0) - np.log(np.diag(root)).sum()
         log_w = log_density(points, before.mean, before.cov[:, :, 0]) - log_q
-        cloud = Gaussians(points, np.zeros((*root.shape, self.particles)), np.zeros(self.particles))
+        cloud = GaussianBank(points, np.zeros((*root.shape, self.particles)), np.zeros(self.particles))
         for measurement in step.measurements:
-            log_w += modes(project(cloud, measurement, self.rule), measurement.noise).log_likelihood
+            log_w += mode_likelihoods(project(cloud, measurement, self.rule), measurement.noise).log_likelihood
         cloud = cloud._replace(log_weight=normalised(log_w))
-        mean, cov = moments(cloud)
+        mean, cov = mixture_moments(cloud)
         return ParticleBelief(
-            copies(mean, 0.5 * (cov + cov.T), 1), (), tuple(updates), effective_size(cloud.log_weight), math.nan
+            replicate(mean, 0.5 * (cov + cov.T), 1), (), tuple(updates), effective_size(cloud.log_weight), math.nan
         )
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
         """Return mean and covariance."""
-        mean, cov = moments(belief.bank)
+        mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, belief.ess, belief.acceptance)
 
 

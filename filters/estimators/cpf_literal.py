@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.estimators.cpf import ParticleBelief
-from usbldr.filters.estimators.gaussian_bank import Gaussians, copies, predict, project, update
-from usbldr.filters.estimators.mode_updates import modes
-from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, record
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, predict, project, replicate, update
+from usbldr.filters.estimators.mode_updates import mode_likelihoods
+from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update
 from usbldr.filters.estimators.resampling import effective_size, normalised, systematic
 from usbldr.filters.models.motion import MotionModel
-from usbldr.filters.models.sigma_points import Rule, linearised
+from usbldr.filters.models.sigma_points import MomentTransform, linearised
 from usbldr.filters.types import Array, Update, Vector
 
 
@@ -28,25 +28,25 @@ class LiteralParticleFilter:
     """N points, each with a covariance of its own; the noise is matched in the proposal and exact in the weight."""
 
     motion: MotionModel
-    rule: Rule
+    rule: MomentTransform
     particles: int = 100
     resample_below: float = 0.5  # share of N
 
     def start(self, prior: Prior) -> ParticleBelief:
         """Return N copies of the prior; the first step draws from it."""
-        return ParticleBelief(copies(prior.mean, prior.cov, self.particles), (), (), float(self.particles), math.nan)
+        return ParticleBelief(replicate(prior.mean, prior.cov, self.particles), (), (), float(self.particles), math.nan)
 
-    def step(self, belief: ParticleBelief, step: Step, chance: Chance) -> ParticleBelief:
+    def step(self, belief: ParticleBelief, step: Step, make_rng: MakeRng) -> ParticleBelief:
         """Return the belief after the step: propose, draw, weigh, resample."""
-        rng = chance()
+        rng = make_rng()
         before = belief.bank
         predicted = predict(before, self.motion, self.rule, step.t0_s, step.t1_s)
         proposal = predicted
         updates: list[Update] = []
         for measurement in step.measurements:
             seen = project(proposal, measurement, self.rule)
-            updates.append(record(measurement, seen, np.exp(proposal.log_weight), rejected=False))
-            proposal = update(proposal, seen, measurement.noise.matched[:, :, None])
+            updates.append(measurement_update(measurement, seen, np.exp(proposal.log_weight), rejected=False))
+            proposal = update(proposal, seen, measurement.noise.mixture_cov[:, :, None])
         root = np.moveaxis(np.linalg.cholesky(np.moveaxis(proposal.cov, -1, 0)), 0, -1)
         normals = rng.standard_normal(proposal.mean.shape)
         points = proposal.mean + np.einsum("ijn,jn->in", root, normals)
@@ -54,14 +54,14 @@ class LiteralParticleFilter:
         cloud = before._replace(mean=points, cov=np.zeros_like(before.cov))
         log_l = np.zeros(self.particles)
         for measurement in step.measurements:
-            log_l += modes(project(cloud, measurement, self.rule), measurement.noise).log_likelihood
+            log_l += mode_likelihoods(project(cloud, measurement, self.rule), measurement.noise).log_likelihood
         log_weight = normalised(
             before.log_weight + log_l + self._log_transition(before, predicted, points, step) - log_q
         )
-        bank = Gaussians(points, proposal.cov, log_weight)
+        bank = GaussianBank(points, proposal.cov, log_weight)
         ess = effective_size(log_weight)
         if ess < self.resample_below * self.particles:
-            bank = bank.offspring(systematic(np.exp(log_weight), rng))
+            bank = bank.resampled_members(systematic(np.exp(log_weight), rng))
         return ParticleBelief(bank, (), tuple(updates), ess, math.nan)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
@@ -71,7 +71,7 @@ class LiteralParticleFilter:
         spread = belief.bank.mean - mean[:, None]
         return Estimate(mean, (spread * w) @ spread.T, belief.updates, belief.ess, belief.acceptance)
 
-    def _log_transition(self, before: Gaussians, predicted: Gaussians, points: Array, step: Step) -> Vector:
+    def _log_transition(self, before: GaussianBank, predicted: GaussianBank, points: Array, step: Step) -> Vector:
         """Return log p(x | x_before), constants that all particles share left out; in the first step the prior's."""
         if step.t1_s == step.t0_s:
             inverse = np.linalg.inv(predicted.cov[:, :, 0])

@@ -11,22 +11,22 @@ import numpy as np
 
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sensors import Measurement
-from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.models.sigma_points import MomentTransform
 from usbldr.filters.types import Array, Indices, Vector
 
 
-class Gaussians(NamedTuple):
+class GaussianBank(NamedTuple):
     """N weighted Gaussians in n dimensions."""
 
     mean: Array  # (n, N)
     cov: Array  # (n, n, N), exactly symmetric
     log_weight: Vector  # (N,), normalised
 
-    def take(self, ancestors: Indices) -> "Gaussians":
+    def take(self, ancestors: Indices) -> "GaussianBank":
         """Return the bank of these members, weights and all."""
-        return Gaussians(self.mean[:, ancestors], self.cov[:, :, ancestors], self.log_weight[ancestors])
+        return GaussianBank(self.mean[:, ancestors], self.cov[:, :, ancestors], self.log_weight[ancestors])
 
-    def offspring(self, ancestors: Indices) -> "Gaussians":
+    def resampled_members(self, ancestors: Indices) -> "GaussianBank":
         """Return what resampling leaves: these members, equally weighted."""
         return self.take(ancestors)._replace(log_weight=equal_weights(len(ancestors)))
 
@@ -37,7 +37,7 @@ class Projection(NamedTuple):
     innovation: Array  # (k, N) z - E h
     cov: Array  # (k, k, N) H P H', without the measurement's own noise
     cross: Array  # (n, k, N) P H'
-    again: "Callable[[Gaussians], Projection] | None" = None  # holds it against another bank, see `about`
+    relinearise: "Callable[[GaussianBank], Projection] | None" = None  # holds it against another bank, see `about`
 
     def take(self, ancestors: Indices) -> "Projection":
         """Return the projection of these members."""
@@ -53,24 +53,26 @@ def equal_weights(count: int) -> Vector:
     return np.full(count, -np.log(count))
 
 
-def copies(mean: Vector, cov: Array, count: int) -> Gaussians:
+def replicate(mean: Vector, cov: Array, count: int) -> GaussianBank:
     """Return ``count`` copies of N(mean, cov), equally weighted: the paper's initial particles."""
-    return Gaussians(
+    return GaussianBank(
         np.repeat(mean[:, None], count, axis=1),
         np.repeat(cov[:, :, None], count, axis=2),
         equal_weights(count),
     )
 
 
-class Part(NamedTuple):
+class PartialPrediction(NamedTuple):
     """The bank after one part of the motion, before the process noise."""
 
-    bank: Gaussians
+    bank: GaussianBank
     rows: slice  # which states the part moved
     cross: Array  # (n, k, N) covariance of all states before with what those rows gained
 
 
-def moves(bank: Gaussians, motion: MotionModel, rule: Rule, t0_s: float, t1_s: float) -> Iterator[Part]:
+def predict_parts(
+    bank: GaussianBank, motion: MotionModel, rule: MomentTransform, t0_s: float, t1_s: float
+) -> Iterator[PartialPrediction]:
     """Move the bank part by part: each part's increment by the rule."""
     for rows, increment in motion.parts(t0_s, t1_s):
         mean, cov, cross = rule(increment, bank.mean, bank.cov)
@@ -81,30 +83,30 @@ def moves(bank: Gaussians, motion: MotionModel, rule: Rule, t0_s: float, t1_s: f
         P[rows] += cross.swapaxes(0, 1)
         P[:, rows] += cross
         P[rows, rows] = block
-        bank = Gaussians(m, P, bank.log_weight)
-        yield Part(bank, rows, cross)
+        bank = GaussianBank(m, P, bank.log_weight)
+        yield PartialPrediction(bank, rows, cross)
 
 
-def predict(bank: Gaussians, motion: MotionModel, rule: Rule, t0_s: float, t1_s: float) -> Gaussians:
+def predict(bank: GaussianBank, motion: MotionModel, rule: MomentTransform, t0_s: float, t1_s: float) -> GaussianBank:
     """Move the bank from t0 to t1 and add the process noise."""
     if t1_s == t0_s:
         return bank
-    *_, last = moves(bank, motion, rule, t0_s, t1_s)
+    *_, last = predict_parts(bank, motion, rule, t0_s, t1_s)
     P = last.bank.cov.copy()
     diagonal = np.arange(len(P))
     P[diagonal, diagonal] += motion.noise(t0_s, t1_s)[:, None]
     return last.bank._replace(cov=P)
 
 
-def project(bank: Gaussians, measurement: Measurement, rule: Rule) -> Projection:
+def project(bank: GaussianBank, measurement: Measurement, rule: MomentTransform) -> Projection:
     """Hold a measurement against every member."""
     model = measurement.model
     mean, cov, cross = rule(model, bank.mean, bank.cov)
-    again = functools.partial(project, measurement=measurement, rule=rule) if measurement.multiplies else None
-    return Projection(model.residual(measurement.z[:, None], mean), cov, cross, again)
+    relinearise = functools.partial(project, measurement=measurement, rule=rule) if measurement.bilinear else None
+    return Projection(model.residual(measurement.z[:, None], mean), cov, cross, relinearise)
 
 
-def about(bank: Gaussians, after: Gaussians, seen: Projection) -> Projection | None:
+def relinearised(bank: GaussianBank, after: GaussianBank, seen: Projection) -> Projection | None:
     """Return the measurement as the bank sees it from the mean after it; None where that is as before.
 
     A sensor that multiplies a state by its own constant error, as a DVL does by its scale, ties the two by a slope that
@@ -114,24 +116,24 @@ def about(bank: Gaussians, after: Gaussians, seen: Projection) -> Projection | N
     of the new mean (G. Huang, A. Mourikis and S. Roumeliotis, "Observability-based rules for designing consistent EKF
     SLAM estimators", Int. J. Robotics Research 29(5), 2010, doi:10.1177/0278364909353640, on why one slope must serve).
     """
-    if seen.again is None:
+    if seen.relinearise is None:
         return None
-    return seen.again(bank._replace(mean=after.mean))._replace(innovation=seen.innovation)
+    return seen.relinearise(bank._replace(mean=after.mean))._replace(innovation=seen.innovation)
 
 
-def update(bank: Gaussians, seen: Projection, R: Array) -> Gaussians:
+def update(bank: GaussianBank, seen: Projection, R: Array) -> GaussianBank:
     """Update each member with its own measurement noise: R (k, k, N) or (k, k, 1)."""
     after = _updated(bank, seen, R)
-    anew = about(bank, after, seen)
-    return after if anew is None else after._replace(cov=_updated(bank, anew, R).cov)
+    relinearised_seen = relinearised(bank, after, seen)
+    return after if relinearised_seen is None else after._replace(cov=_updated(bank, relinearised_seen, R).cov)
 
 
-def _updated(bank: Gaussians, seen: Projection, R: Array) -> Gaussians:
+def _updated(bank: GaussianBank, seen: Projection, R: Array) -> GaussianBank:
     inverse, _ = inverse_and_logdet(seen.cov + R)
-    return shift(bank, seen.cross, np.einsum("kln,ln->kn", inverse, seen.innovation), inverse)
+    return apply_gain(bank, seen.cross, np.einsum("kln,ln->kn", inverse, seen.innovation), inverse)
 
 
-def shift(bank: Gaussians, cross: Array, g: Array, G: Array) -> Gaussians:
+def apply_gain(bank: GaussianBank, cross: Array, g: Array, G: Array) -> GaussianBank:
     """Return mean + cross g and cov - cross G cross', symmetric to the last bit.
 
     cross (n, k, N); g (k, N) is the score of the predictive likelihood, G (k, k, N) its negative curvature. Rounding
@@ -139,13 +141,13 @@ def shift(bank: Gaussians, cross: Array, g: Array, G: Array) -> Gaussians:
     """
     if len(g) == 1:
         c = cross[:, 0]
-        return Gaussians(bank.mean + c * g, bank.cov - (c[:, None] * c[None]) * G[0, 0], bank.log_weight)
+        return GaussianBank(bank.mean + c * g, bank.cov - (c[:, None] * c[None]) * G[0, 0], bank.log_weight)
     loss = np.einsum("akn,kln,bln->abn", cross, G, cross, optimize=["einsum_path", (0, 1), (0, 1)])
     mean = bank.mean + np.einsum("akn,kn->an", cross, g)
-    return Gaussians(mean, bank.cov - 0.5 * (loss + loss.swapaxes(0, 1)), bank.log_weight)
+    return GaussianBank(mean, bank.cov - 0.5 * (loss + loss.swapaxes(0, 1)), bank.log_weight)
 
 
-def moments(bank: Gaussians) -> tuple[Vector, Array]:
+def mixture_moments(bank: GaussianBank) -> tuple[Vector, Array]:
     """Return the mean, (n,), and covariance, (n, n), of the weighted mixture: eqs. (21) and (22) with weights."""
     w = np.exp(bank.log_weight)
     mean = bank.mean @ w

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import Gaussians, inverse_and_logdet, project
-from usbldr.filters.estimators.mode_updates import modes
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, inverse_and_logdet, project
+from usbldr.filters.estimators.mode_updates import mode_likelihoods
 from usbldr.filters.estimators.protocol import Step
 from usbldr.filters.models.noise import Contamination, Noise
 from usbldr.filters.models.sensors import Measurement, UsblFix
@@ -24,48 +24,52 @@ SENSOR = "usbl"  # whose fixes may be false in clusters
 TAIL_DOF = 4.0  # of Student's t
 
 
-class Evidence(NamedTuple):
+class HypothesisLikelihoods(NamedTuple):
     """Log likelihoods of the fixes of a step, as one belief saw them coming."""
 
     modelled: float  # by the whole noise model
-    taken: float  # by that, or false
-    genuine: float  # by those modes of it that tell where the vehicle is
-    displaced: float  # of a vehicle that is not where the belief has it
-    false: float
+    if_accepted: float  # by that, or false
+    inlier: float  # by those modes of it that tell where the vehicle is
+    relocated: float  # of a vehicle that is not where the belief has it
+    outlier: float
     excess_m2: float  # of the squared innovations over the expected, each axis
-    telling: bool  # the fixes know better than the belief where the vehicle is
+    informative: bool  # the fixes know better than the belief where the vehicle is
 
 
-def evidence(bank: Gaussians, fixes: Sequence[Measurement], false: Contamination) -> Evidence:
+def hypothesis_likelihoods(
+    bank: GaussianBank, fixes: Sequence[Measurement], outlier_noise: Contamination
+) -> HypothesisLikelihoods:
     """Hold fixes against a predicted bank of one; each for itself, as if no other had been taken before it."""
-    told = [_of_one(bank, fix, false) for fix in fixes]
-    modelled, taken, genuine, displaced, false_, excess_m2, telling = zip(*told, strict=True)
-    sums = (sum(each) for each in (modelled, taken, genuine, displaced, false_))
-    return Evidence(*sums, excess_m2=max(excess_m2), telling=any(telling))
+    told = [_fix_likelihoods(bank, fix, outlier_noise) for fix in fixes]
+    modelled, if_accepted, inlier, relocated, outliers, excess_m2, informative = zip(*told, strict=True)
+    sums = (sum(each) for each in (modelled, if_accepted, inlier, relocated, outliers))
+    return HypothesisLikelihoods(*sums, excess_m2=max(excess_m2), informative=any(informative))
 
 
-def _of_one(bank: Gaussians, fix: Measurement, false: Contamination) -> Evidence:
+def _fix_likelihoods(bank: GaussianBank, fix: Measurement, outlier_noise: Contamination) -> HypothesisLikelihoods:
     seen = project(bank, fix, linearised)
     e, predicted, R = seen.innovation[:, 0], seen.cov[:, :, 0], fix.noise.cov[0]
-    k, far_m2 = len(e), false.sd**2
+    k, far_m2 = len(e), outlier_noise.sd**2
     size_m2 = np.trace(fix.noise.cov, axis1=1, axis2=2) / k
     near = size_m2 <= max(far_m2, size_m2[0])  # wider modes are the noise model's own false fixes
-    log_false = math.log(false.share) + _log_t(e, predicted + R + far_m2 * np.eye(k))
-    modelled = genuine = float(modes(seen, fix.noise).log_likelihood[0])
+    log_outlier = math.log(outlier_noise.share) + _log_t(e, predicted + R + far_m2 * np.eye(k))
+    modelled = inlier = float(mode_likelihoods(seen, fix.noise).log_likelihood[0])
     if not near.all():
-        genuine = float(modes(seen, Noise(fix.noise.shares[near], fix.noise.cov[near])).log_likelihood[0])
-    return Evidence(
+        inlier = float(
+            mode_likelihoods(seen, Noise(fix.noise.probabilities[near], fix.noise.cov[near])).log_likelihood[0]
+        )
+    return HypothesisLikelihoods(
         modelled,
-        float(np.logaddexp(modelled, log_false)),
-        genuine,
+        float(np.logaddexp(modelled, log_outlier)),
+        inlier,
         _log_t(e, predicted + R),
-        log_false,
+        log_outlier,
         max(0.0, float(e @ e - np.trace(predicted + R)) / k),
         bool(np.trace(predicted) > np.trace(R)),
     )
 
 
-def whole_fixes(step: Step) -> list[Measurement]:
+def joint_fixes(step: Step) -> list[Measurement]:
     """Return the step's USBL fixes, each as one measurement of all its scalars."""
     found: dict[int, Measurement] = {}
     for m in step.measurements:
@@ -84,10 +88,10 @@ def _joined(a: Measurement, b: Measurement) -> Measurement:
     """Return two scalars of a fix, which err apart, as one measurement: each pair of their modes is a mode."""
     assert isinstance(a.model, UsblFix)
     assert isinstance(b.model, UsblFix)
-    cov = np.zeros((len(a.noise.shares) * len(b.noise.shares), 2, 2))
-    cov[:, 0, 0] = np.repeat(a.noise.cov[:, 0, 0], len(b.noise.shares))
-    cov[:, 1, 1] = np.tile(b.noise.cov[:, 0, 0], len(a.noise.shares))
-    noise = Noise(np.outer(a.noise.shares, b.noise.shares).ravel(), cov)
+    cov = np.zeros((len(a.noise.probabilities) * len(b.noise.probabilities), 2, 2))
+    cov[:, 0, 0] = np.repeat(a.noise.cov[:, 0, 0], len(b.noise.probabilities))
+    cov[:, 1, 1] = np.tile(b.noise.cov[:, 0, 0], len(a.noise.probabilities))
+    noise = Noise(np.outer(a.noise.probabilities, b.noise.probabilities).ravel(), cov)
     model = replace(a.model, axes=a.model.axes + b.model.axes)
     return a._replace(z=np.concatenate([a.z, b.z]), model=model, noise=noise, axis="position")
 

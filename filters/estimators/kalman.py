@@ -8,23 +8,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.adaptive import Factor, History, inflated
-from usbldr.filters.estimators.gaussian_bank import Gaussians, copies, moments, predict, project
-from usbldr.filters.estimators.mode_updates import Policy
-from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, moved, record
+from usbldr.filters.estimators.adaptive import InflationFactor, InnovationHistory, inflate
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, mixture_moments, predict, project, replicate
+from usbldr.filters.estimators.mode_updates import ModeUpdate
+from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update, with_state_shift
 from usbldr.filters.models.motion import MotionModel
-from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.models.sigma_points import MomentTransform
 from usbldr.filters.types import Update
 
 
 class KalmanBelief(NamedTuple):
     """One Gaussian, what the last step did, and how many readings of each scalar were refused in a row."""
 
-    bank: Gaussians
+    bank: GaussianBank
     updates: tuple[Update, ...]
     log_likelihood: float  # predictive, of all measurements so far
     rejected: Mapping[str, int]
-    history: History = MappingProxyType({})  # of the adaptive factor
+    history: InnovationHistory = MappingProxyType({})  # of the adaptive factor
     inflation: float = 1.0  # see Estimate
 
 
@@ -33,34 +33,34 @@ class KalmanFilter:
     """Predict by the rule, multiply the predicted covariance by the factor, take each measurement by the policy."""
 
     motion: MotionModel
-    rule: Rule
-    policy: Policy
-    factor: Factor | None = None
+    rule: MomentTransform
+    mode_update: ModeUpdate
+    factor: InflationFactor | None = None
 
     def start(self, prior: Prior) -> KalmanBelief:
         """Return the prior as a bank of one."""
-        return KalmanBelief(copies(prior.mean, prior.cov, 1), (), 0.0, {})
+        return KalmanBelief(replicate(prior.mean, prior.cov, 1), (), 0.0, {})
 
-    def step(self, belief: KalmanBelief, step: Step, chance: Chance) -> KalmanBelief:
+    def step(self, belief: KalmanBelief, step: Step, make_rng: MakeRng) -> KalmanBelief:
         """Return the belief after the step; nothing is left to chance."""
         bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)
         history, inflation = belief.history, 1.0
         if self.factor is not None:
-            bank, history, inflation = inflated(bank, step.measurements, history, self.rule, self.factor)
+            bank, history, inflation = inflate(bank, step.measurements, history, self.rule, self.factor)
         updates: list[Update] = []
         log_likelihood, rejected = belief.log_likelihood, belief.rejected
         for measurement in step.measurements:
             seen = project(bank, measurement, self.rule)
             scalar = f"{measurement.sensor} {measurement.axis}"  # a good north must not excuse a refused east
             past, before = rejected.get(scalar, 0), bank
-            bank, log_l, refused, refuted = self.policy(before, seen, measurement.noise, past)
-            inflation = math.inf if refuted else inflation
+            bank, log_l, refused, covariance_inflated = self.mode_update(before, seen, measurement.noise, past)
+            inflation = math.inf if covariance_inflated else inflation
             rejected = {**rejected, scalar: past + 1 if refused else 0}
             log_likelihood += float(log_l[0])
-            updates.append(moved(record(measurement, seen, np.ones(1), refused), before, bank))
+            updates.append(with_state_shift(measurement_update(measurement, seen, np.ones(1), refused), before, bank))
         return KalmanBelief(bank, tuple(updates), log_likelihood, rejected, history, inflation)
 
     def estimate(self, belief: KalmanBelief) -> Estimate:
         """Return mean and covariance."""
-        mean, cov = moments(belief.bank)
+        mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, 1.0, math.nan, belief.inflation)

@@ -9,12 +9,19 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import Gaussians, Projection, about, inverse_and_logdet, shift, update
+from usbldr.filters.estimators.gaussian_bank import (
+    GaussianBank,
+    Projection,
+    apply_gain,
+    inverse_and_logdet,
+    relinearised,
+    update,
+)
 from usbldr.filters.models.noise import Noise, chi_square_quantile
 from usbldr.filters.types import Array, Vector
 
 
-class Modes(NamedTuple):
+class ModeLikelihoods(NamedTuple):
     """The J noise modes in the light of one measurement."""
 
     log_joint: Array  # (J, N) log of eps_j N(e; 0, S_j)
@@ -28,7 +35,7 @@ class Modes(NamedTuple):
         return np.exp(self.log_joint - self.log_likelihood)
 
 
-def modes(seen: Projection, noise: Noise) -> Modes:
+def mode_likelihoods(seen: Projection, noise: Noise) -> ModeLikelihoods:
     """Weigh the modes of the noise against the innovation."""
     S = seen.cov + noise.cov.reshape(*noise.cov.shape[:3], -1)
     inverse, logdet = inverse_and_logdet(S)
@@ -38,9 +45,9 @@ def modes(seen: Projection, noise: Noise) -> Modes:
     else:
         scaled = np.einsum("jkln,ln->jkn", inverse, seen.innovation)
         distance = np.einsum("jkn,kn->jn", scaled, seen.innovation)
-    constant = np.log(noise.shares) - 0.5 * len(seen.innovation) * math.log(2 * math.pi)
+    constant = np.log(noise.probabilities) - 0.5 * len(seen.innovation) * math.log(2 * math.pi)
     log_joint = constant.reshape(len(S), -1) - 0.5 * (logdet + distance)
-    return Modes(log_joint, _log_sum(log_joint), inverse, scaled)
+    return ModeLikelihoods(log_joint, _log_sum(log_joint), inverse, scaled)
 
 
 def _log_sum(logs: Array) -> Vector:
@@ -51,30 +58,32 @@ def _log_sum(logs: Array) -> Vector:
     return top + np.log(np.exp(logs - top).sum(axis=0))
 
 
-class Verdict(NamedTuple):
+class UpdateResult(NamedTuple):
     """A bank after a measurement."""
 
-    bank: Gaussians
+    bank: GaussianBank
     log_likelihood: Vector  # (N,)
     rejected: bool
-    refuted: bool = False  # the bank was: its covariance was doubled until the measurement fitted
+    covariance_inflated: bool = False  # the bank was: its covariance was doubled until the measurement fitted
 
 
-class Policy(Protocol):
+class ModeUpdate(Protocol):
     """How a bank takes a measurement whose noise has modes."""
 
-    def __call__(self, bank: Gaussians, seen: Projection, noise: Noise, rejected_before: int) -> Verdict:
+    def __call__(self, bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
         """Return the bank after the measurement; so many of the same sensor were rejected just before."""
         ...
 
 
-def matched(bank: Gaussians, seen: Projection, noise: Noise, rejected_before: int) -> Verdict:
+def moment_matched(bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
     """Take the whole mixture for one Gaussian of its covariance."""
-    one = Noise(np.ones(1), noise.matched[None])
-    return Verdict(update(bank, seen, noise.matched[:, :, None]), modes(seen, one).log_likelihood, False)
+    one = Noise(np.ones(1), noise.mixture_cov[None])
+    return UpdateResult(
+        update(bank, seen, noise.mixture_cov[:, :, None]), mode_likelihoods(seen, one).log_likelihood, False
+    )
 
 
-def collapse(bank: Gaussians, seen: Projection, noise: Noise, rejected_before: int) -> Verdict:
+def collapse(bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
     """Keep the mean and covariance of the exact posterior mixture (assumed density filtering).
 
     With p_j the posterior mode probabilities: g = sum p_j S_j^-1 e, G = sum p_j (S_j^-1 - S_j^-1 e e' S_j^-1) + g g'.
@@ -82,21 +91,21 @@ def collapse(bank: Gaussians, seen: Projection, noise: Noise, rejected_before: i
     Automatic Control 20(1), 1975, doi:10.1109/TAC.1975.1100882.
     """
     after, log_likelihood = _collapsed(bank, seen, noise)
-    anew = about(bank, after, seen)
-    if anew is not None:
-        after = after._replace(cov=_collapsed(bank, anew, noise)[0].cov)
-    return Verdict(after, log_likelihood, False)
+    relinearised_seen = relinearised(bank, after, seen)
+    if relinearised_seen is not None:
+        after = after._replace(cov=_collapsed(bank, relinearised_seen, noise)[0].cov)
+    return UpdateResult(after, log_likelihood, False)
 
 
-def _collapsed(bank: Gaussians, seen: Projection, noise: Noise) -> tuple[Gaussians, Vector]:
+def _collapsed(bank: GaussianBank, seen: Projection, noise: Noise) -> tuple[GaussianBank, Vector]:
     """Return the bank after the measurement, and its log likelihood."""
-    seen_modes = modes(seen, noise)
+    seen_modes = mode_likelihoods(seen, noise)
     p = seen_modes.probability
     weighted = p[:, None] * seen_modes.scaled
     g = weighted.sum(axis=0)
     second = np.einsum("jkn,jln->kln", weighted, seen_modes.scaled)
     G = (p[:, None, None] * seen_modes.inverse).sum(axis=0) - second + g[:, None] * g[None]
-    return shift(bank, seen.cross, g, G), seen_modes.log_likelihood
+    return apply_gain(bank, seen.cross, g, G), seen_modes.log_likelihood
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,24 +118,26 @@ class Gate:
     """
 
     probability: float = 0.99
-    patience: int = 10
+    max_rejections: int = 10
 
-    def __call__(self, bank: Gaussians, seen: Projection, noise: Noise, rejected_before: int) -> Verdict:
+    def __call__(self, bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
         """Return the bank, changed only if the reading passes."""
         nominal = Noise(np.ones(1), noise.cov[:1])
-        alone = modes(seen, nominal)
+        alone = mode_likelihoods(seen, nominal)
         limit = chi_square_quantile(self.probability, len(seen.innovation))
         refused = _distance(alone, seen) > limit
-        if refused and rejected_before < self.patience:
-            return Verdict(bank, np.zeros(1), True)
-        refuted = refused and bool(seen.cov.any())
+        if refused and consecutive_rejections < self.max_rejections:
+            return UpdateResult(bank, np.zeros(1), True)
+        covariance_inflated = refused and bool(seen.cov.any())
         while refused and seen.cov.any():
             bank = bank._replace(cov=2 * bank.cov)
             seen = seen._replace(cov=2 * seen.cov, cross=2 * seen.cross)
-            refused = _distance(modes(seen, nominal), seen) > limit
-        return Verdict(update(bank, seen, nominal.cov[0, :, :, None]), alone.log_likelihood, False, refuted)
+            refused = _distance(mode_likelihoods(seen, nominal), seen) > limit
+        return UpdateResult(
+            update(bank, seen, nominal.cov[0, :, :, None]), alone.log_likelihood, False, covariance_inflated
+        )
 
 
-def _distance(alone: Modes, seen: Projection) -> float:
+def _distance(alone: ModeLikelihoods, seen: Projection) -> float:
     """Return e' S^-1 e of a bank of one under the nominal mode."""
     return float(np.sum(alone.scaled[0] * seen.innovation))

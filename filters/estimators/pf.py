@@ -15,16 +15,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.estimators.cpf import ParticleBelief
-from usbldr.filters.estimators.gaussian_bank import Gaussians, copies, equal_weights, moments, predict, project
-from usbldr.filters.estimators.mode_updates import collapse, modes
-from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, record
+from usbldr.filters.estimators.gaussian_bank import (
+    GaussianBank,
+    equal_weights,
+    mixture_moments,
+    predict,
+    project,
+    replicate,
+)
+from usbldr.filters.estimators.mode_updates import collapse, mode_likelihoods
+from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update
 from usbldr.filters.estimators.resampling import effective_size, normalised, systematic
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import MOTION_STATES
 from usbldr.filters.types import Array, Update
 
-SAMPLED = len(MOTION_STATES)  # a state with more is marginalised; psi is its row 0
+SAMPLED_STATES = len(MOTION_STATES)  # a state with more is marginalised; psi is its row 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,45 +46,45 @@ class BootstrapParticleFilter:
     def start(self, prior: Prior) -> ParticleBelief:
         """Return N draws from the prior."""
         rng = np.random.default_rng((self.start_seed, 2**32))  # no epoch has this number
-        if len(prior.mean) > SAMPLED:
-            bank = _scattered(copies(prior.mean, prior.cov, self.particles), rng)
+        if len(prior.mean) > SAMPLED_STATES:
+            bank = _sampled(replicate(prior.mean, prior.cov, self.particles), rng)
             return ParticleBelief(bank, (), (), float(self.particles), math.nan)
         draws = prior.mean[:, None] + np.linalg.cholesky(prior.cov) @ rng.normal(size=(len(prior.mean), self.particles))
-        bank = Gaussians(draws, np.zeros((*prior.cov.shape, self.particles)), equal_weights(self.particles))
+        bank = GaussianBank(draws, np.zeros((*prior.cov.shape, self.particles)), equal_weights(self.particles))
         return ParticleBelief(bank, (), (), float(self.particles), math.nan)
 
-    def step(self, belief: ParticleBelief, step: Step, chance: Chance) -> ParticleBelief:
+    def step(self, belief: ParticleBelief, step: Step, make_rng: MakeRng) -> ParticleBelief:
         """Return the belief after the step: move, scatter, weigh, resample."""
-        rng = chance()
+        rng = make_rng()
         bank = predict(belief.bank, self.motion, linearised, step.t0_s, step.t1_s)
-        bank = _scattered(bank, rng)
+        bank = _sampled(bank, rng)
         updates: list[Update] = []
         least = float(self.particles)
         for measurement in step.measurements:
             seen = project(bank, measurement, linearised)
-            updates.append(record(measurement, seen, np.exp(bank.log_weight), rejected=False))
-            if len(bank.mean) > SAMPLED:
+            updates.append(measurement_update(measurement, seen, np.exp(bank.log_weight), rejected=False))
+            if len(bank.mean) > SAMPLED_STATES:
                 taken = collapse(bank, seen, measurement.noise, 0)
                 bank, log_l = taken.bank, taken.log_likelihood
             else:
-                log_l = modes(seen, measurement.noise).log_likelihood
+                log_l = mode_likelihoods(seen, measurement.noise).log_likelihood
             bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
             ess = effective_size(bank.log_weight)
             least = min(least, ess)
             if ess < self.resample_below * self.particles:
-                bank = bank.offspring(systematic(np.exp(bank.log_weight), rng))
+                bank = bank.resampled_members(systematic(np.exp(bank.log_weight), rng))
         return ParticleBelief(bank, (), tuple(updates), least, math.nan)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
         """Return the weighted mean and covariance of the cloud."""
-        mean, cov = moments(belief.bank)
+        mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, belief.ess, belief.acceptance)
 
 
-def _scattered(bank: Gaussians, rng: np.random.Generator) -> Gaussians:
+def _sampled(bank: GaussianBank, rng: np.random.Generator) -> GaussianBank:
     """Turn into chance the variance that the prediction left: of all states, or of the yaw, and the rest given it."""
     variance = np.einsum("iin->in", bank.cov)
-    if len(bank.mean) > SAMPLED:
+    if len(bank.mean) > SAMPLED_STATES:
         yaw: Array = variance[:1]
         gain: Array = bank.cov[:, 0] * np.where(yaw > 0, 1 / np.where(yaw > 0, yaw, 1.0), 0.0)
         mean = bank.mean + gain * np.sqrt(yaw) * rng.standard_normal(yaw.shape)

@@ -21,17 +21,17 @@ import numpy as np
 
 from usbldr.filters.estimators.cpf_gaussian import log_density
 from usbldr.filters.estimators.gaussian_bank import (
-    Gaussians,
+    GaussianBank,
     Projection,
-    copies,
     inverse_and_logdet,
-    moments,
+    mixture_moments,
     predict,
     project,
+    replicate,
     update,
 )
-from usbldr.filters.estimators.mode_updates import matched, modes
-from usbldr.filters.estimators.protocol import Chance, Estimate, Prior, Step, moved, record
+from usbldr.filters.estimators.mode_updates import mode_likelihoods, moment_matched
+from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update, with_state_shift
 from usbldr.filters.estimators.resampling import effective_size, normalised
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sensors import Measurement
@@ -39,15 +39,15 @@ from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import POSITION
 from usbldr.filters.types import Array, Update, Vector
 
-NOWHERE_M2 = 1e8  # variance of a position of which nothing is known
+UNKNOWN_POSITION_M2 = 1e8  # variance of a position of which nothing is known
 
 
 class PastFix(NamedTuple):
     """A fix as the local search needs it."""
 
-    readings: tuple[Measurement, ...]  # its scalars, or the one of both axes
+    scalars: tuple[Measurement, ...]  # its scalars, or the one of both axes
     state: Vector  # (n,) predicted at its epoch
-    reckoned_m: Vector  # (2,) where dead reckoning was
+    dead_reckoned_m: Vector  # (2,) where dead reckoning was
     implied_m: Vector  # (2,) where the fix alone puts the vehicle
     implied_cov_m2: Array  # (2, 2)
 
@@ -55,8 +55,8 @@ class PastFix(NamedTuple):
 class TwoStageBelief(NamedTuple):
     """The EKF's Gaussian, the local track and its fixes, and what the last step did."""
 
-    bank: Gaussians
-    reckoned_m: Vector  # (2,) east and north of the motion alone, since the start
+    bank: GaussianBank
+    dead_reckoned_m: Vector  # (2,) east and north of the motion alone, since the start
     past: tuple[PastFix, ...]
     updates: tuple[Update, ...]
     ess: float  # of the candidates that were drawn last
@@ -68,61 +68,63 @@ class TwoStageFilter:
 
     motion: MotionModel
     particles: int = 100
-    most_fixes: int = 10
-    local_s: float = 60.0  # older fixes are not local
-    fewest_fixes: int = 3  # below, a fix is taken with matched noise
+    max_fixes: int = 10
+    window_s: float = 60.0  # older fixes are not local
+    min_fixes: int = 3  # below, a fix is taken with matched noise
     reject_below: float = 0.01  # probability of the nominal mode
-    drift: float = 0.01  # 1-sigma of dead reckoning, of the way that it went
+    drift_per_distance: float = 0.01  # 1-sigma of dead reckoning, of the way that it went
 
     def start(self, prior: Prior) -> TwoStageBelief:
         """Return the prior, without any fix."""
-        return TwoStageBelief(copies(prior.mean, prior.cov, 1), np.zeros(2), (), (), float(self.particles))
+        return TwoStageBelief(replicate(prior.mean, prior.cov, 1), np.zeros(2), (), (), float(self.particles))
 
-    def step(self, belief: TwoStageBelief, step: Step, chance: Chance) -> TwoStageBelief:
+    def step(self, belief: TwoStageBelief, step: Step, make_rng: MakeRng) -> TwoStageBelief:
         """Return the belief after the step; candidates are drawn only where a fix came."""
         bank = predict(belief.bank, self.motion, linearised, step.t0_s, step.t1_s)
         here = POSITION
-        reckoned_m = belief.reckoned_m + (bank.mean - belief.bank.mean)[here, 0]
+        dead_reckoned_m = belief.dead_reckoned_m + (bank.mean - belief.bank.mean)[here, 0]
         predicted = bank.mean[:, 0]
-        past = tuple(fix for fix in belief.past if fix.readings[0].time_s > step.t1_s - self.local_s)
+        past = tuple(fix for fix in belief.past if fix.scalars[0].time_s > step.t1_s - self.window_s)
         updates: list[Update] = []
         ess = belief.ess
         rng: np.random.Generator | None = None
         rows = dict.fromkeys(m.row for m in step.measurements if m.sensor == "usbl")
-        local: dict[int, Gaussians] = {}
-        if len(past) >= self.fewest_fixes and rows:
-            rng = chance()
-            candidates = self._candidates(past, step.t1_s, reckoned_m, rng)
+        local: dict[int, GaussianBank] = {}
+        if len(past) >= self.min_fixes and rows:
+            rng = make_rng()
+            candidates = self._candidates(past, step.t1_s, dead_reckoned_m, rng)
             ess = effective_size(candidates.log_weight)
-            where_m, where_m2 = moments(candidates)
-            local = dict.fromkeys(rows, _placed(predicted, where_m, where_m2))
+            where_m, where_m2 = mixture_moments(candidates)
+            local = dict.fromkeys(rows, _at_position(predicted, where_m, where_m2))
         for measurement in step.measurements:
             seen = project(bank, measurement, linearised)
             rejected, before = False, bank
             if measurement.sensor != "usbl" or measurement.row not in local:
-                bank = matched(bank, seen, measurement.noise, 0).bank
+                bank = moment_matched(bank, seen, measurement.noise, 0).bank
             else:
-                p = modes(project(local[measurement.row], measurement, linearised), measurement.noise).probability
+                p = mode_likelihoods(
+                    project(local[measurement.row], measurement, linearised), measurement.noise
+                ).probability
                 rejected = len(p) > 1 and bool(p[0, 0] < self.reject_below)
                 if not rejected:
                     bank = update(bank, seen, _weighted(measurement.noise.cov, p[:, 0])[:, :, None])
-            updates.append(moved(record(measurement, seen, np.ones(1), rejected), before, bank))
+            updates.append(with_state_shift(measurement_update(measurement, seen, np.ones(1), rejected), before, bank))
         for row in rows:
-            readings = tuple(m for m in step.measurements if m.sensor == "usbl" and m.row == row)
-            past = (*past, _past_fix(readings, predicted, reckoned_m))[-self.most_fixes :]
-        return TwoStageBelief(bank, reckoned_m, past, tuple(updates), ess)
+            scalars = tuple(m for m in step.measurements if m.sensor == "usbl" and m.row == row)
+            past = (*past, _past_fix(scalars, predicted, dead_reckoned_m))[-self.max_fixes :]
+        return TwoStageBelief(bank, dead_reckoned_m, past, tuple(updates), ess)
 
     def estimate(self, belief: TwoStageBelief) -> Estimate:
         """Return mean and covariance of the EKF; the effective number is that of the candidates."""
-        mean, cov = moments(belief.bank)
+        mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, belief.ess, math.nan)
 
     def _candidates(
-        self, past: tuple[PastFix, ...], now_s: float, reckoned_m: Vector, rng: np.random.Generator
-    ) -> Gaussians:
+        self, past: tuple[PastFix, ...], now_s: float, dead_reckoned_m: Vector, rng: np.random.Generator
+    ) -> GaussianBank:
         """Return candidates for the present position, (2, N), weighed by how far they miss the past fixes."""
         turn = np.arange(self.particles) % len(past)
-        centres = np.stack([fix.implied_m + reckoned_m - fix.reckoned_m for fix in past], axis=1)
+        centres = np.stack([fix.implied_m + dead_reckoned_m - fix.dead_reckoned_m for fix in past], axis=1)
         roots = np.stack([np.linalg.cholesky(fix.implied_cov_m2) for fix in past], axis=2)
         normals = rng.standard_normal((2, self.particles))
         points = centres[:, turn] + np.einsum("abn,bn->an", roots[:, :, turn], normals)
@@ -130,22 +132,22 @@ class TwoStageFilter:
         top = log_q.max(axis=0)
         log_w = -(top + np.log(np.exp(log_q - top).sum(axis=0)))
         for fix in past:
-            log_w += self._backward(fix, points, now_s, reckoned_m)
-        return Gaussians(points, np.zeros((2, 2, self.particles)), normalised(log_w))
+            log_w += self._backward(fix, points, now_s, dead_reckoned_m)
+        return GaussianBank(points, np.zeros((2, 2, self.particles)), normalised(log_w))
 
-    def _backward(self, fix: PastFix, points: Array, now_s: float, reckoned_m: Vector) -> Vector:
+    def _backward(self, fix: PastFix, points: Array, now_s: float, dead_reckoned_m: Vector) -> Vector:
         """Return the log likelihood of a past fix for candidates that dead reckoning carries back to it, (N,)."""
-        way_m = reckoned_m - fix.reckoned_m
+        dr_displacement_m = dead_reckoned_m - fix.dead_reckoned_m
         states = np.repeat(fix.state[:, None], points.shape[1], axis=1)
-        states[POSITION] = points - way_m[:, None]
-        walk_m2 = self.motion.noise(fix.readings[0].time_s, now_s)[POSITION].max()
-        drift_m2 = walk_m2 + self.drift**2 * float(way_m @ way_m)
+        states[POSITION] = points - dr_displacement_m[:, None]
+        walk_m2 = self.motion.noise(fix.scalars[0].time_s, now_s)[POSITION].max()
+        drift_m2 = walk_m2 + self.drift_per_distance**2 * float(dr_displacement_m @ dr_displacement_m)
         log_l = np.zeros(points.shape[1])
-        for reading in fix.readings:
-            innovation = reading.model.residual(reading.z[:, None], reading.model.predict(states))
+        for scalar in fix.scalars:
+            innovation = scalar.model.residual(scalar.z[:, None], scalar.model.predict(states))
             k = len(innovation)
             seen = Projection(innovation, drift_m2 * np.eye(k)[:, :, None], np.zeros((len(states), k, 1)))
-            log_l += modes(seen, reading.noise).log_likelihood
+            log_l += mode_likelihoods(seen, scalar.noise).log_likelihood
         return log_l
 
 
@@ -155,18 +157,18 @@ def _weighted(R: Array, p: Vector) -> Array:
     return inverse_and_logdet((inverse @ p)[:, :, None])[0][:, :, 0]
 
 
-def _placed(state: Vector, position_m: Vector, cov_m2: Array) -> Gaussians:
+def _at_position(state: Vector, position_m: Vector, cov_m2: Array) -> GaussianBank:
     """Return a bank of one that knows the state but for its position."""
     mean, cov = state.copy(), np.zeros((len(state), len(state)))
     mean[POSITION] = position_m
     cov[np.ix_(POSITION, POSITION)] = cov_m2
-    return copies(mean, cov, 1)
+    return replicate(mean, cov, 1)
 
 
-def _past_fix(readings: tuple[Measurement, ...], state: Vector, reckoned_m: Vector) -> PastFix:
+def _past_fix(scalars: tuple[Measurement, ...], state: Vector, dead_reckoned_m: Vector) -> PastFix:
     """Remember a fix, and where it alone, by its nominal noise, puts the vehicle."""
-    alone = _placed(state, state[POSITION], NOWHERE_M2 * np.eye(2))
-    for reading in readings:
-        alone = update(alone, project(alone, reading, linearised), reading.noise.cov[0, :, :, None])
-    mean, cov = moments(alone)
-    return PastFix(readings, state, reckoned_m, mean[POSITION], cov[np.ix_(POSITION, POSITION)])
+    alone = _at_position(state, state[POSITION], UNKNOWN_POSITION_M2 * np.eye(2))
+    for scalar in scalars:
+        alone = update(alone, project(alone, scalar, linearised), scalar.noise.cov[0, :, :, None])
+    mean, cov = mixture_moments(alone)
+    return PastFix(scalars, state, dead_reckoned_m, mean[POSITION], cov[np.ix_(POSITION, POSITION)])

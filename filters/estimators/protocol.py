@@ -8,12 +8,12 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import Gaussians, Projection
-from usbldr.filters.estimators.mode_updates import modes
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
+from usbldr.filters.estimators.mode_updates import mode_likelihoods
 from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.types import Array, Reacquisition, Update, Vector
 
-Chance = Callable[[], np.random.Generator]
+MakeRng = Callable[[], np.random.Generator]
 """Makes the generator of one step, from the seed and the epoch: a step run again repeats itself to the bit.
 Making it costs 33 microseconds, so filters without chance leave it uncalled."""
 
@@ -56,7 +56,7 @@ class Filter(Protocol[Belief]):
         """Return the belief before the first step."""
         ...
 
-    def step(self, belief: Belief, step: Step, chance: Chance) -> Belief:
+    def step(self, belief: Belief, step: Step, make_rng: MakeRng) -> Belief:
         """Return the belief after the step."""
         ...
 
@@ -65,15 +65,15 @@ class Filter(Protocol[Belief]):
         ...
 
 
-def record(measurement: Measurement, seen: Projection, weight: Vector, rejected: bool) -> Update:
+def measurement_update(measurement: Measurement, seen: Projection, weight: Vector, rejected: bool) -> Update:
     """Tell what became of a measurement, from the bank as it was before: weights (N,) add to 1."""
     e = seen.innovation @ weight
     spread = seen.innovation - e[:, None]
     predicted = seen.cov @ weight + (spread * weight) @ spread.T
-    S = predicted + measurement.noise.matched
+    S = predicted + measurement.noise.mixture_cov
     one = Projection(e[:, None], predicted[:, :, None], seen.cross[:, :, :1])
-    nominal = float(modes(one, measurement.noise).probability[0, 0])
-    likely = nominal >= 0.5 or len(measurement.noise.shares) == 1
+    nominal = float(mode_likelihoods(one, measurement.noise).probability[0, 0])
+    likely = nominal >= 0.5 or len(measurement.noise.probabilities) == 1
     return Update(
         measurement.sensor,
         measurement.axis,
@@ -88,7 +88,7 @@ def record(measurement: Measurement, seen: Projection, weight: Vector, rejected:
     )
 
 
-def moved(update: Update, before: Gaussians, after: Gaussians) -> Update:
+def with_state_shift(update: Update, before: GaussianBank, after: GaussianBank) -> Update:
     """Add to what became of a fix how far it moved the weighted mean; other measurements stay as they are."""
     if update.axis not in ("east", "north", "position"):
         return update

@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import copies, moves
+from usbldr.filters.estimators.gaussian_bank import predict_parts, replicate
 from usbldr.filters.models.motion import MotionModel
-from usbldr.filters.models.sigma_points import Rule
+from usbldr.filters.models.sigma_points import MomentTransform
 from usbldr.filters.types import Array, Vector
 
 
-class Moments(NamedTuple):
+class StateMoments(NamedTuple):
     """Mean (n,) and covariance (n, n)."""
 
     mean: Vector
@@ -28,7 +28,7 @@ class Moments(NamedTuple):
 
 
 def smooth(
-    mean: Array, cov: Array, inflation: Vector, time_s: Vector, motion: MotionModel, rule: Rule
+    mean: Array, cov: Array, inflation: Vector, time_s: Vector, motion: MotionModel, rule: MomentTransform
 ) -> tuple[Array, Array]:
     """Return mean (K, n) and cov (K, n, n) given all measurements, from those given the measurements so far.
 
@@ -39,31 +39,36 @@ def smooth(
     for k in range(len(time_s) - 2, -1, -1):
         if not math.isfinite(inflation[k + 1]):
             continue
-        known = Moments(smoothed_mean[k + 1], smoothed_cov[k + 1])
-        known = _before(Moments(mean[k], cov[k]), known, inflation[k + 1], time_s[k : k + 2], motion, rule)
+        known = StateMoments(smoothed_mean[k + 1], smoothed_cov[k + 1])
+        known = _before(StateMoments(mean[k], cov[k]), known, inflation[k + 1], time_s[k : k + 2], motion, rule)
         smoothed_mean[k], smoothed_cov[k] = known
     return smoothed_mean, smoothed_cov
 
 
 def _before(
-    filtered: Moments, after: Moments, inflation: float, times_s: Vector, motion: MotionModel, rule: Rule
-) -> Moments:
+    filtered: StateMoments,
+    after: StateMoments,
+    inflation: float,
+    times_s: Vector,
+    motion: MotionModel,
+    rule: MomentTransform,
+) -> StateMoments:
     """Return the smoothed moments of an epoch from its filtered ones and the smoothed ones of the next."""
     t0_s, t1_s = times_s.tolist()
     stages = [filtered]
     crosses: list[Array] = []  # covariance of each stage with the next
-    for bank, rows, cross in moves(copies(*filtered, 1), motion, rule, t0_s, t1_s):
+    for bank, rows, cross in predict_parts(replicate(*filtered, 1), motion, rule, t0_s, t1_s):
         with_next = stages[-1].cov.copy()
         with_next[:, rows] += cross[:, :, 0]
         crosses.append(with_next)
-        stages.append(Moments(bank.mean[:, 0], bank.cov[:, :, 0]))
+        stages.append(StateMoments(bank.mean[:, 0], bank.cov[:, :, 0]))
     moved = stages[-1]
     crosses.append(moved.cov)  # noise and widening depend on nothing before them
-    stages.append(Moments(moved.mean, inflation * (moved.cov + np.diag(motion.noise(t0_s, t1_s)))))
+    stages.append(StateMoments(moved.mean, inflation * (moved.cov + np.diag(motion.noise(t0_s, t1_s)))))
     for before, cross, then in zip(stages[-2::-1], crosses[::-1], stages[:0:-1], strict=True):
         G = _gain(cross, then.cov)
         P = before.cov + G @ (after.cov - then.cov) @ G.T
-        after = Moments(before.mean + G @ (after.mean - then.mean), 0.5 * (P + P.T))
+        after = StateMoments(before.mean + G @ (after.mean - then.mean), 0.5 * (P + P.T))
     return after
 
 

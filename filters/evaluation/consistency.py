@@ -16,8 +16,8 @@ from usbldr.filters.types import Array, Trajectory, Vector
 
 DOF = 2  # east and north
 CONFIDENCE = 0.95
-EXPECTED_INSIDE = (0.683, 0.954, 0.997)  # of a normal error within 1, 2, 3 sigma of its axis
-FATES = ("used", "down-weighted", "rejected")  # of an update, from good to bad
+EXPECTED_COVERAGE = (0.683, 0.954, 0.997)  # of a normal error within 1, 2, 3 sigma of its axis
+OUTCOMES = ("used", "down-weighted", "rejected")  # of an update, from good to bad
 LEAST_VARIANCE_M2 = 1e-12  # a filter that claims to know better than a micrometre is taken to claim that
 
 
@@ -46,7 +46,7 @@ def effective_number(whitened: Array) -> float:
     return M / (1 + 2 * float(np.sum((1 - lags / M) * rho[1:end] ** 2)))
 
 
-def consistency(error_m: Array, cov_m2: Array) -> dict[str, float]:
+def nees_metrics(error_m: Array, cov_m2: Array) -> dict[str, float]:
     """Return the mean NEES with the bounds that a right covariance keeps in 95 of 100 runs."""
     known = np.isfinite(cov_m2).all(axis=(1, 2))
     if not known.any():
@@ -63,7 +63,7 @@ def consistency(error_m: Array, cov_m2: Array) -> dict[str, float]:
     }
 
 
-def shares_inside(error_m: Array, cov_m2: Array) -> dict[str, float]:
+def sigma_coverage(error_m: Array, cov_m2: Array) -> dict[str, float]:
     """Return the share of the 2 M errors of an axis that lie within 1, 2 and 3 of that axis's sigmas."""
     known = np.isfinite(cov_m2).all(axis=(1, 2))
     if not known.any():
@@ -78,7 +78,7 @@ def sigmas(cov_m2: Array) -> Array:
     return np.sqrt(np.maximum(variance_m2, LEAST_VARIANCE_M2))
 
 
-def innovations(trajectory: Trajectory) -> dict[str, float]:
+def innovation_metrics(trajectory: Trajectory) -> dict[str, float]:
     """Return per sensor the mean NIS, what it should be, and what became of the measurements.
 
     Rejected ones are left out of the mean: the filter itself says that its model is not theirs.
@@ -86,39 +86,39 @@ def innovations(trajectory: Trajectory) -> dict[str, float]:
     found: dict[str, float] = {}
     for sensor in sorted({update.sensor for update in trajectory.updates}):
         mine = [update for update in trajectory.updates if update.sensor == sensor]
-        taken = [update for update in mine if update.fate != "rejected" and math.isfinite(update.nis)]
+        taken = [update for update in mine if update.outcome != "rejected" and math.isfinite(update.nis)]
         if taken:
             found[f"nis_mean_{sensor}"] = float(np.mean([update.nis for update in taken]))
             found[f"nis_expected_{sensor}"] = float(np.mean([update.dof for update in taken]))
-        found |= _counts(f"updates_{{}}_{sensor}", [update.fate for update in mine])
+        found |= _counts(f"updates_{{}}_{sensor}", [update.outcome for update in mine])
     return found
 
 
-def fixes(trajectory: Trajectory) -> dict[str, float]:
+def fix_counts(trajectory: Trajectory) -> dict[str, float]:
     """Return what became of the USBL fixes, each of one update or two, and the longest time without a used one."""
     fates: dict[tuple[int, float], list[str]] = {}
     for update in trajectory.updates:
         if update.sensor == "usbl":
-            fates.setdefault((update.row, update.time_s), []).append(update.fate)
+            fates.setdefault((update.row, update.time_s), []).append(update.outcome)
     if not fates:
         return {}
-    whole = {time_s: worst_fate(mine) for (_, time_s), mine in fates.items()}
+    whole = {time_s: worst_outcome(mine) for (_, time_s), mine in fates.items()}
     used_s = [float(trajectory.time_s[0]), float(trajectory.time_s[-1])]
     used_s += [time_s for time_s, fate in whole.items() if fate != "rejected"]
-    counts = _counts("fixes_{}", [worst_fate(mine) for mine in fates.values()])
+    counts = _counts("fixes_{}", [worst_outcome(mine) for mine in fates.values()])
     return {**counts, "longest_fix_gap_s": float(np.diff(np.sort(used_s)).max())}
 
 
-def worst_fate(fates: Iterable[str]) -> str:
+def worst_outcome(fates: Iterable[str]) -> str:
     """Return the fate of a record whose scalars fared differently."""
-    return max(fates, key=FATES.index)
+    return max(fates, key=OUTCOMES.index)
 
 
 def _counts(name: str, fates: Sequence[str]) -> dict[str, float]:
-    return {name.format(fate.replace("-", "_")): float(fates.count(fate)) for fate in FATES}
+    return {name.format(fate.replace("-", "_")): float(fates.count(fate)) for fate in OUTCOMES}
 
 
-def consistency_verdict(metrics: Mapping[str, float]) -> str:
+def consistency_text(metrics: Mapping[str, float]) -> str:
     """Say in words whether the filter's sigmas are to be believed; "" where it states none.
 
     The number is how many times too small (over-confident) or too large (under-confident) they are.

@@ -12,17 +12,17 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import Alignment, fit_alignment
-from usbldr.filters.evaluation.consistency import consistency, fixes, innovations, shares_inside, sigmas
+from usbldr.filters.evaluation.consistency import fix_counts, innovation_metrics, nees_metrics, sigma_coverage, sigmas
 from usbldr.filters.evaluation.metrics import (
     Surfacing,
+    distance_travelled_m,
     error_metrics,
     run_metrics,
     surfacing_metrics,
     surfacings,
-    travelled,
 )
 from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
-from usbldr.filters.windows import Span, inside, windows_text
+from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
 FEW_EPOCHS = 5
 LOW_COVERAGE = 0.8
@@ -36,13 +36,13 @@ class Window(NamedTuple):
     end_s: float = np.inf
 
 
-WHOLE = Window()
+WHOLE_LOG = Window()
 
 
 class Matching(NamedTuple):
     """How many of the track's times found a truth, and why the others did not."""
 
-    offered: int  # times to be scored
+    candidates: int  # times to be scored
     matched: int
     outside_window: int  # before --start or after --end
     outside_truth: int  # in the window, but before its first or after its last truth row
@@ -68,7 +68,7 @@ class ErrorReport:
     truth_sd_m: Vector  # (M,) 1-sigma per axis; 0 where unknown
     cov_m2: Array | None  # (M, 2, 2) of the track alone, after the alignment
     surfacings: tuple[Surfacing, ...]
-    aid: tuple[Span, ...]  # windows in which GPS aided the filter, so that nothing is scored there
+    aid: tuple[TimeWindow, ...]  # windows in which GPS aided the filter, so that nothing is scored there
     metrics: Mapping[str, float]  # a metric that does not apply is absent
     warnings: tuple[str, ...] = ()
 
@@ -91,10 +91,10 @@ class ErrorReport:
 def evaluate(
     trajectory: Trajectory,
     truth: Truth,
-    window: Window = WHOLE,
+    window: Window = WHOLE_LOG,
     align: str = "none",
     times_s: Vector | None = None,
-    aid: tuple[Span, ...] = (),
+    aid: tuple[TimeWindow, ...] = (),
 ) -> ErrorReport:
     """Score a track at those of its epochs that ``times_s`` names (None: all of them).
 
@@ -115,7 +115,7 @@ def evaluate(
     wanted = np.ones(len(t), np.bool_) if times_s is None else _same_times(t, times_s)
     within = (t >= row_s[0]) & (t <= row_s[-1])
     gap = _inside_gap(t, row_s, truth.max_gap_s)
-    aided = inside(t, aid)
+    aided = in_windows(t, aid)
     scored = wanted & within & ~gap & defined & ~aided
     if np.any(aided) and not np.any(scored):
         raise LogError(
@@ -130,22 +130,22 @@ def evaluate(
         )
 
     beyond = (t < window.start_s) | (t > window.end_s)
-    offered = len(t) if times_s is None else len(times_s)
+    candidates = len(t) if times_s is None else len(times_s)
     matching = Matching(
-        offered=offered,
+        candidates=candidates,
         matched=_count(scored),
         outside_window=_count(wanted & beyond),
         outside_truth=_count(wanted & ~beyond & ~within),
         in_gap=_count(wanted & within & gap & ~aided),
         aided=_count(wanted & within & aided),
-        undefined=_count(wanted & within & ~gap & ~defined & ~aided) + offered - _count(wanted),
+        undefined=_count(wanted & within & ~gap & ~defined & ~aided) + candidates - _count(wanted),
         truth_rows=_rows_used(t[scored], row_s),
     )
 
     time_s = t[scored]
     truth_m = np.column_stack([np.interp(time_s, row_s, row_m[:, 0]), np.interp(time_s, row_s, row_m[:, 1])])
     first = int(np.flatnonzero(within & defined & ~aided)[0])
-    first_row = int(np.argmin(inside(row_s, aid)))
+    first_row = int(np.argmin(in_windows(row_s, aid)))
     alignment = fit_alignment(align, track_m[first], row_m[first_row], track_m[scored], truth_m)
     estimate_m = alignment.points(track_m[scored])
     error_m = estimate_m - truth_m
@@ -153,9 +153,9 @@ def evaluate(
     cov = trajectory.position_cov_m2
     cov_m2 = None if cov is None else alignment.covariances(cov[scored])
 
-    travelled_m = travelled(trajectory)
+    travelled_m = distance_travelled_m(trajectory)
     found = surfacings(t, alignment.points(track_m), travelled_m, truth, *window)
-    found = tuple(one for one in found if not inside(np.array([one.time_s]), aid)[0])
+    found = tuple(one for one in found if not in_windows(np.array([one.time_s]), aid)[0])
     metrics = {**error_metrics(error_m), **surfacing_metrics(found)}
     if travelled_m is not None:
         # unaligned, the error has grown since the track's start; aligned, since the alignment
@@ -165,9 +165,9 @@ def evaluate(
             metrics["drift_percent"] = 100 * metrics["final_horizontal_m"] / metrics["distance_m"]
     if cov_m2 is not None:
         whole_m2 = _with_truth(cov_m2, truth_sd_m)
-        metrics |= consistency(error_m, whole_m2) | shares_inside(error_m, whole_m2)
-    metrics |= innovations(trajectory) | fixes(trajectory) | run_metrics(trajectory)
-    metrics |= {"matched": float(matching.matched), "coverage": matching.matched / matching.offered}
+        metrics |= nees_metrics(error_m, whole_m2) | sigma_coverage(error_m, whole_m2)
+    metrics |= innovation_metrics(trajectory) | fix_counts(trajectory) | run_metrics(trajectory)
+    metrics |= {"matched": float(matching.matched), "coverage": matching.matched / matching.candidates}
 
     warnings = _warnings(matching, truth)
     if align == "first" and t[first] - row_s[first_row] > LATE_FIRST_S:
@@ -198,7 +198,7 @@ def evaluate(
 def _warnings(matching: Matching, truth: Truth) -> tuple[str, ...]:
     """Say a low coverage, unless the user chose it by the window, and a track that broke off."""
     found: list[str] = []
-    asked = matching.offered - matching.outside_window - matching.aided
+    asked = matching.candidates - matching.outside_window - matching.aided
     if matching.matched < LOW_COVERAGE * asked:
         outside = f"{matching.outside_truth} lie before or after it" if matching.outside_truth else ""
         gaps = f"{matching.in_gap} in its gaps over {truth.max_gap_s:g} s" if matching.in_gap else ""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.evaluation.consistency import worst_fate
+from usbldr.filters.evaluation.consistency import worst_outcome
 from usbldr.filters.types import Timeline, Trajectory, Update
 
 
@@ -25,7 +25,7 @@ class Influence(NamedTuple):
     shift_north_m: float
     innovation_east_m: float  # how far the fix lay from where the filter expected it
     innovation_north_m: float
-    fate: str
+    outcome: str
 
     @property
     def shift_m(self) -> float:
@@ -33,7 +33,7 @@ class Influence(NamedTuple):
         return math.hypot(self.shift_east_m, self.shift_north_m)
 
 
-class LeftOut(NamedTuple):
+class LeaveOneOut(NamedTuple):
     """What the whole run would have been without one fix."""
 
     fix: Influence
@@ -52,7 +52,7 @@ def influences(trajectory: Trajectory) -> Mapping[int, Influence]:
     return {row: _influence(row, updates, trajectory.names) for row, updates in by_fix.items()}
 
 
-def influential(trajectory: Trajectory, count: int = 5) -> tuple[Influence, ...]:
+def most_influential(trajectory: Trajectory, count: int = 5) -> tuple[Influence, ...]:
     """Return the fixes that moved the track most, the first of them first."""
     return tuple(sorted(influences(trajectory).values(), key=lambda fix: -fix.shift_m)[:count])
 
@@ -63,12 +63,14 @@ def without_fix(timeline: Timeline, row: int) -> Timeline:
     return timeline.with_fixes(kept)
 
 
-def left_out(fix: Influence, whole: Trajectory, without: Trajectory, error_change_m: float = math.nan) -> LeftOut:
+def compare_without(
+    fix: Influence, whole: Trajectory, without: Trajectory, error_change_m: float = math.nan
+) -> LeaveOneOut:
     """Compare the track with that of a run without the fix, epoch by epoch."""
     shift_m = np.hypot(*(whole.position_m - without.position_m).T)
     largest = int(np.argmax(shift_m))
     at_s, mean_m = float(whole.time_s[largest]), float(shift_m.mean())
-    return LeftOut(fix, float(shift_m[largest]), at_s, mean_m, error_change_m)
+    return LeaveOneOut(fix, float(shift_m[largest]), at_s, mean_m, error_change_m)
 
 
 def innovation_m(updates: Iterable[Update]) -> tuple[float, float]:
@@ -82,5 +84,5 @@ def innovation_m(updates: Iterable[Update]) -> tuple[float, float]:
 
 def _influence(row: int, updates: Sequence[Update], names: Sequence[str]) -> Influence:
     east_m, north_m = (sum(u.shift[names.index(state)] for u in updates if u.shift is not None) for state in ("x", "y"))
-    fate = worst_fate(u.fate for u in updates)
-    return Influence(row, updates[0].time_s, east_m, north_m, *innovation_m(updates), fate)
+    outcome = worst_outcome(u.outcome for u in updates)
+    return Influence(row, updates[0].time_s, east_m, north_m, *innovation_m(updates), outcome)

@@ -47,7 +47,7 @@ def _statistics(e: Vector) -> dict[str, float]:
     }
 
 
-def travelled(trajectory: Trajectory) -> Vector | None:
+def distance_travelled_m(trajectory: Trajectory) -> Vector | None:
     """Return the distance travelled since the track's start, (T,), metres; None where the track tells no speed.
 
     The estimated speed is integrated, not the track: corrections by fixes are no way made good.

@@ -18,7 +18,7 @@ from usbldr.filters.types import Vector
 DIVERGED_M = 5.0  # mean horizontal error of a run that has lost the vehicle
 
 
-class Average(NamedTuple):
+class MeanWithError(NamedTuple):
     """The mean of several runs; the standard error is None for a single one."""
 
     mean: float
@@ -26,7 +26,7 @@ class Average(NamedTuple):
     median: float
 
 
-class Difference(NamedTuple):
+class PairedDifference(NamedTuple):
     """How much larger one method's value is than another's, on average over the same runs."""
 
     mean: float
@@ -34,20 +34,20 @@ class Difference(NamedTuple):
     significant: bool | None  # at 95 %; None where there is no standard error
 
 
-def average(values: Sequence[float]) -> Average:
+def average(values: Sequence[float]) -> MeanWithError:
     """Return mean, standard error and median of n >= 1 values."""
-    return Average(float(np.mean(values)), _standard_error(np.asarray(values)), float(np.median(values)))
+    return MeanWithError(float(np.mean(values)), _standard_error(np.asarray(values)), float(np.median(values)))
 
 
-def paired_difference(values: Sequence[float], others: Sequence[float]) -> Difference:
+def paired_difference(values: Sequence[float], others: Sequence[float]) -> PairedDifference:
     """Return the mean of values - others, (n,) each and in the same order of runs."""
     if len(values) != len(others):
         raise ValueError(f"{len(values)} and {len(others)} runs cannot be paired")
     difference = np.asarray(values) - np.asarray(others)
     mean, se = float(np.mean(difference)), _standard_error(difference)
     if se is None:
-        return Difference(mean, None, None)
-    return Difference(mean, se, abs(mean) > student_quantile((1 + CONFIDENCE) / 2, len(values) - 1) * se)
+        return PairedDifference(mean, None, None)
+    return PairedDifference(mean, se, abs(mean) > student_quantile((1 + CONFIDENCE) / 2, len(values) - 1) * se)
 
 
 def diverged_share(mean_horizontal_m: Sequence[float]) -> float:

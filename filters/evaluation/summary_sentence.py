@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from usbldr.filters.evaluation.evaluation import ErrorReport
 
-SPOKEN = {"usbl": "the raw USBL", "dr": "DR", "nudge": "the nudged DR"}
+TRACK_LABELS = {"usbl": "the raw USBL", "dr": "DR", "nudge": "the nudged DR"}
 
 
-def verdict(report: ErrorReport, others: Sequence[ErrorReport] = ()) -> str:
+def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) -> str:
     """Say the mean horizontal error and compare it: "cpf 0.69 m: 31 % better than the raw USBL, 70 % than DR"."""
     own = report.metrics["mean_horizontal_m"]
     said = f"{report.filter} {own:.2f} m"
@@ -17,7 +17,7 @@ def verdict(report: ErrorReport, others: Sequence[ErrorReport] = ()) -> str:
         if other.filter == report.filter:
             continue
         theirs = other.metrics["mean_horizontal_m"]
-        name = SPOKEN.get(other.filter, other.filter)
+        name = TRACK_LABELS.get(other.filter, other.filter)
         change = 100 * (1 - own / theirs) if theirs > 0 else (0.0 if own == 0 else -float("inf"))
         if abs(change) < 0.5:
             parts.append(f"equal to {name}")

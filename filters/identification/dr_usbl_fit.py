@@ -19,21 +19,21 @@ from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 Points: TypeAlias = NDArray[np.complex128]  # (n,) east + i north
 
-STRETCH_S = 120.0  # drift within a stretch is small beside the movement
-BLOCKS = 8  # of the log, left out one by one to tell how sure a turn is
-LATENCIES_S = tuple(float(s) for s in range(-4, 5))
-LEAST_FIXES = 20  # below that nothing is claimed
+SEGMENT_S = 120.0  # drift within a stretch is small beside the movement
+JACKKNIFE_BLOCKS = 8  # of the log, left out one by one to tell how sure a turn is
+TRIED_LATENCIES_S = tuple(float(s) for s in range(-4, 5))
+MIN_FIXES = 20  # below that nothing is claimed
 MOST_DELAY_S = 10.0
 GROSS_SIGMAS = 6.0
-TO_NORMAL = 1.1774  # median of a Rayleigh distribution
+RAYLEIGH_MEDIAN = 1.1774  # median of a Rayleigh distribution
 STEPS = np.array([1e-4, 1e-4, 1.0, 1.0])  # of central differences: rad, 1, s, s; a DVL's noise hides in a second
 PRIOR_SD = np.array([np.pi, 0.1, 5.0, 2.0])
-LEAST_APART = 0.01  # smallest eigenvalue of the slopes' correlations at which they are told apart
+MIN_EIGENVALUE = 0.01  # smallest eigenvalue of the slopes' correlations at which they are told apart
 LIMITS = np.array([np.inf, 0.5, MOST_DELAY_S, MOST_DELAY_S])
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class RotationFit:
     """Dead reckoning turned and shifted onto F fixes: fix(t) = turn * reckoned(t - latency) + shift of its group."""
 
     latency_s: float  # the best of those tried
@@ -44,7 +44,7 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class DrUsblFit:
     """What a robust regression of fixes on dead reckoning finds, each with its 1-sigma: errors of the sensors.
 
     A sigma is NaN where the log does not tell. Rotation, scale and latency take headings at their stamps.
@@ -64,7 +64,7 @@ class Calibration:
     stretches: int
 
     @property
-    def gross(self) -> Indices:
+    def outlier_rows(self) -> Indices:
         """Indices of the fixes that lie far from all that the others say."""
         return np.flatnonzero(self.residual_m > GROSS_SIGMAS * self.sd_m)
 
@@ -79,12 +79,12 @@ def fix_points(timeline: Timeline) -> Points:
     return as_points(timeline.fix_m)
 
 
-def reckoned(timeline: Timeline, time_s: Vector) -> Points:
+def dead_reckoned(timeline: Timeline, time_s: Vector) -> Points:
     """Return dead reckoning from the origin, (n,) at any times."""
     return np.interp(time_s, timeline.time_s, as_points(displacement_m(timeline)))
 
 
-def groups(timeline: Timeline, time_s: Vector, longest_s: float = np.inf) -> Indices:
+def segment_numbers(timeline: Timeline, time_s: Vector, longest_s: float = np.inf) -> Indices:
     """Number the stretches in which each time lies, (n,): cut where DVL or compass were out; -1 inside such an outage.
 
     Dead reckoning is only trusted within a stretch; ``longest_s`` cuts further.
@@ -102,26 +102,29 @@ def groups(timeline: Timeline, time_s: Vector, longest_s: float = np.inf) -> Ind
     return result
 
 
-def fit_turn(timeline: Timeline, group: Indices, latencies_s: Sequence[float] = LATENCIES_S) -> Turn:
+def fit_rotation(timeline: Timeline, group: Indices, latencies_s: Sequence[float] = TRIED_LATENCIES_S) -> RotationFit:
     """Turn and shift dead reckoning onto the fixes, (F,), with a shift for each group; fixes of group -1 do not count.
 
     The latency that fits best is taken: left out, a late fix beside a track passes for a DVL that mirrors.
     """
-    tried = [_turn(reckoned(timeline, timeline.fix_time_s - s), fix_points(timeline), group, s) for s in latencies_s]
+    tried = [
+        _fit_at_latency(dead_reckoned(timeline, timeline.fix_time_s - s), fix_points(timeline), group, s)
+        for s in latencies_s
+    ]
     return min(tried, key=lambda turn: turn.rms_m)
 
 
-def _turn(track: Points, fixes: Points, group: Indices, latency_s: float) -> Turn:
+def _fit_at_latency(track: Points, fixes: Points, group: Indices, latency_s: float) -> RotationFit:
     used = group >= 0
-    rotation, weights = _huber_turn(track[used], fixes[used], group[used])
+    rotation, weights = _huber_rotation(track[used], fixes[used], group[used])
     shift = _means(fixes[used] - np.exp(1j * rotation) * track[used], weights, group[used])
     residual = np.full(len(fixes), np.nan)
     residual[used] = np.abs(fixes[used] - np.exp(1j * rotation) * track[used] - shift[group[used]])
     rms = np.sqrt(np.average(residual[used] ** 2, weights=weights))
-    return Turn(latency_s, rotation, residual, float(rms), shift)
+    return RotationFit(latency_s, rotation, residual, float(rms), shift)
 
 
-def _huber_turn(track: Points, fixes: Points, group: Indices) -> tuple[float, Vector]:
+def _huber_rotation(track: Points, fixes: Points, group: Indices) -> tuple[float, Vector]:
     weights = np.ones(len(fixes))
     rotation = 0.0
     for _ in range(10):
@@ -133,28 +136,28 @@ def _huber_turn(track: Points, fixes: Points, group: Indices) -> tuple[float, Ve
     return rotation, weights
 
 
-def turn_sd_rad(timeline: Timeline, group: Indices, latency_s: float) -> float:
+def jackknife_rotation_sd_rad(timeline: Timeline, group: Indices, latency_s: float) -> float:
     """Return the 1-sigma of the rotation of `fit_turn`, by leaving out an eighth of the fixes at a time."""
     used = np.flatnonzero(group >= 0)
-    track, fixes = reckoned(timeline, timeline.fix_time_s - latency_s), fix_points(timeline)
-    full, _ = _huber_turn(track[used], fixes[used], group[used])
+    track, fixes = dead_reckoned(timeline, timeline.fix_time_s - latency_s), fix_points(timeline)
+    full, _ = _huber_rotation(track[used], fixes[used], group[used])
     off: list[float] = []
-    for part in np.array_split(used, min(BLOCKS, len(used))):
+    for part in np.array_split(used, min(JACKKNIFE_BLOCKS, len(used))):
         kept = np.setdiff1d(used, part)
-        rotation, _ = _huber_turn(track[kept], fixes[kept], group[kept])
+        rotation, _ = _huber_rotation(track[kept], fixes[kept], group[kept])
         off.append(float(np.angle(np.exp(1j * (rotation - full)))))
     return float(np.sqrt((len(off) - 1) * np.mean(np.square(off)))) if len(off) > 1 else float("nan")
 
 
-def calibrate(timeline: Timeline, rotation_rad: float = 0.0) -> Calibration | None:
+def fit_sensor_errors(timeline: Timeline, rotation_rad: float = 0.0) -> DrUsblFit | None:
     """Regress fixes on dead reckoning in short stretches; ``rotation_rad`` is where to start.
 
     None where there are too few fixes or stretches to claim anything.
     """
-    group = groups(timeline, timeline.fix_time_s, STRETCH_S)
+    group = segment_numbers(timeline, timeline.fix_time_s, SEGMENT_S)
     used = group >= 0
     stretches = len(np.unique(group[used]))
-    if np.sum(used) < LEAST_FIXES or stretches < 4:
+    if np.sum(used) < MIN_FIXES or stretches < 4:
         return None
     start = np.array([rotation_rad, 0.0, 0.0, 0.0])
     first = _regress(timeline, start, 3, group)
@@ -162,7 +165,7 @@ def calibrate(timeline: Timeline, rotation_rad: float = 0.0) -> Calibration | No
     sd = [*_jackknife_sd(timeline, first, 3, group), _jackknife_sd(timeline, whole, 4, group)[3]]
     residual = np.full(len(group), np.nan)
     residual[used] = whole.residual_m
-    return Calibration(
+    return DrUsblFit(
         *(float(number) for pair in zip([*first.values[:3], whole.values[3]], sd, strict=True) for number in pair),
         residual_m=residual,
         sd_m=whole.sd_m,
@@ -173,14 +176,14 @@ def calibrate(timeline: Timeline, rotation_rad: float = 0.0) -> Calibration | No
 
 class _Regression(NamedTuple):
     values: Vector  # (4,) rotation, scale, latency, heading delay
-    told_apart: bool
+    separable: bool
     residual_m: Vector
     sd_m: float
 
 
 class _Solution(NamedTuple):
     step: Vector  # (k,)
-    told_apart: bool  # False: two slopes are nearly one, as those of latency and heading delay are at constant speed
+    separable: bool  # False: two slopes are nearly one, as those of latency and heading delay are at constant speed
     error: Points  # (n,)
     weights: Vector  # (n,)
 
@@ -190,15 +193,15 @@ def _jackknife_sd(timeline: Timeline, full: _Regression, free: int, group: Indic
 
     Drift hangs together within a stretch and is heavy-tailed, so that no formula is as honest.
     """
-    if not full.told_apart:
+    if not full.separable:
         return np.full(free, np.nan)
     used = group[group >= 0]
     slopes, y = _linear(timeline, full.values, free, group)
     off: list[Vector] = []
     stretches = np.unique(used)
-    for part in np.array_split(stretches, min(BLOCKS, len(stretches))):
+    for part in np.array_split(stretches, min(JACKKNIFE_BLOCKS, len(stretches))):
         kept = ~np.isin(used, part)
-        found = _settle(slopes[kept], y[kept], np.ones(int(kept.sum())), used[kept], full.values[:free])
+        found = _reweighted_solve(slopes[kept], y[kept], np.ones(int(kept.sum())), used[kept], full.values[:free])
         off.append(found.step)
     return np.sqrt((len(off) - 1) * np.mean(np.square(off), axis=0))
 
@@ -208,14 +211,14 @@ def _regress(timeline: Timeline, start: Vector, free: int, group: Indices) -> _R
     used = group[group >= 0]
     q, weights = start, np.ones(len(used))
     for _ in range(7):
-        found = _settle(*_linear(timeline, q, free, group), weights, used, q[:free])
+        found = _reweighted_solve(*_linear(timeline, q, free, group), weights, used, q[:free])
         limit = LIMITS[:free]
         q = np.concatenate([np.clip(q[:free] + found.step, -limit, limit), q[free:]])
         weights = found.weights
-    found = _settle(*_linear(timeline, q, free, group), weights, used, q[:free])
+    found = _reweighted_solve(*_linear(timeline, q, free, group), weights, used, q[:free])
     distance = np.abs(found.error)
     sd_m = float(np.sqrt(np.average(distance**2, weights=found.weights) / 2))
-    return _Regression(q, found.told_apart, distance, sd_m)
+    return _Regression(q, found.separable, distance, sd_m)
 
 
 def _linear(timeline: Timeline, q: Vector, free: int, group: Indices) -> tuple[Points, Points]:
@@ -226,7 +229,7 @@ def _linear(timeline: Timeline, q: Vector, free: int, group: Indices) -> tuple[P
     return slopes, (fix_points(timeline) - _predicted(timeline, q))[used]
 
 
-def _settle(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
+def _reweighted_solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
     """Solve with weights that follow their own residuals."""
     for _ in range(9):
         weights = _solve(slopes, y, weights, group, q).weights
@@ -244,9 +247,9 @@ def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector
     step = inverse @ (np.real(A.conj().T * weights @ b) - hold * q)
     error = b - A @ step
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    told_apart = bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] >= LEAST_APART)
+    separable = bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] >= MIN_EIGENVALUE)
     distance = np.abs(error)
-    return _Solution(step, told_apart, error, (1 - np.minimum(distance / (4.7 * _scale(distance)), 1.0) ** 2) ** 2)
+    return _Solution(step, separable, error, (1 - np.minimum(distance / (4.7 * _scale(distance)), 1.0) ** 2) ** 2)
 
 
 def _predicted(timeline: Timeline, q: Vector) -> Points:
@@ -254,7 +257,7 @@ def _predicted(timeline: Timeline, q: Vector) -> Points:
     rotation, scale, latency_s, delay_s = q.tolist()
     yaw = cast(Vector, np.interp(timeline.time_s + delay_s, timeline.time_s, timeline.dr_yaw_rad)) + rotation
     moved = replace(timeline, dr_yaw_rad=yaw, dr_mps=timeline.dr_mps / (1 + scale))
-    return reckoned(moved, timeline.fix_time_s - latency_s)
+    return dead_reckoned(moved, timeline.fix_time_s - latency_s)
 
 
 def _means(values: Points, weights: Vector, group: Indices) -> Points:
@@ -264,4 +267,4 @@ def _means(values: Points, weights: Vector, group: Indices) -> Points:
 
 
 def _scale(distance: Array) -> float:
-    return float(np.median(distance)) / TO_NORMAL + 1e-9
+    return float(np.median(distance)) / RAYLEIGH_MEDIAN + 1e-9

@@ -8,46 +8,46 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import Gaussians, Projection
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import collapse
-from usbldr.filters.models.noise import NoiseOfMembers
+from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
 from usbldr.filters.types import Indices, Timeline, Vector
 
-STRETCH = 300  # records that follow each other, a minute at 5 Hz
-MOST_STRETCHES = 60  # spread over the log: an hour at 5 Hz is heard whole
+SEGMENT_RECORDS = 300  # records that follow each other, a minute at 5 Hz
+MAX_SEGMENTS = 60  # spread over the log: an hour at 5 Hz is heard whole
 
 
-def velocity_likelihoods(timeline: Timeline, members: Sequence[Assumptions]) -> Vector:
+def dvl_likelihoods(timeline: Timeline, members: Sequence[Assumptions]) -> Vector:
     """Return the predictive log likelihood of DVL records, both axes, for each of N members, (N,).
 
     The log is heard in stretches of equal length that know nothing of each other, all at once.
     """
     N = len(members)
-    rows = _stretches(np.flatnonzero(timeline.dvl_count))
+    rows = _segments(np.flatnonzero(timeline.dvl_count))
     count, length = rows.shape
     if length < 2:
         return np.zeros(N)
     series = 2 * count  # starboard of each stretch, then forward; the bank holds each for all members
-    noise = NoiseOfMembers([member.dvl for member in members] * series, [m.dvl_sd_scale for m in members] * series)
+    noise = BankNoise([member.dvl for member in members] * series, [m.dvl_sd_scale for m in members] * series)
     walk = np.tile(np.array([member.process.velocity_mps for member in members]) ** 2, series)
     z = np.repeat(timeline.dvl_mps[rows].transpose(1, 2, 0).reshape(length, series), N, axis=1)
     R = np.repeat(np.tile((timeline.dvl_sd_mps[rows] ** 2 / timeline.dvl_count[rows]).T, 2), N, axis=1)
     dt_s = np.repeat(np.tile(np.diff(timeline.time_s[rows], axis=1).T, 2), N, axis=1)
-    bank = Gaussians(z[:1], np.full((1, 1, series * N), UNKNOWN_START.sd_mps**2), np.zeros(series * N))
+    bank = GaussianBank(z[:1], np.full((1, 1, series * N), UNKNOWN_START.sd_mps**2), np.zeros(series * N))
     total = np.zeros(series * N)
     for k in range(1, length):
         P = bank.cov + walk * dt_s[k - 1]
         seen = Projection(z[k : k + 1] - bank.mean, P, P)
         bank, log_l, *_ = collapse(bank._replace(cov=P), seen, noise.modes(R[k][None, None]), 0)
         total += log_l
-    told: Vector = total.reshape(series, N).sum(axis=0)
-    return told
+    summed: Vector = total.reshape(series, N).sum(axis=0)
+    return summed
 
 
-def _stretches(heard: Indices) -> Indices:
+def _segments(record_rows: Indices) -> Indices:
     """Return the rows of each stretch, (stretches, records): evenly spread, as many as there are, up to the most."""
-    length = min(len(heard), STRETCH)
-    count = min(len(heard) // STRETCH or 1, MOST_STRETCHES)
-    first = np.linspace(0, len(heard) - length, count).astype(np.intp)
-    return heard[first[:, None] + np.arange(length)]
+    length = min(len(record_rows), SEGMENT_RECORDS)
+    count = min(len(record_rows) // SEGMENT_RECORDS or 1, MAX_SEGMENTS)
+    first = np.linspace(0, len(record_rows) - length, count).astype(np.intp)
+    return record_rows[first[:, None] + np.arange(length)]

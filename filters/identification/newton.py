@@ -11,13 +11,13 @@ import numpy as np
 
 from usbldr.filters.types import Array, Vector
 
-Judge = Callable[[Sequence[Vector]], Vector]
+LogLikelihood = Callable[[Sequence[Vector]], Vector]
 """The log likelihoods, (m,), of m points, (d,) each."""
 
-DIFFERENCE = 0.1  # between neighbours
-LONGEST_STEP = 1.5
-ENOUGH = 0.05  # a gain that is not worth another batch
-MOST_BATCHES = 20
+DIFFERENCE_STEP = 0.1  # between neighbours
+MAX_STEP = 1.5
+MIN_GAIN = 0.05  # a gain that is not worth another batch
+MAX_BATCHES = 20
 
 
 class Maximum(NamedTuple):
@@ -41,32 +41,32 @@ class _Quadratic(NamedTuple):
     def step(self) -> Vector:
         """Newton's step, no coordinate longer than LONGEST_STEP."""
         whole: Vector = np.linalg.solve(self.information, self.gradient).astype(np.float64, copy=False)
-        return whole * min(1.0, LONGEST_STEP / float(np.abs(whole).max(initial=LONGEST_STEP)))
+        return whole * min(1.0, MAX_STEP / float(np.abs(whole).max(initial=MAX_STEP)))
 
     @property
-    def gain(self) -> float:
+    def expected_gain(self) -> float:
         """What the whole step promises."""
         return 0.5 * float(self.gradient @ np.linalg.solve(self.information, self.gradient))
 
 
-def maximise(judge: Judge, centre: Vector, prior_sd: float, start: Vector | None = None) -> Maximum:
+def maximise(log_likelihood: LogLikelihood, centre: Vector, prior_sd: float, start: Vector | None = None) -> Maximum:
     """Return the maximum of log likelihood plus the prior N(centre, prior_sd^2 I), sought from the centre or start."""
-    best = _around(judge, centre if start is None else start, centre, prior_sd)
+    best = _around(log_likelihood, centre if start is None else start, centre, prior_sd)
     batches, stride = 1, 1.0
-    while best.gain >= ENOUGH and batches < MOST_BATCHES:
-        ahead = _around(judge, best.point + stride * best.step, centre, prior_sd)
+    while best.expected_gain >= MIN_GAIN and batches < MAX_BATCHES:
+        ahead = _around(log_likelihood, best.point + stride * best.step, centre, prior_sd)
         batches += 1
         best, stride = (ahead, 1.0) if ahead.value > best.value else (best, stride / 3)
     sd = np.sqrt(np.linalg.inv(best.information).diagonal())
-    return Maximum(best.point, sd, batches, best.gain < ENOUGH)
+    return Maximum(best.point, sd, batches, best.expected_gain < MIN_GAIN)
 
 
-def _around(judge: Judge, point: Vector, centre: Vector, prior_sd: float) -> _Quadratic:
+def _around(log_likelihood: LogLikelihood, point: Vector, centre: Vector, prior_sd: float) -> _Quadratic:
     """Judge the point, its neighbours on each axis, and those on each pair of axes."""
-    d, h = len(point), DIFFERENCE
+    d, h = len(point), DIFFERENCE_STEP
     unit, pairs = h * np.eye(d), list(combinations(range(d), 2))
     points = [point, *(point + unit), *(point - unit), *(point + unit[i] + unit[j] for i, j in pairs)]
-    (here,), up, down, both = np.split(judge(points), [1, 1 + d, 1 + 2 * d])
+    (here,), up, down, both = np.split(log_likelihood(points), [1, 1 + d, 1 + 2 * d])
     curvature = np.diag(up - 2 * here + down) / h**2
     for (i, j), corner in zip(pairs, both, strict=True):
         curvature[i, j] = curvature[j, i] = (corner - up[i] - up[j] + here) / h**2

@@ -21,87 +21,104 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.dvl_likelihood import velocity_likelihoods
-from usbldr.filters.identification.tuning import hear
-from usbldr.filters.identification.usbl_likelihood import fix_likelihoods, fix_log
-from usbldr.filters.models.calibration import NARROWED, STATES, prior_sd
+from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.identification.tuning import estimate_dvl_noise
+from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
+from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, STATES, prior_sd
 from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.parameters import DRIFT, Assumptions, Observed, Settled
+from usbldr.filters.models.parameters import DR_WALK_NAME, Assumptions, NoiseChange, StateObservability
 from usbldr.filters.types import Timeline, Vector
 
-CANDIDATES = ("scale", "heading", "deviation", "latency", "usbl-bias")
-WIDE_LATENCY_S = 1.0  # of stamps that are not to be trusted
-STRONG = math.log(20)  # the Bayes factor that it takes to depart from what is assumed
-SHARED = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95)  # of the fixes' variance; the middle serves as reference
-LONGER = (0.5, 1.0, 2.0, 4.0)  # times as long as assumed do fixes err alike
-MORE_OUTLIERS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times as many as assumed
-FURTHER = (1.0, 25.0, 125.0)  # times as far as assumed does dead reckoning walk; coarse, as it is for those that fail
-WIDER = (2.0, 4.0)  # times the stated sigma of fixes: scatter that dead reckoning is not to be blamed for
-MOST_OUTLIERS = 0.5  # of the fixes
-TURNING = ("deviation", "latency")  # what a straight track at constant speed cannot tell
-LEAST_TURN_RAD = math.radians(45)
+CANDIDATE_KEYS = ("scale", "heading", "deviation", "latency", "usbl-bias")
+UNTRUSTED_LATENCY_SD_S = 1.0  # of stamps that are not to be trusted
+MIN_LOG_BAYES_FACTOR = math.log(20)  # the Bayes factor that it takes to depart from what is assumed
+CORRELATED_VARIANCE_SHARES = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95)  # of the fixes' variance; the middle serves as reference
+BIAS_TIME_FACTORS = (0.5, 1.0, 2.0, 4.0)  # times as long as assumed do fixes err alike
+OUTLIER_SHARE_FACTORS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times as many as assumed
+DR_WALK_FACTORS = (
+    1.0,
+    25.0,
+    125.0,
+)  # times as far as assumed does dead reckoning walk; coarse, as it is for those that fail
+USBL_SD_FACTORS = (2.0, 4.0)  # times the stated sigma of fixes: scatter that dead reckoning is not to be blamed for
+MAX_OUTLIER_SHARE = 0.5  # of the fixes
+NEEDS_TURNS = ("deviation", "latency")  # what a straight track at constant speed cannot tell
+MIN_YAW_RANGE_RAD = math.radians(45)
 
 
-class _Choice(NamedTuple):
+class _NoiseModel(NamedTuple):
     """One way to see the log's noise."""
 
     assumptions: Assumptions
-    departs: int = 0  # in so many things from what is assumed
-    drifts: bool = False  # dead reckoning walks further than assumed
-    scatters: bool = False  # fixes err more than stated: no choice to be made, but a better story than drift
+    changes: int = 0  # in so many things from what is assumed
+    inflates_dr_walk: bool = False  # dead reckoning walks further than assumed
+    inflates_usbl_sd: bool = False  # fixes err more than stated: no choice to be made, but a better story than drift
 
 
-def observe(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
+def identify(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
     """Return the assumptions with the states that the log can tell, and with the noise that it speaks strongly for.
 
     Their field ``observed`` says how far each state was narrowed, ``settled`` which numbers of the noise are other than
     assumed. A log without fixes tells no state. Raises LogError where nothing tells where it starts.
     """
-    heard = _heard(timeline, assumptions)
+    with_dvl = _with_dvl_noise(timeline, assumptions)
     if not len(timeline.fix_time_s):
-        nothing = tuple(Observed(key, 1.0, "not observable") for key in CANDIDATES)
-        return replace(heard, calibrate=(), observed=nothing, settled=_changed(assumptions, heard))
-    every = replace(heard, calibrate=CANDIDATES)
+        nothing = tuple(StateObservability(key, 1.0, "not observable") for key in CANDIDATE_KEYS)
+        return replace(with_dvl, calibrate=(), observed=nothing, noise_changes=_noise_changes(assumptions, with_dvl))
+    every = replace(with_dvl, calibrate=CANDIDATE_KEYS)
     sd_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
-    settled = _shared(every, every, sd_m, SHARED[len(SHARED) // 2], every.errors.latency_s)
-    latency_s = fix_likelihoods(fix_log(timeline, settled), [settled]).latency_s  # linearised once more about it
-    for choices in (_shares, _wanderings, _shares):  # the first choice was made under what the second may have changed
-        among = choices(settled, every, sd_m)
-        told = fix_likelihoods(fix_log(timeline, settled, latency_s), [choice.assumptions for choice in among])
+    current = _with_correlation(
+        every, every, sd_m, CORRELATED_VARIANCE_SHARES[len(CORRELATED_VARIANCE_SHARES) // 2], every.errors.latency_s
+    )
+    latency_s = fix_likelihoods(dr_residuals(timeline, current), [current]).latency_s  # linearised once more about it
+    for choices in (
+        _correlation_models,
+        _noise_models,
+        _correlation_models,
+    ):  # the first choice was made under what the second may have changed
+        among = choices(current, every, sd_m)
+        told = fix_likelihoods(dr_residuals(timeline, current, latency_s), [choice.assumptions for choice in among])
         best = _best(among, told.log_likelihood)
-        settled = among[best].assumptions
-    before = prior_sd(settled.errors)
-    straight = float(np.ptp(timeline.dr_yaw_rad)) < LEAST_TURN_RAD
-    observed: list[Observed] = []
-    for key in CANDIDATES:
-        narrowed = min(float(told.sd[name][best]) / before[name] if before[name] else 1.0 for name in STATES[key])
-        seen = settled.errors.usbl_bias_m > 0 if key == "usbl-bias" else narrowed < NARROWED
-        hidden = "only in turns" if straight and key in TURNING else "not observable"
-        observed.append(Observed(key, narrowed, "observable" if seen else hidden))
-    kept = tuple(told.key for told in observed if told.verdict == "observable")
-    return replace(settled, calibrate=kept, observed=tuple(observed), settled=_changed(assumptions, settled))
+        current = among[best].assumptions
+    before = prior_sd(current.errors)
+    straight = float(np.ptp(timeline.dr_yaw_rad)) < MIN_YAW_RANGE_RAD
+    observed: list[StateObservability] = []
+    for key in CANDIDATE_KEYS:
+        sigma_ratio = min(float(told.sd[name][best]) / before[name] if before[name] else 1.0 for name in STATES[key])
+        seen = current.errors.usbl_bias_m > 0 if key == "usbl-bias" else sigma_ratio < MAX_SIGMA_RATIO
+        hidden = "only in turns" if straight and key in NEEDS_TURNS else "not observable"
+        observed.append(StateObservability(key, sigma_ratio, "observable" if seen else hidden))
+    kept = tuple(told.key for told in observed if told.conclusion == "observable")
+    return replace(
+        current, calibrate=kept, observed=tuple(observed), noise_changes=_noise_changes(assumptions, current)
+    )
 
 
-def _heard(timeline: Timeline, given: Assumptions) -> Assumptions:
+def _with_dvl_noise(timeline: Timeline, given: Assumptions) -> Assumptions:
     """Return the assumptions with the noise that the DVL's records tell of themselves, where they speak strongly."""
-    tuned = hear(timeline, given).assumptions
+    tuned = estimate_dvl_noise(timeline, given).assumptions
     told = replace(tuned, tuned=given.tuned)
-    departs = sum(one.told for one in tuned.tuned)
-    before, after = velocity_likelihoods(timeline, [given, told])
-    return told if after - before > STRONG * departs else given
+    changes = sum(one.identified for one in tuned.tuned)
+    before, after = dvl_likelihoods(timeline, [given, told])
+    return told if after - before > MIN_LOG_BAYES_FACTOR * changes else given
 
 
-def _best(among: Sequence[_Choice], log_likelihood: Vector) -> int:
+def _best(among: Sequence[_NoiseModel], log_likelihood: Vector) -> int:
     """Return which choice the log speaks for; drift is none where it speaks strongly for wider fixes instead."""
-    spoken = log_likelihood - STRONG * np.array([choice.departs for choice in among])
-    drifts, scatters = (np.array([getattr(choice, name) for choice in among]) for name in ("drifts", "scatters"))
-    if spoken[scatters].max(initial=-np.inf) > spoken[drifts].max(initial=-np.inf) + STRONG:
-        spoken[drifts] = -np.inf
-    spoken[scatters] = -np.inf
-    return int(np.argmax(spoken))
+    score = log_likelihood - MIN_LOG_BAYES_FACTOR * np.array([choice.changes for choice in among])
+    inflates_dr_walk, inflates_usbl_sd = (
+        np.array([getattr(choice, name) for choice in among]) for name in ("inflates_dr_walk", "inflates_usbl_sd")
+    )
+    if (
+        score[inflates_usbl_sd].max(initial=-np.inf)
+        > score[inflates_dr_walk].max(initial=-np.inf) + MIN_LOG_BAYES_FACTOR
+    ):
+        score[inflates_dr_walk] = -np.inf
+    score[inflates_usbl_sd] = -np.inf
+    return int(np.argmax(score))
 
 
-def _changed(given: Assumptions, settled: Assumptions) -> tuple[Settled, ...]:
+def _noise_changes(given: Assumptions, current: Assumptions) -> tuple[NoiseChange, ...]:
     """Tell which numbers of the noise are no longer as they were."""
     numbers = {
         "dvl_sd_scale": attrgetter("dvl_sd_scale"),
@@ -111,52 +128,56 @@ def _changed(given: Assumptions, settled: Assumptions) -> tuple[Settled, ...]:
         "usbl_bias_time_s": attrgetter("errors.usbl_bias_s"),
         "usbl_outlier_share": attrgetter("usbl.share"),
         "usbl_latency_sd_s": attrgetter("errors.latency_s"),
-        DRIFT: attrgetter("process.position_m"),
+        DR_WALK_NAME: attrgetter("process.position_m"),
     }
-    shared = settled.errors.usbl_bias_m > 0  # else there is no bias, whose numbers would mean nothing
+    shared = current.errors.usbl_bias_m > 0  # else there is no bias, whose numbers would mean nothing
     found = [
-        Settled(name, number(given), number(settled))
+        NoiseChange(name, number(given), number(current))
         for name, number in numbers.items()
         if (shared or "bias" not in name) and (name != "usbl_outlier_share" or isinstance(given.usbl, Contamination))
     ]
     return tuple(one for one in found if one.after != one.before)
 
 
-def _shares(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choice]:
+def _correlation_models(current: Assumptions, given: Assumptions, sd_m: float) -> list[_NoiseModel]:
     """Return what may be common to neighbouring fixes, under stamps to be trusted or not."""
     trusted_s = given.errors.latency_s
-    stamps_s = (trusted_s, max(trusted_s, WIDE_LATENCY_S))
+    stamps_s = (trusted_s, max(trusted_s, UNTRUSTED_LATENCY_SD_S))
     return [
-        _Choice(_shared(settled, given, sd_m, share, latency_s), int(share > 0) + int(latency_s > trusted_s))
-        for share, latency_s in itertools.product(SHARED, stamps_s)
+        _NoiseModel(
+            _with_correlation(current, given, sd_m, share, latency_s), int(share > 0) + int(latency_s > trusted_s)
+        )
+        for share, latency_s in itertools.product(CORRELATED_VARIANCE_SHARES, stamps_s)
     ]
 
 
-def _wanderings(settled: Assumptions, given: Assumptions, sd_m: float) -> list[_Choice]:
+def _noise_models(current: Assumptions, given: Assumptions, sd_m: float) -> list[_NoiseModel]:
     """Return for how long fixes may err alike, how many may be outliers, and how far dead reckoning may walk."""
-    found: list[_Choice] = []
-    stories = [(further, 1.0) for further in FURTHER] + [(1.0, wider) for wider in WIDER]
-    for longer, more, (further, wider) in itertools.product(LONGER, MORE_OUTLIERS, stories):
+    found: list[_NoiseModel] = []
+    stories = [(further, 1.0) for further in DR_WALK_FACTORS] + [(1.0, wider) for wider in USBL_SD_FACTORS]
+    for longer, more, (further, wider) in itertools.product(BIAS_TIME_FACTORS, OUTLIER_SHARE_FACTORS, stories):
         choice = replace(
-            settled,
-            errors=replace(settled.errors, usbl_bias_s=longer * given.errors.usbl_bias_s),
-            process=replace(settled.process, position_m=further * given.process.position_m),
-            usbl_sd_scale=wider * settled.usbl_sd_scale,
+            current,
+            errors=replace(current.errors, usbl_bias_s=longer * given.errors.usbl_bias_s),
+            process=replace(current.process, position_m=further * given.process.position_m),
+            usbl_sd_scale=wider * current.usbl_sd_scale,
         )
         if more != 1:
-            if not isinstance(given.usbl, Contamination) or more * given.usbl.share > MOST_OUTLIERS:
+            if not isinstance(given.usbl, Contamination) or more * given.usbl.share > MAX_OUTLIER_SHARE:
                 continue
             choice = replace(choice, usbl=replace(given.usbl, share=more * given.usbl.share))
-        departs = sum(factor != 1 for factor in (longer, more, further, wider))
-        found.append(_Choice(choice, departs, further != 1, wider != 1))
+        changes = sum(factor != 1 for factor in (longer, more, further, wider))
+        found.append(_NoiseModel(choice, changes, further != 1, wider != 1))
     return found
 
 
-def _shared(settled: Assumptions, given: Assumptions, sd_m: float, share: float, latency_s: float) -> Assumptions:
+def _with_correlation(
+    current: Assumptions, given: Assumptions, sd_m: float, share: float, latency_s: float
+) -> Assumptions:
     """Return assumptions under which the fixes share so much of the variance of their error."""
     total = given.usbl_sd_scale
     return replace(
-        settled,
-        errors=replace(settled.errors, latency_s=latency_s, usbl_bias_m=math.sqrt(share) * total * sd_m),
+        current,
+        errors=replace(current.errors, latency_s=latency_s, usbl_bias_m=math.sqrt(share) * total * sd_m),
         usbl_sd_scale=total * math.sqrt(1 - share),
     )

@@ -20,24 +20,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.dvl_likelihood import velocity_likelihoods
+from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.newton import Maximum, maximise
-from usbldr.filters.identification.usbl_likelihood import fix_likelihoods, fix_log
-from usbldr.filters.models.parameters import Assumptions, Tuned
+from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
+from usbldr.filters.models.parameters import Assumptions, TunedParameter
 from usbldr.filters.types import Timeline, Vector
 
 PRIOR_SD = math.log(3)  # of each logarithm: three times more or less is no surprise
-TOLD = 0.7  # of PRIOR_SD: where the log narrows it no further, it hardly knows the number
-ROUNDS = 3  # until the latency about which fixes are linearised is the one that they tell
+MAX_IDENTIFIED_RATIO = 0.7  # of PRIOR_SD: where the log narrows it no further, it hardly knows the number
+LATENCY_ITERATIONS = 3  # until the latency about which fixes are linearised is the one that they tell
 
 
-class Parameter(NamedTuple):
+class TunableParameter(NamedTuple):
     """One number of Assumptions."""
 
     name: str  # with its unit at the border
     path: tuple[str, ...]  # to the number
     state: str = ""  # key of calibration.STATES without which it means nothing
-    above: float = 0.0  # and finite, or below 1 if it is a share
+    lower_bound: float = 0.0  # and finite, or below 1 if it is a share
     share: bool = False
 
     def value(self, assumptions: Assumptions) -> float | None:
@@ -46,89 +46,95 @@ class Parameter(NamedTuple):
         for name in self.path:
             owner = getattr(owner, name, None)
         used = not self.state or self.state in assumptions.calibrate
-        return float(owner) if owner is not None and used and owner > self.above else None
+        return float(owner) if owner is not None and used and owner > self.lower_bound else None
 
-    def logarithm(self, value: float) -> float:
+    def to_unbounded(self, value: float) -> float:
         """Return what the search moves: any real number."""
-        return math.log(value / (1 - value)) if self.share else math.log(value - self.above)
+        return math.log(value / (1 - value)) if self.share else math.log(value - self.lower_bound)
 
-    def exponential(self, z: float) -> float:
+    def from_unbounded(self, z: float) -> float:
         """Return the number again."""
-        return 1 / (1 + math.exp(-z)) if self.share else self.above + math.exp(z)
+        return 1 / (1 + math.exp(-z)) if self.share else self.lower_bound + math.exp(z)
 
 
 DVL = (  # the sigma first
-    Parameter("dvl_sd_scale", ("dvl_sd_scale",)),
-    Parameter("velocity_walk_mps", ("process", "velocity_mps")),
+    TunableParameter("dvl_sd_scale", ("dvl_sd_scale",)),
+    TunableParameter("velocity_walk_mps", ("process", "velocity_mps")),
 )
 USBL = (
-    Parameter("usbl_sd_scale", ("usbl_sd_scale",)),
-    Parameter("usbl_outlier_share", ("usbl", "share"), share=True),
-    Parameter("usbl_outlier_sd_m", ("usbl", "sd")),
-    Parameter("usbl_outlier_variance_ratio", ("usbl", "variance_ratio"), above=1.0),
-    Parameter("usbl_dof", ("usbl", "dof"), above=2.0),
-    Parameter("usbl_bias_sd_m", ("errors", "usbl_bias_m"), "usbl-bias"),
-    Parameter("usbl_bias_time_s", ("errors", "usbl_bias_s"), "usbl-bias"),
+    TunableParameter("usbl_sd_scale", ("usbl_sd_scale",)),
+    TunableParameter("usbl_outlier_share", ("usbl", "share"), share=True),
+    TunableParameter("usbl_outlier_sd_m", ("usbl", "sd")),
+    TunableParameter("usbl_outlier_variance_ratio", ("usbl", "variance_ratio"), lower_bound=1.0),
+    TunableParameter("usbl_dof", ("usbl", "dof"), lower_bound=2.0),
+    TunableParameter("usbl_bias_sd_m", ("errors", "usbl_bias_m"), "usbl-bias"),
+    TunableParameter("usbl_bias_time_s", ("errors", "usbl_bias_s"), "usbl-bias"),
 )
 
 
-class Tuning(NamedTuple):
+class TuningResult(NamedTuple):
     """What was found, and how."""
 
     assumptions: Assumptions  # their field ``tuned`` tells each number
-    passes: int  # over the DVL's records or the fixes
+    evaluations: int  # over the DVL's records or the fixes
     converged: bool
 
 
-def tune(timeline: Timeline, assumptions: Assumptions) -> Tuning:
+def tune(timeline: Timeline, assumptions: Assumptions) -> TuningResult:
     """Return the assumptions that explain the records of the DVL and the fixes best.
 
     A log without fixes tells of the DVL alone. Raises LogError where there is nothing to start from.
     """
-    heard = hear(timeline, assumptions)
+    dvl_fit = estimate_dvl_noise(timeline, assumptions)
     if not len(timeline.fix_time_s):
-        return heard
-    log = fix_log(timeline, heard.assumptions)
-    for _ in range(ROUNDS - 1):
-        log = fix_log(timeline, heard.assumptions, fix_likelihoods(log, [heard.assumptions]).latency_s)
-    seen = _search(lambda members: fix_likelihoods(log, members).log_likelihood, heard.assumptions, USBL)
-    return Tuning(seen.assumptions, heard.passes + seen.passes, heard.converged and seen.converged)
+        return dvl_fit
+    log = dr_residuals(timeline, dvl_fit.assumptions)
+    for _ in range(LATENCY_ITERATIONS - 1):
+        log = dr_residuals(timeline, dvl_fit.assumptions, fix_likelihoods(log, [dvl_fit.assumptions]).latency_s)
+    usbl_fit = _search(lambda members: fix_likelihoods(log, members).log_likelihood, dvl_fit.assumptions, USBL)
+    return TuningResult(
+        usbl_fit.assumptions, dvl_fit.evaluations + usbl_fit.evaluations, dvl_fit.converged and usbl_fit.converged
+    )
 
 
-def hear(timeline: Timeline, given: Assumptions) -> Tuning:
+def estimate_dvl_noise(timeline: Timeline, given: Assumptions) -> TuningResult:
     """Return the assumptions that explain the DVL's own records best; their sigma may grow but not shrink."""
 
-    def ask(among: Sequence[Parameter]) -> Tuning:
-        return _search(lambda members: velocity_likelihoods(timeline, members), given, among)
+    def ask(among: Sequence[TunableParameter]) -> TuningResult:
+        return _search(lambda members: dvl_likelihoods(timeline, members), given, among)
 
-    heard = ask(DVL)
-    return heard if heard.assumptions.dvl_sd_scale >= given.dvl_sd_scale else ask(DVL[1:])
+    dvl_fit = ask(DVL)
+    return dvl_fit if dvl_fit.assumptions.dvl_sd_scale >= given.dvl_sd_scale else ask(DVL[1:])
 
 
-def _search(judge: Callable[[Sequence[Assumptions]], Vector], given: Assumptions, among: Sequence[Parameter]) -> Tuning:
+def _search(
+    objective: Callable[[Sequence[Assumptions]], Vector], given: Assumptions, among: Sequence[TunableParameter]
+) -> TuningResult:
     """Move those parameters that have a part in the assumptions, then once more those that the log knows."""
-    before = {p: p.logarithm(value) for p in among if (value := p.value(given)) is not None}
+    before = {p: p.to_unbounded(value) for p in among if (value := p.value(given)) is not None}
 
-    def sought(names: Sequence[Parameter], start: Vector) -> Maximum:
+    def sought(names: Sequence[TunableParameter], start: Vector) -> Maximum:
         centre = np.array([before[p] for p in names])
-        return maximise(lambda points: judge([_at(given, names, point) for point in points]), centre, PRIOR_SD, start)
+        return maximise(
+            lambda points: objective([_at(given, names, point) for point in points]), centre, PRIOR_SD, start
+        )
 
     first = sought(list(before), np.array(list(before.values())))
-    known = first.sd < TOLD * PRIOR_SD
+    known = first.sd < MAX_IDENTIFIED_RATIO * PRIOR_SD
     told = [p for p, knows in zip(before, known, strict=True) if knows]
     last = first if known.all() else sought(told, first.point[known])
     made = _at(given, told, last.point)
     sd = dict(zip(before, first.sd.tolist(), strict=True)) | dict(zip(told, last.sd.tolist(), strict=True))
     found = tuple(_tuned(p, given, made, sd[p], p in told) for p in before)
-    passes = first.batches + (0 if last is first else last.batches)
-    return Tuning(replace(made, tuned=given.tuned + found), passes, first.converged and last.converged)
+    evaluations = first.batches + (0 if last is first else last.batches)
+    return TuningResult(replace(made, tuned=given.tuned + found), evaluations, first.converged and last.converged)
 
 
-def _at(given: Assumptions, parameters: Sequence[Parameter], point: Vector) -> Assumptions:
+def _at(given: Assumptions, parameters: Sequence[TunableParameter], point: Vector) -> Assumptions:
     """Return the assumptions at a point of the search."""
     made = given
     for parameter, z in zip(parameters, point.tolist(), strict=True):
-        made = _with(made, parameter.path, parameter.exponential(z))
+        made = _with(made, parameter.path, parameter.from_unbounded(z))
     return made
 
 
@@ -138,10 +144,10 @@ def _with(owner: Any, path: Sequence[str], value: float) -> Any:
     return replace(owner, **{name: _with(getattr(owner, name), rest, value) if rest else value})
 
 
-def _tuned(parameter: Parameter, given: Assumptions, made: Assumptions, sd: float, told: bool) -> Tuned:
+def _tuned(parameter: TunableParameter, given: Assumptions, made: Assumptions, sd: float, told: bool) -> TunedParameter:
     before, after = parameter.value(given), parameter.value(made)
     assert before is not None
     assert after is not None  # both had a part when the search began
-    middle = parameter.logarithm(after)
-    low, high = parameter.exponential(middle - sd), parameter.exponential(middle + sd)
-    return Tuned(parameter.name, before, after, low, high, told)
+    middle = parameter.to_unbounded(after)
+    low, high = parameter.from_unbounded(middle - sd), parameter.from_unbounded(middle + sd)
+    return TunedParameter(parameter.name, before, after, low, high, told)

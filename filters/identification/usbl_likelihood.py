@@ -12,41 +12,41 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import Gaussians, Projection, equal_weights
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection, equal_weights
 from usbldr.filters.estimators.mode_updates import collapse
-from usbldr.filters.frames import turned
+from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.noise import NoiseOfMembers
+from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Assumptions
-from usbldr.filters.models.states import Layout
-from usbldr.filters.replay.dead_reckoning import at_times, displacement_m, drift_rates, integrated, velocity_mps
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.dead_reckoning import displacement_m, drift_rates, integrate, interpolate, velocity_mps
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.types import Array, Timeline, Vector
 
-MOST_FIXES = 3600  # an hour of one a second: they tell the noise, and the rest of a longer log would only cost time
-STEERED = ("psi", "u", "v", "r")  # dead reckoning takes them from compass and DVL
-BIAS = STATES["usbl-bias"]
+MAX_FIXES = 3600  # an hour of one a second: they tell the noise, and the rest of a longer log would only cost time
+DR_INPUT_STATES = ("psi", "u", "v", "r")  # dead reckoning takes them from compass and DVL
+BIAS_STATES = STATES["usbl-bias"]
 
 
 @dataclass(frozen=True, slots=True)
-class FixLog:
+class DrResiduals:
     """F fixes against dead reckoning, in n states: those of the layout in ``rows``, which leaves STEERED out."""
 
     timeline: Timeline
-    layout: Layout  # of the filter
+    layout: StateLayout  # of the filter
     dt_s: Vector  # (F,) since the fix before; the first since the start
-    moved: Array  # (F, 2, n) displacement since then by each state
-    seen_m: Array  # (F, 2) fix minus dead reckoning
-    read: Array  # (F, 2, n) what the fix tells of each state
+    displacement_jacobian: Array  # (F, 2, n) displacement since then by each state
+    residual_m: Array  # (F, 2) fix minus dead reckoning
+    measurement_matrix: Array  # (F, 2, n) what the fix tells of each state
     cov_m2: Array  # (F, 2, 2) as the log states it
-    record_m2: Vector  # (F,) what the DVL's stated noise has added to dead reckoning since the fix before
-    blind_s3: Vector  # (F,) the same of a velocity that walks 1 m/s in 1 s while there is no record
+    dvl_noise_m2: Vector  # (F,) what the DVL's stated noise has added to dead reckoning since the fix before
+    dvl_gap_s3: Vector  # (F,) the same of a velocity that walks 1 m/s in 1 s while there is no record
 
     @property
     def rows(self) -> list[int]:
         """The states of the layout that are in question here, (n,)."""
-        return [row for row, name in enumerate(self.layout.names) if name not in STEERED]
+        return [row for row, name in enumerate(self.layout.names) if name not in DR_INPUT_STATES]
 
 
 class FixLikelihoods(NamedTuple):
@@ -57,68 +57,68 @@ class FixLikelihoods(NamedTuple):
     sd: Mapping[str, Vector]  # (N,) of each state after the last fix
 
 
-def fix_log(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0) -> FixLog:
+def dr_residuals(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0) -> DrResiduals:
     """Hold the first fixes against dead reckoning; ``latency_s`` is what their latency is linearised about."""
     layout = layout_for(assumptions.calibrate)
-    kept = Layout(tuple(name for name in layout.names if name not in STEERED))
-    t = timeline.fix_time_s[:MOST_FIXES]
+    kept = StateLayout(tuple(name for name in layout.names if name not in DR_INPUT_STATES))
+    t = timeline.fix_time_s[:MAX_FIXES]
     valid_s, count = t - latency_s, len(t)
     V, yaw = velocity_mps(timeline), timeline.dr_yaw_rad
-    drift = np.stack([integrated(timeline, rate) for rate in drift_rates(timeline, kept.names)], axis=2)  # (K, 2, n)
-    drift_at = at_times(timeline, drift.reshape(len(drift), -1), valid_s).reshape(count, 2, -1)
-    V_at = at_times(timeline, V, valid_s)
-    reckoned_m = at_times(timeline, displacement_m(timeline), valid_s) + V_at * latency_s
-    arm_m = turned(np.interp(valid_s, timeline.time_s, yaw), np.array(assumptions.usbl_lever_m[:2]))
-    read = np.zeros((count, 2, len(kept)))
-    for names in (("x", "y"), BIAS):
-        for axis, row in enumerate(kept.present(*names)):
-            read[:, axis, row] = 1.0
-    for row in kept.present("usbl_latency"):
-        read[:, :, row] = -V_at
-    heard = np.flatnonzero(timeline.dvl_count)
-    edges_s = np.append(timeline.time_s[heard], timeline.time_s[-1])  # each record holds from its time to the next
+    drift = np.stack([integrate(timeline, rate) for rate in drift_rates(timeline, kept.names)], axis=2)  # (K, 2, n)
+    drift_at = interpolate(timeline, drift.reshape(len(drift), -1), valid_s).reshape(count, 2, -1)
+    V_at = interpolate(timeline, V, valid_s)
+    reckoned_m = interpolate(timeline, displacement_m(timeline), valid_s) + V_at * latency_s
+    arm_m = rotated(np.interp(valid_s, timeline.time_s, yaw), np.array(assumptions.usbl_lever_m[:2]))
+    measurement_matrix = np.zeros((count, 2, len(kept)))
+    for names in (("x", "y"), BIAS_STATES):
+        for axis, row in enumerate(kept.existing(*names)):
+            measurement_matrix[:, axis, row] = 1.0
+    for row in kept.existing("usbl_latency"):
+        measurement_matrix[:, :, row] = -V_at
+    dvl_rows = np.flatnonzero(timeline.dvl_count)
+    edges_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
     spacing_s = np.diff(edges_s)
-    R = timeline.dvl_sd_mps[heard] ** 2 / timeline.dvl_count[heard]
-    opened = [np.append(0.0, np.cumsum(each)) for each in (R * spacing_s**2, spacing_s**3 / 3)]
-    record_m2, blind_s3 = (np.diff(np.interp(t, edges_s, column), prepend=0.0) for column in opened)
-    return FixLog(
+    R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
+    accumulated = [np.append(0.0, np.cumsum(each)) for each in (R * spacing_s**2, spacing_s**3 / 3)]
+    dvl_noise_m2, dvl_gap_s3 = (np.diff(np.interp(t, edges_s, column), prepend=0.0) for column in accumulated)
+    return DrResiduals(
         timeline,
         layout,
         np.maximum(np.diff(t, prepend=0.0), 0.0),
         np.diff(drift_at, axis=0, prepend=0.0),
         timeline.fix_m[:count] - reckoned_m - arm_m,
-        read,
+        measurement_matrix,
         timeline.fix_cov_m2[:count],
-        record_m2,
-        blind_s3,
+        dvl_noise_m2,
+        dvl_gap_s3,
     )
 
 
-def fix_likelihoods(log: FixLog, members: Sequence[Assumptions]) -> FixLikelihoods:
+def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLikelihoods:
     """Run adf over the fixes, for each member by its own assumptions; all calibrate the same."""
     rows = log.rows
     starts = [prior(log.timeline, member, log.layout) for member in members]
-    bank = Gaussians(
+    bank = GaussianBank(
         np.stack([start.mean[rows] for start in starts], axis=1),
         np.stack([start.cov[np.ix_(rows, rows)] for start in starts], axis=2),
         equal_weights(len(members)),
     )
     n, N = bank.mean.shape
     fade, added = _between_fixes(log, members)
-    noise = NoiseOfMembers([member.usbl for member in members], [member.usbl_sd_scale for member in members])
-    apart = members[0].usbl.per_scalar
+    noise = BankNoise([member.usbl for member in members], [member.usbl_sd_scale for member in members])
+    per_axis = members[0].usbl.per_scalar
     total, eye = np.zeros(N), np.eye(n)
     for f in range(len(log.dt_s)):
         F = eye.copy()
-        F[:2] += log.moved[f]
+        F[:2] += log.displacement_jacobian[f]
         half = (F @ bank.cov.reshape(n, -1)).reshape(n, n, N).swapaxes(0, 1)
         P = (F @ half.reshape(n, -1)).reshape(n, n, N)
         cov = 0.5 * (P + P.swapaxes(0, 1)) * (fade[f, :, None] * fade[f])  # to the last bit symmetric, see bank.shift
         cov += added[f] * eye[:, :, None]
-        bank = Gaussians(fade[f] * (F @ bank.mean), cov, bank.log_weight)
+        bank = GaussianBank(fade[f] * (F @ bank.mean), cov, bank.log_weight)
         R = log.cov_m2[f]
-        for axes in ([0], [1]) if apart and not R[0, 1] else ([0, 1],):
-            seen = _seen(bank, log.read[f, axes], log.seen_m[f, axes])
+        for axes in ([0], [1]) if per_axis and not R[0, 1] else ([0, 1],):
+            seen = _project_fix(bank, log.measurement_matrix[f, axes], log.residual_m[f, axes])
             bank, log_l, *_ = collapse(bank, seen, noise.modes(R[np.ix_(axes, axes)]), 0)
             total += log_l
     latency = [row for row, state in enumerate(rows) if log.layout.names[state] == "usbl_latency"]
@@ -127,23 +127,24 @@ def fix_likelihoods(log: FixLog, members: Sequence[Assumptions]) -> FixLikelihoo
     return FixLikelihoods(total, float(bank.mean[latency, 0].sum()), by_name)
 
 
-def _between_fixes(log: FixLog, members: Sequence[Assumptions]) -> tuple[Array, Array]:
+def _between_fixes(log: DrResiduals, members: Sequence[Assumptions]) -> tuple[Array, Array]:
     """Return what remains of each state from fix to fix and the variance that it gains, (F, n, N) both."""
     rows = log.rows
     walks = np.stack([VehicleMotion(log.layout, m.process, m.errors).noise(0.0, 1.0)[rows] for m in members], axis=1)
     fade, added = np.ones((len(log.dt_s), *walks.shape)), log.dt_s[:, None, None] * walks
-    heard_share = [float(m.dvl.modes(np.ones((1, 1))).matched[0, 0]) * m.dvl_sd_scale**2 for m in members]
+    dvl_variance_factor = [float(m.dvl.modes(np.ones((1, 1))).mixture_cov[0, 0]) * m.dvl_sd_scale**2 for m in members]
     added[:, :2] += (
-        log.record_m2[:, None] * heard_share + log.blind_s3[:, None] * [m.process.velocity_mps**2 for m in members]
+        log.dvl_noise_m2[:, None] * dvl_variance_factor
+        + log.dvl_gap_s3[:, None] * [m.process.velocity_mps**2 for m in members]
     )[:, None]
-    bias = [rows.index(row) for row in log.layout.present(*BIAS)]
+    bias = [rows.index(row) for row in log.layout.existing(*BIAS_STATES)]
     T, c0 = (np.array([getattr(m.errors, name) for m in members]) for name in ("usbl_bias_s", "usbl_bias_m"))
     fade[:, bias] = np.exp(-log.dt_s[:, None] / T)[:, None]
     added[:, bias] = (1 - fade[:, bias] ** 2) * c0**2
     return fade, added
 
 
-def _seen(bank: Gaussians, H: Array, z: Vector) -> Projection:
+def _project_fix(bank: GaussianBank, H: Array, z: Vector) -> Projection:
     """Hold a fix, or one axis of it, against every member."""
     (k, n), N = H.shape, bank.mean.shape[1]
     cross = (H @ bank.cov.reshape(n, -1)).reshape(k, n, N).swapaxes(0, 1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.parameters import SensorErrors
-from usbldr.filters.models.states import MOTION_STATES, Layout
+from usbldr.filters.models.states import MOTION_STATES, StateLayout
 from usbldr.filters.types import Trajectory, Vector
 
 STATES: Mapping[str, tuple[str, ...]] = {
@@ -28,10 +28,10 @@ AUTO = "auto"
 """Asks for those that the log can tell: observability.py answers before a filter runs."""
 
 
-NARROWED = 0.8  # of the sigma before: what stays wider has hardly been observed
+MAX_SIGMA_RATIO = 0.8  # of the sigma before: what stays wider has hardly been observed
 
 
-class Border(NamedTuple):
+class ReportedQuantity(NamedTuple):
     """How a state is told to people."""
 
     name: str  # with its unit
@@ -40,19 +40,19 @@ class Border(NamedTuple):
 
 
 DEGREES = math.degrees(1.0)
-BORDER: Mapping[str, Border] = {
-    "dvl_scale": Border("dvl_scale", "", 1.0),
-    "dvl_mount": Border("dvl_mount_deg", "deg", -DEGREES),
-    "heading_bias": Border("heading_bias_deg", "deg", -DEGREES),
-    "deviation_sin": Border("deviation_sin_deg", "deg", DEGREES),  # of the heading: H + A sin H + B cos H
-    "deviation_cos": Border("deviation_cos_deg", "deg", -DEGREES),
-    "usbl_latency": Border("usbl_latency_s", "s", 1.0),
-    "usbl_bias_east": Border("usbl_bias_east_m", "m", 1.0),
-    "usbl_bias_north": Border("usbl_bias_north_m", "m", 1.0),
+REPORTED_QUANTITIES: Mapping[str, ReportedQuantity] = {
+    "dvl_scale": ReportedQuantity("dvl_scale", "", 1.0),
+    "dvl_mount": ReportedQuantity("dvl_mount_deg", "deg", -DEGREES),
+    "heading_bias": ReportedQuantity("heading_bias_deg", "deg", -DEGREES),
+    "deviation_sin": ReportedQuantity("deviation_sin_deg", "deg", DEGREES),  # of the heading: H + A sin H + B cos H
+    "deviation_cos": ReportedQuantity("deviation_cos_deg", "deg", -DEGREES),
+    "usbl_latency": ReportedQuantity("usbl_latency_s", "s", 1.0),
+    "usbl_bias_east": ReportedQuantity("usbl_bias_east_m", "m", 1.0),
+    "usbl_bias_north": ReportedQuantity("usbl_bias_north_m", "m", 1.0),
 }
 
 
-class Found(NamedTuple):
+class EstimatedError(NamedTuple):
     """One error as the filter saw it over time."""
 
     name: str  # with its unit
@@ -66,12 +66,12 @@ class Found(NamedTuple):
         return self.name.removesuffix(f"_{self.unit}").replace("_", " ")
 
 
-def layout_for(calibrate: Sequence[str]) -> Layout:
+def layout_for(calibrate: Sequence[str]) -> StateLayout:
     """Return the layout with these keys' states behind those of the motion; raise UsageError for an unknown key."""
     unknown = [key for key in calibrate if key not in STATES]
     if unknown:
         raise UsageError(f"no error of a sensor is called {unknown[0]!r} (to calibrate: {', '.join(STATES)})")
-    return Layout(MOTION_STATES + tuple(name for key in STATES if key in calibrate for name in STATES[key]))
+    return StateLayout(MOTION_STATES + tuple(name for key in STATES if key in calibrate for name in STATES[key]))
 
 
 def prior_sd(errors: SensorErrors) -> Mapping[str, float]:
@@ -90,17 +90,20 @@ def prior_sd(errors: SensorErrors) -> Mapping[str, float]:
 
 def assumed_sd(errors: SensorErrors) -> Mapping[str, float]:
     """Return each error's 1-sigma before anything is measured, by its name and in its unit at the border."""
-    return {BORDER[state].name: abs(BORDER[state].factor) * sd for state, sd in prior_sd(errors).items()}
+    return {
+        REPORTED_QUANTITIES[state].name: abs(REPORTED_QUANTITIES[state].factor) * sd
+        for state, sd in prior_sd(errors).items()
+    }
 
 
-def found(trajectory: Trajectory) -> tuple[Found, ...]:
+def estimated_errors(trajectory: Trajectory) -> tuple[EstimatedError, ...]:
     """Return the errors that a filter estimated, in the units of the border; none for a track without them."""
     if trajectory.cov is None:
         return ()
-    told: list[Found] = []
+    told: list[EstimatedError] = []
     for row, state in enumerate(trajectory.names):
-        if state in BORDER:
-            name, unit, factor = BORDER[state]
+        if state in REPORTED_QUANTITIES:
+            name, unit, factor = REPORTED_QUANTITIES[state]
             sd = abs(factor) * np.sqrt(np.maximum(trajectory.cov[:, row, row], 0.0))
-            told.append(Found(name, unit, factor * trajectory.mean[:, row] + 0.0, sd))  # no -0.0
+            told.append(EstimatedError(name, unit, factor * trajectory.mean[:, row] + 0.0, sd))  # no -0.0
     return tuple(told)

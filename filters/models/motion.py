@@ -14,15 +14,15 @@ from typing import Protocol
 import numpy as np
 
 from usbldr.filters.models.parameters import ProcessNoise, SensorErrors
-from usbldr.filters.models.sigma_points import Function
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.sigma_points import StateFunction
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Array, Vector
 
 
 class MotionModel(Protocol):
     """What happens to the state from t0_s to t1_s."""
 
-    def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, Function]]:
+    def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, StateFunction]]:
         """Yield the rows that change and the increment that they get, in order."""
         ...
 
@@ -32,16 +32,16 @@ class MotionModel(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class YawIncrement:
     """psi += r dt."""
 
     rate_row: int
     dt_s: float
     rows: slice | None = None
-    curved: tuple[int, ...] = ()
+    nonlinear: tuple[int, ...] = ()
 
     @property
-    def affine(self) -> tuple[int, ...]:
+    def linear(self) -> tuple[int, ...]:
         """Read the turn rate."""
         return (self.rate_row,)
 
@@ -59,23 +59,23 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
+class PositionIncrement:
     """Displacement east and north with the velocity of the body, eq. (1)."""
 
-    curved: tuple[int, ...]  # psi
-    affine: tuple[int, ...]  # u, v
+    nonlinear: tuple[int, ...]  # psi
+    linear: tuple[int, ...]  # u, v
     dt_s: float
     rows: slice | None = None
 
     def predict(self, x: Array) -> Array:
         """Return the displacement east and north, (2, N)."""
-        psi, u, v = x[self.curved[0]], x[self.affine[0]], x[self.affine[1]]
+        psi, u, v = x[self.nonlinear[0]], x[self.linear[0]], x[self.linear[1]]
         c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
         return np.array([u * c - v * s, u * s + v * c])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives by psi, u, v, (2, 3, N)."""
-        psi, u, v = x[self.curved[0]], x[self.affine[0]], x[self.affine[1]]
+        psi, u, v = x[self.nonlinear[0]], x[self.linear[0]], x[self.linear[1]]
         c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
         return np.array([[-u * s - v * c, c, -s], [u * c - v * s, s, c]])
 
@@ -85,21 +85,21 @@ class Move:
 
 
 @dataclass(frozen=True, slots=True)
-class Decay:
+class GaussMarkovIncrement:
     """c *= factor, for neighbouring states."""
 
-    affine: tuple[int, ...]
+    linear: tuple[int, ...]
     factor: float
     rows: slice | None = None
-    curved: tuple[int, ...] = ()
+    nonlinear: tuple[int, ...] = ()
 
     def predict(self, x: Array) -> Array:
         """Return what is lost, (k, N)."""
-        return (self.factor - 1) * x[list(self.affine)]
+        return (self.factor - 1) * x[list(self.linear)]
 
     def jacobian(self, x: Array) -> Array:
         """Return the loss of each by each, (k, k, 1)."""
-        return (self.factor - 1) * np.eye(len(self.affine))[:, :, None]
+        return (self.factor - 1) * np.eye(len(self.linear))[:, :, None]
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference."""
@@ -110,28 +110,28 @@ class Decay:
 class VehicleMotion:
     """The paper's motion for any layout that starts with psi, u, v, r, x, y."""
 
-    layout: Layout
+    layout: StateLayout
     process: ProcessNoise
     errors: SensorErrors = SensorErrors()
 
-    def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, Function]]:
+    def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, StateFunction]]:
         """Yield half a turn, the move, half a turn; then what the USBL's correlated error loses."""
         dt_s = t1_s - t0_s
         psi, u, v, r, x, y = self.layout.rows("psi", "u", "v", "r", "x", "y")
-        half_turn = (slice(psi, psi + 1), Turn(r, dt_s / 2))
+        half_turn = (slice(psi, psi + 1), YawIncrement(r, dt_s / 2))
         yield half_turn
-        yield slice(x, y + 1), Move((psi,), (u, v), dt_s)
+        yield slice(x, y + 1), PositionIncrement((psi,), (u, v), dt_s)
         yield half_turn
-        if bias := self.layout.present("usbl_bias_east", "usbl_bias_north"):
-            yield slice(bias[0], bias[-1] + 1), Decay(bias, math.exp(-dt_s / self.errors.usbl_bias_s))
+        if bias := self.layout.existing("usbl_bias_east", "usbl_bias_north"):
+            yield slice(bias[0], bias[-1] + 1), GaussMarkovIncrement(bias, math.exp(-dt_s / self.errors.usbl_bias_s))
 
     def noise(self, t0_s: float, t1_s: float) -> Vector:
         """Return the variances of the random walks over the step, and of the correlated error, (n,)."""
         q, errors, dt_s = self.process, self.errors, t1_s - t0_s
-        position_m = q.position_m if self.layout.present("dvl_scale") else math.hypot(q.position_m, q.uncalibrated_m)
+        position_m = q.position_m if self.layout.existing("dvl_scale") else math.hypot(q.position_m, q.uncalibrated_m)
         per_second = {"psi": q.yaw_rad, "u": q.velocity_mps, "v": q.velocity_mps, "r": q.turn_rate_radps}
         per_second |= {"x": position_m, "y": position_m, "heading_bias": errors.heading_walk_rad}
         variance = np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names]) * dt_s
-        bias = list(self.layout.present("usbl_bias_east", "usbl_bias_north"))
+        bias = list(self.layout.existing("usbl_bias_east", "usbl_bias_north"))
         variance[bias] = -math.expm1(-2 * dt_s / errors.usbl_bias_s) * errors.usbl_bias_m**2
         return variance

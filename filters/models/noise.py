@@ -18,13 +18,13 @@ from usbldr.filters.types import Array, Vector
 class Noise:
     """Modes of one measurement of k scalars."""
 
-    shares: Array  # (J,) add to 1; (J, N) where each member of a bank has its own
+    probabilities: Array  # (J,) add to 1; (J, N) where each member of a bank has its own
     cov: Array  # (J, k, k) or (J, k, k, N), in the measurement's units squared
 
     @property
-    def matched(self) -> Array:
+    def mixture_cov(self) -> Array:
         """Covariance of the whole mixture, (k, k): what a single Gaussian has to take."""
-        return np.einsum("j,jkl->kl", self.shares, self.cov)
+        return np.einsum("j,jkl->kl", self.probabilities, self.cov)
 
 
 class NoiseFamily(Protocol):
@@ -96,7 +96,7 @@ class StudentT:
         return Noise(np.full(9, 1 / 9), R / precision[:, None, None])
 
 
-class NoiseOfMembers:
+class BankNoise:
     """The noise of a sensor by the families of N members of a bank, which all have J modes.
 
     The modes of every family are affine in R: mode j has gain g_j R + offset o_j I.
@@ -105,14 +105,14 @@ class NoiseOfMembers:
     def __init__(self, families: Sequence[NoiseFamily], sd_scales: Sequence[float]) -> None:
         none = [family.modes(np.zeros((1, 1))) for family in families]
         one = [family.modes(np.full((1, 1), scale**2)) for family, scale in zip(families, sd_scales, strict=True)]
-        self.shares = np.stack([noise.shares for noise in none], axis=1)  # (J, N)
+        self.probabilities = np.stack([noise.probabilities for noise in none], axis=1)  # (J, N)
         self.offset = np.stack([noise.cov[:, 0, 0] for noise in none], axis=1)
         self.gain = np.stack([noise.cov[:, 0, 0] for noise in one], axis=1) - self.offset
 
     def modes(self, R: Array) -> Noise:
         """Return every member's modes for the nominal covariance R, (k, k), or (k, k, N) where each has its own."""
         eye, of_each = np.eye(len(R))[:, :, None], R.reshape(*R.shape[:2], -1)
-        return Noise(self.shares, self.gain[:, None, None] * of_each + self.offset[:, None, None] * eye)
+        return Noise(self.probabilities, self.gain[:, None, None] * of_each + self.offset[:, None, None] * eye)
 
 
 def chi_square_quantile(probability: float, dof: float) -> float:

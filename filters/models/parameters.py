@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
-from usbldr.filters.windows import Span
+from usbldr.filters.windows import TimeWindow
 
 LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's reference point, metres
 
@@ -57,15 +57,15 @@ class Start:
 UNKNOWN_START = Start(math.nan, math.nan, math.nan)
 
 
-class Observed(NamedTuple):
+class StateObservability(NamedTuple):
     """What a log tells of one key of calibration.STATES."""
 
     key: str
-    narrowed: float  # sigma at the end of the log, as a share of that before
-    verdict: str  # "observable", "only in turns", "not observable"
+    sigma_ratio: float  # sigma at the end of the log, as a share of that before
+    conclusion: str  # "observable", "only in turns", "not observable"
 
 
-class Tuned(NamedTuple):
+class TunedParameter(NamedTuple):
     """A number that the log itself was asked for, see tuning.py."""
 
     name: str  # with its unit
@@ -73,13 +73,13 @@ class Tuned(NamedTuple):
     after: float
     low: float  # one sigma down, by the width of the likelihood
     high: float  # one sigma up
-    told: bool  # False: the log hardly knows it, so it stays as it was
+    identified: bool  # False: the log hardly knows it, so it stays as it was
 
 
-DRIFT = "position_walk_m"  # the name under which ProcessNoise.position_m is settled
+DR_WALK_NAME = "position_walk_m"  # the name under which ProcessNoise.position_m is settled
 
 
-class Settled(NamedTuple):
+class NoiseChange(NamedTuple):
     """A number of the noise that a log contradicted, see observability.py."""
 
     name: str  # with its unit
@@ -100,11 +100,11 @@ class Assumptions:
     start: Start | None = None
     calibrate: tuple[str, ...] = ()  # keys of calibration.STATES, or AUTO until the log has been asked
     errors: SensorErrors = SensorErrors()
-    observed: tuple[Observed, ...] = ()  # why these are calibrated, where the log was asked
-    settled: tuple[Settled, ...] = ()  # what it said of the noise then
+    observed: tuple[StateObservability, ...] = ()  # why these are calibrated, where the log was asked
+    noise_changes: tuple[NoiseChange, ...] = ()  # what it said of the noise then
     gps: NoiseFamily = Contamination()  # where it aids
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
-    aid: tuple[Span, ...] = ()  # windows in which GPS fixes are measurements and no truth
+    aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and no truth
     dvl_sd_scale: float = 1.0  # every sigma of that sensor, whoever stated it, is this many times as large
     usbl_sd_scale: float = 1.0
-    tuned: tuple[Tuned, ...] = ()  # what the log was asked for of these
+    tuned: tuple[TunedParameter, ...] = ()  # what the log was asked for of these

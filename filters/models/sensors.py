@@ -12,8 +12,8 @@ import numpy as np
 from usbldr.filters.frames import wrapped
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.parameters import LeverArm
-from usbldr.filters.models.sigma_points import Function
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.sigma_points import StateFunction
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Array, Vector
 
 
@@ -21,22 +21,22 @@ class Measurement(NamedTuple):
     """A reading of k scalars with the model and the noise that explain it."""
 
     z: Vector  # (k,)
-    model: Function
+    model: StateFunction
     noise: Noise
     sensor: str  # "dvl", "compass", "usbl", "gps"
     axis: str  # which scalar of the record, see types.Update
     row: int  # which record, see types.Update
     time_s: float  # time of validity
-    multiplies: bool = False  # the model multiplies a state by a constant error that is a state, too
+    bilinear: bool = False  # the model multiplies a state by a constant error that is a state, too
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class DirectState:
     """One state read directly: the compass reads psi, a DVL at the reference point u and v."""
 
     row: int
     angle: bool = False
-    curved: tuple[int, ...] = ()
+    nonlinear: tuple[int, ...] = ()
 
     @property
     def rows(self) -> slice:
@@ -44,7 +44,7 @@ class State:
         return slice(self.row, self.row + 1)
 
     @property
-    def affine(self) -> tuple[int, ...]:
+    def linear(self) -> tuple[int, ...]:
         """Read the state."""
         return (self.row,)
 
@@ -78,12 +78,12 @@ class BodyVelocity:
     rows: slice | None = None
 
     @property
-    def curved(self) -> tuple[int, ...]:
+    def nonlinear(self) -> tuple[int, ...]:
         """Bend with scale and angle, where they are states."""
         return tuple(row for row in (self.scale_row, self.mount_row) if row is not None)
 
     @property
-    def affine(self) -> tuple[int, ...]:
+    def linear(self) -> tuple[int, ...]:
         """Read the velocity and the turn rate."""
         return (*self.velocity_rows, self.rate_row)
 
@@ -98,7 +98,7 @@ class BodyVelocity:
         gain, along, across = self._seen(x)
         starboard, forward = self.arm_m
         by_state: list[Array | float] = [gain * along, gain * across, gain * (starboard * across - forward * along)]
-        if self.curved:
+        if self.nonlinear:
             u, v = self._velocity(x)
             by_angle = gain * (along * v - across * u)
             by_state[:0] = [by_angle] if self.mount_row is not None else []
@@ -136,12 +136,12 @@ class ScaledVelocity:
     rows: slice | None = None
 
     @property
-    def curved(self) -> tuple[int, ...]:
+    def nonlinear(self) -> tuple[int, ...]:
         """Bend with the scale."""
         return (self.scale_row,)
 
     @property
-    def affine(self) -> tuple[int, ...]:
+    def linear(self) -> tuple[int, ...]:
         """Read the velocity."""
         return (self.velocity_row,)
 
@@ -168,12 +168,12 @@ class DeviatingCompass:
     rows: slice | None = None
 
     @property
-    def curved(self) -> tuple[int, ...]:
+    def nonlinear(self) -> tuple[int, ...]:
         """Bend with psi where the compass deviates."""
         return (self.psi_row,) if self.deviation_rows else ()
 
     @property
-    def affine(self) -> tuple[int, ...]:
+    def linear(self) -> tuple[int, ...]:
         """Read the errors, and psi where nothing bends."""
         psi = () if self.deviation_rows else (self.psi_row,)
         return psi + self.bias_rows + self.deviation_rows
@@ -208,7 +208,7 @@ class UsblFix:
     are late by tau tell of t = offset - tau; c is the correlated error. Both are 0 where they are no states.
     """
 
-    layout: Layout
+    layout: StateLayout
     offset_s: float
     lever_m: LeverArm = (0.0, 0.0, 0.0)
     axes: tuple[int, ...] = (0, 1)  # 0 east, 1 north
@@ -216,38 +216,38 @@ class UsblFix:
     @property
     def rows(self) -> slice | None:
         """Pick x and y where the fix is of the epoch itself and the transponder at the reference point."""
-        if self.offset_s or any(self.lever_m[:2]) or self.layout.present("usbl_latency", "usbl_bias_east"):
+        if self.offset_s or any(self.lever_m[:2]) or self.layout.existing("usbl_latency", "usbl_bias_east"):
             return None
         first = self.layout.index("x") + self.axes[0]
         return slice(first, first + len(self.axes))
 
     @property
-    def curved(self) -> tuple[int, ...]:
+    def nonlinear(self) -> tuple[int, ...]:
         """Bend with psi and r, and with the latency."""
-        return self.layout.rows("psi", "r") + self.layout.present("usbl_latency")
+        return self.layout.rows("psi", "r") + self.layout.existing("usbl_latency")
 
     @property
-    def affine(self) -> tuple[int, ...]:
+    def linear(self) -> tuple[int, ...]:
         """Read velocity and position, and the correlated error."""
-        return self.layout.rows("u", "v", "x", "y") + self.layout.present("usbl_bias_east", "usbl_bias_north")
+        return self.layout.rows("u", "v", "x", "y") + self.layout.existing("usbl_bias_east", "usbl_bias_north")
 
     def predict(self, x: Array) -> Array:
         """Return the transponder's east and north, (k, N)."""
         psi, u, v, r, east, north = x[:6]
-        t = self.offset_s - self.layout.of(x, "usbl_latency")
+        t = self.offset_s - self.layout.value(x, "usbl_latency")
         c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
         C, S = np.cos(psi + r * t), np.sin(psi + r * t)
         starboard, forward, _ = self.lever_m
         both = (
-            east + (u * c - v * s) * t + starboard * C - forward * S + self.layout.of(x, "usbl_bias_east"),
-            north + (u * s + v * c) * t + starboard * S + forward * C + self.layout.of(x, "usbl_bias_north"),
+            east + (u * c - v * s) * t + starboard * C - forward * S + self.layout.value(x, "usbl_bias_east"),
+            north + (u * s + v * c) * t + starboard * S + forward * C + self.layout.value(x, "usbl_bias_north"),
         )
         return np.array([both[axis] for axis in self.axes])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives by the states of curved and affine, (k, 6 to 9, N)."""
         psi, u, v, r, _, _ = x[:6]
-        t = self.offset_s - self.layout.of(x, "usbl_latency")
+        t = self.offset_s - self.layout.value(x, "usbl_latency")
         c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
         C, S = np.cos(psi + r * t), np.sin(psi + r * t)
         starboard, forward, _ = self.lever_m
@@ -259,10 +259,10 @@ class UsblFix:
             turned_V = (-V[1], V[0])[axis] * t  # by the heading of the move
             turned_arm = (-arm[1], arm[0])[axis]  # by the heading of the arm
             by_state = [turned_V + turned_arm, turned_V * t / 2 + turned_arm * t]
-            if self.layout.present("usbl_latency"):
+            if self.layout.existing("usbl_latency"):
                 by_state.append(-(V[axis] + turned_V * r / 2 + turned_arm * r))
             by_state += [(c, s)[axis] * t, (-s, c)[axis] * t, *((one, zero), (zero, one))[axis]]
-            if self.layout.present("usbl_bias_east"):
+            if self.layout.existing("usbl_bias_east"):
                 by_state += ((one, zero), (zero, one))[axis]
             both.append(by_state)
         return np.array([both[axis] for axis in self.axes])
@@ -272,21 +272,23 @@ class UsblFix:
         return a - b
 
 
-def compass(layout: Layout) -> Function:
+def compass_model(layout: StateLayout) -> StateFunction:
     """Return the model of a compass: it reads psi, and whatever errors are states."""
-    psi, bias = layout.index("psi"), layout.present("heading_bias")
-    deviation = layout.present("deviation_sin", "deviation_cos")
+    psi, bias = layout.index("psi"), layout.existing("heading_bias")
+    deviation = layout.existing("deviation_sin", "deviation_cos")
     if not bias and not deviation:
-        return State(psi, angle=True)
+        return DirectState(psi, angle=True)
     return DeviatingCompass(psi, bias, deviation)
 
 
-def dvl(layout: Layout, lever_m: LeverArm) -> tuple[Function, Function]:
+def dvl_models(layout: StateLayout, lever_m: LeverArm) -> tuple[StateFunction, StateFunction]:
     """Return the models of a DVL's starboard and forward velocity."""
     u, v, r = layout.rows("u", "v", "r")
-    scale, mount = (next(iter(layout.present(name)), None) for name in ("dvl_scale", "dvl_mount"))
+    scale, mount = (next(iter(layout.existing(name)), None) for name in ("dvl_scale", "dvl_mount"))
     arm_m = lever_m[:2]
     if not any(arm_m) and mount is None:
-        return (State(u), State(v)) if scale is None else (ScaledVelocity(scale, u), ScaledVelocity(scale, v))
+        return (
+            (DirectState(u), DirectState(v)) if scale is None else (ScaledVelocity(scale, u), ScaledVelocity(scale, v))
+        )
     starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount) for axis in (0, 1))
     return starboard, forward

@@ -20,14 +20,14 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Array
 
-YAW = Layout().index("psi")  # in every layout
-FARTHEST_RAD = math.pi / 2  # of a point from the mean
+YAW = StateLayout().index("psi")  # in every layout
+MAX_POINT_OFFSET_RAD = math.pi / 2  # of a point from the mean
 
 
-class Function(Protocol):
+class StateFunction(Protocol):
     """g: n states to k values, for N states at once."""
 
     @property
@@ -36,12 +36,12 @@ class Function(Protocol):
         ...
 
     @property
-    def curved(self) -> tuple[int, ...]:
+    def nonlinear(self) -> tuple[int, ...]:
         """Return the states in which g is not affine while the others are held."""
         ...
 
     @property
-    def affine(self) -> tuple[int, ...]:
+    def linear(self) -> tuple[int, ...]:
         """Return the other states that g reads."""
         ...
 
@@ -58,7 +58,7 @@ class Function(Protocol):
         ...
 
 
-class Moments(NamedTuple):
+class TransformedMoments(NamedTuple):
     """Mean, covariance and covariance with the state of g(x)."""
 
     mean: Array  # (k, N)
@@ -66,19 +66,19 @@ class Moments(NamedTuple):
     cross: Array  # (n, k, N) cov(x, g(x))
 
 
-class Rule(Protocol):
+class MomentTransform(Protocol):
     """Pass N(m, P) through g."""
 
-    def __call__(self, g: Function, m: Array, P: Array) -> Moments:
+    def __call__(self, g: StateFunction, m: Array, P: Array) -> TransformedMoments:
         """Return the moments of g(x) for x ~ N(m, P): (n, N) and (n, n, N) in."""
         ...
 
 
-def linearised(g: Function, m: Array, P: Array) -> Moments:
+def linearised(g: StateFunction, m: Array, P: Array) -> TransformedMoments:
     """Take the first-order expansion at the mean (EKF)."""
     if g.rows is not None:
         return _pick(g.rows, m, P)
-    return Moments(g.predict(m), *_affine(P, g.curved + g.affine, g.jacobian(m)))
+    return TransformedMoments(g.predict(m), *_linear_moments(P, g.nonlinear + g.linear, g.jacobian(m)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,50 +87,50 @@ class Unscented:
 
     kappa: float | None = None  # None: 3 - n, Julier's choice for a Gaussian
 
-    def __call__(self, g: Function, m: Array, P: Array) -> Moments:
+    def __call__(self, g: StateFunction, m: Array, P: Array) -> TransformedMoments:
         """Return the moments by weighted points."""
         if g.rows is not None:
             return _pick(g.rows, m, P)
         base = g.predict(m)
-        if not g.curved:
-            return Moments(base, *_affine(P, g.affine, g.jacobian(m)))
+        if not g.nonlinear:
+            return TransformedMoments(base, *_linear_moments(P, g.linear, g.jacobian(m)))
         scale = 3.0 if self.kappa is None else len(m) + self.kappa  # n + kappa
-        if YAW not in g.curved:
+        if YAW not in g.nonlinear:
             return _by_points(g, m, P, base, scale)
-        lost = scale * P[YAW, YAW] > FARTHEST_RAD**2
-        if not lost.any():
+        unknown_yaw = scale * P[YAW, YAW] > MAX_POINT_OFFSET_RAD**2
+        if not unknown_yaw.any():
             return _by_points(g, m, P, base, scale)
-        if lost.all():
+        if unknown_yaw.all():
             return linearised(g, m, P)
         both = zip(linearised(g, m, P), _by_points(g, m, P, base, scale), strict=True)
-        return Moments(*(np.where(lost, straight, bent) for straight, bent in both))
+        return TransformedMoments(*(np.where(unknown_yaw, straight, bent) for straight, bent in both))
 
 
-def _by_points(g: Function, m: Array, P: Array, base: Array, scale: float) -> Moments:
+def _by_points(g: StateFunction, m: Array, P: Array, base: Array, scale: float) -> TransformedMoments:
     """Return the moments by points at sqrt(scale) sigma about the mean, where g is ``base``."""
-    root, rest = _partial_root(P, g.curved)
+    root, rest = _partial_root(P, g.nonlinear)
     step = math.sqrt(scale) * root  # (n, c, N)
-    cov, cross = _affine(rest, g.affine, g.jacobian(m)[:, len(g.curved) :])
+    cov, cross = _linear_moments(rest, g.linear, g.jacobian(m)[:, len(g.nonlinear) :])
     shift = np.zeros_like(base)
-    for j in range(len(g.curved)):
+    for j in range(len(g.nonlinear)):
         ahead = g.residual(g.predict(m + step[:, j]), base)
         behind = g.residual(g.predict(m - step[:, j]), base)
         shift += ahead + behind
         cov += (ahead[:, None] * ahead[None] + behind[:, None] * behind[None]) / (2 * scale)
         cross += step[:, j, None] * (ahead - behind)[None] / (2 * scale)
     shift /= 2 * scale
-    return Moments(base + shift, cov - shift[:, None] * shift[None], cross)
+    return TransformedMoments(base + shift, cov - shift[:, None] * shift[None], cross)
 
 
-cubature: Rule = Unscented(kappa=0.0)
-unscented: Rule = Unscented()
+cubature: MomentTransform = Unscented(kappa=0.0)
+unscented: MomentTransform = Unscented()
 
 
-def _pick(rows: slice, m: Array, P: Array) -> Moments:
-    return Moments(m[rows], P[rows, rows], P[:, rows])
+def _pick(rows: slice, m: Array, P: Array) -> TransformedMoments:
+    return TransformedMoments(m[rows], P[rows, rows], P[:, rows])
 
 
-def _affine(P: Array, columns: Sequence[int], J: Array) -> tuple[Array, Array]:
+def _linear_moments(P: Array, columns: Sequence[int], J: Array) -> tuple[Array, Array]:
     """Return J P J' and P J' for a g that reads only some columns: P (n, n, N), J (k, q, N)."""
     cross = np.zeros((len(P), len(J), P.shape[-1]))
     cov = np.zeros((len(J), len(J), P.shape[-1]))

@@ -11,7 +11,7 @@ MOTION_STATES = ("psi", "u", "v", "r", "x", "y")
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class StateLayout:
     """Names of the n states: psi (rad), u, v (m/s), r (rad/s), x, y (m), then those of calibration.STATES."""
 
     names: tuple[str, ...] = MOTION_STATES
@@ -27,13 +27,13 @@ class Layout:
         """Return the rows of several states."""
         return tuple(self.names.index(name) for name in names)
 
-    def present(self, *names: str) -> tuple[int, ...]:
+    def existing(self, *names: str) -> tuple[int, ...]:
         """Return the rows of those states that exist."""
         return tuple(self.names.index(name) for name in names if name in self.names)
 
-    def of(self, x: Array, name: str) -> Array | float:
+    def value(self, x: Array, name: str) -> Array | float:
         """Return one state of x, (n, ...), or 0 where the layout has no such state."""
         return x[self.names.index(name)] if name in self.names else 0.0
 
 
-POSITION = list(Layout().rows("x", "y"))  # in every layout
+POSITION = list(StateLayout().rows("x", "y"))  # in every layout

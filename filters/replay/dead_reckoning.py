@@ -15,7 +15,7 @@ def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajec
     States psi, u, v, x, y at all K epochs; no covariance, because dead reckoning has no account of its drift.
     """
     moved = displacement_m(timeline)
-    position = moved - at_times(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
+    position = moved - interpolate(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
     mean = np.column_stack([timeline.dr_yaw_rad, timeline.dr_mps, position])
     return Trajectory("dr", ("psi", "u", "v", "x", "y"), timeline.time_s, mean, cov=None)
 
@@ -30,7 +30,7 @@ def nudge(timeline: Timeline) -> Trajectory:
         raise LogError("the log has no USBL fix to nudge dead reckoning by")
     reckoned = dr(timeline, np.zeros(2))
     stamps, first = np.unique(timeline.fix_time_s, return_index=True)
-    offset: Array = (timeline.fix_m - at_times(timeline, reckoned.position_m, timeline.fix_time_s))[first]
+    offset: Array = (timeline.fix_m - interpolate(timeline, reckoned.position_m, timeline.fix_time_s))[first]
     shift = np.column_stack([np.interp(timeline.time_s, stamps, offset[:, axis]) for axis in (0, 1)])
     mean = np.column_stack([reckoned.mean[:, :3], reckoned.position_m + shift])
     return Trajectory("nudge", reckoned.names, timeline.time_s, mean, cov=None)
@@ -43,7 +43,7 @@ def usbl(timeline: Timeline) -> Trajectory:
     return Trajectory("usbl", ("x", "y"), timeline.fix_time_s, timeline.fix_m, cov=None)
 
 
-def start_from(
+def start_position(
     timeline: Timeline, time_s: Vector, fix_m: Array, count: int = 5, least_sd_m: float = 3.0
 ) -> tuple[Vector, float]:
     """Return the position at time 0 that the first of some fixes tell, (2,), and its 1-sigma per axis.
@@ -52,26 +52,26 @@ def start_from(
     The sigma is the fixes' median absolute deviation (of the axis that spreads more), not below ``least_sd_m``: a plain
     spread would let one gross fix open the start so wide that a filter believes the next one.
     """
-    carried = fix_m[:count] - at_times(timeline, displacement_m(timeline), time_s[:count])
+    carried = fix_m[:count] - interpolate(timeline, displacement_m(timeline), time_s[:count])
     position = np.median(carried, axis=0)
     spread_m = 1.4826 * np.median(np.abs(carried - position), axis=0).max()
     return position, float(max(least_sd_m, spread_m))
 
 
-def carried_back(timeline: Timeline, time_s: Vector, names: Sequence[str], count: int = 5) -> Array:
+def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], count: int = 5) -> Array:
     """Return by how much a unit of each state moves the position that the first fixes tell of time 0, (2, n).
 
     ``time_s`` (F,) are those of the fixes. It is 0 for what is no error of DVL or compass. A fix that comes after
     minutes is carried back by hundreds of metres of dead reckoning, and whatever ails those is in the start, too.
     """
-    drift = np.column_stack([integrated(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
-    mean: Vector = at_times(timeline, drift, time_s[:count]).mean(axis=0)
+    drift = np.column_stack([integrate(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
+    mean: Vector = interpolate(timeline, drift, time_s[:count]).mean(axis=0)
     return -mean.reshape(len(names), 2).T
 
 
 def displacement_m(timeline: Timeline) -> Array:
     """Return how far east and north dead reckoning has moved since the first epoch, (K, 2)."""
-    return integrated(timeline, velocity_mps(timeline))
+    return integrate(timeline, velocity_mps(timeline))
 
 
 def velocity_mps(timeline: Timeline) -> Array:
@@ -95,13 +95,13 @@ def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
     return [by_state.get(name, np.zeros_like(V)) for name in names]
 
 
-def integrated(timeline: Timeline, rate: Array) -> Array:
+def integrate(timeline: Timeline, rate: Array) -> Array:
     """Return the integral of each column since the first epoch by the trapezoidal rule, (K, k)."""
     gained = (rate[1:] + rate[:-1]) / 2 * np.diff(timeline.time_s)[:, None]
     return np.vstack([np.zeros((1, rate.shape[1])), np.cumsum(gained, axis=0)])
 
 
-def at_times(timeline: Timeline, values: Array, time_s: Vector) -> Array:
+def interpolate(timeline: Timeline, values: Array, time_s: Vector) -> Array:
     """Return columns of the epochs, (K, k), interpolated at other times, (T, k)."""
     columns: list[Array] = list(values.T)
     return np.column_stack([np.interp(time_s, timeline.time_s, column) for column in columns])

@@ -12,15 +12,15 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from usbldr.filters.estimators.protocol import Chance, Estimate, Filter
-from usbldr.filters.replay.steps import Readings
+from usbldr.filters.estimators.protocol import Estimate, Filter, MakeRng
+from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Update
 
 Belief = TypeVar("Belief")
-MEMORY_S = 10.0  # a fix that comes later than this is not used
+MAX_FIX_DELAY_S = 10.0  # a fix that comes later than this is not used
 
 
-class Known(NamedTuple):
+class EpochEstimate(NamedTuple):
     """What is known at an epoch when it is reached."""
 
     epoch: int
@@ -28,23 +28,23 @@ class Known(NamedTuple):
     updates: Mapping[int, Sequence[Update]]  # of each step that was run, or run again
 
 
-def by_validity(estimator: Filter[Belief], belief: Belief, readings: Readings, seed: int) -> Iterator[Known]:
+def by_validity(estimator: Filter[Belief], belief: Belief, source: StepSource, seed: int) -> Iterator[EpochEstimate]:
     """Yield the estimate of every epoch with all fixes up to it."""
-    for k in range(len(readings.time_s)):
-        belief = estimator.step(belief, readings.step(k), _chance(seed, k))
+    for k in range(len(source.time_s)):
+        belief = estimator.step(belief, source.step(k), _make_rng(seed, k))
         estimate = estimator.estimate(belief)
-        yield Known(k, estimate, {k: estimate.updates})
+        yield EpochEstimate(k, estimate, {k: estimate.updates})
 
 
 def by_arrival(
-    estimator: Filter[Belief], belief: Belief, readings: Readings, seed: int, memory_s: float = MEMORY_S
-) -> Iterator[Known]:
+    estimator: Filter[Belief], belief: Belief, source: StepSource, seed: int, memory_s: float = MAX_FIX_DELAY_S
+) -> Iterator[EpochEstimate]:
     """Yield the estimate of every epoch with the fixes that had arrived by then."""
-    used, arrived = readings.arrivals()
+    used, arrived = source.arrivals()
     before: deque[Belief] = deque()  # the beliefs before the last steps; the newest is that before step k
-    for k, time_s in enumerate(readings.time_s.tolist()):
+    for k, time_s in enumerate(source.time_s.tolist()):
         before.append(belief)
-        while time_s - readings.time_s[k - len(before) + 1] > memory_s + 1e-9:
+        while time_s - source.time_s[k - len(before) + 1] > memory_s + 1e-9:
             before.popleft()
         oldest = k - len(before) + 1
         late = [j for j in used[arrived == k].tolist() if j >= oldest]
@@ -53,22 +53,22 @@ def by_arrival(
         updates: dict[int, Sequence[Update]] = {}
         for i in range(first, k + 1):
             before[i - oldest] = belief
-            belief = estimator.step(belief, readings.step(i, time_s), _chance(seed, i))
+            belief = estimator.step(belief, source.step(i, time_s), _make_rng(seed, i))
             updates[i] = estimator.estimate(belief).updates
-        yield Known(k, estimator.estimate(belief), updates)
+        yield EpochEstimate(k, estimator.estimate(belief), updates)
 
 
-def too_late(readings: Readings, memory_s: float = MEMORY_S) -> int:
+def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> int:
     """Return how many fixes came so late that `by_arrival` never uses them, or after the end."""
-    used, arrived = readings.arrivals()
-    t = readings.time_s
+    used, arrived = source.arrivals()
+    t = source.time_s
     inside = arrived < len(t)
     age_s = t[arrived[inside]] - t[used[inside]]
     return int(np.count_nonzero(~inside) + np.count_nonzero(age_s > memory_s + 1e-9))
 
 
-ORDERS: Mapping[str, Callable[..., Iterator[Known]]] = {"validity": by_validity, "arrival": by_arrival}
+FIX_ORDERS: Mapping[str, Callable[..., Iterator[EpochEstimate]]] = {"validity": by_validity, "arrival": by_arrival}
 
 
-def _chance(seed: int, epoch: int) -> Chance:
+def _make_rng(seed: int, epoch: int) -> MakeRng:
     return functools.partial(np.random.default_rng, (seed, epoch))

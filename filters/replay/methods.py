@@ -7,11 +7,11 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.models.parameters import Assumptions
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.position_fixes import usbl_fixes
-from usbldr.filters.replay.prior import starting_fixes, vehicle_m
-from usbldr.filters.replay.run import FILTERS, Settings, run
+from usbldr.filters.replay.prior import starting_fixes, vehicle_positions_m
+from usbldr.filters.replay.run import FILTERS, FilterSettings, run
 from usbldr.filters.types import Timeline, Trajectory, Truth, Vector
 
 METHODS = (*FILTERS, "nudge", "dr", "usbl")
@@ -22,14 +22,14 @@ class Anchor(NamedTuple):
 
     position_m: Vector  # (2,) east, north
     time_s: float
-    said: str  # "the first five fixes"
+    description: str  # "the first five fixes"
 
 
 def track(
     method: str,
     timeline: Timeline,
     assumptions: Assumptions,
-    settings: Settings,
+    settings: FilterSettings,
     anchor: Anchor | None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Trajectory:
@@ -47,7 +47,7 @@ def track(
     return run(method, timeline, assumptions, settings, progress)
 
 
-def anchor_at(where: str, timeline: Timeline, assumptions: Assumptions, truth: Truth | None) -> Anchor | None:
+def find_anchor(where: str, timeline: Timeline, assumptions: Assumptions, truth: Truth | None) -> Anchor | None:
     """Return the anchor "start", "first-fix", "first-gps" or "first-truth" of a log, None where it has no such thing.
 
     "start" is the stated start, else the first fixes: what a filter starts from too. A single fix may be a gross
@@ -57,13 +57,15 @@ def anchor_at(where: str, timeline: Timeline, assumptions: Assumptions, truth: T
         start = assumptions.start
         return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
     if where in ("start", "first-fix"):
-        usbl = usbl_fixes(timeline, assumptions, Layout())
+        usbl = usbl_fixes(timeline, assumptions, StateLayout())
         fixes = (
-            (usbl.time_s, vehicle_m(timeline, usbl)) if where == "first-fix" else starting_fixes(timeline, assumptions)
+            (usbl.time_s, vehicle_positions_m(timeline, usbl))
+            if where == "first-fix"
+            else starting_fixes(timeline, assumptions)
         )
         if not len(fixes[0]):
             return None
-        return Anchor(dead_reckoning.start_from(timeline, *fixes)[0], 0.0, "the first five fixes")
+        return Anchor(dead_reckoning.start_position(timeline, *fixes)[0], 0.0, "the first five fixes")
     if where == "first-gps":
         if not len(timeline.gps_time_s):
             return None

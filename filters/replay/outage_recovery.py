@@ -14,63 +14,73 @@ from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.models.sensors import UsblFix
-from usbldr.filters.models.states import MOTION_STATES, POSITION, Layout
+from usbldr.filters.models.states import MOTION_STATES, POSITION, StateLayout
 from usbldr.filters.replay.position_fixes import usbl_fixes
-from usbldr.filters.types import Array, Return, Timeline, Vector
+from usbldr.filters.types import Array, OutageRecovery, Timeline, Vector
 
-FIRST, FEWEST = 5, 3  # fixes: their median bears two gross errors in five
-CHANCE = 0.001  # of a warning where the covariance is right
+MAX_RECOVERY_FIXES, MIN_RECOVERY_FIXES = 5, 3  # fixes: their median bears two gross errors in five
+FALSE_ALARM_PROBABILITY = 0.001  # of a warning where the covariance is right
 
 
-def returned(
-    timeline: Timeline, assumptions: Assumptions, layout: Layout, mean: Array, cov: Array
-) -> tuple[Return, ...]:
+def outage_recoveries(
+    timeline: Timeline, assumptions: Assumptions, layout: StateLayout, mean: Array, cov: Array
+) -> tuple[OutageRecovery, ...]:
     """Return one for each silence of the USBL that ended in the log.
 
     ``mean`` (K, n) and ``cov`` (K, n, n) are those of each epoch as it was known then, never smoothed ones.
     """
     fixes, t = usbl_fixes(timeline, assumptions, layout), timeline.time_s
-    silences = [outage for outage in timeline.outages if outage.sensor == "usbl"]
+    usbl_outages = [outage for outage in timeline.outages if outage.sensor == "usbl"]
     constant = slice(len(MOTION_STATES), None)  # what a fix tells of them is not known without it
     read = np.zeros((2, len(layout)))  # what a fix says of each state, but for its latency
     read[[0, 1], POSITION] = 1.0
-    for axis, row in enumerate(layout.present(*STATES["usbl-bias"])):
+    for axis, row in enumerate(layout.existing(*STATES["usbl-bias"])):
         read[axis, row] = 1.0
-    found: list[Return] = []
-    for outage in silences:
-        until_s = min((other.start_s for other in silences if other.start_s >= outage.end_s), default=t[-1])
-        rows = np.flatnonzero((fixes.time_s >= outage.end_s - 1e-9) & (fixes.time_s <= until_s + 1e-9))[:FIRST]
+    found: list[OutageRecovery] = []
+    for outage in usbl_outages:
+        until_s = min((other.start_s for other in usbl_outages if other.start_s >= outage.end_s), default=t[-1])
+        rows = np.flatnonzero((fixes.time_s >= outage.end_s - 1e-9) & (fixes.time_s <= until_s + 1e-9))[
+            :MAX_RECOVERY_FIXES
+        ]
         start, end = np.searchsorted(t, (outage.start_s, outage.end_s - 1e-9)).tolist()
-        if len(rows) < FEWEST or not end:
+        if len(rows) < MIN_RECOVERY_FIXES or not end:
             continue
         last = end - 1  # the epoch before the first of them
-        alone = mean.T.copy()  # where the track would have gone from there without them
-        alone[POSITION, last:] = mean[last, POSITION, None] + _way_m(mean[last:].T, t[last:])
-        alone[constant, last:] = mean[last, constant, None]
+        predicted = mean.T.copy()  # where the track would have gone from there without them
+        predicted[POSITION, last:] = mean[last, POSITION, None] + _displacement_m(mean[last:].T, t[last:])
+        predicted[constant, last:] = mean[last, constant, None]
         epochs = np.searchsorted(t, fixes.time_s[rows] - 1e-9)
-        off_m = np.array(
+        offsets_m = np.array(
             [
                 fixes.position_m[row]
-                - UsblFix(layout, float(fixes.time_s[row] - t[k]), fixes.lever_m).predict(alone[:, k])
+                - UsblFix(layout, float(fixes.time_s[row] - t[k]), fixes.lever_m).predict(predicted[:, k])
                 for row, k in zip(rows, epochs, strict=True)
             ]
         )
-        lies_m = np.median(off_m, axis=0)
+        median_residual_m = np.median(offsets_m, axis=0)
         stated_m2 = fixes.cov_m2[rows].mean(axis=0).diagonal()
-        seen_m2 = (1.4826 * np.median(np.abs(off_m - lies_m), axis=0)) ** 2
+        seen_m2 = (1.4826 * np.median(np.abs(offsets_m - median_residual_m), axis=0)) ** 2
         median_m2 = math.pi / 2 / len(rows) * np.diag(np.maximum(stated_m2, seen_m2))
         P = cov[[min(start, last), last]][:, POSITION][:, :, POSITION]
         start_m, end_m = np.sqrt(np.linalg.eigvalsh(P)[:, -1]).tolist()
         expected_m2 = read @ cov[last] @ read.T + median_m2
-        sigmas = math.sqrt(float(nees(lies_m[None], expected_m2[None])[0]))
-        moved_m = mean[epochs[-1], POSITION] - alone[POSITION, epochs[-1]]
+        sigmas = math.sqrt(float(nees(median_residual_m[None], expected_m2[None])[0]))
+        correction_m = mean[epochs[-1], POSITION] - predicted[POSITION, epochs[-1]]
         found.append(
-            Return(outage.start_s, outage.end_s, start_m, end_m, math.hypot(*lies_m), sigmas, math.hypot(*moved_m))
+            OutageRecovery(
+                outage.start_s,
+                outage.end_s,
+                start_m,
+                end_m,
+                math.hypot(*median_residual_m),
+                sigmas,
+                math.hypot(*correction_m),
+            )
         )
     return tuple(found)
 
 
-def _way_m(x: Array, time_s: Vector) -> Array:
+def _displacement_m(x: Array, time_s: Vector) -> Array:
     """Return how far the velocity of the states, (n, K), leads from the first of the epochs, (2, K)."""
     psi, u, v = x[:3]
     c, s = np.cos(psi), np.sin(psi)
@@ -79,13 +89,13 @@ def _way_m(x: Array, time_s: Vector) -> Array:
     return np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
 
 
-def return_warning(one: Return) -> str | None:
+def recovery_warning(one: OutageRecovery) -> str | None:
     """Say that the fixes lay further off than the covariance allowed, where they did."""
-    if one.sigmas**2 <= chi_square_quantile(1 - CHANCE, 2):
+    if one.sigmas**2 <= chi_square_quantile(1 - FALSE_ALARM_PROBABILITY, 2):
         return None
     return (
         f"the USBL came back at {one.end_s:.1f} s after {one.end_s - one.start_s:.0f} s and its fixes lay "
-        f"{one.off_m:.1f} m from the track, {one.sigmas:.1f} times what can be; the first moved it by "
-        f"{one.moved_m:.1f} m: an error of DVL or compass that is not estimated (--calibrate auto), or false fixes "
-        "(--guard)"
+        f"{one.residual_m:.1f} m from the track, {one.sigmas:.1f} times what can be; the first moved it by "
+        f"{one.correction_m:.1f} m: an error of DVL or compass that is not estimated (--calibrate auto), or false "
+        "fixes (--guard)"
     )

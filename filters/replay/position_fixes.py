@@ -13,14 +13,14 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import Assumptions, LeverArm
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Array, Indices, Timeline, Vector
-from usbldr.filters.windows import Span, inside, windows_text
+from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
-GPS_SD_M = 3.0  # where a log does not say
+DEFAULT_GPS_SD_M = 3.0  # where a log does not say
 
 
-class Positions(NamedTuple):
+class PositionFixes(NamedTuple):
     """F fixes of one sensor as a filter takes them, by time of validity."""
 
     sensor: str  # "usbl" or "gps"
@@ -31,32 +31,32 @@ class Positions(NamedTuple):
     cov_m2: Array  # (F, 2, 2)
     family: NoiseFamily
     lever_m: LeverArm  # the transponder or the antenna on the vehicle
-    layout: Layout  # with the states that err with this sensor
+    layout: StateLayout  # with the states that err with this sensor
 
 
-def usbl_fixes(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Positions:
+def usbl_fixes(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> PositionFixes:
     """Return all USBL fixes."""
     rows = np.arange(len(timeline.fix_time_s))
     cov_m2 = assumptions.usbl_sd_scale**2 * timeline.fix_cov_m2
     fixes = (rows, timeline.fix_time_s, timeline.fix_received_s, timeline.fix_m, cov_m2)
-    return Positions("usbl", *fixes, assumptions.usbl, assumptions.usbl_lever_m, layout)
+    return PositionFixes("usbl", *fixes, assumptions.usbl, assumptions.usbl_lever_m, layout)
 
 
-def gps_fixes(timeline: Timeline, assumptions: Assumptions) -> Positions:
+def gps_fixes(timeline: Timeline, assumptions: Assumptions) -> PositionFixes:
     """Return the GPS fixes inside the windows; none of the errors that are states is a satellite receiver's."""
-    rows = np.flatnonzero(inside(timeline.gps_time_s, assumptions.aid))
-    sd_m = np.full(len(rows), GPS_SD_M) if timeline.gps_sd_m is None else timeline.gps_sd_m[rows]
-    sd_m = np.where(sd_m > 0, sd_m, GPS_SD_M)
+    rows = np.flatnonzero(in_windows(timeline.gps_time_s, assumptions.aid))
+    sd_m = np.full(len(rows), DEFAULT_GPS_SD_M) if timeline.gps_sd_m is None else timeline.gps_sd_m[rows]
+    sd_m = np.where(sd_m > 0, sd_m, DEFAULT_GPS_SD_M)
     t, cov_m2 = timeline.gps_time_s[rows], sd_m[:, None, None] ** 2 * np.eye(2)
-    return Positions(
-        "gps", rows, t, t, timeline.gps_m[rows], cov_m2, assumptions.gps, assumptions.gps_lever_m, Layout()
+    return PositionFixes(
+        "gps", rows, t, t, timeline.gps_m[rows], cov_m2, assumptions.gps, assumptions.gps_lever_m, StateLayout()
     )
 
 
-def require_gps(timeline: Timeline, windows: Sequence[Span], source: str) -> None:
+def require_gps(timeline: Timeline, windows: Sequence[TimeWindow], source: str) -> None:
     """Raise LogError for a window in which the log has no GPS fix of the run."""
     t = timeline.gps_time_s[timeline.gps_time_s <= timeline.time_s[-1]]
     for window in windows:
-        if not inside(t, [window]).any():
+        if not in_windows(t, [window]).any():
             there = f"its GPS fixes lie between {t[0]:.1f} and {t[-1]:.1f} s" if len(t) else "it has none at all"
             raise LogError(f"{source}: no GPS fix to aid a filter from {windows_text([window])} of the log ({there})")

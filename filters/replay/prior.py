@@ -6,22 +6,22 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.estimators.protocol import Prior
-from usbldr.filters.frames import turned
+from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import prior_sd
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
-from usbldr.filters.models.states import Layout
-from usbldr.filters.replay.dead_reckoning import carried_back, start_from
-from usbldr.filters.replay.position_fixes import Positions, gps_fixes, usbl_fixes
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
+from usbldr.filters.replay.position_fixes import PositionFixes, gps_fixes, usbl_fixes
 from usbldr.filters.types import Array, Timeline, Vector
 
-NO_START = (
+NO_START_TEXT = (
     "no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or let GPS aid "
     "it where the vehicle is at the surface (--aid gps@FROM:TO)"
 )
 
 
-def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior:
+def prior(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> Prior:
     """Return the belief at the first epoch: a stated start, or what the first fixes say.
 
     Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again. A
@@ -36,9 +36,9 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Prior
     else:
         time_s, fix_m = starting_fixes(timeline, assumptions)
         if not len(time_s):
-            raise LogError(NO_START)
-        position, position_sd_m = start_from(timeline, time_s, fix_m)
-        carried = carried_back(timeline, time_s, layout.names)
+            raise LogError(NO_START_TEXT)
+        position, position_sd_m = start_position(timeline, time_s, fix_m)
+        carried = start_sensitivity(timeline, time_s, layout.names)
         motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
         walked_m2 = float(motion.noise(0.0, max(0.0, float(time_s[0])))[layout.index("x")])
         position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
@@ -74,12 +74,12 @@ def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector
 
     (F,) and (F, 2).
     """
-    usbl, gps = usbl_fixes(timeline, assumptions, Layout()), gps_fixes(timeline, assumptions)
+    usbl, gps = usbl_fixes(timeline, assumptions, StateLayout()), gps_fixes(timeline, assumptions)
     first = min((usbl, gps), key=lambda fixes: float(fixes.time_s[0]) if len(fixes.time_s) else math.inf)
-    return first.time_s, vehicle_m(timeline, first)
+    return first.time_s, vehicle_positions_m(timeline, first)
 
 
-def vehicle_m(timeline: Timeline, fixes: Positions) -> Array:
+def vehicle_positions_m(timeline: Timeline, fixes: PositionFixes) -> Array:
     """Return where the vehicle's reference point was by fixes of a transponder or an antenna beside it, (F, 2)."""
     yaw = np.interp(fixes.time_s, timeline.time_s, timeline.dr_yaw_rad)
-    return fixes.position_m - turned(yaw, np.array(fixes.lever_m[:2]))
+    return fixes.position_m - rotated(yaw, np.array(fixes.lever_m[:2]))

@@ -14,23 +14,23 @@ from usbldr.filters.models import sensors
 from usbldr.filters.models.noise import Noise, NoiseFamily
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.models.sensors import Measurement, UsblFix
-from usbldr.filters.models.states import Layout
-from usbldr.filters.replay.position_fixes import Positions, gps_fixes, usbl_fixes
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.position_fixes import PositionFixes, gps_fixes, usbl_fixes
 from usbldr.filters.types import Indices, Timeline, Vector
 
 
-class Readings:
+class StepSource:
     """The measurements of a timeline, by epoch."""
 
-    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
+    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> None:
         self.time_s = timeline.time_s
-        self.vehicle = VehicleReadings(timeline, assumptions, layout)
+        self.vehicle = VehicleMeasurements(timeline, assumptions, layout)
         both = (usbl_fixes(timeline, assumptions, layout), gps_fixes(timeline, assumptions))
-        self.fixes = tuple(FixReadings(timeline.time_s, fixes) for fixes in both)
+        self.fixes = tuple(FixMeasurements(timeline.time_s, fixes) for fixes in both)
 
-    def step(self, k: int, known_s: float = np.inf) -> Step:
+    def step(self, k: int, received_by_s: float = np.inf) -> Step:
         """Return the step to epoch k with those of its fixes that had arrived by then."""
-        readings = [*self.vehicle.at(k), *(reading for fixes in self.fixes for reading in fixes.at(k, known_s))]
+        readings = [*self.vehicle.at(k), *(reading for fixes in self.fixes for reading in fixes.at(k, received_by_s))]
         readings.sort(key=lambda reading: (reading.time_s, reading.sensor))  # stable: order in the log
         return Step(k, float(self.time_s[max(k - 1, 0)]), float(self.time_s[k]), tuple(readings))
 
@@ -41,19 +41,19 @@ class Readings:
         return used, np.maximum(used, np.searchsorted(self.time_s, received_s, side="left"))
 
 
-def steps(timeline: Timeline, assumptions: Assumptions, layout: Layout) -> Iterator[Step]:
+def steps(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> Iterator[Step]:
     """Yield a step per epoch, with all fixes."""
-    readings = Readings(timeline, assumptions, layout)
+    readings = StepSource(timeline, assumptions, layout)
     return (readings.step(k) for k in range(len(timeline.time_s)))
 
 
-class VehicleReadings:
+class VehicleMeasurements:
     """The compass and DVL measurements of an epoch."""
 
-    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: Layout) -> None:
+    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> None:
         self.timeline = timeline
-        self.compass = sensors.compass(layout)
-        self.dvl = sensors.dvl(layout, assumptions.dvl_lever_m)
+        self.compass = sensors.compass_model(layout)
+        self.dvl = sensors.dvl_models(layout, assumptions.dvl_lever_m)
         self.compass_noise = _scalar_noise(assumptions.compass)
         self.dvl_noise = _scalar_noise(assumptions.dvl)
         self.dvl_sd_mps = assumptions.dvl_sd_scale * timeline.dvl_sd_mps
@@ -65,27 +65,27 @@ class VehicleReadings:
         if line.yaw_count[k]:
             noise = self.compass_noise(float(line.yaw_sd_rad[k]), int(line.yaw_count[k]))
             z = line.yaw_rad[k : k + 1]
-            yield Measurement(z, self.compass, noise, "compass", "yaw", k, time_s, bool(self.compass.curved))
+            yield Measurement(z, self.compass, noise, "compass", "yaw", k, time_s, bool(self.compass.nonlinear))
         if line.dvl_count[k]:
             noise = self.dvl_noise(float(self.dvl_sd_mps[k]), int(line.dvl_count[k]))
             for axis, name in enumerate(("starboard", "forward")):
                 z = line.dvl_mps[k, axis : axis + 1]
                 model = self.dvl[axis]
-                yield Measurement(z, model, noise, "dvl", name, k, time_s, bool(model.curved))
+                yield Measurement(z, model, noise, "dvl", name, k, time_s, bool(model.nonlinear))
 
 
-class FixReadings:
+class FixMeasurements:
     """The measurements of fixes: two scalars where they err apart, else one of both axes."""
 
-    def __init__(self, epochs_s: Vector, fixes: Positions) -> None:
+    def __init__(self, epochs_s: Vector, fixes: PositionFixes) -> None:
         self.epochs_s, self.fixes = epochs_s, fixes
         self.first_epoch = np.searchsorted(epochs_s, fixes.time_s, side="left")
 
-    def at(self, k: int, known_s: float) -> Iterator[Measurement]:
+    def at(self, k: int, received_by_s: float) -> Iterator[Measurement]:
         """Yield the fixes that epoch k uses and that had arrived by known_s, as seen from the epoch."""
         sensor, rows, times_s, received_s, positions_m, covs_m2, family, lever_m, layout = self.fixes
         for f in range(*np.searchsorted(self.first_epoch, (k, k + 1)).tolist()):
-            if received_s[f] > known_s:
+            if received_s[f] > received_by_s:
                 continue
             row, time_s, z, R = int(rows[f]), float(times_s[f]), positions_m[f], covs_m2[f]
             model = functools.partial(UsblFix, layout, time_s - float(self.epochs_s[k]), lever_m)

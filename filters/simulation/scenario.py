@@ -14,7 +14,7 @@ from usbldr.filters.models.noise import Gaussian, NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, ProcessNoise, Start
 from usbldr.filters.types import Array
 
-Stretches: TypeAlias = tuple[tuple[float, float], ...]  # each [from, to) in seconds of the dive
+Intervals: TypeAlias = tuple[tuple[float, float], ...]  # each [from, to) in seconds of the dive
 
 AT_REFERENCE: LeverArm = (0.0, 0.0, 0.0)
 
@@ -30,7 +30,7 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class RandomWalkMotion:
     """In place of legs a walk drawn for each seed from what the filters are told: start, process noise, DVL scale."""
 
     step_s: float = 0.2  # of the filters' motion model
@@ -52,11 +52,11 @@ class Timing:
     jitter_s: float = 0.0  # each stamp lies up to so much later than the rate says, drawn evenly
     clock_offset_s: float = 0.0  # of stamps and arrivals: the sensor's clock minus the dive's
     dropout_share: float = 0.0  # of the records, each by itself
-    silences_s: Stretches = ()  # no record is stamped there
+    silences_s: Intervals = ()  # no record is stamped there
 
 
 @dataclass(frozen=True, slots=True)
-class Correlated:
+class CorrelatedError:
     """A slowly changing error beside the noise, a first-order Gauss-Markov process for each axis."""
 
     sd: float  # in the long run, in the sensor's unit
@@ -83,8 +83,8 @@ class Dvl:
     misalignment_rad: float = 0.0  # d: angle of the DVL's axes in the body
     bias_mps: tuple[float, float] = (0.0, 0.0)  # starboard, forward
     lever_m: LeverArm = AT_REFERENCE
-    water_track_s: Stretches = ()  # without bottom lock: velocity through the water, and flagged as such
-    correlated: Correlated | None = None
+    water_track_s: Intervals = ()  # without bottom lock: velocity through the water, and flagged as such
+    correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     timing: Timing = Timing()
     told_sd_mps: float | None = None  # None, here and below: the truth is told
@@ -100,7 +100,7 @@ class Compass:
     noise: NoiseFamily = Gaussian()
     bias_rad: float = 0.0  # b0
     deviation_rad: tuple[float, float] = (0.0, 0.0)  # b_s, b_c
-    correlated: Correlated | None = None
+    correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     timing: Timing = Timing()
     told_sd_rad: float | None = None
@@ -108,7 +108,7 @@ class Compass:
 
 
 @dataclass(frozen=True, slots=True)
-class Head:
+class AcousticHead:
     """The fixed end of the acoustic line of sight: the USBL head, or the beacon of an inverted USBL."""
 
     east_m: float = 0.0
@@ -160,7 +160,7 @@ class Multipath:
     most_m: float
     scatter_m: float = 0.0
     share: float = 1.0  # of the fixes in a cluster
-    clusters_s: Stretches = ()
+    clusters_s: Intervals = ()
     every_s: float = 0.0  # between the beginnings of further clusters at random, on average; 0: none
     lasts_s: float = 0.0  # each, on average
 
@@ -176,13 +176,13 @@ class Usbl:
     rate_hz: float
     accuracy: Accuracy
     noise: NoiseFamily = Gaussian()
-    head: Head = Head()
+    head: AcousticHead = AcousticHead()
     inverted: bool = False
     scale_error: float = 0.0  # s: of ranges
     misalignment_rad: float = 0.0  # d: how far the head turns what it hears
     bias_m: tuple[float, float] = (0.0, 0.0)  # east, north
     lever_m: LeverArm = AT_REFERENCE  # of the end that is on the vehicle
-    correlated: Correlated | None = None
+    correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     multipath: Multipath | None = None
     timing: Timing = Timing()
@@ -199,7 +199,7 @@ class Gps:
     noise: NoiseFamily = Gaussian()
     lever_m: LeverArm = AT_REFERENCE
     bias_m: tuple[float, float] = (0.0, 0.0)  # east, north
-    correlated: Correlated | None = None
+    correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     timing: Timing = Timing()
     told_sd_m: float | None = None
@@ -225,6 +225,6 @@ class Scenario:
     north_m: float = 0.0
     depth_m: float = 0.0
     current_mps: tuple[float, float] = (0.0, 0.0)  # of the water, east and north
-    drawn: Drawn | None = None
+    drawn: RandomWalkMotion | None = None
     process: ProcessNoise = field(default_factory=ProcessNoise)  # told to the filter; the truth has it only if drawn
     start: Start | None = None  # told to the filter

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.models.noise import NoiseFamily, StudentT
-from usbldr.filters.simulation.scenario import Correlated, Multipath, Outliers, Stretches
+from usbldr.filters.simulation.scenario import CorrelatedError, Intervals, Multipath, Outliers
 from usbldr.filters.types import Array, Vector
 
 Flags: TypeAlias = NDArray[np.bool_]  # (n,)
 
 
-def draw(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
+def draw_noise(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
     """Return noise of ``count`` records, (count, k), for the nominal covariance R: (k, k), or (count, k, k).
 
     Each scalar draws its own mode, from the diagonal of R, where the family says so; else a record draws one for all.
@@ -34,10 +34,10 @@ def _draw_records(family: NoiseFamily, R: Array, count: int, rng: np.random.Gene
         cov = R / precision[:, None, None]
     elif R.ndim == 2:
         noise = family.modes(R)
-        cov = noise.cov[rng.choice(len(noise.shares), size=count, p=noise.shares)]
+        cov = noise.cov[rng.choice(len(noise.probabilities), size=count, p=noise.probabilities)]
     else:
         each = [family.modes(one) for one in R]
-        mode = rng.choice(len(each[0].shares), size=count, p=each[0].shares)
+        mode = rng.choice(len(each[0].probabilities), size=count, p=each[0].probabilities)
         cov = np.stack([noise.cov[j] for noise, j in zip(each, mode, strict=True)])
     # a symmetric root by eigenvalues, because a sensor without noise has no Cholesky root
     value, vector = np.linalg.eigh(cov)
@@ -45,7 +45,7 @@ def _draw_records(family: NoiseFamily, R: Array, count: int, rng: np.random.Gene
     return np.einsum("nij,nj->ni", root, rng.standard_normal((count, R.shape[-1])))
 
 
-def correlated_error(error: Correlated, time_s: Vector, axes: int, rng: np.random.Generator) -> Array:
+def correlated_error(error: CorrelatedError, time_s: Vector, axes: int, rng: np.random.Generator) -> Array:
     """Return a stationary first-order Gauss-Markov process at the times, (n, axes), each axis by itself.
 
     c_k+1 = phi c_k + sd sqrt(1 - phi^2) N(0, 1), phi = exp(-dt/T): exact for any intervals.
@@ -60,14 +60,14 @@ def correlated_error(error: Correlated, time_s: Vector, axes: int, rng: np.rando
     return found
 
 
-def gross_errors(outliers: Outliers, count: int, axes: int, rng: np.random.Generator) -> Array:
+def outlier_errors(outliers: Outliers, count: int, axes: int, rng: np.random.Generator) -> Array:
     """Return what outliers add to the records, (count, axes): nothing to most, the others in any direction."""
     struck = rng.random(count) < outliers.share
     far = np.where(struck, rng.uniform(outliers.least, outliers.most, count), 0.0)
     return far[:, None] * _directions(count, axes, rng)
 
 
-def false_fixes(multipath: Multipath, time_s: Vector, duration_s: float, rng: np.random.Generator) -> Array:
+def multipath_errors(multipath: Multipath, time_s: Vector, duration_s: float, rng: np.random.Generator) -> Array:
     """Return what multipath adds to the fixes, (n, 2): in a cluster the same vector to each, and a little scatter.
 
     Clusters come at the stated times, and others at random: a Poisson process of lengths that are exponential.
@@ -85,12 +85,12 @@ def false_fixes(multipath: Multipath, time_s: Vector, duration_s: float, rng: np
     )
     error_m = np.zeros((n, 2))
     for place_m, cluster in zip(far_m[:, None] * direction, clusters, strict=True):
-        here = struck & within((cluster,), time_s)
+        here = struck & in_intervals((cluster,), time_s)
         error_m[here] = place_m + scatter[here]
     return error_m
 
 
-def within(stretches_s: Stretches, time_s: Vector) -> Flags:
+def in_intervals(stretches_s: Intervals, time_s: Vector) -> Flags:
     """Tell which times (n,) lie in one of the stretches [from, to)."""
     inside = np.zeros(len(time_s), dtype=bool)
     for start_s, end_s in stretches_s:

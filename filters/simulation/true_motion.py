@@ -10,12 +10,12 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from usbldr.filters.frames import turned
-from usbldr.filters.simulation.scenario import Drawn, Leg, Scenario
+from usbldr.filters.frames import rotated
+from usbldr.filters.simulation.scenario import Leg, RandomWalkMotion, Scenario
 from usbldr.filters.types import Array, Vector
 
 
-class Motion(NamedTuple):
+class TrueMotion(NamedTuple):
     """The vehicle at n instants."""
 
     time_s: Vector  # (n,)
@@ -26,11 +26,11 @@ class Motion(NamedTuple):
     water_mps: Array  # (n, 2) starboard, forward, through the water
 
 
-Track: TypeAlias = Callable[[Vector], Motion]
+TrueTrack: TypeAlias = Callable[[Vector], TrueMotion]
 """From instants, (n,), to the truth there."""
 
 
-def motion(scenario: Scenario, time_s: Vector) -> Motion:
+def leg_motion(scenario: Scenario, time_s: Vector) -> TrueMotion:
     """Return the truth at any instants, (n,), from the closed form of each leg, not by summing steps.
 
     Over t seconds at a constant turn rate r the chord is R(psi + r t/2) (u, v) t sinc(r t/2), with sinc(a) = sin a / a.
@@ -53,10 +53,10 @@ def motion(scenario: Scenario, time_s: Vector) -> Motion:
         through[here] = (leg.starboard_mps, leg.forward_mps)
         rate[here] = leg.turn_rate_radps
     current = np.array(scenario.current_mps)
-    return Motion(t, position_m + t[:, None] * current, yaw, through + turned(-yaw, current), rate, through)
+    return TrueMotion(t, position_m + t[:, None] * current, yaw, through + rotated(-yaw, current), rate, through)
 
 
-def drawn_track(scenario: Scenario, drawn: Drawn, rng: np.random.Generator) -> Track:
+def random_walk_track(scenario: Scenario, drawn: RandomWalkMotion, rng: np.random.Generator) -> TrueTrack:
     """Draw the start about the first leg's motion and a walk from there, as the filters' motion model says.
 
     Each step is half a turn, a move, half a turn, then the process noise, as in motion.py; between two steps the
@@ -80,15 +80,15 @@ def drawn_track(scenario: Scenario, drawn: Drawn, rng: np.random.Generator) -> T
     rate = np.cumsum(noise[:, 3])
     velocity = np.cumsum(noise[:, 1:3], axis=0)
     yaw = np.cumsum(noise[:, 0] + T * np.r_[0.0, rate[:-1]])
-    moves = T * turned(yaw[:-1] + rate[:-1] * T / 2, velocity[:-1])
+    moves = T * rotated(yaw[:-1] + rate[:-1] * T / 2, velocity[:-1])
     position = np.cumsum(noise[:, 4:6] + np.vstack([np.zeros((1, 2)), moves]), axis=0)
 
-    def at(time_s: Vector) -> Motion:
+    def at(time_s: Vector) -> TrueMotion:
         t = np.array(time_s, dtype=float)
         k = np.clip(np.floor(t / T + 1e-9).astype(int), 0, steps)
         h = t - k * T
-        moved = h[:, None] * turned(yaw[k] + rate[k] * h / 2, velocity[k])
-        return Motion(t, position[k] + moved, yaw[k] + rate[k] * h, velocity[k], rate[k], velocity[k])
+        moved = h[:, None] * rotated(yaw[k] + rate[k] * h / 2, velocity[k])
+        return TrueMotion(t, position[k] + moved, yaw[k] + rate[k] * h, velocity[k], rate[k], velocity[k])
 
     return at
 
@@ -96,4 +96,4 @@ def drawn_track(scenario: Scenario, drawn: Drawn, rng: np.random.Generator) -> T
 def _chord(leg: Leg, yaw_rad: float, t: Vector) -> Array:
     half_turn = leg.turn_rate_radps * t / 2
     length = t * np.sinc(half_turn / np.pi)
-    return length[:, None] * turned(yaw_rad + half_turn, np.array([leg.starboard_mps, leg.forward_mps]))
+    return length[:, None] * rotated(yaw_rad + half_turn, np.array([leg.starboard_mps, leg.forward_mps]))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from usbldr.filters.identification.dr_usbl_fit import GROSS_SIGMAS, STRETCH_S, Calibration, calibrate
+from usbldr.filters.identification.dr_usbl_fit import GROSS_SIGMAS, SEGMENT_S, DrUsblFit, fit_sensor_errors
 from usbldr.filters.types import Timeline
 from usbldr.io.doctor.findings import GradedFinding, graded_finding
 from usbldr.io.doctor.gross_errors import (
@@ -57,7 +57,7 @@ class CrossCheck:
 
     graded_findings: tuple[GradedFinding, ...]
     result: InterpretationResult | None = None  # None: too few fixes
-    calibration: Calibration | None = None  # by the verdict's best reading; None: nothing can be claimed
+    calibration: DrUsblFit | None = None  # by the verdict's best reading; None: nothing can be claimed
 
 
 def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEvidence] = ()) -> CrossCheck:
@@ -73,7 +73,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         *_heading_offset_findings(log, verdict),
         *heading_unit_findings(log, timeline, verdict),
     ]
-    calibration = calibrate(reinterpret(log, timeline, verdict.best.flips), verdict.best.fit.rotation_rad)
+    calibration = fit_sensor_errors(reinterpret(log, timeline, verdict.best.flips), verdict.best.fit.rotation_rad)
     late_s = far_s + (calibration.latency_s if calibration is not None else verdict.best.fit.latency_s)
     found += clock_offset_findings(log, late_s) if far_s else ()
     found += velocity_unit_findings(log, times, verdict) if times != 1.0 else ()
@@ -186,12 +186,12 @@ def _heading_offset_findings(log: Log, verdict: InterpretationResult) -> list[Gr
     return [found]
 
 
-def latency_is_significant(c: Calibration) -> bool:
+def latency_is_significant(c: DrUsblFit) -> bool:
     """Tell whether a latency of the fixes is beyond doubt."""
     return abs(c.latency_s) > max(MIN_LATENCY_S, SIGNIFICANCE_SIGMAS * c.latency_sd_s)
 
 
-def scale_is_significant(c: Calibration) -> bool:
+def scale_is_significant(c: DrUsblFit) -> bool:
     """Tell whether a scale error of the DVL is beyond doubt."""
     return abs(c.scale) > max(MIN_SCALE_ERROR_CLAIMED, SIGNIFICANCE_SIGMAS * c.scale_sd)
 
@@ -202,7 +202,7 @@ def heading_offset_is_significant(verdict: InterpretationResult) -> bool:
     return sure and abs(verdict.best.offset_deg) > max(MIN_MOUNT_DEG, 2 * verdict.offset_sd_deg)
 
 
-def _delays(log: Log, c: Calibration) -> list[GradedFinding]:
+def _delays(log: Log, c: DrUsblFit) -> list[GradedFinding]:
     found: list[GradedFinding] = []
     usbl, compass = topic_of(log, "usbl"), topic_of(log, "compass")
     if latency_is_significant(c):
@@ -225,7 +225,7 @@ def _delays(log: Log, c: Calibration) -> list[GradedFinding]:
     return found
 
 
-def _scale(log: Log, c: Calibration) -> list[GradedFinding]:
+def _scale(log: Log, c: DrUsblFit) -> list[GradedFinding]:
     if not scale_is_significant(c):
         return []
     dvl = topic_of(log, "dvl")
@@ -236,11 +236,11 @@ def _scale(log: Log, c: Calibration) -> list[GradedFinding]:
     return [graded_finding("DVL-SCALE", text, dvl, None, 100 * c.scale, "%")]
 
 
-def _fix_noise_findings(log: Log, timeline: Timeline, c: Calibration) -> list[GradedFinding]:
+def _fix_noise_findings(log: Log, timeline: Timeline, c: DrUsblFit) -> list[GradedFinding]:
     """Count the gross fixes, and compare the scatter of the others with what they claim."""
     found: list[GradedFinding] = []
     usbl = topic_of(log, "usbl")
-    gross = c.gross[c.residual_m[c.gross] > MIN_OUTLIER_M]
+    gross = c.outlier_rows[c.residual_m[c.outlier_rows] > MIN_OUTLIER_M]
     if len(gross):
         worst = int(gross[np.argmax(c.residual_m[gross])])
         time_s, worst_m = float(timeline.fix_time_s[worst]), float(c.residual_m[worst])
@@ -254,7 +254,7 @@ def _fix_noise_findings(log: Log, timeline: Timeline, c: Calibration) -> list[Gr
     stated_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
     if not 1 / 3 < c.sd_m / stated_m < 3:
         text = (
-            f"{usbl}: fixes scatter by {c.sd_m:.2f} m a coordinate within {STRETCH_S:.0f} s, their stated sd is "
+            f"{usbl}: fixes scatter by {c.sd_m:.2f} m a coordinate within {SEGMENT_S:.0f} s, their stated sd is "
             f"{stated_m:.2f} m; slower errors do not show here"
         )
         found.append(graded_finding("USBL-NOISE", text, usbl, None, c.sd_m, "m"))

@@ -8,7 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from usbldr.filters.identification.dr_usbl_fit import calibrate, fit_turn, fix_points, groups, reckoned
+from usbldr.filters.identification.dr_usbl_fit import (
+    dead_reckoned,
+    fit_rotation,
+    fit_sensor_errors,
+    fix_points,
+    segment_numbers,
+)
 from usbldr.filters.types import Timeline
 from usbldr.io.conventions.dvl_depth import MPS_PER_UNIT
 from usbldr.io.doctor.findings import GradedFinding, graded_finding
@@ -43,20 +49,22 @@ def correct_velocity_unit(
 
     Lengths of moves tell it, whatever is turned or mirrored; without it, no reading of the conventions would fit.
     """
-    group = groups(timeline, timeline.fix_time_s)
+    group = segment_numbers(timeline, timeline.fix_time_s)
     later = np.searchsorted(timeline.fix_time_s, timeline.fix_time_s + DISPLACEMENT_S)
     first = np.flatnonzero(later < len(group))
     first = first[(group[first] >= 0) & (group[first] == group[later[first]])]
     if len(first) < MIN_DISPLACEMENTS:
         return 1.0, verdict, timeline
-    track, fixes = reckoned(timeline, timeline.fix_time_s), fix_points(timeline)
+    track, fixes = dead_reckoned(timeline, timeline.fix_time_s), fix_points(timeline)
     dr_m, fix_m = (float(np.median(np.abs(p[later[first]] - p[first]))) for p in (track, fixes))
     if not min(dr_m, fix_m) > 0 or 1 / GROSS_SCALE_FACTOR < dr_m / fix_m < GROSS_SCALE_FACTOR:
         return 1.0, verdict, timeline
-    still_m = fit_turn(replace(timeline, dr_mps=np.zeros_like(timeline.dr_mps)), group).rms_m
+    still_m = fit_rotation(replace(timeline, dr_mps=np.zeros_like(timeline.dr_mps)), group).rms_m
     times, slower = dr_m / fix_m, _with_velocity_divided(timeline, dr_m / fix_m)
     again = compare_interpretations(log, slower, sources)
-    if again is not None and (c := calibrate(reinterpret(log, slower, again.best.flips), again.best.fit.rotation_rad)):
+    if again is not None and (
+        c := fit_sensor_errors(reinterpret(log, slower, again.best.flips), again.best.fit.rotation_rad)
+    ):
         times, slower = times * (1 + c.scale), _with_velocity_divided(slower, 1 + c.scale)
         again = compare_interpretations(log, slower, sources)
     if again is None or again.best.residual_m > GROSS_RESIDUAL_RATIO * min(verdict.best.residual_m, still_m):
@@ -97,9 +105,9 @@ def correct_clock_offset(
 
     A clock that is off by more than any sound takes is no latency: as it stands, it passes for a turned DVL.
     """
-    group = groups(timeline, timeline.fix_time_s)
+    group = segment_numbers(timeline, timeline.fix_time_s)
     lines = [reinterpret(log, timeline, flips) for flips in {verdict.best.flips, verdict.as_read.flips}]
-    far = min((fit_turn(line, group, CLOCK_OFFSETS_S) for line in lines), key=lambda turn: turn.rms_m)
+    far = min((fit_rotation(line, group, CLOCK_OFFSETS_S) for line in lines), key=lambda turn: turn.rms_m)
     moved = replace(timeline, fix_time_s=timeline.fix_time_s - far.latency_s)
     again = compare_interpretations(log, moved, sources) if far.rms_m < verdict.best.residual_m else None
     if again is None or again.best.residual_m > GROSS_RESIDUAL_RATIO * verdict.best.residual_m:
@@ -131,7 +139,7 @@ def heading_unit_findings(log: Log, timeline: Timeline, verdict: InterpretationR
     if np.ptp(yaw) > np.radians(6.4) or recorded_convention(log, "compass", "unit")[0] != "deg":
         return []
     wider = replace(timeline, dr_yaw_rad=np.unwrap(np.degrees(yaw)))
-    residual_m = fit_turn(wider, groups(timeline, timeline.fix_time_s)).rms_m
+    residual_m = fit_rotation(wider, segment_numbers(timeline, timeline.fix_time_s)).rms_m
     if residual_m > CLEARLY_BETTER_RATIO * verdict.as_read.residual_m:
         return []
     topic = topic_of(log, "compass")

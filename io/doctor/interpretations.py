@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from usbldr.filters.identification.dr_usbl_fit import (
-    LEAST_FIXES,
+    MIN_FIXES,
     Points,
-    Turn,
+    RotationFit,
     as_points,
-    fit_turn,
-    groups,
-    reckoned,
-    turn_sd_rad,
+    dead_reckoned,
+    fit_rotation,
+    jackknife_rotation_sd_rad,
+    segment_numbers,
 )
 from usbldr.filters.types import Array, Indices, Timeline, Vector
 from usbldr.io.log import Log
@@ -41,7 +41,7 @@ class Interpretation:
     axes: str  # [dvl] axes
     convention: str  # [compass] convention
     frame: str  # [usbl] frame, "" where fixes have none
-    fit: Turn  # dead reckoning by this reading onto the fixes by this reading
+    fit: RotationFit  # dead reckoning by this reading onto the fixes by this reading
 
     @property
     def offset_deg(self) -> float:
@@ -115,12 +115,12 @@ def compare_interpretations(
 
     ``sources`` are those that the log's tables do not hold, in order of trust, such as gravity.
     """
-    group = groups(timeline, timeline.fix_time_s)
-    if np.sum(group >= 0) < LEAST_FIXES or not np.ptp(np.abs(reckoned(timeline, timeline.fix_time_s))) > 0:
+    group = segment_numbers(timeline, timeline.fix_time_s)
+    if np.sum(group >= 0) < MIN_FIXES or not np.ptp(np.abs(dead_reckoned(timeline, timeline.fix_time_s))) > 0:
         return None
     settings = configuration_of(log)
     readings = [
-        _interpretation(log, flips, fit_turn(reinterpret(log, timeline, flips), group)) for flips in FLIP_CLASSES
+        _interpretation(log, flips, fit_rotation(reinterpret(log, timeline, flips), group)) for flips in FLIP_CLASSES
     ]
     read = readings[0]
     if read.frame in ("ENU", "NED"):  # a map has a mirror image, which fits as well; latitudes have none
@@ -144,7 +144,7 @@ def compare_interpretations(
     best = read if read in plausible else min(plausible, key=lambda r: (r.residual_m, sum(r.flips)))
     reinterpreted = reinterpret(log, timeline, best.flips)
     return InterpretationResult(
-        offset_sd_deg=float(np.degrees(turn_sd_rad(reinterpreted, group, best.fit.latency_s))),
+        offset_sd_deg=float(np.degrees(jackknife_rotation_sd_rad(reinterpreted, group, best.fit.latency_s))),
         as_read=read,
         best=best,
         interpretations=tuple(sorted(readings, key=lambda r: r.residual_m)),
@@ -215,10 +215,10 @@ def configuration_of(log: Log) -> Configuration:
 def _mirror_image_of(log: Log, timeline: Timeline, reading: Interpretation, group: Indices) -> Interpretation:
     dvl, yaw, world = reading.flips
     flips = (not dvl, not yaw, not world)
-    return _interpretation(log, flips, fit_turn(reinterpret(log, timeline, flips), group, [reading.fit.latency_s]))
+    return _interpretation(log, flips, fit_rotation(reinterpret(log, timeline, flips), group, [reading.fit.latency_s]))
 
 
-def _interpretation(log: Log, flips: tuple[bool, bool, bool], turn: Turn) -> Interpretation:
+def _interpretation(log: Log, flips: tuple[bool, bool, bool], turn: RotationFit) -> Interpretation:
     dvl, yaw, world = flips
     axes = recorded_convention(log, "dvl", "axes")[0] or "SFU"
     yaw_from = recorded_convention(log, "compass", "convention")[0] or "compass"
@@ -253,7 +253,8 @@ def _gps_evidence(log: Log, timeline: Timeline, reading: Interpretation, group: 
     if len(gps) < 2 or _rms(gps) < MIN_GPS_SPREAD_M:
         return []
     track = (
-        np.exp(1j * turn.rotation_rad) * reckoned(reinterpreted, timeline.gps_time_s[used]) + turn.shift_m[seen[used]]
+        np.exp(1j * turn.rotation_rad) * dead_reckoned(reinterpreted, timeline.gps_time_s[used])
+        + turn.shift_m[seen[used]]
     )
     apart_m, mirrored_m = _rms(track - gps), _rms(1j * np.conj(track) - gps)
     if min(apart_m, mirrored_m) > 0.5 * max(apart_m, mirrored_m):
@@ -266,7 +267,7 @@ def _gps_evidence(log: Log, timeline: Timeline, reading: Interpretation, group: 
 def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
     """Return the stretch of each GPS fix, -1 where that stretch has no USBL fix."""
     times = np.concatenate([timeline.fix_time_s, timeline.gps_time_s])
-    both = groups(timeline, times)
+    both = segment_numbers(timeline, times)
     of_fixes, of_gps = both[: len(group)], both[len(group) :]
     names = {int(b): int(g) for b, g in zip(of_fixes, group, strict=True) if g >= 0}
     return np.array([names.get(int(b), -1) for b in of_gps], dtype=np.intp)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.calibration import NARROWED, assumed_sd, found
+from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, assumed_sd, estimated_errors
 from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
 from usbldr.io.settings.configuration import parse_configuration
@@ -49,7 +49,7 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
     An error that the dive hardly told is left as it was, and the dive's own start becomes a comment. Raises UsageError
     where the track has no such errors, or where the configuration states a key in a form that cannot be changed.
     """
-    errors = found(trajectory)
+    errors = estimated_errors(trajectory)
     if not errors:
         raise UsageError(f"{trajectory.filter} estimated no errors of sensors that could be written")
     text = "schema = 1\n" if log.configuration is None else log.configuration.read_text(encoding="utf-8")
@@ -58,7 +58,7 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
     assumed = assumed_sd(log.assumptions.errors)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
-        if place is None or sd > NARROWED * assumed[error.name]:
+        if place is None or sd > MAX_SIGMA_RATIO * assumed[error.name]:
             why = "it wanders, so it is that dive's own" if place is None else "that dive hardly told it"
             title.append(f"# {error.title}: {value:.4f} +- {sd:.4f}, left out: {why}.")
             continue

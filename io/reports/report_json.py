@@ -12,12 +12,12 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.evaluation.consistency import DOF, consistency_verdict, worst_fate
+from usbldr.filters.evaluation.consistency import DOF, consistency_text, worst_outcome
 from usbldr.filters.evaluation.evaluation import ErrorReport
-from usbldr.filters.evaluation.influence import Influence, LeftOut, influences, influential, innovation_m
+from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influences, innovation_m, most_influential
 from usbldr.filters.evaluation.metrics import METRICS
-from usbldr.filters.evaluation.summary_sentence import verdict
-from usbldr.filters.models.calibration import found
+from usbldr.filters.evaluation.summary_sentence import summary_sentence
+from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.log import Log
@@ -25,7 +25,7 @@ from usbldr.io.reader import utc
 from usbldr.io.reports.run_directory import REPORT
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 class ScoredTrack(NamedTuple):
@@ -47,7 +47,7 @@ class Run:
     seed: int = 0
     options: Mapping[str, object] = field(default_factory=dict[str, object])  # as the user gave them
     configuration: Mapping[str, object] | None = None  # content of the configuration file
-    without_fixes: tuple[LeftOut, ...] = ()  # runs without one fix, where the user asked for them
+    without_fixes: tuple[LeaveOneOut, ...] = ()  # runs without one fix, where the user asked for them
 
     @property
     def filter(self) -> str:
@@ -64,7 +64,7 @@ class Run:
         """Return the sentence that every table ends in."""
         if self.scored.report is None:
             return f"{self.filter}: no truth in {self.log.path.name}, so nothing to judge it by"
-        return verdict(
+        return summary_sentence(
             self.scored.report, [other.report for other in self.reference_tracks if other.report is not None]
         )
 
@@ -95,8 +95,8 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
         if update.sensor == "usbl":
             by_fix.setdefault(update.row, []).append(update)
     judges = any(update.sensor == "usbl" for update in trajectory.updates)
-    rows = [_fate(by_fix.get(row, []), judges) for row in range(len(timeline.fix_time_s))]
-    table = pd.DataFrame(rows, columns=["innovation_east_m", "innovation_north_m", "nis", "dof", "fate", "why"])
+    rows = [_fix_outcome(by_fix.get(row, []), judges) for row in range(len(timeline.fix_time_s))]
+    table = pd.DataFrame(rows, columns=["innovation_east_m", "innovation_north_m", "nis", "dof", "outcome", "why"])
     table.insert(0, "time_s", timeline.fix_time_s)
     table.insert(1, "received_s", timeline.fix_received_s)
     table.insert(2, "east_m", timeline.fix_m[:, 0])
@@ -109,14 +109,14 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
     return table.round({"nis": 4})
 
 
-def _fate(updates: list[Update], judges: bool) -> tuple[float, float, float, int, str, str]:
+def _fix_outcome(updates: list[Update], judges: bool) -> tuple[float, float, float, int, str, str]:
     """Sum up one fix, which is one update of two axes or two of one: the worse fate is the fix's."""
     if not updates:
         why = "outside the span of the run" if judges else "the method judges no fix"
         return math.nan, math.nan, math.nan, 0, "not used" if judges else "", why
     nis, dof = sum(u.nis for u in updates), sum(u.dof for u in updates)
-    fate = worst_fate(u.fate for u in updates)
-    nominal = min(u.nominal_share for u in updates)
+    fate = worst_outcome(u.outcome for u in updates)
+    nominal = min(u.nominal_probability for u in updates)
     why = {
         "used": "",
         "down-weighted": f"more likely an outlier: probability {nominal:.2f} of the nominal noise",
@@ -199,11 +199,11 @@ def report_content(run: Run) -> dict[str, Any]:
         "options": run.options,
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
         "assumptions": _assumptions(log.assumptions),
-        "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in found(trajectory)},
-        "influential_fixes": [_influence(fix) for fix in influential(trajectory)],
+        "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in estimated_errors(trajectory)},
+        "influential_fixes": [_influence(fix) for fix in most_influential(trajectory)],
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
-        "returns": [one._asdict() for one in trajectory.returns],
+        "outage_recoveries": [one._asdict() for one in trajectory.recoveries],
         "sensors": log.provenance,
         "findings": log.findings,
         "outages": run.timeline.outages,
@@ -225,7 +225,7 @@ def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
     for sensor in ("dvl", "compass", "usbl", "gps"):
         told[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **told[sensor]}
     told["tuned"] = [number._asdict() for number in assumptions.tuned]
-    told["settled"] = [number._asdict() for number in assumptions.settled]
+    told["noise_changes"] = [number._asdict() for number in assumptions.noise_changes]
     return told
 
 
@@ -257,7 +257,7 @@ def _judged(report: ErrorReport | None) -> dict[str, Any]:
         },
         "matching": report.matching._asdict(),
         "metrics": {**dict.fromkeys(METRICS), **report.metrics},
-        "consistency": consistency_verdict(report.metrics) or None,
+        "consistency": consistency_text(report.metrics) or None,
         "surfacings": [surfacing._asdict() for surfacing in report.surfacings],
     }
 

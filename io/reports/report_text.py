@@ -7,14 +7,14 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from usbldr.filters.evaluation.consistency import EXPECTED_INSIDE, FATES, consistency_verdict
+from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, OUTCOMES, consistency_text
 from usbldr.filters.evaluation.evaluation import ErrorReport, Window
-from usbldr.filters.evaluation.influence import influential
+from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
-from usbldr.filters.models.calibration import Found, found
-from usbldr.filters.models.parameters import Observed
-from usbldr.filters.types import Return
-from usbldr.filters.windows import Span, windows_text
+from usbldr.filters.models.calibration import EstimatedError, estimated_errors
+from usbldr.filters.models.parameters import StateObservability
+from usbldr.filters.types import OutageRecovery
+from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.tuned_config import tuned_text
 
@@ -48,7 +48,7 @@ def context(run: Run) -> list[tuple[str, str]]:
     if report is None:
         return [*lines, ("truth", "none"), *aid, ("fixes", ORDERS[run.order])]
     m = report.matching
-    share = f"{m.matched} of {m.offered} epochs ({100 * m.matched / m.offered:.0f} % of the run)"
+    share = f"{m.matched} of {m.candidates} epochs ({100 * m.matched / m.candidates:.0f} % of the run)"
     lines.append(("truth", f"{TRUTHS.get(report.truth_kind, report.truth_kind)}: {report.truth_source}"))
     lines.append(("compared", f"{share}, resting on {m.truth_rows} truth samples{_left_out(report)}"))
     if report.window != Window():
@@ -79,7 +79,7 @@ def window_text(window: Window) -> str:
     return f"truth rows from {start} to {end} of the log"
 
 
-def aid_text(windows: Sequence[Span]) -> str:
+def aid_text(windows: Sequence[TimeWindow]) -> str:
     """Say where GPS aided the filters."""
     return f"GPS fixes used as measurements from {windows_text(windows)} of the log, where nothing is scored"
 
@@ -128,9 +128,9 @@ def influence_table(run: Run) -> Table:
             f"{fix.shift_m:.2f}",
             _towards(fix.shift_east_m, fix.shift_north_m),
             f"{math.hypot(fix.innovation_east_m, fix.innovation_north_m):.2f}",
-            fix.fate,
+            fix.outcome,
         )
-        for fix in influential(run.scored.trajectory)
+        for fix in most_influential(run.scored.trajectory)
     ]
     return Table("fix", heads, tuple(rows))
 
@@ -172,11 +172,11 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
         m = report.metrics
         if "nees_mean" in m:
             inside = ", ".join(f"{100 * m[f'inside_{k}_sigma']:.0f}" for k in (1, 2, 3))
-            right = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_INSIDE)
+            right = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_COVERAGE)
             lines.append(
                 (
                     "NEES",
-                    f"{m['nees_mean']:.2f}: {consistency_verdict(m)} (2 is right, {m['nees_low']:.2f} to "
+                    f"{m['nees_mean']:.2f}: {consistency_text(m)} (2 is right, {m['nees_low']:.2f} to "
                     f"{m['nees_high']:.2f} in 95 of 100 runs)",
                 )
             )
@@ -187,11 +187,11 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             ess = f"{100 * m['ess_mean_ratio']:.0f} % of {run.scored.trajectory.particles} particles"
             moved = f", {100 * m['acceptance_mean']:.0f} % of the moves accepted" if "acceptance_mean" in m else ""
             lines.append(("ESS", ess + moved))
-        if calibrated := found(run.scored.trajectory):
+        if calibrated := estimated_errors(run.scored.trajectory):
             lines.append(("calibrated", ", ".join(_error_found(error) for error in calibrated)))
         if observed := run.log.assumptions.observed:
             lines.append(("observed", _observed(observed)))
-        if settled := run.log.assumptions.settled:
+        if settled := run.log.assumptions.noise_changes:
             lines.append(("by the log", ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in settled)))
         if "surfacing_error_m" in m:
             way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
@@ -210,7 +210,7 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             break
     if run.timeline.outages:
         lines.append(("outages", _outages(run)))
-    if returns := run.scored.trajectory.returns:
+    if returns := run.scored.trajectory.recoveries:
         lines.append(("usbl back", _returns(returns)))
     return lines
 
@@ -218,7 +218,7 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
 def _sensor(report: ErrorReport, sensor: str) -> str:
     m = report.metrics
     stem, what = ("fixes_{}", "fixes") if sensor == "usbl" else (f"updates_{{}}_{sensor}", "updates")
-    counts = {fate: m[stem.format(fate.replace("-", "_"))] for fate in FATES}
+    counts = {fate: m[stem.format(fate.replace("-", "_"))] for fate in OUTCOMES}
     told = ", ".join(f"{count:.0f} {fate}" for fate, count in counts.items() if count or fate == "used")
     nis = ""
     if f"nis_mean_{sensor}" in m:
@@ -227,17 +227,17 @@ def _sensor(report: ErrorReport, sensor: str) -> str:
     return f"{nis}{what}: {told}{gap}"
 
 
-def _error_found(error: Found) -> str:
+def _error_found(error: EstimatedError) -> str:
     """Tell a sensor's error as it stood at the end."""
     unit = f" {error.unit}" if error.unit else ""
     return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
 
 
-def _observed(observed: Sequence[Observed]) -> str:
+def _observed(observed: Sequence[StateObservability]) -> str:
     """Say which errors of sensors the log can tell, and how far it narrows the sigma of each."""
     verdicts: dict[str, list[str]] = {}
     for told in observed:
-        verdicts.setdefault(told.verdict, []).append(f"{told.key} (sigma to {100 * told.narrowed:.0f} %)")
+        verdicts.setdefault(told.conclusion, []).append(f"{told.key} (sigma to {100 * told.sigma_ratio:.0f} %)")
     return "; ".join(f"{verdict}: {', '.join(keys)}" for verdict, keys in verdicts.items())
 
 
@@ -252,13 +252,13 @@ def _outages(run: Run) -> str:
     return "; ".join(said)
 
 
-def _returns(returns: Sequence[Return]) -> str:
+def _returns(returns: Sequence[OutageRecovery]) -> str:
     """Tell of the return of the USBL that lay farthest from the track."""
     one = max(returns, key=lambda one: one.sigmas)
     said = (
-        f"after {one.end_s - one.start_s:.1f} s at {one.end_s:.0f} s the fixes lay {one.off_m:.2f} m from the track, "
-        f"{one.sigmas:.1f} sigma, and moved it {one.moved_m:.2f} m; its sigma had grown from {one.sd_start_m:.2f} to "
-        f"{one.sd_end_m:.2f} m"
+        f"after {one.end_s - one.start_s:.1f} s at {one.end_s:.0f} s the fixes lay {one.residual_m:.2f} m from the "
+        f"track, {one.sigmas:.1f} sigma, and moved it {one.correction_m:.2f} m; its sigma had grown from "
+        f"{one.sd_start_m:.2f} to {one.sd_end_m:.2f} m"
     )
     return said if len(returns) == 1 else f"{len(returns)} times; at worst {said}"
 

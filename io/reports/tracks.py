@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.evaluation.consistency import sigmas
-from usbldr.filters.models.calibration import found
+from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.types import Array, Indices, Trajectory, Truth, Vector
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Origin
@@ -41,7 +41,9 @@ def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
     sd = np.full((len(unknown), 2), np.nan) if cov is None else sigmas(cov)
     lat, lon = (unknown, unknown) if origin is None else to_geodetic(origin, *trajectory.position_m.T)
     calibrated = {
-        name: values for e in found(trajectory) for name, values in ((e.name, e.value), (f"sd_{e.name}", e.sd))
+        name: values
+        for e in estimated_errors(trajectory)
+        for name, values in ((e.name, e.value), (f"sd_{e.name}", e.sd))
     }
     return pd.DataFrame(
         {
@@ -93,11 +95,11 @@ def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes
             }
         )
     places = _coordinates(fixes[["east_m", "north_m"]].to_numpy(), origin)
-    for place, t, fate in zip(places, fixes["time_s"].tolist(), fixes["fate"].tolist(), strict=True):
+    for place, t, fate in zip(places, fixes["time_s"].tolist(), fixes["outcome"].tolist(), strict=True):
         features.append(
             {
                 "type": "Feature",
-                "properties": {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "fate": fate},
+                "properties": {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "outcome": fate},
                 "geometry": {"type": "Point", "coordinates": place},
             }
         )

@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 
-from usbldr.filters.models.parameters import Assumptions, Tuned
+from usbldr.filters.models.parameters import Assumptions, TunedParameter
 from usbldr.io.log import Log
 from usbldr.io.settings.toml_text import noise_text, toml_text
 
 TUNED = "tuned.toml"  # in a run directory
 
 
-def tuned_text(number: Tuned) -> str:
+def tuned_text(number: TunedParameter) -> str:
     """Tell one number: before, after, and one sigma down and up."""
     name = number.name.replace("_", " ")
-    if not number.told:
+    if not number.identified:
         return f"{name} {number.before:.3g} as before (the log hardly tells)"
     return f"{name} {number.before:.3g} to {number.after:.3g} ({number.low:.3g} to {number.high:.3g})"
 

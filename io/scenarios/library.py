@@ -10,15 +10,15 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Gaussian, NoiseFamily
 from usbldr.filters.simulation.scenario import (
     Accuracy,
+    AcousticHead,
     Compass,
-    Correlated,
-    Drawn,
+    CorrelatedError,
     Dvl,
     Gps,
-    Head,
     Leg,
     Multipath,
     Outliers,
+    RandomWalkMotion,
     Scenario,
     Timing,
     Usbl,
@@ -81,7 +81,7 @@ def read_scenario(file: Path) -> Scenario:
         north_m=vehicle.north_m,
         depth_m=vehicle.depth_m,
         current_mps=(stated.current.east_mps, stated.current.north_mps),
-        drawn=drawn and Drawn(drawn.step_s, drawn.dvl_scale_sd, math.radians(drawn.dvl_mount_sd_deg)),
+        drawn=drawn and RandomWalkMotion(drawn.step_s, drawn.dvl_scale_sd, math.radians(drawn.dvl_mount_sd_deg)),
         process=process_noise(stated.process),
         start=stated.start and start_of_section(stated.start),
     )
@@ -129,8 +129,8 @@ def _timing(stated: SensorSection) -> Timing:
     )
 
 
-def _correlated(sd: float, stated: SensorSection) -> Correlated | None:
-    return Correlated(sd, stated.correlated_time_s) if sd else None
+def _correlated(sd: float, stated: SensorSection) -> CorrelatedError | None:
+    return CorrelatedError(sd, stated.correlated_time_s) if sd else None
 
 
 def _outliers(between: tuple[float, float], stated: SensorSection) -> Outliers | None:
@@ -177,7 +177,7 @@ def _usbl(stated: UsblSensor) -> Usbl:
         stated.rate_hz,
         _accuracy(stated.accuracy),
         _noise(stated.noise),
-        head=Head(stated.head.east_m, stated.head.north_m, stated.head.depth_m),
+        head=AcousticHead(stated.head.east_m, stated.head.north_m, stated.head.depth_m),
         inverted=stated.inverted,
         scale_error=stated.scale_error,
         misalignment_rad=_yaw(stated.mount_deg),

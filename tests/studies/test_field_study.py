@@ -21,12 +21,12 @@ from field_runs import refusals, run_task
 from paper_runs import Way
 from usbldr.filters.evaluation.evaluation import Window
 from usbldr.filters.identification import observability
-from usbldr.filters.identification.observability import CANDIDATES
+from usbldr.filters.identification.observability import CANDIDATE_KEYS
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import displacement_m
-from usbldr.filters.replay.run import SAMPLED
+from usbldr.filters.replay.run import SAMPLING_FILTERS
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -54,12 +54,16 @@ def invented(case: Case, way: Way, change: str, trace: Path) -> list[ComparisonR
     metrics = {"mean_abs_east_m": error / 2, "mean_abs_north_m": error / 2, "mean_horizontal_m": error}
     metrics |= {"nees_mean": 2.5, "nees_low": 1.0, "nees_high": 3.0, "refused_in_a_row": 3.0, "refused_at_the_end": 1.0}
     metrics |= {f"inside_{k}_sigma": share for k, share in ((1, 0.6), (2, 0.9), (3, 1.0))}
-    metrics |= {f"verdict_{key}": float(key == "deviation") for key in CANDIDATES}
-    metrics |= {f"narrowed_{key}": 0.5 for key in CANDIDATES} | {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001}
+    metrics |= {f"verdict_{key}": float(key == "deviation") for key in CANDIDATE_KEYS}
+    metrics |= {f"narrowed_{key}": 0.5 for key in CANDIDATE_KEYS} | {
+        "found_dvl_scale": 0.01,
+        "found_sd_dvl_scale": 0.001,
+    }
     seeds = tuple(range(min(case.dives, FEW_DIVES)))
     outcomes = tuple(JobResult(metrics, trace=trace) for _ in seeds)
     return [
-        ComparisonRow(name, way.label, way.method, seeds, outcomes, way.method in SAMPLED, True) for name in case.scored
+        ComparisonRow(name, way.label, way.method, seeds, outcomes, way.method in SAMPLING_FILTERS, True)
+        for name in case.scored
     ]
 
 
@@ -206,8 +210,8 @@ def test_every_default_is_halved_and_doubled() -> None:
 
 def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
     """Each change has to do something on a log that uses everything, or it would show a robustness that is none."""
-    given = replace(Assumptions(), calibrate=CANDIDATES, usbl_sd_scale=0.5)
-    usual = prior.prior(line, given, Layout())
+    given = replace(Assumptions(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
+    usual = prior.prior(line, given, StateLayout())
     for name, change in CHANGES.items():
         if name in ("", "tuned", "without guard", "every state by its default"):
             continue
@@ -215,26 +219,26 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
         told = change.after(change.before(given, line), line)
         asked = any(getattr(observability, constant) != value for constant, value in change.observing.items())
         with constants(prior, change.starting):
-            begun = prior.prior(line, given, Layout())
+            begun = prior.prior(line, given, StateLayout())
         starts = any(not np.array_equal(one, other) for one, other in zip(begun, usual, strict=True))
         assert changed_line is not line or told != given or asked or starts, name
 
 
 def test_noise_that_is_not_asked_of_the_log_has_one_story_alone() -> None:
     with constants(observability, ABLATIONS["noise not asked of the log"].observing):
-        stories = observability._wanderings(Assumptions(), Assumptions(), 1.0)
+        stories = observability._noise_models(Assumptions(), Assumptions(), 1.0)
 
-    assert stories == [observability._Choice(Assumptions())]
+    assert stories == [observability._NoiseModel(Assumptions())]
 
 
 def test_a_dvl_that_is_not_heard_for_itself_keeps_what_it_states() -> None:
     line = weaving_dive(Faults())
     boasting = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
     with constants(observability, ABLATIONS["DVL not heard for itself"].observing):
-        deaf = observability.observe(boasting, Assumptions())
+        deaf = observability.identify(boasting, Assumptions())
 
     assert (deaf.dvl_sd_scale, deaf.process) == (1.0, ProcessNoise())
-    assert observability.observe(boasting, Assumptions()).dvl_sd_scale > 1
+    assert observability.identify(boasting, Assumptions()).dvl_sd_scale > 1
 
 
 def test_where_fixes_are_rare_the_dvls_own_records_keep_the_track(tmp_path: Path) -> None:
@@ -251,22 +255,22 @@ def test_where_fixes_are_rare_the_dvls_own_records_keep_the_track(tmp_path: Path
 
 
 def test_a_constant_is_another_only_for_a_while() -> None:
-    before = observability.NARROWED
-    with constants(observability, {"NARROWED": 0.1}):
-        during = observability.NARROWED
-    with pytest.raises(RuntimeError), constants(observability, {"NARROWED": 0.1}):
+    before = observability.MAX_SIGMA_RATIO
+    with constants(observability, {"MAX_SIGMA_RATIO": 0.1}):
+        during = observability.MAX_SIGMA_RATIO
+    with pytest.raises(RuntimeError), constants(observability, {"MAX_SIGMA_RATIO": 0.1}):
         raise RuntimeError
 
     assert during == 0.1
-    assert before == observability.NARROWED
+    assert before == observability.MAX_SIGMA_RATIO
 
 
 def test_a_state_is_taken_away_alone_and_its_share_of_the_error_given_back(line: Timeline) -> None:
-    settled = replace(Assumptions(), calibrate=CANDIDATES, usbl_sd_scale=0.5)
+    settled = replace(Assumptions(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
 
-    for key in CANDIDATES:
+    for key in CANDIDATE_KEYS:
         left = ABLATIONS[f"without {key}"].after(settled, line)
-        assert set(left.calibrate) == set(CANDIDATES) - {key}
+        assert set(left.calibrate) == set(CANDIDATE_KEYS) - {key}
         assert left.usbl_sd_scale == (1.0 if key == "usbl-bias" else 0.5)
 
 

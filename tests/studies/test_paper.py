@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usbldr.filters.evaluation.evaluation import evaluate
-from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.replay.run import FilterSettings, run
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
@@ -20,7 +20,7 @@ def one(name: str, seed: int) -> dict[str, float]:
     """Run one filter on one realisation with the noise model that the scenario writes beside its log."""
     log = simulated_log(PAPER, seed)
     line = timeline(log)
-    track = run(name, line, log.assumptions, Settings(particles=100, seed=seed))
+    track = run(name, line, log.assumptions, FilterSettings(particles=100, seed=seed))
     assert log.truth is not None
     return dict(evaluate(track, log.truth, times_s=line.time_s[line.slow]).metrics)
 

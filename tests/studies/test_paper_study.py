@@ -14,9 +14,9 @@ import paper_tables
 from paper_bounds import Limits, limits
 from paper_runs import LATE, SHARES, STATES, UNSEEN, Rows, Way, plan, shared, write_sweeps
 from usbldr.filters.bounds.dive_bounds import dive_bounds
-from usbldr.filters.models.calibration import Found
+from usbldr.filters.models.calibration import EstimatedError
 from usbldr.filters.models.noise import Gaussian, Mixture
-from usbldr.filters.replay.run import SAMPLED
+from usbldr.filters.replay.run import SAMPLING_FILTERS
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -48,7 +48,9 @@ def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = 
         for value in values
     ]
     outcomes = tuple(JobResult(one, trace=trace) for one in metrics)
-    return ComparisonRow(log, way.label, way.method, tuple(range(len(values))), outcomes, way.method in SAMPLED, True)
+    return ComparisonRow(
+        log, way.label, way.method, tuple(range(len(values))), outcomes, way.method in SAMPLING_FILTERS, True
+    )
 
 
 @pytest.fixture
@@ -122,7 +124,7 @@ def test_every_bound_stands_where_its_scenario_is_told(rows: Rows, sweeps: Path)
 def test_every_picture_of_the_document_is_drawn(
     rows: Rows, sweeps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scale = Found("dvl_scale", "", np.linspace(0.0, 0.01, 60), np.full(60, 0.001))
+    scale = EstimatedError("dvl_scale", "", np.linspace(0.0, 0.01, 60), np.full(60, 0.001))
     monkeypatch.setattr(paper_figures, "scale_over_time", lambda seed: (np.arange(60.0), scale))
 
     paper_figures.write_figures(tmp_path / "paper", rows, sweeps, 2, {"paper-drawn": LIMIT, "paper": LIMIT})

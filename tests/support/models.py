@@ -7,15 +7,15 @@ import numpy as np
 
 from usbldr.filters.estimators.protocol import Prior, Step
 from usbldr.filters.models.noise import Noise
-from usbldr.filters.models.sensors import Measurement, State
+from usbldr.filters.models.sensors import DirectState, Measurement
 
 
 class Drift:
     """Linear motion of (position, velocity): position += velocity dt, both with random walks."""
 
     rows = None
-    curved = ()
-    affine = (1,)
+    nonlinear = ()
+    linear = (1,)
 
     def __init__(self, q: tuple[float, float], dt: float = 1.0) -> None:
         self.q, self.dt = np.array(q), dt
@@ -39,7 +39,7 @@ class Drift:
 def position_steps(z: np.ndarray, noise: Noise) -> Iterator[Step]:
     """Yield one measured position per second, the first without motion."""
     for k, value in enumerate(z):
-        reading = Measurement(np.array([value]), State(0), noise, "usbl", "east", k, float(k))
+        reading = Measurement(np.array([value]), DirectState(0), noise, "usbl", "east", k, float(k))
         yield Step(k, float(max(k - 1, 0)), float(k), (reading,))
 
 
@@ -56,7 +56,7 @@ def exact_mixture(z: np.ndarray, noise: Noise, q: np.ndarray) -> tuple[np.ndarra
         for log_w, m, P in branches:
             if k:
                 m, P = F @ m, F @ P @ F.T + np.diag(q)
-            for share, R in zip(noise.shares, noise.cov, strict=True):
+            for share, R in zip(noise.probabilities, noise.cov, strict=True):
                 S = H @ P @ H.T + R
                 e = value - H @ m
                 K = P @ H.T / S
@@ -79,7 +79,7 @@ def grid_posterior(m: float, P: float, z: float, noise: Noise) -> tuple[float, f
     density = np.exp(-0.5 * (x - m) ** 2 / P) / math.sqrt(2 * math.pi * P)
     likelihood = sum(
         share * np.exp(-0.5 * (z - x) ** 2 / R[0, 0]) / math.sqrt(2 * math.pi * R[0, 0])
-        for share, R in zip(noise.shares, noise.cov, strict=True)
+        for share, R in zip(noise.probabilities, noise.cov, strict=True)
     )
     joint = density * likelihood
     evidence = float(np.trapezoid(joint, x))

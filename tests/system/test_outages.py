@@ -11,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from usbldr.filters.estimators.gaussian_bank import copies, predict
+from usbldr.filters.estimators.gaussian_bank import predict, replicate
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, chi_square_quantile
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise
 from usbldr.filters.models.sigma_points import cubature
-from usbldr.filters.models.states import Layout
-from usbldr.filters.replay.outage_recovery import returned
-from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.outage_recovery import outage_recoveries
+from usbldr.filters.replay.run import FilterSettings, run
 from usbldr.filters.simulation.scenario import Scenario, Timing
 from usbldr.filters.types import Outage, Timeline, Trajectory
 from usbldr.io.scenarios.library import find_scenario
@@ -35,7 +35,7 @@ LONG = [
     pytest.param("dvl", 90.0, 200.0, marks=pytest.mark.slow),
     pytest.param("usbl", 90.0, 300.0, marks=pytest.mark.slow),
 ]
-POSITION = np.ix_(Layout().rows("x", "y"), Layout().rows("x", "y"))
+POSITION = np.ix_(StateLayout().rows("x", "y"), StateLayout().rows("x", "y"))
 
 
 class Dive(NamedTuple):
@@ -73,7 +73,7 @@ def dives(scene: Scenario, method: str, seeds: int) -> tuple[Dive, ...]:
         log = simulated_log(scene, seed)
         assert log.truth is not None
         line = timeline(log)
-        track = run(method, line, log.assumptions, Settings(particles=20))
+        track = run(method, line, log.assumptions, FilterSettings(particles=20))
         truth = np.column_stack([np.interp(line.time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T])
         found.append(Dive(line, log.assumptions, track, track.position_m - truth))
     return tuple(found)
@@ -155,13 +155,13 @@ def test_no_fix_moves_the_track_further_than_its_own_covariances_explain(
     """
     by_taken, by_prior = [], []
     for dive in dives(scenario(sensors, 90.0, lasts_s), "adf", 12):
-        track, motion = dive.track, VehicleMotion(Layout(), dive.assumed.process)
+        track, motion = dive.track, VehicleMotion(StateLayout(), dive.assumed.process)
         assert track.cov is not None
         moved = {round(u.time_s * HZ): np.array(u.shift)[4:6] for u in track.updates if u.shift is not None}
         for k, jump_m in moved.items():
             if k < 90 * HZ:
                 continue
-            before = copies(track.mean[k - 1], track.cov[k - 1], 1)
+            before = replicate(track.mean[k - 1], track.cov[k - 1], 1)
             prior = predict(before, motion, cubature, *track.time_s[k - 1 : k + 1].tolist()).cov[:, :, 0]
             taken = prior[POSITION] - track.cov[k][POSITION]
             by_taken.append(jump_m @ np.linalg.solve(taken + 1e-4 * np.eye(2), jump_m))
@@ -184,11 +184,11 @@ def test_a_silence_is_found_in_the_log(sensor: str) -> None:
 
 def test_the_return_of_the_fixes_is_told_with_what_it_did_to_the_track() -> None:
     for dive in dives(scenario(("usbl",), 90.0, 60.0), "adf", 12):
-        (one,) = dive.track.returns
+        (one,) = dive.track.recoveries
         assert (one.start_s, one.end_s) == (89.0, 150.0)
         assert one.sd_end_m > one.sd_start_m
         assert one.sd_end_m == pytest.approx(dive.sd_m[150 * HZ - 1] / np.sqrt(2), rel=0.01)
-        assert one.off_m < 3.7 * np.hypot(one.sd_end_m, 0.8)
+        assert one.residual_m < 3.7 * np.hypot(one.sd_end_m, 0.8)
         assert not dive.track.warnings
 
 
@@ -212,7 +212,7 @@ def test_a_return_is_told_by_its_first_fixes_and_by_what_was_known_before_them()
     line = replace(line, fix_m=fix_m, fix_cov_m2=np.tile(0.09 * np.eye(2), (len(fix_m), 1, 1)))
     line = replace(line, outages=(*line.outages, Outage("dvl", 160.0, 170.0)))
 
-    (one,) = returned(line, Assumptions(), layout, mean, cov)
+    (one,) = outage_recoveries(line, Assumptions(), layout, mean, cov)
 
     median_m2 = np.pi / 2 / 5 * 0.09
     assert one == pytest.approx((89.0, 150.0, 1.0, 2.0, 5.0, 5.0 / np.sqrt(4 + 4 - 2 * 1.5 + median_m2), 2.0))
@@ -224,11 +224,11 @@ def test_a_vehicle_that_drifted_unseen_is_told_of_when_the_fixes_come_back_and_f
     scene = scenario(("usbl",), 90.0, 60.0)
     scene = replace(scene, dvl=replace(scene.dvl, scale_error=scale))
     for dive in dives(scene, "adf", 3):
-        (one,) = dive.track.returns
+        (one,) = dive.track.recoveries
         (said,) = [text for text in dive.track.warnings if "came back" in text]
         error_m = np.hypot(*dive.error_m[[150 * HZ - 1, 175 * HZ]].T)
 
-        assert one.off_m == pytest.approx(error_m[0], abs=1.5)
+        assert one.residual_m == pytest.approx(error_m[0], abs=1.5)
         assert error_m[1] < error_m[0] / 2
         assert said.startswith("adf: the USBL came back at 150.0 s after 61 s and its fixes lay ")
 
@@ -237,15 +237,15 @@ def test_a_smoothed_track_tells_the_same_return_as_the_filter_behind_it() -> Non
     log = simulated_log(scenario(("usbl",), 90.0, 60.0), 0)
     line = timeline(log)
 
-    smoothed = run("adf", line, log.assumptions, Settings(smooth=True))
+    smoothed = run("adf", line, log.assumptions, FilterSettings(smooth=True))
 
-    assert smoothed.returns == run("adf", line, log.assumptions).returns
+    assert smoothed.recoveries == run("adf", line, log.assumptions).recoveries
 
 
 def test_a_silence_until_the_end_has_no_return() -> None:
     scene = replace(scenario(("usbl",), 90.0, 60.0), duration_s=140.0)
 
-    assert not dives(scene, "adf", 1)[0].track.returns
+    assert not dives(scene, "adf", 1)[0].track.recoveries
 
 
 def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
@@ -257,6 +257,6 @@ def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
         outages=(*line.outages, Outage("usbl", 151.0, 165.0)),
     )
 
-    (one,) = run("adf", line, log.assumptions).returns
+    (one,) = run("adf", line, log.assumptions).recoveries
 
     assert (one.start_s, one.end_s) == (151.0, 165.0)

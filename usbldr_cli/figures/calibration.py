@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters.models.calibration import Found, assumed_sd, found
+from usbldr.filters.models.calibration import EstimatedError, assumed_sd, estimated_errors
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.style import (
     TRUTH_COLOUR,
@@ -26,7 +26,7 @@ PRIOR_COLOUR = "#bbbbbb"
 
 def calibration_figure(run: Run) -> Figure | None:
     """Draw each error with its band; None where none was estimated."""
-    errors = found(run.scored.trajectory)
+    errors = estimated_errors(run.scored.trajectory)
     if not errors:
         return None
     figure = run_figure(run, "Errors of sensors", 11, 1.3 + 1.75 * len(errors))
@@ -39,7 +39,7 @@ def calibration_figure(run: Run) -> Figure | None:
     return figure
 
 
-def _draw(axes: Axes, run: Run, error: Found, before_sd: float) -> None:
+def _draw(axes: Axes, run: Run, error: EstimatedError, before_sd: float) -> None:
     shade_outages(axes, run)
     t, mine = run.scored.trajectory.time_s, colour(run.filter)
     low, high = error.value - 2 * error.sd, error.value + 2 * error.sd

@@ -52,7 +52,7 @@ class Series(NamedTuple):
     time_s: Vector
     innovation: Vector
     sd: Vector
-    fate: Sequence[str]
+    outcome: Sequence[str]
 
 
 def innovation_figure(run: Run) -> Figure | None:
@@ -86,9 +86,9 @@ def _series(updates: Sequence[Update], channel: Channel) -> Series:
             continue
         k = 1 if update.axis == "position" and channel.axis == "north" else 0
         e, sd = update.innovation[k], update.innovation_sd[k]
-        found.append((update.time_s, channel.factor * e, abs(channel.factor) * sd, update.fate))
-    t, e, sd, fate = zip(*found, strict=True) if found else ((), (), (), ())
-    return Series(np.array(t), np.array(e), np.array(sd), fate)
+        found.append((update.time_s, channel.factor * e, abs(channel.factor) * sd, update.outcome))
+    t, e, sd, outcome = zip(*found, strict=True) if found else ((), (), (), ())
+    return Series(np.array(t), np.array(e), np.array(sd), outcome)
 
 
 def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
@@ -97,7 +97,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     size = np.abs(series.innovation)
     half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * float(np.median(series.sd))))
     half = 1.1 * max(half, 2.2 * float(np.median(series.sd))) or 1.0
-    fates = np.array(series.fate)
+    fates = np.array(series.outcome)
     point = 3.0 if len(fates) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(size) > 1 else np.inf
     t, sd = broken_at_gaps(series.time_s, series.sd, longest_s)
@@ -114,11 +114,11 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
         },
         "rejected": {"marker": "x", "ms": point + 1, "color": REJECTED_COLOUR, "mew": 0.7, "alpha": 0.7},
     }
-    for fate, style in styles.items():
-        at = fates == fate
+    for outcome, style in styles.items():
+        at = fates == outcome
         if at.any():
             inside = np.clip(series.innovation[at], -0.97 * half, 0.97 * half)  # the far ones stand at the edge
-            axes.plot(series.time_s[at], inside, ls="", label=fate, **style)
+            axes.plot(series.time_s[at], inside, ls="", label=outcome, **style)
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
     axes.set_ylim(-half, half)
     axes.set_ylabel(channel.label)
@@ -127,7 +127,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
 def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
     """Draw each NIS faintly and its mean over a sixtieth of the run against what chi-square allows."""
     shade_outages(axes, run)
-    taken = [update for update in updates if update.fate != "rejected" and math.isfinite(update.nis)]
+    taken = [update for update in updates if update.outcome != "rejected" and math.isfinite(update.nis)]
     if not taken:
         return
     t = np.array([update.time_s for update in taken])

@@ -91,7 +91,7 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
         "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
     }
     during = _during(run.timeline.fix_time_s, span)
-    fates = fixes_table(run.timeline, run.scored.trajectory)["fate"].to_numpy()[during]
+    fates = fixes_table(run.timeline, run.scored.trajectory)["outcome"].to_numpy()[during]
     for fate, style in styles.items():
         at = ~np.isin(fates, list(styles)) | (fates == fate) if fate == "used" else fates == fate
         count = int(np.count_nonzero(at))

@@ -4,10 +4,10 @@ from itertools import pairwise
 from math import isfinite
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.windows import Span
+from usbldr.filters.windows import TimeWindow
 
 
-def aid_windows(text: str) -> tuple[Span, ...]:
+def aid_windows(text: str) -> tuple[TimeWindow, ...]:
     """Return the windows in their order of time; raise UsageError for what is none."""
     sensor, at, said = text.partition("@")
     if sensor != "gps" or not at:
@@ -19,7 +19,7 @@ def aid_windows(text: str) -> tuple[Span, ...]:
     return tuple(found)
 
 
-def _window(text: str, part: str) -> Span:
+def _window(text: str, part: str) -> TimeWindow:
     start, _, end = part.partition(":")
     try:
         start_s, end_s = float(start), float(end)

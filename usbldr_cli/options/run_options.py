@@ -14,7 +14,7 @@ from usbldr.filters.errors import UsageError
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.evaluation import Window
     from usbldr.filters.replay.methods import Anchor
-    from usbldr.filters.replay.run import Settings
+    from usbldr.filters.replay.run import FilterSettings
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
 
@@ -44,11 +44,11 @@ class RunChoices:
     guard: bool | None = None
 
     @property
-    def settings(self) -> "Settings":
+    def settings(self) -> "FilterSettings":
         """The filter's share."""
-        from usbldr.filters.replay.run import Settings
+        from usbldr.filters.replay.run import FilterSettings
 
-        return Settings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order, self.guard)
+        return FilterSettings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order, self.guard)
 
     def overrides(self) -> dict[str, object]:
         """Return the fields of Assumptions that the options state."""
@@ -67,7 +67,7 @@ class RunChoices:
 
         Where nobody asked for the errors of sensors, a method that cannot carry one goes without.
         """
-        from usbldr.filters.identification.observability import observe
+        from usbldr.filters.identification.observability import identify
         from usbldr.filters.identification.tuning import tune
         from usbldr.filters.models.calibration import AUTO
 
@@ -76,7 +76,7 @@ class RunChoices:
         if assumptions.calibrate == (AUTO,) and not able:
             assumptions = replace(assumptions, calibrate=())
         if assumptions.calibrate == (AUTO,):
-            assumptions = observe(dive_timeline, assumptions)
+            assumptions = identify(dive_timeline, assumptions)
             if self.calibrate is None:
                 kept = tuple(key for key in assumptions.calibrate if key in able)
                 assumptions = replace(assumptions, calibrate=kept)
@@ -98,11 +98,11 @@ class RunChoices:
         """Return where dead reckoning starts."""
         import numpy as np
 
-        from usbldr.filters.replay.methods import Anchor, anchor_at
+        from usbldr.filters.replay.methods import Anchor, find_anchor
         from usbldr.io.geodesy import to_plane
 
         if self.dr_from in ANCHORS:
-            return anchor_at(self.dr_from, timeline, log.assumptions, log.truth)
+            return find_anchor(self.dr_from, timeline, log.assumptions, log.truth)
         try:
             lat_deg, lon_deg = (float(part) for part in self.dr_from.split(","))
         except ValueError as err:

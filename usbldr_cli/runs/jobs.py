@@ -61,15 +61,22 @@ class _FinishedJob(NamedTuple):
 
 def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
-    from usbldr.filters.replay.run import FILTERS, FORMED, GATED, GUARDED, SAMPLED, SMOOTHED_BY
+    from usbldr.filters.replay.run import (
+        FILTERS,
+        FILTERS_WITH_FORMS,
+        GATED,
+        GUARDABLE,
+        SAMPLING_FILTERS,
+        SMOOTHER_TRANSFORMS,
+    )
 
     return replace(
         choices,
-        particles=choices.particles if method in SAMPLED else 2,
+        particles=choices.particles if method in SAMPLING_FILTERS else 2,
         gate=choices.gate if method in GATED else None,
-        guard=choices.guard if method in GUARDED else None,
-        form=choices.form if method in FORMED else "mixture",
-        smooth=choices.smooth and method in SMOOTHED_BY,
+        guard=choices.guard if method in GUARDABLE else None,
+        form=choices.form if method in FILTERS_WITH_FORMS else "mixture",
+        smooth=choices.smooth and method in SMOOTHER_TRANSFORMS,
         tune=choices.tune and method in FILTERS,
         dr_from=choices.dr_from if method == "dr" else "start",
     )
@@ -212,9 +219,9 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
 
 def _key(source: _Source, method: str, choices: RunChoices) -> str:
     """Return the digest of all that a result depends on; a method without chance does not depend on the seed."""
-    from usbldr.filters.replay.run import SAMPLED
+    from usbldr.filters.replay.run import SAMPLING_FILTERS
 
-    settled = asdict(choices) | ({} if method in SAMPLED else {"seed": None})
+    settled = asdict(choices) | ({} if method in SAMPLING_FILTERS else {"seed": None})
     said = json.dumps([source.digest, source.log.path.name, method, settled, _code()], sort_keys=True)
     return hashlib.sha256(said.encode()).hexdigest()[:32]
 

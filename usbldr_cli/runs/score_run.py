@@ -32,7 +32,7 @@ def score(
     from usbldr.filters.evaluation.evaluation import evaluate
     from usbldr.filters.replay.methods import track
     from usbldr.filters.replay.position_fixes import require_gps
-    from usbldr.filters.replay.prior import NO_START, starting_fixes
+    from usbldr.filters.replay.prior import NO_START_TEXT, starting_fixes
     from usbldr.filters.replay.run import FILTERS
     from usbldr.io.reports.report_json import ScoredTrack
 
@@ -43,7 +43,7 @@ def score(
         and log.assumptions.start is None
         and not len(starting_fixes(dive_timeline, log.assumptions)[0])
     ):
-        raise LogError(f"{log.path}: {NO_START}")
+        raise LogError(f"{log.path}: {NO_START_TEXT}")
     with _bar(method, len(dive_timeline.time_s), shown) as progress:
         trajectory = track(method, dive_timeline, log.assumptions, choices.settings, anchor, progress)
     if log.truth is None:

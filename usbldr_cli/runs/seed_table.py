@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.evaluation.consistency import consistency_verdict
+from usbldr.filters.evaluation.consistency import consistency_text
 from usbldr.filters.evaluation.metrics import METRICS
 from usbldr.filters.evaluation.seed_statistics import (
-    Difference,
+    PairedDifference,
     average,
     diverged_share,
     paired_difference,
@@ -63,7 +63,7 @@ class ComparisonRow:
         return average(values).mean if values else None
 
 
-def difference(row: ComparisonRow, other: ComparisonRow, metric: str = "mean_horizontal_m") -> Difference | None:
+def difference(row: ComparisonRow, other: ComparisonRow, metric: str = "mean_horizontal_m") -> PairedDifference | None:
     """Return row minus other over the seeds that both have; None where there are none.
 
     A method without chance ran once on a file: that one run stands for every seed.
@@ -104,15 +104,15 @@ def row_metrics(row: ComparisonRow) -> dict[str, float | None]:
     return found
 
 
-def consistency_text(row: ComparisonRow) -> str:
+def row_consistency(row: ComparisonRow) -> str:
     """Say in words whether the row's sigmas are to be believed."""
-    return consistency_verdict({name: value for name, value in row_metrics(row).items() if value is not None})
+    return consistency_text({name: value for name, value in row_metrics(row).items() if value is not None})
 
 
 def row_content(row: ComparisonRow, first: ComparisonRow) -> dict[str, Any]:
     """Return a row as compare.json and compare.csv tell it."""
     told: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}
-    told |= row_metrics(row) | {"consistency": consistency_text(row) or None}
+    told |= row_metrics(row) | {"consistency": row_consistency(row) or None}
     if row is first:
         return told
     told["difference_to"] = first.label

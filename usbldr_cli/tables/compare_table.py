@@ -9,10 +9,10 @@ from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, windo
 from usbldr_cli.runs.seed_table import (
     ComparisonRow,
     best_method_sentence,
-    consistency_text,
     difference,
     grouped,
     overall,
+    row_consistency,
     row_metrics,
 )
 from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
@@ -58,7 +58,7 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
                 f"{100 * share:.0f} %" if share is not None else "",
                 f"{100 * ess:.0f} %" if ess is not None else "",
                 _number(row, "nees_mean", 2),
-                consistency_text(row),
+                row_consistency(row),
                 f"{seconds:.1f} s" if seconds is not None else "",
             )
         )

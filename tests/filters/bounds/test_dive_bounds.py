@@ -10,7 +10,7 @@ from usbldr.filters.bounds.dive_bounds import dive_bounds, true_states
 from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
-from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.replay.run import FilterSettings, run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.scenario import Accuracy, Leg, Scenario, Timing
 from usbldr.filters.simulation.simulate import simulate
@@ -68,7 +68,7 @@ def test_the_true_states_explain_every_reading_of_sensors_that_err_but_have_no_n
 def test_with_gaussian_noise_the_bound_is_what_an_ekf_says_of_itself(calibrate: tuple[str, ...], smooth: bool) -> None:
     """The EKF has its Jacobians at its own estimates, a few centimetres and hundredths of a degree off the truth."""
     line, assumptions = seen(TURNING, calibrate)
-    claimed = run("ekf", line, assumptions, Settings(smooth=smooth)).cov
+    claimed = run("ekf", line, assumptions, FilterSettings(smooth=smooth)).cov
     assert claimed is not None
 
     got = dive_bounds(simulate(TURNING, seed=3), line, assumptions)[smooth]

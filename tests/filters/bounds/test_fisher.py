@@ -39,7 +39,7 @@ def test_of_a_scalar_it_agrees_with_adaptive_quadrature(noise: Noise) -> None:
     variances = noise.cov[:, 0, 0]
 
     def integrand(e: float) -> float:
-        p = noise.shares * np.exp(-0.5 * e * e / variances) / np.sqrt(2 * math.pi * variances)
+        p = noise.probabilities * np.exp(-0.5 * e * e / variances) / np.sqrt(2 * math.pi * variances)
         return float((p * e / variances).sum() ** 2 / p.sum())
 
     sd = np.sqrt(variances)
@@ -56,7 +56,7 @@ def test_of_a_record_it_agrees_with_adaptive_quadrature() -> None:
     def information(a: int, b: int) -> float:
         def integrand(y: float, x: float) -> float:
             e = np.array([x, y])
-            p = noise.shares * np.exp(-0.5 * (inverse @ e) @ e) / (2 * math.pi * np.sqrt(det))
+            p = noise.probabilities * np.exp(-0.5 * (inverse @ e) @ e) / (2 * math.pi * np.sqrt(det))
             slope = p @ (inverse @ e)
             return float(slope[a] * slope[b] / p.sum())
 
@@ -75,7 +75,7 @@ def test_nine_slices_of_student_t_have_nearly_its_closed_form() -> None:
 def test_a_mixture_tells_more_than_the_gaussian_that_matches_it() -> None:
     for family in (Mixture(), Contamination(), StudentT()):
         noise = family.modes(R2)
-        gain = fisher_information(noise) - np.linalg.inv(noise.matched)
+        gain = fisher_information(noise) - np.linalg.inv(noise.mixture_cov)
         assert np.linalg.eigvalsh(gain).min() > 0.05
 
 

@@ -7,14 +7,14 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from models import PRIOR, Drift, position_steps
-from usbldr.filters.bounds.pcrlb import AT_ONCE, Bounds, bounds, local_bounds, mean_absolute_error, parallel
+from usbldr.filters.bounds.pcrlb import BATCH_SIZE, Bounds, bounds, local_bounds, mean_absolute_error, parallel_sum
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.protocol import Step
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Gaussian, Mixture, Noise
 from usbldr.filters.models.parameters import ProcessNoise
-from usbldr.filters.models.sensors import Measurement, State, UsblFix
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.sensors import DirectState, Measurement, UsblFix
+from usbldr.filters.models.states import StateLayout
 
 Q = (0.3, 0.1)
 R = 0.8
@@ -94,7 +94,7 @@ def test_with_mixture_noise_a_reading_counts_as_one_of_the_variance_that_its_inf
 def wriggling_dives(count: int, process: ProcessNoise, prior_cov: np.ndarray) -> tuple[list[Step], np.ndarray]:
     """Return 25 steps of compass, DVL and late fixes, and truths (25, 6, count) drawn from motion and prior."""
     rng = np.random.default_rng(3)
-    layout, dt = Layout(), 0.5
+    layout, dt = StateLayout(), 0.5
     scalar = Mixture().modes(np.array([[0.04]]))
     mean = np.array([0.3, 0.2, 1.2, 0.1, 5.0, -3.0])
     x = mean[:, None] + np.linalg.cholesky(prior_cov) @ rng.normal(size=(6, count))
@@ -107,7 +107,7 @@ def wriggling_dives(count: int, process: ProcessNoise, prior_cov: np.ndarray) ->
             c, s = np.cos(psi + r * dt / 2), np.sin(psi + r * dt / 2)
             moved = [psi + r * dt, u, v, r, x[4] + (u * c - v * s) * dt, x[5] + (u * s + v * c) * dt]
             x = np.stack(moved) + np.sqrt(q)[:, None] * rng.normal(size=x.shape)
-        readings = [Measurement(np.zeros(1), State(row), scalar, "dvl", "", k, t1) for row in (0, 1, 2)]
+        readings = [Measurement(np.zeros(1), DirectState(row), scalar, "dvl", "", k, t1) for row in (0, 1, 2)]
         if k % 4 == 0:
             fix = UsblFix(layout, -0.3, (0.4, -1.0, 0.0))
             readings.append(Measurement(np.zeros(2), fix, Gaussian().modes(np.eye(2)), "usbl", "position", k, t1))
@@ -135,7 +135,7 @@ def test_of_a_bent_model_it_is_the_recursion_of_the_paper_and_the_inverse_of_the
     process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
     prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
     steps, truth = wriggling_dives(count, process, prior_cov)
-    motion = VehicleMotion(Layout(), process)
+    motion = VehicleMotion(StateLayout(), process)
 
     got = bounds(steps, motion, truth if count > 1 else truth[:, :, 0], prior_cov)
 
@@ -172,8 +172,8 @@ def test_a_state_that_is_known_stays_known_and_the_others_have_the_bound_without
     nearly = np.diag([0.2, 0.3, 0.3, 1e-7, 2.0, 2.0]) ** 2
     steps, truth = wriggling_dives(1, process, nearly)
 
-    got = bounds(steps, VehicleMotion(Layout(), process), truth, prior_cov)
-    want = bounds(steps, VehicleMotion(Layout(), process), truth, nearly)
+    got = bounds(steps, VehicleMotion(StateLayout(), process), truth, prior_cov)
+    want = bounds(steps, VehicleMotion(StateLayout(), process), truth, nearly)
 
     np.testing.assert_allclose(got.smoothed[:, 3], 0, atol=1e-15)
     np.testing.assert_allclose(got.smoothed, want.smoothed, atol=1e-9)
@@ -184,7 +184,7 @@ def test_the_future_never_widens_a_bound_and_the_last_epoch_has_none() -> None:
     process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
     prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
     steps, truth = wriggling_dives(5, process, prior_cov)
-    got = bounds(steps, VehicleMotion(Layout(), process), truth, prior_cov)
+    got = bounds(steps, VehicleMotion(StateLayout(), process), truth, prior_cov)
 
     assert np.linalg.eigvalsh(got.filtered - got.smoothed).min() > -1e-10
     np.testing.assert_array_equal(got.smoothed[-1], got.filtered[-1])
@@ -195,7 +195,7 @@ def test_truths_that_differ_have_no_bound_where_the_motion_bends_without_noise()
     process = ProcessNoise(0.0, 0.05, 0.08, 0.04)
     prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
     steps, truth = wriggling_dives(3, process, prior_cov)
-    motion = VehicleMotion(Layout(), process)
+    motion = VehicleMotion(StateLayout(), process)
 
     bounds(steps, motion, truth[:, :, 0], prior_cov)  # one truth has one
     with pytest.raises(UsageError, match="no bound over several truths"):
@@ -206,9 +206,9 @@ def test_local_bounds_are_the_mean_of_each_truths_own_and_lie_above_the_bound_of
     """(E J)^-1 is at most E (J^-1), in the sense of matrices, for the joint information of the whole dive."""
     process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
     prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
-    steps, truth = wriggling_dives(AT_ONCE + 3, process, prior_cov)
-    motion = VehicleMotion(Layout(), process)
-    each = [bounds(steps, motion, truth[:, :, i], prior_cov) for i in range(AT_ONCE + 3)]
+    steps, truth = wriggling_dives(BATCH_SIZE + 3, process, prior_cov)
+    motion = VehicleMotion(StateLayout(), process)
+    each = [bounds(steps, motion, truth[:, :, i], prior_cov) for i in range(BATCH_SIZE + 3)]
 
     local, joint = (function(steps, motion, truth, prior_cov) for function in (local_bounds, bounds))
 
@@ -221,8 +221,8 @@ def test_local_bounds_are_the_mean_of_each_truths_own_and_lie_above_the_bound_of
 def test_parallel_is_the_inverse_of_the_sum_of_inverses() -> None:
     rng = np.random.default_rng(4)
     a, b = (root @ root.T for root in rng.normal(size=(2, 5, 5)))
-    np.testing.assert_allclose(parallel(a, b), np.linalg.inv(np.linalg.inv(a) + b), rtol=1e-8)
-    assert parallel(np.diag([0.0, 2.0]), np.diag([3.0, 1.0])).tolist() == [[0.0, 0.0], [0.0, 2.0 / 3.0]]
+    np.testing.assert_allclose(parallel_sum(a, b), np.linalg.inv(np.linalg.inv(a) + b), rtol=1e-8)
+    assert parallel_sum(np.diag([0.0, 2.0]), np.diag([3.0, 1.0])).tolist() == [[0.0, 0.0], [0.0, 2.0 / 3.0]]
 
 
 def test_the_mean_absolute_error_is_that_of_drawn_gaussians() -> None:

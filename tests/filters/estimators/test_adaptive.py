@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 
 from models import PRIOR, Drift, position_steps
-from usbldr.filters.estimators.adaptive import MOST, CovarianceMatching, Factor, Fading, Innovation
+from usbldr.filters.estimators.adaptive import MAX_FACTOR, CovarianceMatching, FadingFactor, InflationFactor, Innovation
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import matched
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.protocol import Estimate, Step
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Noise
 from usbldr.filters.models.parameters import ProcessNoise
-from usbldr.filters.models.sensors import Measurement, State
-from usbldr.filters.models.sigma_points import Rule, linearised, unscented
-from usbldr.filters.models.states import Layout
-from usbldr.filters.replay.run import FILTERS, Settings
+from usbldr.filters.models.sensors import DirectState, Measurement
+from usbldr.filters.models.sigma_points import MomentTransform, linearised, unscented
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.run import FILTERS, FilterSettings
 
 QUIET = (1e-4, 1e-6)
 ONE = Gaussian().modes(np.eye(1))
-FACTORS = pytest.mark.parametrize("factor", [Fading(), CovarianceMatching()], ids=["afukf", "aekf"])
+FACTORS = pytest.mark.parametrize("factor", [FadingFactor(), CovarianceMatching()], ids=["afukf", "aekf"])
 
 
 def no_chance() -> np.random.Generator:
     raise AssertionError("a Kalman filter leaves nothing to chance")
 
 
-def run(factor: Factor | None, steps: list[Step]) -> list[Estimate]:
-    estimator = KalmanFilter(Drift(QUIET), unscented, matched, factor)
+def run(factor: InflationFactor | None, steps: list[Step]) -> list[Estimate]:
+    estimator = KalmanFilter(Drift(QUIET), unscented, moment_matched, factor)
     belief, estimates = estimator.start(PRIOR), []
     for step in steps:
         belief = estimator.step(belief, step, no_chance)
@@ -46,7 +46,7 @@ def epochs_until_back(estimates: list[Estimate], truth: np.ndarray, jump: int) -
 
 
 @FACTORS
-def test_innovations_as_predicted_leave_the_plain_filter(factor: Factor) -> None:
+def test_innovations_as_predicted_leave_the_plain_filter(factor: InflationFactor) -> None:
     steps = noisy(np.arange(120.0), seed=3)
 
     adapted, plain = run(factor, steps), run(None, steps)
@@ -58,7 +58,7 @@ def test_innovations_as_predicted_leave_the_plain_filter(factor: Factor) -> None
 
 
 @FACTORS
-def test_chance_alone_seldom_inflates(factor: Factor) -> None:
+def test_chance_alone_seldom_inflates(factor: InflationFactor) -> None:
     """Half of a window beyond its 90th percentile is a case for one window in 600, and 4000 are looked at."""
     inflated = sum(e.inflation > 1 for seed in range(20) for e in run(factor, noisy(np.arange(200.0), seed=100 + seed)))
 
@@ -66,7 +66,7 @@ def test_chance_alone_seldom_inflates(factor: Factor) -> None:
 
 
 @FACTORS
-def test_a_jump_that_no_model_knows_is_followed_sooner(factor: Factor) -> None:
+def test_a_jump_that_no_model_knows_is_followed_sooner(factor: InflationFactor) -> None:
     truth = np.arange(160.0) + 25.0 * (np.arange(160) >= 80)
     steps = noisy(truth)
 
@@ -79,7 +79,7 @@ def test_a_jump_that_no_model_knows_is_followed_sooner(factor: Factor) -> None:
 
 
 @FACTORS
-def test_lone_gross_errors_are_not_taken_for_a_jump(factor: Factor) -> None:
+def test_lone_gross_errors_are_not_taken_for_a_jump(factor: InflationFactor) -> None:
     z = np.arange(120.0) + 60.0 * (np.arange(120) % 6 == 5)
     noise = Contamination(0.15, 30.0).modes(np.eye(1))
 
@@ -89,7 +89,7 @@ def test_lone_gross_errors_are_not_taken_for_a_jump(factor: Factor) -> None:
 
 
 @FACTORS
-def test_a_factor_uses_its_evidence_up(factor: Factor) -> None:
+def test_a_factor_uses_its_evidence_up(factor: InflationFactor) -> None:
     truth = np.arange(160.0) + 25.0 * (np.arange(160) >= 80)
 
     epochs = np.flatnonzero([e.inflation > 1 for e in run(factor, noisy(truth))])
@@ -102,7 +102,7 @@ def test_the_fading_factor_brings_the_distance_to_the_99th_percentile_of_chi_squ
     for k, limit in ((1, 6.635), (2, 9.210)):
         one = Innovation(np.full(k, 8.0), 0.5 * np.eye(k), Gaussian().modes(2.0 * np.eye(k)))
 
-        factor = Fading()([one] * 5)
+        factor = FadingFactor()([one] * 5)
 
         assert k * 64.0 / (factor * 0.5 + 2.0) == pytest.approx(limit, rel=0.01)
 
@@ -119,17 +119,22 @@ def test_the_matching_factor_explains_the_mean_square_of_a_normal_sample() -> No
 
 
 @FACTORS
-def test_no_factor_is_beyond_all_reason(factor: Factor) -> None:
+def test_no_factor_is_beyond_all_reason(factor: InflationFactor) -> None:
     far = Innovation(np.array([1e6]), 1e-3 * np.eye(1), ONE)
 
-    assert factor([far] * factor.window) == MOST
+    assert factor([far] * factor.window) == MAX_FACTOR
 
 
 @FACTORS
-def test_speed_and_heading_are_not_listened_to(factor: Factor) -> None:
+def test_speed_and_heading_are_not_listened_to(factor: InflationFactor) -> None:
     z = np.arange(40.0) + 25.0 * (np.arange(40) >= 20)
     steps = [
-        Step(k, float(max(k - 1, 0)), float(k), (Measurement(np.array([v]), State(0), ONE, "dvl", "forward", k, k),))
+        Step(
+            k,
+            float(max(k - 1, 0)),
+            float(k),
+            (Measurement(np.array([v]), DirectState(0), ONE, "dvl", "forward", k, k),),
+        )
         for k, v in enumerate(z)
     ]
 
@@ -137,9 +142,11 @@ def test_speed_and_heading_are_not_listened_to(factor: Factor) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "rule", "factor"), [("afukf", unscented, Fading()), ("aekf", linearised, CovarianceMatching())]
+    ("name", "rule", "factor"), [("afukf", unscented, FadingFactor()), ("aekf", linearised, CovarianceMatching())]
 )
-def test_the_table_pairs_ukf_and_ekf_with_their_factors(name: str, rule: Rule, factor: Factor) -> None:
-    motion = VehicleMotion(Layout(), ProcessNoise())
+def test_the_table_pairs_ukf_and_ekf_with_their_factors(
+    name: str, rule: MomentTransform, factor: InflationFactor
+) -> None:
+    motion = VehicleMotion(StateLayout(), ProcessNoise())
 
-    assert FILTERS[name](motion, Settings()) == KalmanFilter(motion, rule, matched, factor)
+    assert FILTERS[name](motion, FilterSettings()) == KalmanFilter(motion, rule, moment_matched, factor)

@@ -10,10 +10,10 @@ import pytest
 from models import PRIOR, Drift, exact_mixture, position_steps
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import matched
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.protocol import Step
 from usbldr.filters.models.noise import Gaussian, Mixture
-from usbldr.filters.models.sensors import Measurement, State
+from usbldr.filters.models.sensors import DirectState, Measurement
 from usbldr.filters.models.sigma_points import cubature
 
 Q = (0.3, 0.1)
@@ -31,7 +31,7 @@ def test_with_one_noise_mode_every_particle_is_the_kalman_filter() -> None:
     z = np.random.default_rng(0).normal(size=20)
     noise = Gaussian().modes(np.array([[0.8]]))
     particles = CubatureParticleFilter(MOTION, cubature, 7)
-    kalman = KalmanFilter(MOTION, cubature, matched)
+    kalman = KalmanFilter(MOTION, cubature, moment_matched)
 
     got = particles.estimate(run(particles, position_steps(z, noise)))
     want = kalman.estimate(run(kalman, position_steps(z, noise)))
@@ -68,7 +68,7 @@ def test_the_move_leaves_the_posterior_over_modes_unchanged(move_steps: int) -> 
             k,
             float(k - 1) if k else 0.0,
             float(k),
-            tuple(Measurement(z[[2 * k + i]], State(0), noise, "usbl", "east", 0, float(k)) for i in (0, 1)),
+            tuple(Measurement(z[[2 * k + i]], DirectState(0), noise, "usbl", "east", 0, float(k)) for i in (0, 1)),
         )
         for k in (0, 1)
     ]
@@ -89,7 +89,7 @@ def test_the_move_leaves_the_posterior_over_modes_unchanged(move_steps: int) -> 
                 e = z[2 * k + i] - m[0]
                 densities = [
                     share * math.exp(-0.5 * e * e / (P[0, 0] + R[0, 0])) / math.sqrt(2 * math.pi * (P[0, 0] + R[0, 0]))
-                    for share, R in zip(noise.shares, noise.cov, strict=True)
+                    for share, R in zip(noise.probabilities, noise.cov, strict=True)
                 ]
                 mode = modes[2 * k + i]
                 log_w += math.log(densities[mode])

@@ -8,12 +8,12 @@ import pytest
 from models import PRIOR, Drift, grid_posterior, position_steps
 from usbldr.filters.estimators.cpf_gaussian import GaussianParticleFilter, whitened
 from usbldr.filters.estimators.cpf_literal import LiteralParticleFilter
-from usbldr.filters.estimators.gaussian_bank import copies
+from usbldr.filters.estimators.gaussian_bank import replicate
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import matched
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.protocol import Prior, Step
 from usbldr.filters.models.noise import Gaussian, Mixture
-from usbldr.filters.models.sensors import Measurement, State
+from usbldr.filters.models.sensors import DirectState, Measurement
 from usbldr.filters.models.sigma_points import cubature
 
 MOTION = Drift((0.3, 0.1))
@@ -38,7 +38,7 @@ def test_with_gaussian_noise_on_a_linear_model_the_gaussian_form_is_the_kalman_f
     noise = Gaussian().modes(np.array([[0.8]]))
 
     got = end(GaussianParticleFilter(MOTION, cubature, 25), position_steps(z, noise))
-    want = end(KalmanFilter(MOTION, cubature, matched), position_steps(z, noise))
+    want = end(KalmanFilter(MOTION, cubature, moment_matched), position_steps(z, noise))
 
     np.testing.assert_allclose(got.mean, want.mean, atol=1e-9)
     np.testing.assert_allclose(got.cov, want.cov, atol=1e-9)
@@ -48,7 +48,7 @@ def test_with_gaussian_noise_on_a_linear_model_the_gaussian_form_is_the_kalman_f
 @pytest.mark.parametrize("z", [0.5, 4.0, -9.0])
 def test_the_gaussian_form_tends_to_the_grid_posterior_of_one_heavy_tailed_reading(z: float) -> None:
     noise = Mixture(0.3, 30.0).modes(np.array([[0.7]]))
-    reading = Measurement(np.array([z]), State(0), noise, "usbl", "east", 0, 0.0)
+    reading = Measurement(np.array([z]), DirectState(0), noise, "usbl", "east", 0, 0.0)
     prior = Prior(np.array([0.5]), np.array([[2.0]]))
 
     got = end(GaussianParticleFilter(MOTION, cubature, 200_000), [Step(0, 0.0, 0.0, (reading,))], prior=prior)
@@ -62,7 +62,7 @@ def test_with_process_noise_to_spare_the_literal_form_tends_to_the_kalman_filter
     z = np.cumsum(np.random.default_rng(2).normal(1.0, 1.0, size=8))
     noise = Gaussian().modes(np.array([[0.8]]))
     loud = Drift((1.0, 0.6))
-    want = end(KalmanFilter(loud, cubature, matched), position_steps(z, noise))
+    want = end(KalmanFilter(loud, cubature, moment_matched), position_steps(z, noise))
     ends = [end(LiteralParticleFilter(loud, cubature, 5000), position_steps(z, noise), seed) for seed in range(10)]
 
     np.testing.assert_allclose(np.mean([e.mean for e in ends], axis=0), want.mean, atol=0.05)
@@ -85,4 +85,4 @@ def test_the_literal_form_loses_its_particles_where_process_noise_is_small() -> 
 def test_the_prior_of_every_form_is_the_prior() -> None:
     for estimator in (GaussianParticleFilter(MOTION, cubature, 30), LiteralParticleFilter(MOTION, cubature, 30)):
         bank = estimator.start(PRIOR).bank
-        np.testing.assert_array_equal(bank.mean, copies(PRIOR.mean, PRIOR.cov, bank.mean.shape[1]).mean)
+        np.testing.assert_array_equal(bank.mean, replicate(PRIOR.mean, PRIOR.cov, bank.mean.shape[1]).mean)

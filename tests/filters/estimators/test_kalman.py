@@ -8,17 +8,17 @@ import pytest
 from filterpy.kalman import CubatureKalmanFilter, JulierSigmaPoints, KalmanFilter, UnscentedKalmanFilter
 
 from models import PRIOR, Drift, position_steps
-from usbldr.filters.estimators.gaussian_bank import copies, predict, project, update
+from usbldr.filters.estimators.gaussian_bank import predict, project, replicate, update
 from usbldr.filters.estimators.kalman import KalmanFilter as OurKalmanFilter
-from usbldr.filters.estimators.mode_updates import Gate, collapse, matched
+from usbldr.filters.estimators.mode_updates import Gate, collapse, moment_matched
 from usbldr.filters.estimators.protocol import Prior, Step
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
-from usbldr.filters.models.states import Layout
-from usbldr.filters.replay.run import FILTERS, Settings
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.run import FILTERS, FilterSettings
 
 Q = (0.05, 0.02)
 
@@ -50,8 +50,8 @@ def test_on_a_linear_model_ekf_ckf_and_ukf_are_the_kalman_filter_of_another_libr
         want.append((other.x[:, 0].copy(), other.P.copy()))
 
     for rule in (linearised, cubature, unscented):
-        for policy in (matched, collapse):
-            got = run(OurKalmanFilter(Drift(Q), rule, policy), PRIOR, position_steps(z, noise))
+        for mode_update in (moment_matched, collapse):
+            got = run(OurKalmanFilter(Drift(Q), rule, mode_update), PRIOR, position_steps(z, noise))
             for estimate, (mean, cov) in zip(got, want, strict=True):
                 np.testing.assert_allclose(estimate.mean, mean, atol=1e-10)
                 np.testing.assert_allclose(estimate.cov, cov, atol=1e-10)
@@ -85,8 +85,8 @@ def test_on_a_bent_model_ckf_and_ukf_are_those_of_another_library(rule) -> None:
         other = UnscentedKalmanFilter(dim_x=n, dim_z=2, dt=dt, hx=hx, fx=fx, points=points)
         other.x = m0.copy()
     other.P, other.Q, other.R = P0.copy(), q, R
-    bank = copies(m0, P0, 1)
-    motion = VehicleMotion(Layout(), process)
+    bank = replicate(m0, P0, 1)
+    motion = VehicleMotion(StateLayout(), process)
     for k in range(15):
         z = np.array([-0.4 * k, 0.6 * k]) + rng.normal(size=2)
         other.predict()
@@ -94,7 +94,7 @@ def test_on_a_bent_model_ckf_and_ukf_are_those_of_another_library(rule) -> None:
         np.testing.assert_allclose(bank.mean[:, 0], np.ravel(other.x), atol=2e-6)
         np.testing.assert_allclose(bank.cov[:, :, 0], other.P, atol=2e-6)
         # the fix is linear: the update has one right answer
-        reading = Measurement(z, UsblFix(Layout(), 0.0), Gaussian().modes(R), "usbl", "position", k, 0.0)
+        reading = Measurement(z, UsblFix(StateLayout(), 0.0), Gaussian().modes(R), "usbl", "position", k, 0.0)
         bank = update(bank, project(bank, reading, rule), R[:, :, None])
         H = np.eye(6)[4:6]
         K = other.P @ H.T @ np.linalg.inv(H @ other.P @ H.T + R)
@@ -107,7 +107,7 @@ def test_on_a_bent_model_ckf_and_ukf_are_those_of_another_library(rule) -> None:
 def test_collapsing_one_mode_is_the_kalman_filter() -> None:
     z = np.random.default_rng(2).normal(size=30)
     noise = Gaussian().modes(np.array([[0.8]]))
-    plain = run(OurKalmanFilter(Drift(Q), cubature, matched), PRIOR, position_steps(z, noise))
+    plain = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), PRIOR, position_steps(z, noise))
     collapsed = run(OurKalmanFilter(Drift(Q), cubature, collapse), PRIOR, position_steps(z, noise))
     for a, b in zip(plain, collapsed, strict=True):
         np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
@@ -116,9 +116,11 @@ def test_collapsing_one_mode_is_the_kalman_filter() -> None:
 
 def test_matched_takes_the_mixture_for_one_wide_gaussian() -> None:
     z = np.random.default_rng(3).normal(size=30)
-    mixture = run(OurKalmanFilter(Drift(Q), cubature, matched), PRIOR, position_steps(z, Mixture().modes(np.eye(1))))
+    mixture = run(
+        OurKalmanFilter(Drift(Q), cubature, moment_matched), PRIOR, position_steps(z, Mixture().modes(np.eye(1)))
+    )
     wide = run(
-        OurKalmanFilter(Drift(Q), cubature, matched), PRIOR, position_steps(z, Gaussian().modes(3.7 * np.eye(1)))
+        OurKalmanFilter(Drift(Q), cubature, moment_matched), PRIOR, position_steps(z, Gaussian().modes(3.7 * np.eye(1)))
     )
     for a, b in zip(mixture, wide, strict=True):
         np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
@@ -134,9 +136,9 @@ def test_a_gated_filter_drops_one_outlier_and_comes_back_from_a_lockout() -> Non
     dropped = run(OurKalmanFilter(quiet, cubature, Gate()), PRIOR, position_steps(one_outlier, noise))
     recovered = run(OurKalmanFilter(quiet, cubature, Gate()), PRIOR, position_steps(jumped, noise))
 
-    assert [k for k, e in enumerate(dropped) if e.updates[0].fate == "rejected"] == [20]
-    assert all(e.updates[0].fate == "rejected" for e in recovered[20:30])
-    assert recovered[30].updates[0].fate != "rejected"
+    assert [k for k, e in enumerate(dropped) if e.updates[0].outcome == "rejected"] == [20]
+    assert all(e.updates[0].outcome == "rejected" for e in recovered[20:30])
+    assert recovered[30].updates[0].outcome != "rejected"
     assert abs(recovered[30].mean[0] - jumped[30]) < 5  # at once, not by inches
     assert abs(recovered[-1].mean[0] - jumped[-1]) < 1
     assert [e.inflation for e in recovered[:31]] == [1.0] * 30 + [math.inf]  # no smoother passes back over this one
@@ -146,11 +148,11 @@ def test_a_gated_filter_drops_one_outlier_and_comes_back_from_a_lockout() -> Non
 def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
     """East is 60 m off and refused, north is right: east's refusals alone must reopen the gate."""
     noise = Contamination(0.05, 50.0).modes(np.eye(1))
-    motion = VehicleMotion(Layout(), ProcessNoise(1e-3, 1e-4, 1e-3, 1e-5))
+    motion = VehicleMotion(StateLayout(), ProcessNoise(1e-3, 1e-4, 1e-3, 1e-5))
     prior = Prior(np.array([0.0, 0, 0, 0, 60.0, 0.0]), np.diag([0.01, 0.01, 0.01, 0.001, 1, 1]) ** 2)
     fixes = [
         [
-            Measurement(np.zeros(1), UsblFix(Layout(), 0.0, axes=(axis,)), noise, "usbl", name, k, float(k))
+            Measurement(np.zeros(1), UsblFix(StateLayout(), 0.0, axes=(axis,)), noise, "usbl", name, k, float(k))
             for axis, name in enumerate(("east", "north"))
         ]
         for k in range(20)
@@ -165,11 +167,13 @@ def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
 
 def test_every_filter_in_the_table_steps() -> None:
     prior = Prior(np.array([0.1, 0, 1, 0, 0, 0.0]), np.diag([0.1, 0.5, 0.5, 0.05, 3, 3]) ** 2)
-    fix = Measurement(np.ones(2), UsblFix(Layout(), -0.1), Contamination().modes(np.eye(2)), "usbl", "position", 0, 0.1)
+    fix = Measurement(
+        np.ones(2), UsblFix(StateLayout(), -0.1), Contamination().modes(np.eye(2)), "usbl", "position", 0, 0.1
+    )
     for name, build in FILTERS.items():
-        estimator = build(VehicleMotion(Layout(), ProcessNoise()), replace(Settings(), particles=20))
+        estimator = build(VehicleMotion(StateLayout(), ProcessNoise()), replace(FilterSettings(), particles=20))
         belief = estimator.step(estimator.start(prior), Step(1, 0.0, 0.2, (fix,)), lambda: np.random.default_rng(0))
         estimate = estimator.estimate(belief)
         assert np.isfinite(estimate.mean).all(), name
         assert np.linalg.eigvalsh(estimate.cov).min() > 0, name
-        assert estimate.updates[0].fate in ("used", "down-weighted"), name
+        assert estimate.updates[0].outcome in ("used", "down-weighted"), name

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from models import PRIOR, grid_posterior
-from usbldr.filters.estimators.gaussian_bank import Projection, copies, inverse_and_logdet, project, update
-from usbldr.filters.estimators.mode_updates import Gate, collapse, matched, modes
+from usbldr.filters.estimators.gaussian_bank import Projection, inverse_and_logdet, project, replicate, update
+from usbldr.filters.estimators.mode_updates import Gate, collapse, mode_likelihoods, moment_matched
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
-from usbldr.filters.models.sensors import Measurement, State, UsblFix
+from usbldr.filters.models.sensors import DirectState, Measurement, UsblFix
 from usbldr.filters.models.sigma_points import cubature
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 
 
 @pytest.mark.parametrize("family", [Gaussian(), Mixture(), Contamination(), StudentT()], ids=lambda f: type(f).__name__)
 @pytest.mark.parametrize("z", [0.3, 2.0, 6.0, -11.0])
 def test_collapse_keeps_the_moments_of_the_grid_posterior(family, z: float) -> None:
     noise = family.modes(np.array([[0.7]]))
-    bank = copies(np.array([0.5]), np.array([[2.0]]), 1)
-    seen = project(bank, Measurement(np.array([z]), State(0), noise, "usbl", "east", 0, 0.0), cubature)
+    bank = replicate(np.array([0.5]), np.array([[2.0]]), 1)
+    seen = project(bank, Measurement(np.array([z]), DirectState(0), noise, "usbl", "east", 0, 0.0), cubature)
 
     after, log_l, rejected, _ = collapse(bank, seen, noise, 0)
 
@@ -33,15 +33,15 @@ def test_collapse_keeps_the_moments_of_the_grid_posterior(family, z: float) -> N
 def test_collapse_of_a_two_dimensional_fix_keeps_the_moments_of_the_mixture_of_updates() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 6))
-    bank = copies(rng.normal(size=6), root @ root.T, 1)
+    bank = replicate(rng.normal(size=6), root @ root.T, 1)
     noise = Mixture(0.4, 20.0).modes(np.array([[0.5, 0.2], [0.2, 0.9]]))
-    reading = Measurement(np.array([2.0, -3.0]), UsblFix(Layout(), -0.4), noise, "usbl", "position", 0, 0.0)
+    reading = Measurement(np.array([2.0, -3.0]), UsblFix(StateLayout(), -0.4), noise, "usbl", "position", 0, 0.0)
     seen = project(bank, reading, cubature)
 
     after, *_ = collapse(bank, seen, noise, 0)
 
     branches, weights = [], []
-    for share, R in zip(noise.shares, noise.cov, strict=True):
+    for share, R in zip(noise.probabilities, noise.cov, strict=True):
         S = seen.cov[:, :, 0] + R
         K = seen.cross[:, :, 0] @ np.linalg.inv(S)
         e = seen.innovation[:, 0]
@@ -58,15 +58,17 @@ def test_collapse_of_a_two_dimensional_fix_keeps_the_moments_of_the_mixture_of_u
 def test_per_scalar_and_joint_updates_agree_where_the_noise_is_gaussian_and_round() -> None:
     rng = np.random.default_rng(1)
     root = rng.normal(size=(6, 6))
-    bank = copies(rng.normal(size=6), root @ root.T, 1)
+    bank = replicate(rng.normal(size=6), root @ root.T, 1)
     R, z = 0.8 * np.eye(2), np.array([1.0, 2.0])
-    joint = Measurement(z, UsblFix(Layout(), 0.0), Gaussian().modes(R), "usbl", "position", 0, 0.0)
-    together, *_ = matched(bank, project(bank, joint, cubature), joint.noise, 0)
+    joint = Measurement(z, UsblFix(StateLayout(), 0.0), Gaussian().modes(R), "usbl", "position", 0, 0.0)
+    together, *_ = moment_matched(bank, project(bank, joint, cubature), joint.noise, 0)
     apart = bank
     for axis in (0, 1):
         noise = Gaussian().modes(R[:1, :1])
-        scalar = Measurement(z[axis : axis + 1], UsblFix(Layout(), 0.0, axes=(axis,)), noise, "usbl", "east", 0, 0.0)
-        apart, *_ = matched(apart, project(apart, scalar, cubature), noise, 0)
+        scalar = Measurement(
+            z[axis : axis + 1], UsblFix(StateLayout(), 0.0, axes=(axis,)), noise, "usbl", "east", 0, 0.0
+        )
+        apart, *_ = moment_matched(apart, project(apart, scalar, cubature), noise, 0)
 
     np.testing.assert_allclose(apart.mean, together.mean, atol=1e-12)
     np.testing.assert_allclose(apart.cov, together.cov, atol=1e-12)
@@ -75,12 +77,12 @@ def test_per_scalar_and_joint_updates_agree_where_the_noise_is_gaussian_and_roun
 def test_a_thousand_updates_leave_covariances_symmetric_and_positive() -> None:
     """An asymmetric P in batched updates once grew into negative variances after some 400 s."""
     rng = np.random.default_rng(2)
-    bank = copies(np.zeros(6), np.diag([0.1, 1, 1, 0.1, 9, 9.0]), 8)
+    bank = replicate(np.zeros(6), np.diag([0.1, 1, 1, 0.1, 9, 9.0]), 8)
     noise = Mixture().modes(np.array([[0.5, 0.1], [0.1, 0.6]]))
     for k in range(1000):
         bank = bank._replace(cov=bank.cov + 1e-4 * np.eye(6)[:, :, None])
         z = rng.normal(size=2)
-        reading = Measurement(z, UsblFix(Layout(), -0.1), noise, "usbl", "position", k, 0.0)
+        reading = Measurement(z, UsblFix(StateLayout(), -0.1), noise, "usbl", "position", k, 0.0)
         bank, *_ = collapse(bank, project(bank, reading, cubature), noise, 0)
 
     np.testing.assert_array_equal(bank.cov, bank.cov.swapaxes(0, 1))
@@ -103,7 +105,7 @@ def test_the_modes_likelihood_survives_a_hopeless_outlier() -> None:
     noise = Mixture().modes(np.array([[1.0]]))
     seen = Projection(np.array([[1e4]]), np.array([[[1.0]]]), np.array([[[1.0]]]))
 
-    weighed = modes(seen, noise)
+    weighed = mode_likelihoods(seen, noise)
 
     assert np.isfinite(weighed.log_likelihood).all()
     np.testing.assert_allclose(weighed.probability.sum(axis=0), 1)
@@ -111,19 +113,19 @@ def test_the_modes_likelihood_survives_a_hopeless_outlier() -> None:
 
 def test_a_gate_refuses_the_unlikely_and_opens_after_its_patience() -> None:
     noise = Contamination(0.05, 10.0).modes(np.array([[1.0]]))
-    bank = copies(PRIOR.mean, PRIOR.cov, 1)
-    far = Measurement(np.array([12.0]), State(0), noise, "usbl", "east", 0, 0.0)
+    bank = replicate(PRIOR.mean, PRIOR.cov, 1)
+    far = Measurement(np.array([12.0]), DirectState(0), noise, "usbl", "east", 0, 0.0)
     near = far._replace(z=np.array([1.0]))
-    gate = Gate(0.99, patience=10)
+    gate = Gate(0.99, max_rejections=10)
 
-    kept, _, refused, refuted = gate(bank, project(bank, far, cubature), noise, 9)
+    kept, _, refused, covariance_inflated = gate(bank, project(bank, far, cubature), noise, 9)
     opened, _, refused_at_last, refuted_at_last = gate(bank, project(bank, far, cubature), noise, 10)
     taken, *_, refuted_by_near = gate(bank, project(bank, near, cubature), noise, 10)
 
     assert refused
     assert kept is bank
     assert not refused_at_last
-    assert (refuted, refuted_at_last, refuted_by_near) == (False, True, False)
+    assert (covariance_inflated, refuted_at_last, refuted_by_near) == (False, True, False)
     assert abs(opened.mean[0, 0] - 12.0) < 3.0  # the prior, 3 m off, gave way
     assert opened.cov[0, 0, 0] < 1.0
     np.testing.assert_allclose(taken.mean, update(bank, project(bank, near, cubature), noise.cov[0, :, :, None]).mean)

@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from usbldr.filters.estimators.multi_hypothesis import Guarded
+from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.late_fixes import by_validity
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.run import FILTERS, Settings, run
-from usbldr.filters.replay.steps import Readings
+from usbldr.filters.replay.run import FILTERS, FilterSettings, run
+from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Reacquisition, Timeline
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -101,15 +101,17 @@ def replayed(
 ) -> Told:
     """Run a filter over the dive, by itself or guarded."""
     assumed = Assumptions(process=process, usbl=usbl)
-    motion = VehicleMotion(Layout(), process)
-    estimator = FILTERS[name](motion, Settings(particles=20, gate=gate))
-    estimator = Guarded(estimator, motion) if guarded else estimator
+    motion = VehicleMotion(StateLayout(), process)
+    estimator = FILTERS[name](motion, FilterSettings(particles=20, gate=gate))
+    estimator = MultiHypothesisFilter(estimator, motion) if guarded else estimator
     known = list(
-        by_validity(estimator, estimator.start(prior(line, assumed, Layout())), Readings(line, assumed, Layout()), 0)
+        by_validity(
+            estimator, estimator.start(prior(line, assumed, StateLayout())), StepSource(line, assumed, StateLayout()), 0
+        )
     )
     mean, cov = np.array([one.estimate.mean for one in known]), np.array([one.estimate.cov for one in known])
     error = mean[:, 4:6] - truth
-    fates = {u.row: u.fate for one in known for u in one.estimate.updates if u.sensor == "usbl"}
+    fates = {u.row: u.outcome for one in known for u in one.estimate.updates if u.sensor == "usbl"}
     normalised = nees(error, cov[:, 4:6, 4:6])
     return Told(mean, cov, np.hypot(*error.T), normalised, known[-1].estimate.reacquisitions, fates)
 
@@ -124,10 +126,10 @@ def test_no_cluster_at_the_end_of_a_silence_captures_the_track(count: int, off_m
     assert told.error_m[told.after(count + 3)].max() < 3
     assert told.nees[told.after(0)].mean() < 4
     (one,) = told.reacquisitions
-    assert not one.believed
+    assert not one.accepted
     assert one.since_s == SILENT[1]
-    assert one.silent_s == SILENT[1] - SILENT[0] + 1
-    assert SILENT[1] < one.settled_s <= SILENT[1] + count + 2
+    assert one.outage_s == SILENT[1] - SILENT[0] + 1
+    assert SILENT[1] < one.resolved_s <= SILENT[1] + count + 2
 
 
 def test_without_a_guard_such_clusters_do_capture_it() -> None:
@@ -190,11 +192,11 @@ def test_the_report_tells_how_far_the_track_jumped_and_when() -> None:
 
     (one,) = replayed("adf", line, truth, UNSURE).reacquisitions
 
-    assert one.believed
+    assert one.accepted
     assert one.since_s == SILENT[1]
     assert one.refused > 5
     assert one.jump_m == pytest.approx(30.0, abs=3.0)
-    assert one.settled_s == SILENT[1] + one.refused
+    assert one.resolved_s == SILENT[1] + one.refused
 
 
 def test_the_filter_as_it_is_may_be_believed_after_its_fixes_were_refused() -> None:
@@ -207,10 +209,10 @@ def test_the_filter_as_it_is_may_be_believed_after_its_fixes_were_refused() -> N
     told = replayed("ekf", late, truth, UNSURE, usbl=Gaussian())
 
     (one,) = told.reacquisitions
-    assert one.believed
+    assert one.accepted
     assert one.jump_m == pytest.approx(4.0, abs=1.0)
-    assert 40 < one.settled_s == 40 + one.refused < 60
-    assert told.error_m[int(one.settled_s + 1) * RATE_HZ : SILENT[0] * RATE_HZ].max() < 1
+    assert 40 < one.resolved_s == 40 + one.refused < 60
+    assert told.error_m[int(one.resolved_s + 1) * RATE_HZ : SILENT[0] * RATE_HZ].max() < 1
 
 
 @pytest.mark.parametrize("family", [GENERIC, Mixture()], ids=["contamination", "mixture"])
@@ -261,24 +263,24 @@ def test_a_cluster_before_the_silence_does_not_move_a_sure_filter() -> None:
 def test_estimates_repeat_when_a_step_is_run_again() -> None:
     line, _ = dive(2, 5, 50.0)
     assumed = Assumptions(process=UNSURE)
-    motion = VehicleMotion(Layout(), UNSURE)
-    guard = Guarded(FILTERS["cpf"](motion, Settings(particles=20)), motion)
-    readings = Readings(line, assumed, Layout())
-    belief = guard.start(prior(line, assumed, Layout()))
+    motion = VehicleMotion(StateLayout(), UNSURE)
+    guard = MultiHypothesisFilter(FILTERS["cpf"](motion, FilterSettings(particles=20)), motion)
+    readings = StepSource(line, assumed, StateLayout())
+    belief = guard.start(prior(line, assumed, StateLayout()))
     for k in range(SILENT[1] * RATE_HZ + 8):
-        before, step, chance = belief, readings.step(k), functools.partial(np.random.default_rng, (0, k))
-        belief = guard.step(before, step, chance)
-        if len(before.rivals) > 1:
-            again = guard.step(before, step, chance)
+        before, step, make_rng = belief, readings.step(k), functools.partial(np.random.default_rng, (0, k))
+        belief = guard.step(before, step, make_rng)
+        if len(before.hypotheses) > 1:
+            again = guard.step(before, step, make_rng)
             np.testing.assert_array_equal(guard.estimate(again).cov, guard.estimate(belief).cov)
-    assert len(belief.rivals) > 1
+    assert len(belief.hypotheses) > 1
 
 
 def test_a_run_with_the_guard_tells_what_it_decided() -> None:
     line, truth = dive(1, 20, 50.0)
     assumed = Assumptions(process=UNSURE)
 
-    alone, guarded = (run("adf", line, assumed, Settings(guard=on)) for on in (False, True))
+    alone, guarded = (run("adf", line, assumed, FilterSettings(guard=on)) for on in (False, True))
 
     assert not alone.reacquisitions
     assert np.hypot(*(alone.position_m - truth).T)[-1] > 3
@@ -294,11 +296,11 @@ def test_a_log_that_ends_while_fixes_are_refused_says_so() -> None:
     kept = line.fix_time_s < SILENT[1] + 5  # the false ones are the last
     ended = line.with_fixes(kept)
 
-    track = run("adf", ended, Assumptions(process=UNSURE), Settings(guard=True))
+    track = run("adf", ended, Assumptions(process=UNSURE), FilterSettings(guard=True))
 
     (one,) = track.reacquisitions
-    refused = [update for update in track.updates if update.fate == "rejected" and update.sensor == "usbl"]
-    assert (one.refused, one.believed) == (5, False)
+    refused = [update for update in track.updates if update.outcome == "rejected" and update.sensor == "usbl"]
+    assert (one.refused, one.accepted) == (5, False)
     assert len({update.row for update in refused}) == 5
     assert all(update.shift is not None and not any(update.shift) for update in refused)
 
@@ -306,9 +308,11 @@ def test_a_log_that_ends_while_fixes_are_refused_says_so() -> None:
 def test_a_log_that_ends_with_a_single_refused_fix_has_no_news() -> None:
     line, _ = dive(1, 5, 50.0)
 
-    track = run("adf", line.with_fixes(line.fix_time_s <= SILENT[1]), Assumptions(process=UNSURE), Settings(guard=True))
+    track = run(
+        "adf", line.with_fixes(line.fix_time_s <= SILENT[1]), Assumptions(process=UNSURE), FilterSettings(guard=True)
+    )
 
-    assert [update.fate for update in track.updates if update.sensor == "usbl"][-2:] == ["used", "rejected"]
+    assert [update.outcome for update in track.updates if update.sensor == "usbl"][-2:] == ["used", "rejected"]
     assert not track.reacquisitions
 
 
@@ -320,8 +324,8 @@ def test_the_guard_knows_at_each_epoch_what_had_arrived() -> None:
     ended = line.with_fixes(known)
     assumed = Assumptions(process=UNSURE)
 
-    online = run("adf", late, assumed, Settings(guard=True, order="arrival"))
-    offline = run("adf", ended, assumed, Settings(guard=True))
+    online = run("adf", late, assumed, FilterSettings(guard=True, order="arrival"))
+    offline = run("adf", ended, assumed, FilterSettings(guard=True))
 
     np.testing.assert_array_equal(online.mean[-1], offline.mean[-1])
     assert len(online.reacquisitions) == 1
@@ -336,7 +340,7 @@ def test_clusters_between_good_fixes_do_not_move_the_track(seed: int) -> None:
     assert log.truth is not None
     truth = np.column_stack([np.interp(line.time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T])
     alone, guarded = (
-        float(np.hypot(*(run("adf", line, log.assumptions, Settings(guard=on)).position_m - truth).T).max())
+        float(np.hypot(*(run("adf", line, log.assumptions, FilterSettings(guard=on)).position_m - truth).T).max())
         for on in (False, True)
     )
 

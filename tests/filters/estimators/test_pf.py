@@ -6,7 +6,7 @@ import numpy as np
 
 from models import PRIOR, Drift, exact_mixture, position_steps
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import matched
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.pf import BootstrapParticleFilter
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.sigma_points import linearised
@@ -25,7 +25,7 @@ def end(estimator, steps, seed: int = 0):
 def test_on_a_linear_model_it_tends_to_the_kalman_filter_as_one_over_root_n() -> None:
     z = np.cumsum(np.random.default_rng(0).normal(1.0, 1.0, size=15))
     noise = Gaussian().modes(np.array([[0.8]]))
-    want = end(KalmanFilter(MOTION, linearised, matched), position_steps(z, noise))
+    want = end(KalmanFilter(MOTION, linearised, moment_matched), position_steps(z, noise))
     errors = {}
     for count, seeds in ((100, 60), (10_000, 10)):
         ends = [

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import matched
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.pf_wekf import TwoStageFilter
 from usbldr.filters.estimators.protocol import Estimate, Prior, Step
 from usbldr.filters.models.motion import VehicleMotion
@@ -14,9 +14,9 @@ from usbldr.filters.models.noise import Contamination, Gaussian, Noise, NoiseFam
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.sigma_points import linearised
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 
-MOTION = VehicleMotion(Layout(), ProcessNoise(0.02, 1e-3, 1e-3, 1e-4))
+MOTION = VehicleMotion(StateLayout(), ProcessNoise(0.02, 1e-3, 1e-3, 1e-4))
 PRIOR = Prior(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.diag([1e-3, 1e-3, 1e-3, 1e-4, 1.0, 1.0]) ** 2)
 GROSS = Contamination(0.05, 20.0)
 
@@ -29,7 +29,7 @@ def northbound(offset_m: np.ndarray, family: NoiseFamily, seed: int = 0, sd_m: f
     for k, off in enumerate(offset_m):
         z = np.array([off, k]) + sd_m * rng.normal(size=2)
         noise: Noise = family.modes(R)
-        fix = Measurement(z, UsblFix(Layout(), 0.0), noise, "usbl", "position", k, float(k))
+        fix = Measurement(z, UsblFix(StateLayout(), 0.0), noise, "usbl", "position", k, float(k))
         steps.append(Step(k, float(max(k - 1, 0)), float(k), (fix,)))
     return steps
 
@@ -47,7 +47,7 @@ def test_noise_of_one_mode_leaves_a_plain_ekf() -> None:
     steps = northbound(np.zeros(40), Gaussian(per_scalar=False))
 
     two_stage = run(TwoStageFilter(MOTION), steps)
-    plain = run(KalmanFilter(MOTION, linearised, matched), steps)
+    plain = run(KalmanFilter(MOTION, linearised, moment_matched), steps)
 
     for a, b in zip(two_stage, plain, strict=True):
         np.testing.assert_allclose(a.mean, b.mean, atol=1e-9)
@@ -59,7 +59,7 @@ def test_a_fix_that_disagrees_with_the_local_track_is_rejected_and_the_next_is_n
 
     estimates = run(TwoStageFilter(MOTION), northbound(offset_m, GROSS))
 
-    assert [k for k, e in enumerate(estimates) if e.updates[0].fate == "rejected"] == [20]
+    assert [k for k, e in enumerate(estimates) if e.updates[0].outcome == "rejected"] == [20]
     assert abs(estimates[20].mean[4]) < 1.0
 
 
@@ -69,9 +69,9 @@ def test_the_candidates_and_not_the_ekf_decide_about_a_fix() -> None:
     steps = northbound(np.zeros(60), GROSS)
 
     estimates = run(TwoStageFilter(MOTION), steps, wrong)
-    plain = run(KalmanFilter(MOTION, linearised, matched), steps, wrong)
+    plain = run(KalmanFilter(MOTION, linearised, moment_matched), steps, wrong)
 
-    assert not any(e.updates[0].fate == "rejected" for e in estimates)
+    assert not any(e.updates[0].outcome == "rejected" for e in estimates)
     assert abs(estimates[30].mean[4]) < 0.5 * abs(plain[30].mean[4])
 
 
@@ -79,7 +79,7 @@ def test_a_lasting_displacement_is_doubted_first_and_then_believed() -> None:
     offset_m = 15.0 * (np.arange(80) >= 40)
 
     estimates = run(TwoStageFilter(MOTION), northbound(offset_m, GROSS))
-    fates = [e.updates[0].fate for e in estimates]
+    fates = [e.updates[0].outcome for e in estimates]
 
     assert fates[40:43] == ["rejected"] * 3
     assert "rejected" not in fates[55:]
@@ -87,7 +87,7 @@ def test_a_lasting_displacement_is_doubted_first_and_then_believed() -> None:
 
 def test_candidates_are_the_mean_of_the_fixes_carried_by_dead_reckoning() -> None:
     """With Gaussian noise and next to no drift the posterior is N(mean, R / n) in closed form."""
-    estimator = TwoStageFilter(MOTION, particles=20_000, drift=0.0)
+    estimator = TwoStageFilter(MOTION, particles=20_000, drift_per_distance=0.0)
     steps = northbound(np.zeros(9), Gaussian(per_scalar=False), seed=5)
     belief = estimator.start(PRIOR)
     for step in steps:
@@ -95,7 +95,7 @@ def test_candidates_are_the_mean_of_the_fixes_carried_by_dead_reckoning() -> Non
     now_s = 8.0
     carried = np.array([step.measurements[0].z + np.array([0.0, now_s - k]) for k, step in enumerate(steps)])
 
-    cloud = estimator._candidates(belief.past, now_s, belief.reckoned_m, np.random.default_rng(1))  # pyright: ignore
+    cloud = estimator._candidates(belief.past, now_s, belief.dead_reckoned_m, np.random.default_rng(1))  # pyright: ignore
     w = np.exp(cloud.log_weight)
     mean = cloud.mean @ w
     sd = np.sqrt((cloud.mean - mean[:, None]) ** 2 @ w)
@@ -121,5 +121,5 @@ def test_a_fix_that_no_local_track_precedes_is_taken_as_by_an_ekf() -> None:
 
     two_stage = run(TwoStageFilter(MOTION), steps)
 
-    assert two_stage[-1].updates[0].fate != "rejected"
+    assert two_stage[-1].updates[0].outcome != "rejected"
     assert two_stage[-1].ess == two_stage[-2].ess < 100  # no candidates were drawn anew

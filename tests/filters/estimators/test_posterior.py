@@ -18,10 +18,10 @@ from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.cpf_gaussian import GaussianParticleFilter
 from usbldr.filters.estimators.gaussian_bank import predict, project
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import collapse, modes
+from usbldr.filters.estimators.mode_updates import collapse, mode_likelihoods
 from usbldr.filters.estimators.pf import BootstrapParticleFilter
 from usbldr.filters.estimators.protocol import Prior
-from usbldr.filters.models.motion import Decay
+from usbldr.filters.models.motion import GaussMarkovIncrement
 from usbldr.filters.models.noise import Mixture, Noise
 from usbldr.filters.models.sigma_points import cubature, linearised
 
@@ -36,7 +36,7 @@ class Walk:
     """x *= PULL a second, and a random walk."""
 
     def parts(self, t0_s: float, t1_s: float) -> Iterator:
-        yield slice(0, 1), Decay((0,), PULL)
+        yield slice(0, 1), GaussMarkovIncrement((0,), PULL)
 
     def noise(self, t0_s: float, t1_s: float):
         return np.array([Q * (t1_s - t0_s)])
@@ -53,7 +53,9 @@ def gaussian(e: np.ndarray, variance: float) -> np.ndarray:
 
 
 def likelihood(e: np.ndarray, noise: Noise) -> np.ndarray:
-    return np.sum([share * gaussian(e, R[0, 0]) for share, R in zip(noise.shares, noise.cov, strict=True)], axis=0)
+    return np.sum(
+        [share * gaussian(e, R[0, 0]) for share, R in zip(noise.probabilities, noise.cov, strict=True)], axis=0
+    )
 
 
 def dive(seed: int, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
@@ -62,7 +64,7 @@ def dive(seed: int, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
     x = START_SD * rng.normal(size=EPOCHS)
     for k in range(1, EPOCHS):
         x[k] = PULL * x[k - 1] + math.sqrt(Q) * rng.normal()
-    mode = rng.choice(2, size=EPOCHS, p=noise.shares)
+    mode = rng.choice(2, size=EPOCHS, p=noise.probabilities)
     return x, x + np.sqrt(noise.cov[mode, 0, 0]) * rng.normal(size=EPOCHS)
 
 
@@ -92,7 +94,7 @@ def follow(estimator, rule, z: np.ndarray, noise: Noise, seed: int = 0) -> Poste
     for step in position_steps(z, noise):
         before = predict(belief.bank, estimator.motion, rule, step.t0_s, step.t1_s)
         (reading,) = step.measurements
-        log_l = modes(project(before, reading, rule), noise).log_likelihood
+        log_l = mode_likelihoods(project(before, reading, rule), noise).log_likelihood
         belief = estimator.step(belief, step, functools.partial(np.random.default_rng, (seed, step.epoch)))
         estimate = estimator.estimate(belief)
         likely = float(np.exp(before.log_weight + log_l).sum())

@@ -8,11 +8,11 @@ import pytest
 from models import PRIOR, Drift, position_steps
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import collapse, matched
+from usbldr.filters.estimators.mode_updates import collapse, moment_matched
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
-from usbldr.filters.replay.run import SMOOTHED_BY, Settings, run
+from usbldr.filters.replay.run import SMOOTHER_TRANSFORMS, FilterSettings, run
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
@@ -25,7 +25,7 @@ R = 0.8
 
 
 def filtered(z: np.ndarray, rule=linearised) -> tuple[np.ndarray, np.ndarray]:
-    estimator = KalmanFilter(Drift(tuple(Q)), rule, matched)
+    estimator = KalmanFilter(Drift(tuple(Q)), rule, moment_matched)
     belief, estimates = estimator.start(PRIOR), []
     for step in position_steps(z, Gaussian().modes(np.array([[R]]))):
         belief = estimator.step(belief, step, lambda: np.random.default_rng(0))
@@ -100,7 +100,7 @@ def test_smoothing_leaves_the_last_epoch_and_narrows_the_others(name: str) -> No
     log = simulated_log(replace(PAPER, duration_s=60.0), 3)
     line = timeline(log)
     assumed = replace(log.assumptions, calibrate=("scale", "misalignment"))
-    plain, smoothed = (run(name, line, assumed, Settings(particles=20, smooth=on)) for on in (False, True))
+    plain, smoothed = (run(name, line, assumed, FilterSettings(particles=20, smooth=on)) for on in (False, True))
 
     assert (plain.filter, smoothed.filter) == (name, f"{name} smoothed")
     np.testing.assert_array_equal(smoothed.mean[-1], plain.mean[-1])
@@ -144,5 +144,5 @@ def test_only_what_is_near_a_gaussian_is_smoothed() -> None:
     line = timeline(log)
     for name, form in (("pf", "mixture"), ("cpf", "literal")):
         with pytest.raises(UsageError, match=f"{name} is too far from a Gaussian"):
-            run(name, line, log.assumptions, Settings(form=form, smooth=True))
-    assert "pf" not in SMOOTHED_BY
+            run(name, line, log.assumptions, FilterSettings(form=form, smooth=True))
+    assert "pf" not in SMOOTHER_TRANSFORMS

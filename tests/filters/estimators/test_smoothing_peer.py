@@ -7,7 +7,7 @@ from filterpy.kalman import KalmanFilter as OtherKalmanFilter
 from models import PRIOR, Drift, position_steps
 from usbldr.filters.bounds.pcrlb import bounds
 from usbldr.filters.estimators.kalman import KalmanFilter
-from usbldr.filters.estimators.mode_updates import matched
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
@@ -22,7 +22,7 @@ def readings() -> np.ndarray:
 
 def filtered(motion: Drift) -> tuple[np.ndarray, np.ndarray]:
     """Return our filter's means (EPOCHS, 2) and covariances (EPOCHS, 2, 2)."""
-    estimator = KalmanFilter(motion, linearised, matched)
+    estimator = KalmanFilter(motion, linearised, moment_matched)
     belief, estimates = estimator.start(PRIOR), []
     for step in position_steps(readings(), NOISE):
         belief = estimator.step(belief, step, np.random.default_rng)

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.evaluation.consistency import consistency_verdict, effective_number, nees
+from usbldr.filters.evaluation.consistency import consistency_text, effective_number, nees
 from usbldr.filters.evaluation.evaluation import Window, evaluate
-from usbldr.filters.evaluation.metrics import travelled
-from usbldr.filters.evaluation.summary_sentence import verdict
+from usbldr.filters.evaluation.metrics import distance_travelled_m
+from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.types import Trajectory, Truth, Update
 
 
@@ -84,7 +84,7 @@ def test_only_the_times_asked_for_are_scored() -> None:
     report = evaluate(track_of(fast, off), truth_of(SECONDS, line(SECONDS)), times_s=SECONDS)
 
     assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
-    assert report.matching.matched == report.matching.offered == 101
+    assert report.matching.matched == report.matching.candidates == 101
 
 
 def test_times_outside_the_truth_and_in_its_gaps_are_left_out_and_counted() -> None:
@@ -92,7 +92,7 @@ def test_times_outside_the_truth_and_in_its_gaps_are_left_out_and_counted() -> N
 
     report = evaluate(track_of(SECONDS, line(SECONDS)), truth_of(truth_s, line(truth_s)))
 
-    assert report.matching.offered == 101
+    assert report.matching.candidates == 101
     assert report.matching.outside_truth == 20  # 0 to 9, 91 to 100
     assert report.matching.in_gap == 34  # 41 to 74; the ends of the hole are truth
     assert report.matching.matched == 47
@@ -216,7 +216,7 @@ def test_nees_of_errors_drawn_from_the_covariance_is_two_and_inside_its_bounds()
     assert m["nees_low"] < 2.0 < m["nees_high"]
     assert m["nees_high"] - m["nees_low"] == pytest.approx(2 * 1.96 * 2 / math.sqrt(len(t)), rel=0.05)
     assert [m[f"inside_{k}_sigma"] for k in (1, 2, 3)] == pytest.approx([0.6827, 0.9545, 0.9973], abs=0.005)
-    assert consistency_verdict(m) == "consistent"
+    assert consistency_text(m) == "consistent"
 
 
 def test_nees_counts_the_truths_own_sigma() -> None:
@@ -245,7 +245,7 @@ def test_a_covariance_of_zero_makes_nees_huge_but_raises_nothing() -> None:
     report = evaluate(track_of(SECONDS, line(SECONDS) + 1, np.zeros((101, 2, 2))), truth_of(SECONDS, line(SECONDS)))
 
     assert report.metrics["nees_mean"] > 1e10
-    assert consistency_verdict(report.metrics).startswith("over-confident")
+    assert consistency_text(report.metrics).startswith("over-confident")
 
 
 @pytest.mark.parametrize(("factor", "said"), [(2.6, "over-confident by 2.6"), (0.25, "under-confident by 4.0")])
@@ -256,7 +256,7 @@ def test_the_verdict_on_consistency_is_the_factor_of_the_sigmas(factor: float, s
 
     report = evaluate(track_of(t, errors, np.broadcast_to(np.eye(2), (len(t), 2, 2))), truth_of(t, 0 * errors))
 
-    assert consistency_verdict(report.metrics) == said
+    assert consistency_text(report.metrics) == said
 
 
 def test_errors_that_stay_alike_for_long_are_worth_few_independent_ones() -> None:
@@ -284,7 +284,7 @@ def test_bounds_hold_for_correlated_errors_as_often_as_they_say() -> None:
 
     for run in errors:
         report = evaluate(track_of(t, run, np.broadcast_to(np.eye(2), (M, 2, 2))), truth_of(t, np.zeros((M, 2))))
-        kept += consistency_verdict(report.metrics) == "consistent"
+        kept += consistency_text(report.metrics) == "consistent"
 
     assert kept / runs == pytest.approx(0.95, abs=0.05)  # bounds for M independent errors keep about 0.5
 
@@ -347,7 +347,7 @@ def test_drift_of_dead_reckoning_is_per_cent_of_the_way() -> None:
     assert m["distance_m"] == pytest.approx(500.0)
     assert m["drift_percent"] == pytest.approx(1.0)
     assert m["real_time_factor"] == pytest.approx(50.0)
-    way = travelled(track)
+    way = distance_travelled_m(track)
     assert way is not None
     assert way[50] == pytest.approx(250.0)
 
@@ -378,14 +378,14 @@ def test_the_verdict_compares_with_doing_without() -> None:
     usbl, dr = with_mean("usbl", 1.0), with_mean("dr", 2.3)
 
     def said(name: str, metres: float) -> str:
-        return verdict(with_mean(name, metres), [usbl, dr])
+        return summary_sentence(with_mean(name, metres), [usbl, dr])
 
     assert said("cpf", 0.69) == "cpf 0.69 m: 31 % better than the raw USBL, 70 % than DR"
     assert said("cpf", 1.15) == "cpf 1.15 m: 15 % worse than the raw USBL, 50 % better than DR"
     assert said("cpf", 6.9) == "cpf 6.90 m: 6.9 times worse than the raw USBL, 3.0 times than DR"
     assert said("ekf", 1.0) == "ekf 1.00 m: equal to the raw USBL, 57 % better than DR"
     assert said("usbl", 1.0) == "usbl 1.00 m: 57 % better than DR"
-    assert verdict(usbl) == "usbl 1.00 m mean horizontal error"
+    assert summary_sentence(usbl) == "usbl 1.00 m mean horizontal error"
 
 
 def uib_field(field_logs: Path, name: str) -> tuple[Trajectory, Truth, int]:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from usbldr.filters.evaluation.influence import influences, influential, innovation_m, left_out, without_fix
+from usbldr.filters.evaluation.influence import compare_without, influences, innovation_m, most_influential, without_fix
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
-from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.replay.run import FilterSettings, run
 from usbldr.filters.types import Update
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
@@ -27,10 +27,10 @@ ASSUMED = Assumptions(usbl=Gaussian(), start=Start(2.0, 0.0, 3.0))
 @pytest.mark.parametrize("method", ["ekf", "adf", "cpf", "pf-wekf"])
 def test_without_the_most_influential_fix_the_track_lies_elsewhere_by_its_shift(method: str) -> None:
     line = dive(Faults(heading_bias_deg=3.0), seconds=80)
-    settings = Settings(particles=20)
+    settings = FilterSettings(particles=20)
     whole = run(method, line, ASSUMED, settings)
 
-    first = influential(whole, 1)[0]
+    first = most_influential(whole, 1)[0]
     left_out = run(method, without_fix(line, first.row), ASSUMED, settings)
 
     at = int(np.searchsorted(whole.time_s, first.time_s))
@@ -42,7 +42,7 @@ def test_without_the_most_influential_fix_the_track_lies_elsewhere_by_its_shift(
 def test_the_most_influential_come_first_and_each_fix_once() -> None:
     track = run("adf", dive(Faults(), seconds=60), ASSUMED)
 
-    told = influential(track, 7)
+    told = most_influential(track, 7)
 
     shifts = [fix.shift_m for fix in told]
     assert shifts == sorted(shifts, reverse=True)
@@ -54,9 +54,9 @@ def test_a_refused_fix_moves_nothing() -> None:
     line = dive(Faults(), seconds=60)
     line.fix_m[30] += 500.0
 
-    refused = influences(run("ekf", line, ASSUMED, Settings(gate=0.99)))[30]
+    refused = influences(run("ekf", line, ASSUMED, FilterSettings(gate=0.99)))[30]
 
-    assert refused.fate == "rejected"
+    assert refused.outcome == "rejected"
     assert refused.shift_m == 0
     assert np.hypot(refused.innovation_east_m, refused.innovation_north_m) > 600
 
@@ -78,7 +78,7 @@ def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> Non
     whole = run("ekf", line, assumed)
     fix = influences(whole)[30]
 
-    told = left_out(fix, whole, run("ekf", without_fix(line, 30), assumed))
+    told = compare_without(fix, whole, run("ekf", without_fix(line, 30), assumed))
 
     fixes_so_far = np.minimum(np.floor(line.time_s + 1e-9), 79)
     parts_m = 40 / fixes_so_far[line.time_s >= 31]

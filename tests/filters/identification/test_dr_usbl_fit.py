@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.dr_usbl_fit import STRETCH_S, calibrate, fit_turn, groups, turn_sd_rad
+from usbldr.filters.identification.dr_usbl_fit import (
+    SEGMENT_S,
+    fit_rotation,
+    fit_sensor_errors,
+    jackknife_rotation_sd_rad,
+    segment_numbers,
+)
 from usbldr.filters.types import Array, Outage, Timeline, Vector
 
 HZ = 5.0
@@ -57,10 +63,10 @@ def dive(
 
 def test_the_turn_is_the_angle_by_which_the_dvl_sits_askew() -> None:
     line = dive(mount_deg=30.0)
-    group = groups(line, line.fix_time_s)
+    group = segment_numbers(line, line.fix_time_s)
 
-    turn = fit_turn(line, group)
-    sd_deg = np.degrees(turn_sd_rad(line, group, turn.latency_s))
+    turn = fit_rotation(line, group)
+    sd_deg = np.degrees(jackknife_rotation_sd_rad(line, group, turn.latency_s))
 
     assert np.degrees(-turn.rotation_rad) == pytest.approx(30.0, abs=0.3)
     assert 0 < sd_deg < 0.3
@@ -72,13 +78,13 @@ def test_a_tenth_of_gross_fixes_does_not_move_the_turn() -> None:
     line = dive(mount_deg=-75.0)
     line.fix_m[::10] += np.array([300.0, -200.0])
 
-    turn = fit_turn(line, groups(line, line.fix_time_s))
+    turn = fit_rotation(line, segment_numbers(line, line.fix_time_s))
 
     assert np.degrees(-turn.rotation_rad) == pytest.approx(-75.0, abs=1.0)
 
 
 def test_calibration_finds_turn_scale_and_latency_within_their_sigmas() -> None:
-    found = calibrate(dive(mount_deg=3.0, scale=0.02, latency_s=1.4))
+    found = fit_sensor_errors(dive(mount_deg=3.0, scale=0.02, latency_s=1.4))
 
     assert found is not None
     for name, value, sd in (
@@ -94,10 +100,10 @@ def test_calibration_finds_turn_scale_and_latency_within_their_sigmas() -> None:
 
 def test_the_sigmas_of_a_log_of_five_stretches_are_its_jackknife_over_these() -> None:
     line = dive(length_s=600.0)
-    stretch = groups(line, line.fix_time_s, STRETCH_S)
+    stretch = segment_numbers(line, line.fix_time_s, SEGMENT_S)
 
-    found = calibrate(line)
-    without_one = [calibrate(line.with_fixes(stretch != k)) for k in range(5)]
+    found = fit_sensor_errors(line)
+    without_one = [fit_sensor_errors(line.with_fixes(stretch != k)) for k in range(5)]
 
     assert found is not None
     for name, sd in (
@@ -111,16 +117,16 @@ def test_the_sigmas_of_a_log_of_five_stretches_are_its_jackknife_over_these() ->
 
 @pytest.mark.parametrize("delay_s", [-0.8, 0.8])
 def test_calibration_finds_a_heading_that_is_stamped_late_or_early(delay_s: float) -> None:
-    found = calibrate(dive(heading_delay_s=delay_s, fix_sd_m=0.02, swell=0.7))
+    found = fit_sensor_errors(dive(heading_delay_s=delay_s, fix_sd_m=0.02, swell=0.7))
 
     assert found is not None
     assert found.heading_delay_s == pytest.approx(delay_s, abs=max(0.1, 4 * found.heading_delay_sd_s))
     assert found.sd_m < 0.5 * found.sd_without_delay_m
-    assert not len(found.gross)
+    assert not len(found.outlier_rows)
 
 
 def test_at_constant_speed_a_late_heading_is_not_told_from_a_late_fix() -> None:
-    found = calibrate(dive(heading_delay_s=0.8))
+    found = fit_sensor_errors(dive(heading_delay_s=0.8))
 
     assert found is not None
     assert np.isnan(found.heading_delay_sd_s)
@@ -132,24 +138,24 @@ def test_gross_fixes_are_found_one_by_one() -> None:
     gross = np.array([7, 100, 101, 640])
     line.fix_m[gross] += np.array([9.0, -4.0])
 
-    found = calibrate(line)
+    found = fit_sensor_errors(line)
 
     assert found is not None
-    assert found.gross.tolist() == gross.tolist()
+    assert found.outlier_rows.tolist() == gross.tolist()
     assert np.nanmax(found.residual_m) == pytest.approx(np.hypot(9, 4), abs=1.5)
 
 
 def test_a_short_log_claims_nothing() -> None:
-    assert calibrate(dive(length_s=100.0)) is None
+    assert fit_sensor_errors(dive(length_s=100.0)) is None
 
 
 def test_an_outage_of_the_dvl_cuts_the_log_and_its_fixes_do_not_count() -> None:
     line = dive(outages=(Outage("dvl", 100.0, 130.0), Outage("usbl", 500.0, 530.0)))
 
-    group = groups(line, line.fix_time_s)
+    group = segment_numbers(line, line.fix_time_s)
 
     t = line.fix_time_s
     assert set(group[t <= 100.0]) == {0}
     assert set(group[(t > 100.0) & (t < 130.0)]) == {-1}
     assert set(group[t >= 130.0]) == {1}
-    assert len(fit_turn(line, group).shift_m) == 2
+    assert len(fit_rotation(line, group).shift_m) == 2

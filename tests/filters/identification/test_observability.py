@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.observability import CANDIDATES, NARROWED, _best, _Choice, observe
+from usbldr.filters.identification.observability import CANDIDATE_KEYS, MAX_SIGMA_RATIO, _best, _NoiseModel, identify
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
 from usbldr.filters.replay.run import run
@@ -17,13 +17,13 @@ TWENTY_TO_ONE = np.log(20)  # what Kass and Raftery call strong
 
 
 def verdicts(assumptions: Assumptions) -> dict[str, str]:
-    return {told.key: told.verdict for told in assumptions.observed}
+    return {told.key: told.conclusion for told in assumptions.observed}
 
 
 def test_on_a_weaving_dive_every_constant_error_is_observable_even_where_it_is_0() -> None:
-    told = observe(dive(Faults()), ASSUMED)
+    told = identify(dive(Faults()), ASSUMED)
 
-    assert verdicts(told) == {**dict.fromkeys(CANDIDATES, "observable"), "usbl-bias": "not observable"}
+    assert verdicts(told) == {**dict.fromkeys(CANDIDATE_KEYS, "observable"), "usbl-bias": "not observable"}
     assert told.calibrate == ("scale", "heading", "deviation", "latency")
     assert told.usbl_sd_scale == 1.0
     assert told.process == replace(ASSUMED.process, velocity_mps=told.process.velocity_mps)
@@ -31,7 +31,7 @@ def test_on_a_weaving_dive_every_constant_error_is_observable_even_where_it_is_0
 
 def test_a_straight_dive_at_constant_speed_tells_scale_and_heading_alone() -> None:
     unknown = replace(ASSUMED, start=Start(0.0, 0.0, 3.0))  # a known one would tell the latency by the first fixes
-    told = observe(dive(Faults(), weaves=False), unknown)
+    told = identify(dive(Faults(), weaves=False), unknown)
 
     assert told.calibrate == ("scale", "heading")
     assert verdicts(told)["latency"] == verdicts(told)["deviation"] == "only in turns"
@@ -39,7 +39,7 @@ def test_a_straight_dive_at_constant_speed_tells_scale_and_heading_alone() -> No
 
 def test_how_far_each_sigma_is_narrowed_is_what_the_filter_will_say() -> None:
     line = dive(Faults(dvl_scale=0.01, heading_bias_deg=3.0))
-    told = observe(line, ASSUMED)
+    told = identify(line, ASSUMED)
     track = run("adf", line, told)
 
     assert track.cov is not None
@@ -48,12 +48,12 @@ def test_how_far_each_sigma_is_narrowed_is_what_the_filter_will_say() -> None:
         if one.key in first:
             name, before = first[one.key]
             row = track.names.index(name)
-            assert one.narrowed == pytest.approx(float(np.sqrt(track.cov[-1, row, row])) / before, rel=0.3)
-            assert one.narrowed < NARROWED
+            assert one.sigma_ratio == pytest.approx(float(np.sqrt(track.cov[-1, row, row])) / before, rel=0.3)
+            assert one.sigma_ratio < MAX_SIGMA_RATIO
 
 
 def test_late_stamps_open_the_latency_and_good_ones_do_not() -> None:
-    late, good = (observe(dive(Faults(usbl_latency_s=latency_s)), ASSUMED) for latency_s in (-1.8, 0.1))
+    late, good = (identify(dive(Faults(usbl_latency_s=latency_s)), ASSUMED) for latency_s in (-1.8, 0.1))
 
     assert late.errors.latency_s == 1.0
     assert good.errors.latency_s == ASSUMED.errors.latency_s
@@ -65,19 +65,19 @@ def test_fixes_that_err_alike_share_their_variance_and_white_ones_do_not() -> No
     wandering = dive(Faults(), wander_m=0.5 * np.sqrt(2))
     wandering = replace(wandering, fix_cov_m2=np.tile(sd_m**2 * np.eye(2), (len(wandering.fix_time_s), 1, 1)))
 
-    told = observe(wandering, ASSUMED)
+    told = identify(wandering, ASSUMED)
 
     assert told.errors.usbl_bias_m**2 + (told.usbl_sd_scale * sd_m) ** 2 == pytest.approx(sd_m**2)
     assert told.usbl_sd_scale * sd_m == pytest.approx(SD_M, rel=0.3)
     assert "usbl-bias" in told.calibrate
-    assert "usbl-bias" not in observe(dive(Faults()), ASSUMED).calibrate
+    assert "usbl-bias" not in identify(dive(Faults()), ASSUMED).calibrate
 
 
 def test_what_is_observed_makes_the_track_better() -> None:
     line = dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0, usbl_latency_s=0.7))
     clean = run("adf", dive(Faults()), ASSUMED)
 
-    plain, told = run("adf", line, ASSUMED), run("adf", line, observe(line, ASSUMED))
+    plain, told = run("adf", line, ASSUMED), run("adf", line, identify(line, ASSUMED))
 
     off = [np.hypot(*(track.position_m - clean.position_m)[500:].T).mean() for track in (plain, told)]
     assert off[1] < 0.5 * off[0]
@@ -86,7 +86,7 @@ def test_what_is_observed_makes_the_track_better() -> None:
 def test_without_fixes_nothing_is_told() -> None:
     line = dive(Faults())
 
-    told = observe(line.with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
+    told = identify(line.with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
 
     assert told.calibrate == ()
     assert set(verdicts(told).values()) == {"not observable"}
@@ -104,29 +104,29 @@ def test_records_that_scatter_more_than_they_state_are_trusted_less(fixes: bool)
     """Some 2000 records of two axes tell a sigma to 2 %."""
     line = dive(Faults()) if fixes else dive(Faults()).with_fixes(np.arange(0))
 
-    told = observe(scattering(line, 3.0 * float(line.dvl_sd_mps[0])), ASSUMED)
+    told = identify(scattering(line, 3.0 * float(line.dvl_sd_mps[0])), ASSUMED)
 
     assert told.dvl_sd_scale == pytest.approx(3.0, rel=0.06)
-    assert ("dvl_sd_scale", 1.0, told.dvl_sd_scale) in told.settled
+    assert ("dvl_sd_scale", 1.0, told.dvl_sd_scale) in told.noise_changes
     assert told.tuned == ()
 
 
 def test_records_that_scatter_less_than_they_state_are_trusted_no_more() -> None:
     line = dive(Faults())
 
-    assert observe(scattering(line, 0.3 * float(line.dvl_sd_mps[0])), ASSUMED).dvl_sd_scale == 1.0
+    assert identify(scattering(line, 0.3 * float(line.dvl_sd_mps[0])), ASSUMED).dvl_sd_scale == 1.0
 
 
 def test_how_fast_a_vehicle_changes_its_velocity_is_heard_where_it_is_not_as_assumed() -> None:
     line = dive(Faults())
     sd_mps = float(line.dvl_sd_mps[0])
 
-    calm, usual = (observe(scattering(line, sd_mps, walk_mps), ASSUMED) for walk_mps in (0.002, 0.02))
+    calm, usual = (identify(scattering(line, sd_mps, walk_mps), ASSUMED) for walk_mps in (0.002, 0.02))
 
     assert calm.process.velocity_mps == pytest.approx(0.002, rel=0.5)
-    assert ("velocity_walk_mps", 0.02, calm.process.velocity_mps) in calm.settled
+    assert ("velocity_walk_mps", 0.02, calm.process.velocity_mps) in calm.noise_changes
     assert usual.process == ASSUMED.process
-    assert usual.settled == ()
+    assert usual.noise_changes == ()
 
 
 def test_a_few_records_change_nothing() -> None:
@@ -134,8 +134,8 @@ def test_a_few_records_change_nothing() -> None:
     line = scattering(line, 1.5 * float(line.dvl_sd_mps[0]))
     few = replace(line, dvl_count=np.where(np.arange(len(line.time_s)) < 4, line.dvl_count, 0))
 
-    assert observe(few, ASSUMED).dvl_sd_scale == 1.0
-    assert observe(line, ASSUMED).dvl_sd_scale > 1.4
+    assert identify(few, ASSUMED).dvl_sd_scale == 1.0
+    assert identify(line, ASSUMED).dvl_sd_scale > 1.4
 
 
 def test_fixes_that_err_alike_for_long_are_taken_for_such_and_the_run_says_so() -> None:
@@ -149,10 +149,10 @@ def test_fixes_that_err_alike_for_long_are_taken_for_such_and_the_run_says_so() 
             error[k] = fade * error[k - 1] + np.sqrt(1 - fade**2) * rng.normal(0.0, SD_M, 2)
         return replace(line, fix_m=line.fix_m + error, fix_cov_m2=2 * line.fix_cov_m2)
 
-    long, usual = (observe(wandering(dive(Faults()), time_s), ASSUMED) for time_s in (240.0, 60.0))
+    long, usual = (identify(wandering(dive(Faults()), time_s), ASSUMED) for time_s in (240.0, 60.0))
 
     assert long.errors.usbl_bias_s > 60.0
-    assert ("usbl_bias_time_s", 60.0, long.errors.usbl_bias_s) in long.settled
+    assert ("usbl_bias_time_s", 60.0, long.errors.usbl_bias_s) in long.noise_changes
     assert usual.errors.usbl_bias_s == 60.0
 
 
@@ -165,7 +165,7 @@ def test_the_log_says_how_many_of_its_fixes_are_outliers_where_it_speaks_strongl
     gross = rng.random(len(line.fix_time_s)) < share
     lying = replace(line, fix_m=line.fix_m + gross[:, None] * rng.normal(0.0, 10.0, (len(gross), 2)))
 
-    told = observe(lying, replace(ASSUMED, usbl=Contamination()))
+    told = identify(lying, replace(ASSUMED, usbl=Contamination()))
 
     assert isinstance(told.usbl, Contamination)
     assert told.usbl.share == pytest.approx(expected) if share == 0.05 else told.usbl.share >= expected
@@ -180,8 +180,8 @@ def test_dead_reckoning_that_does_not_reckon_is_no_longer_trusted() -> None:
     assumed = replace(ASSUMED, usbl=Contamination())
     clean = run("adf", line, assumed)
 
-    told = observe(deaf, assumed)
-    trusting = replace(told, process=assumed.process, settled=())
+    told = identify(deaf, assumed)
+    trusting = replace(told, process=assumed.process, noise_changes=())
     tracks = [run("adf", deaf, one) for one in (told, trusting)]
 
     last = np.searchsorted(line.fix_time_s, line.time_s, side="right") - 1  # fix at each epoch: what is left to know
@@ -190,7 +190,7 @@ def test_dead_reckoning_that_does_not_reckon_is_no_longer_trusted() -> None:
         float(np.hypot(*(position - clean.position_m)[late].T).mean())
         for position in (line.fix_m[last], *(track.position_m for track in tracks))
     )
-    assert ("position_walk_m", assumed.process.position_m, told.process.position_m) in told.settled
+    assert ("position_walk_m", assumed.process.position_m, told.process.position_m) in told.noise_changes
     assert told_m < 1.1 * held_m
     assert trusting_m > 10 * held_m
     assert any("bottom lock" in said for said in tracks[0].warnings)
@@ -201,7 +201,7 @@ def test_fixes_that_scatter_more_than_they_state_are_no_fault_of_dead_reckoning(
     line = dive(Faults())
     boasting = replace(line, fix_cov_m2=line.fix_cov_m2 / 9)
 
-    told = observe(boasting, replace(ASSUMED, usbl=Contamination()))
+    told = identify(boasting, replace(ASSUMED, usbl=Contamination()))
 
     assert told.process.position_m == ASSUMED.process.position_m
 
@@ -212,14 +212,18 @@ def test_fixes_that_scatter_more_than_they_state_are_no_fault_of_dead_reckoning(
 def test_drift_is_dropped_where_wider_fixes_are_the_better_story_by_far_and_these_are_no_choice(
     lead: float, best: int
 ) -> None:
-    among = [_Choice(ASSUMED), _Choice(ASSUMED, 1, drifts=True), _Choice(ASSUMED, 1, scatters=True)]
+    among = [
+        _NoiseModel(ASSUMED),
+        _NoiseModel(ASSUMED, 1, inflates_dr_walk=True),
+        _NoiseModel(ASSUMED, 1, inflates_usbl_sd=True),
+    ]
 
     assert _best(among, np.array([0.0, 50.0, 50.0 + lead])) == best
 
 
 @pytest.mark.parametrize(("departs", "lead", "best"), [(1, 0.9, 0), (1, 1.1, 1), (2, 1.9, 0), (2, 2.1, 1)])
 def test_each_departure_from_what_is_assumed_takes_a_strong_word(departs: int, lead: float, best: int) -> None:
-    among = [_Choice(ASSUMED), _Choice(ASSUMED, departs)]
+    among = [_NoiseModel(ASSUMED), _NoiseModel(ASSUMED, departs)]
 
     assert _best(among, np.array([0.0, lead * TWENTY_TO_ONE])) == best
 
@@ -227,4 +231,4 @@ def test_each_departure_from_what_is_assumed_takes_a_strong_word(departs: int, l
 def test_a_stated_family_of_noise_is_kept() -> None:
     mixture = Mixture(0.3, 100.0)
 
-    assert observe(dive(Faults()), replace(ASSUMED, usbl=mixture)).usbl == mixture
+    assert identify(dive(Faults()), replace(ASSUMED, usbl=mixture)).usbl == mixture

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.dvl_likelihood import velocity_likelihoods
+from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.tuning import tune
-from usbldr.filters.identification.usbl_likelihood import fix_likelihoods, fix_log
+from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start, Tuned
+from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start, TunedParameter
 from usbldr.filters.types import Timeline
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -21,7 +21,7 @@ from weaving import Faults, dive
 PLAIN = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
 
 
-def by_name(assumptions: Assumptions) -> dict[str, Tuned]:
+def by_name(assumptions: Assumptions) -> dict[str, TunedParameter]:
     return {told.name: told for told in assumptions.tuned}
 
 
@@ -73,7 +73,7 @@ def test_velocities_are_as_likely_as_their_joint_normal_density() -> None:
     members = [
         replace(PLAIN, dvl_sd_scale=scale, process=ProcessNoise(velocity_mps=q)) for scale, q in ((1, 0.1), (2, 0.3))
     ]
-    found = velocity_likelihoods(line, members)
+    found = dvl_likelihoods(line, members)
 
     z, t = line.dvl_mps[1:] - line.dvl_mps[0], line.time_s[1:]
     for member, log_l in zip(members, found, strict=True):
@@ -88,7 +88,7 @@ def test_stretches_of_a_log_are_as_likely_as_each_by_itself() -> None:
     t = line.time_s + np.where(line.time_s > 100.0, 7.3, 0.0)
     line = replace(line, time_s=t, dvl_sd_mps=0.05 + 0.0001 * np.arange(len(t)))
 
-    found = velocity_likelihoods(line, [PLAIN])
+    found = dvl_likelihoods(line, [PLAIN])
 
     expected = 0.0
     for first in (0, 350, 701):
@@ -119,7 +119,7 @@ def test_fixes_at_rest_are_as_likely_as_their_joint_normal_density() -> None:
         replace(stated, usbl_sd_scale=scale, errors=SensorErrors(usbl_bias_m=c0, usbl_bias_s=T))
         for scale, c0, T in ((1.0, 0.3, 60.0), (0.5, 2.0, 10.0))
     ]
-    found = fix_likelihoods(fix_log(line, stated), members).log_likelihood
+    found = fix_likelihoods(dr_residuals(line, stated), members).log_likelihood
 
     t = line.fix_time_s
     for member, log_l in zip(members, found, strict=True):
@@ -199,7 +199,7 @@ def test_a_number_that_the_log_hardly_knows_stays_as_it_was() -> None:
 
     assert (found.usbl, found.errors) == (assumed.usbl, assumed.errors)
     for name in ("usbl_outlier_share", "usbl_outlier_sd_m", "usbl_bias_time_s"):
-        assert not by_name(found)[name].told
+        assert not by_name(found)[name].identified
         assert by_name(found)[name].high > 2 * by_name(found)[name].after
 
 
@@ -226,17 +226,17 @@ def test_a_log_without_fixes_tells_of_its_dvl() -> None:
 def test_what_a_silent_dvl_leaves_open_grows_while_it_is_silent_and_not_before() -> None:
     line = dive(Faults())
     silent = (line.time_s > 100.0) & (line.time_s < 160.0)
-    log = fix_log(replace(line, dvl_count=np.where(silent, 0, line.dvl_count)), PLAIN)
+    log = dr_residuals(replace(line, dvl_count=np.where(silent, 0, line.dvl_count)), PLAIN)
 
     within = (line.fix_time_s > 100.0) & (line.fix_time_s <= 160.0)
-    assert log.blind_s3[within].sum() == pytest.approx(60.0**3 / 3)  # a velocity that walks 1 m/s in 1 s
-    assert log.blind_s3[~within].max() < 0.1
-    assert log.record_m2[within].sum() == pytest.approx((line.dvl_sd_mps[0] * 60.0) ** 2)
+    assert log.dvl_gap_s3[within].sum() == pytest.approx(60.0**3 / 3)  # a velocity that walks 1 m/s in 1 s
+    assert log.dvl_gap_s3[~within].max() < 0.1
+    assert log.dvl_noise_m2[within].sum() == pytest.approx((line.dvl_sd_mps[0] * 60.0) ** 2)
 
 
 def test_a_log_whose_dvl_never_speaks_is_no_fault() -> None:
     line = dive(Faults())
 
-    log = fix_log(replace(line, dvl_count=np.zeros_like(line.dvl_count)), PLAIN)
+    log = dr_residuals(replace(line, dvl_count=np.zeros_like(line.dvl_count)), PLAIN)
 
-    assert log.record_m2.tolist() == [0.0] * len(line.fix_time_s)
+    assert log.dvl_noise_m2.tolist() == [0.0] * len(line.fix_time_s)

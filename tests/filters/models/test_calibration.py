@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.calibration import BORDER, STATES, found, layout_for
+from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, estimated_errors, layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.run import FILTERS, Settings, run
+from usbldr.filters.replay.run import FILTERS, FilterSettings, run
 from usbldr.filters.types import Timeline
 from weaving import SD_RAD, Faults, dive
 
@@ -22,8 +22,8 @@ ASSUMED = Assumptions(
 
 def read_back(method: str, timeline: Timeline, *keys: str) -> dict[str, tuple[float, float]]:
     """Return value and sigma of every error at the end."""
-    track = run(method, timeline, replace(ASSUMED, calibrate=keys), Settings(particles=50))
-    return {name: (float(value[-1]), float(sd[-1])) for name, _, value, sd in found(track)}
+    track = run(method, timeline, replace(ASSUMED, calibrate=keys), FilterSettings(particles=50))
+    return {name: (float(value[-1]), float(sd[-1])) for name, _, value, sd in estimated_errors(track)}
 
 
 CASES = {
@@ -41,7 +41,7 @@ def test_what_a_sensor_reads_too_much_is_found_with_its_sign_and_unit(key: str) 
 
     told = read_back("adf", dive(faults), key)
 
-    assert set(told) == {BORDER[state].name for state in STATES[key]}
+    assert set(told) == {REPORTED_QUANTITIES[state].name for state in STATES[key]}
     for name, (value, sd) in told.items():
         assert abs(value - getattr(faults, name)) < 4 * sd
         assert 0 < sd < getattr(faults, name) / 5
@@ -59,7 +59,9 @@ def test_a_particle_filter_carries_constants_as_gaussians_and_agrees_with_one() 
     timeline = dive(Faults(dvl_scale=0.02, usbl_latency_s=0.4))
     assumed = replace(ASSUMED, calibrate=("scale", "latency"))
 
-    sampled, gaussian = (found(run(name, timeline, assumed, Settings(particles=300))) for name in ("pf", "adf"))
+    sampled, gaussian = (
+        estimated_errors(run(name, timeline, assumed, FilterSettings(particles=300))) for name in ("pf", "adf")
+    )
 
     for (_, _, value, sd), (_, _, other, other_sd) in zip(sampled, gaussian, strict=True):
         assert sd[-1] == pytest.approx(other_sd[-1], rel=0.25)
@@ -72,7 +74,7 @@ def test_a_wandering_error_of_the_fixes_is_followed() -> None:
 
     at = np.interp(timeline.fix_time_s, track.time_s, np.arange(len(track.time_s))).astype(int)
     truth = np.column_stack([np.sin(timeline.fix_time_s / 40), np.cos(timeline.fix_time_s / 40)])
-    for axis, (name, unit, value, sd) in enumerate(found(track)):
+    for axis, (name, unit, value, sd) in enumerate(estimated_errors(track)):
         assert name == f"usbl_bias_{('east', 'north')[axis]}_m"
         assert unit == "m"
         assert np.corrcoef(value[at], truth[:, axis])[0, 1] > 0.8
@@ -91,7 +93,7 @@ def test_over_many_dives_the_errors_lie_as_far_off_as_the_filter_says() -> None:
             usbl_latency_s=float(rng.normal(0, 0.3)),
         )
         assumed = replace(steady, calibrate=("scale", "heading", "latency"))
-        for name, _, value, sd in found(run("adf", dive(faults, seed, seconds=200), assumed)):
+        for name, _, value, sd in estimated_errors(run("adf", dive(faults, seed, seconds=200), assumed)):
             total += ((value[-1] - getattr(faults, name)) / sd[-1]) ** 2
 
     assert 20 < total < 81
@@ -133,7 +135,7 @@ def test_an_unknown_error_and_the_literal_form_are_sentences() -> None:
     with pytest.raises(UsageError, match=r"called 'speed' \(to calibrate: scale, misalignment"):
         layout_for(("speed",))
     with pytest.raises(UsageError, match="literal form loses every constant state"):
-        run("cpf", dive(Faults()), replace(ASSUMED, calibrate=("scale",)), Settings(form="literal"))
+        run("cpf", dive(Faults()), replace(ASSUMED, calibrate=("scale",)), FilterSettings(form="literal"))
     with pytest.raises(UsageError, match="pf samples the yaw"):
         run("pf", dive(Faults()), replace(ASSUMED, calibrate=("scale", "heading")))
 
@@ -146,6 +148,6 @@ def test_on_a_straight_course_a_sensor_tells_nothing_of_its_own_error(method: st
     hardly = replace(timeline, fix_cov_m2=1e8 * timeline.fix_cov_m2)
     assumed = Assumptions(usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), calibrate=(key,))
 
-    for error in found(run(method, hardly, assumed, Settings(particles=20))):
+    for error in estimated_errors(run(method, hardly, assumed, FilterSettings(particles=20))):
         assert abs(error.value[-1]) < error.sd[0]
         assert np.max(np.abs(error.value)) < error.sd[0]

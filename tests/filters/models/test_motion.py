@@ -2,18 +2,20 @@
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import copies, predict
+from usbldr.filters.estimators.gaussian_bank import predict, replicate
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 
 QUIET = ProcessNoise(0.0, 0.0, 0.0, 0.0)
 
 
 def moved(x: np.ndarray, seconds: float) -> np.ndarray:
     """Move a known state, which has no spread, so that every rule is exact."""
-    return predict(copies(x, np.zeros((6, 6)), 1), VehicleMotion(Layout(), QUIET), cubature, 0.0, seconds).mean[:, 0]
+    return predict(replicate(x, np.zeros((6, 6)), 1), VehicleMotion(StateLayout(), QUIET), cubature, 0.0, seconds).mean[
+        :, 0
+    ]
 
 
 def test_yaw_turns_the_body_velocity_counter_clockwise() -> None:
@@ -47,7 +49,7 @@ def test_many_small_steps_follow_the_circle() -> None:
 
 
 def test_process_noise_grows_with_the_time_that_passes() -> None:
-    motion = VehicleMotion(Layout(), ProcessNoise(0.1, 0.2, 0.3, 0.4))
+    motion = VehicleMotion(StateLayout(), ProcessNoise(0.1, 0.2, 0.3, 0.4))
 
     np.testing.assert_allclose(motion.noise(1.0, 3.0), 2 * np.array([0.04, 0.09, 0.09, 0.16, 0.01, 0.01]))
 
@@ -56,9 +58,9 @@ def test_prediction_is_symmetric_to_the_last_bit_and_agrees_with_samples() -> No
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 6)) * np.array([0.1, 0.3, 0.3, 0.05, 1.0, 1.0])[:, None]
     m, P = np.array([0.5, 0.3, 1.2, 0.02, 5.0, -3.0]), root @ root.T
-    motion = VehicleMotion(Layout(), QUIET)
+    motion = VehicleMotion(StateLayout(), QUIET)
     samples = predict(
-        copies(m, np.zeros((6, 6)), 400_000)._replace(
+        replicate(m, np.zeros((6, 6)), 400_000)._replace(
             mean=m[:, None] + np.linalg.cholesky(P) @ rng.normal(size=(6, 400_000))
         ),
         motion,
@@ -68,7 +70,7 @@ def test_prediction_is_symmetric_to_the_last_bit_and_agrees_with_samples() -> No
     ).mean
 
     for rule, bias in ((cubature, 0.01), (unscented, 0.01), (linearised, 0.05)):
-        after = predict(copies(m, P, 1), motion, rule, 0.0, 1.0)
+        after = predict(replicate(m, P, 1), motion, rule, 0.0, 1.0)
 
         np.testing.assert_array_equal(after.cov, after.cov.swapaxes(0, 1))
         np.testing.assert_allclose(after.mean[:, 0], samples.mean(axis=1), atol=bias)

@@ -11,15 +11,15 @@ R = np.array([[2.0, 0.5], [0.5, 1.0]])
 
 
 def test_the_papers_mixture_is_matched_by_3_7_times_its_nominal_covariance() -> None:
-    np.testing.assert_allclose(Mixture(0.30, 10.0).modes(R).matched, 3.7 * R)
+    np.testing.assert_allclose(Mixture(0.30, 10.0).modes(R).mixture_cov, 3.7 * R)
 
 
 def test_shares_add_to_one_and_mode_0_is_nominal() -> None:
     for family in (Gaussian(), Mixture(), Contamination()):
         noise = family.modes(R)
-        assert noise.shares.sum() == pytest.approx(1)
+        assert noise.probabilities.sum() == pytest.approx(1)
         np.testing.assert_array_equal(noise.cov[0], R)
-    assert StudentT().modes(R).shares.sum() == pytest.approx(1)
+    assert StudentT().modes(R).probabilities.sum() == pytest.approx(1)
 
 
 def test_contamination_adds_a_round_gross_error() -> None:
@@ -35,7 +35,7 @@ def test_nine_slices_follow_the_density_of_student_t() -> None:
 
         got = sum(
             s * math.exp(-x * x / 2 / v[0, 0]) / math.sqrt(2 * math.pi * v[0, 0])
-            for s, v in zip(noise.shares, noise.cov, strict=True)
+            for s, v in zip(noise.probabilities, noise.cov, strict=True)
         )
 
         assert got == pytest.approx(want, rel=0.12)

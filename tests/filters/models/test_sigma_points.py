@@ -5,26 +5,26 @@ import pytest
 
 from usbldr.filters.models import sensors
 from usbldr.filters.models.calibration import STATES, layout_for
-from usbldr.filters.models.motion import Decay, Move, Turn
-from usbldr.filters.models.sensors import BodyVelocity, State, UsblFix
+from usbldr.filters.models.motion import GaussMarkovIncrement, PositionIncrement, YawIncrement
+from usbldr.filters.models.sensors import BodyVelocity, DirectState, UsblFix
 from usbldr.filters.models.sigma_points import Unscented, cubature, linearised
-from usbldr.filters.models.states import Layout
+from usbldr.filters.models.states import StateLayout
 
-LAYOUT = Layout()
+LAYOUT = StateLayout()
 ERRING = layout_for(tuple(STATES))  # with every calibration state
-STARBOARD, FORWARD = sensors.dvl(ERRING, (0.4, -1.1, 0.2))
+STARBOARD, FORWARD = sensors.dvl_models(ERRING, (0.4, -1.1, 0.2))
 FUNCTIONS = {
-    "turn": Turn(3, 0.1),
-    "move": Move((0,), (1, 2), 0.7),
-    "compass": sensors.compass(LAYOUT),
-    "dvl at the reference point": State(1),
-    "dvl on a lever": sensors.dvl(LAYOUT, (0.4, -1.1, 0.2))[0],
+    "turn": YawIncrement(3, 0.1),
+    "move": PositionIncrement((0,), (1, 2), 0.7),
+    "compass": sensors.compass_model(LAYOUT),
+    "dvl at the reference point": DirectState(1),
+    "dvl on a lever": sensors.dvl_models(LAYOUT, (0.4, -1.1, 0.2))[0],
     "erring dvl, starboard": STARBOARD,
     "erring dvl, forward": FORWARD,
-    "dvl with a scale": sensors.dvl(layout_for(("scale",)), (0.0, 0.0, 0.0))[1],
-    "erring compass": sensors.compass(ERRING),
-    "biased compass": sensors.compass(layout_for(("heading",))),
-    "correlated error": Decay(ERRING.rows("usbl_bias_east", "usbl_bias_north"), 0.8),
+    "dvl with a scale": sensors.dvl_models(layout_for(("scale",)), (0.0, 0.0, 0.0))[1],
+    "erring compass": sensors.compass_model(ERRING),
+    "biased compass": sensors.compass_model(layout_for(("heading",))),
+    "correlated error": GaussMarkovIncrement(ERRING.rows("usbl_bias_east", "usbl_bias_north"), 0.8),
     "late fix with a correlated error": UsblFix(ERRING, -0.3, (0.4, -1.1, 0.2)),
     "fix of the epoch": UsblFix(LAYOUT, 0.0),
     "fix of some time ago": UsblFix(LAYOUT, -1.7),
@@ -46,7 +46,7 @@ def random_gaussian(rng: np.random.Generator, n: int = len(ERRING)) -> tuple[np.
 def every_point(g, m: np.ndarray, P: np.ndarray, kappa: float):
     """The textbook: 2n + 1 points of a Cholesky root that takes the curved states first."""
     n = len(m)
-    order = [*g.curved, *(i for i in range(n) if i not in g.curved)]
+    order = [*g.nonlinear, *(i for i in range(n) if i not in g.nonlinear)]
     root = np.zeros((n, n))
     root[order] = np.linalg.cholesky(P[np.ix_(order, order)])
     points = np.concatenate(
@@ -85,7 +85,7 @@ def test_cubature_is_unscented_with_kappa_0_and_julier_takes_n_plus_kappa_3(func
 
 def test_each_jacobian_agrees_with_finite_differences(function) -> None:
     rng = np.random.default_rng(2)
-    columns, n = function.curved + function.affine, len(ERRING)
+    columns, n = function.nonlinear + function.linear, len(ERRING)
     for _ in range(10):
         x = rng.normal(size=(n, 1))
 
@@ -101,7 +101,7 @@ def test_each_jacobian_agrees_with_finite_differences(function) -> None:
 
 def test_linearised_moments_are_h_p_h(function) -> None:
     m, P = random_gaussian(np.random.default_rng(3))
-    columns = list(function.curved + function.affine)
+    columns = list(function.nonlinear + function.linear)
     H = np.zeros((len(function.predict(m[:, None])), len(m)))
     H[:, columns] = np.broadcast_to(function.jacobian(m[:, None]), (len(H), len(columns), 1))[:, :, 0]
 
@@ -185,7 +185,7 @@ def test_a_fix_of_some_time_ago_lies_back_along_a_turning_track() -> None:
 
 
 def test_angles_differ_by_the_shorter_way_round() -> None:
-    compass = sensors.compass(LAYOUT)
+    compass = sensors.compass_model(LAYOUT)
     assert compass.residual(np.array([[3.1]]), np.array([[-3.1]]))[0, 0] == pytest.approx(6.2 - 2 * np.pi)
     assert compass.residual(np.array([[100 * np.pi + 0.1]]), np.array([[0.0]]))[0, 0] == pytest.approx(0.1)
 
@@ -197,6 +197,6 @@ def test_a_dvl_whose_scale_alone_errs_reads_what_the_general_one_does(axis: int)
     u, v, r = layout.rows("u", "v", "r")
     general = BodyVelocity((u, v), r, axis, scale_row=layout.index("dvl_scale"))
 
-    short = sensors.dvl(layout, (0.0, 0.0, -1.0))[axis]
+    short = sensors.dvl_models(layout, (0.0, 0.0, -1.0))[axis]
 
     np.testing.assert_allclose(short.predict(x), general.predict(x))

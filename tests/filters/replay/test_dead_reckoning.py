@@ -169,7 +169,7 @@ def test_raw_fixes_keep_their_own_times() -> None:
 
 
 def _start(line: Timeline) -> tuple[Vector, float]:
-    return dead_reckoning.start_from(line, line.fix_time_s, line.fix_m)
+    return dead_reckoning.start_position(line, line.fix_time_s, line.fix_m)
 
 
 def test_the_start_is_where_the_fixes_say_less_the_way_since() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
-from usbldr.filters.replay.run import Settings, run
+from usbldr.filters.replay.run import FilterSettings, run
 from usbldr.filters.types import Timeline
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -33,25 +33,27 @@ def spread_delays() -> np.ndarray:
 def test_at_each_epoch_only_what_had_arrived_is_known_and_all_of_it(name: str) -> None:
     """The estimate of an epoch is that of a run, at validity, over the log without the fixes still to come."""
     line = delayed(spread_delays())
-    known = run(name, line, ASSUMED, Settings(particles=20, order="arrival"))
+    known = run(name, line, ASSUMED, FilterSettings(particles=20, order="arrival"))
 
     for k in (10, 47, 60, 111, 150):
         arrived = line.fix_received_s <= line.time_s[k]
-        alone = run(name, line.with_fixes(arrived), ASSUMED, Settings(particles=20))
+        alone = run(name, line.with_fixes(arrived), ASSUMED, FilterSettings(particles=20))
 
         np.testing.assert_array_equal(known.mean[k], alone.mean[k])
 
 
 @pytest.mark.parametrize("name", ["ekf", "cpf"])
 def test_fixes_that_come_at_once_leave_nothing_to_choose(name: str) -> None:
-    both = [run(name, delayed(0.0), ASSUMED, Settings(particles=20, order=order)) for order in ("validity", "arrival")]
+    both = [
+        run(name, delayed(0.0), ASSUMED, FilterSettings(particles=20, order=order)) for order in ("validity", "arrival")
+    ]
 
     np.testing.assert_array_equal(both[0].mean, both[1].mean)
     assert both[0].updates == both[1].updates
 
 
 def test_each_fix_is_told_once_however_often_its_step_was_run() -> None:
-    track = run("adf", delayed(spread_delays() / 3), ASSUMED, Settings(order="arrival"))
+    track = run("adf", delayed(spread_delays() / 3), ASSUMED, FilterSettings(order="arrival"))
 
     fixes = [(update.row, update.axis) for update in track.updates if update.sensor == "usbl"]
     arrived = [row for row, t in enumerate(LINE.fix_time_s + spread_delays() / 3) if t <= LINE.time_s[-1]]
@@ -62,9 +64,9 @@ def test_a_fix_older_than_the_memory_is_not_used_and_that_is_said() -> None:
     late = np.where(LINE.fix_time_s == 5.0, 10.4, 0.5)
     line = delayed(late)
 
-    track = run("adf", line, ASSUMED, Settings(order="arrival"))
+    track = run("adf", line, ASSUMED, FilterSettings(order="arrival"))
 
-    rest = run("adf", line.with_fixes(line.fix_time_s != 5.0), ASSUMED, Settings(order="arrival"))
+    rest = run("adf", line.with_fixes(line.fix_time_s != 5.0), ASSUMED, FilterSettings(order="arrival"))
     np.testing.assert_array_equal(track.mean, rest.mean)
     assert [text for text in track.warnings if "2 fixes came more than 10 s late, or after the end" in text]
 
@@ -73,7 +75,7 @@ def test_a_dive_known_late_is_known_worse_and_at_validity_no_worse() -> None:
     """With a fix each second that comes 4 s late the last fix is 4 to 5 s old, and drift adds to it."""
     assumed = Assumptions(process=ProcessNoise(position_m=0.3), usbl=PAPER.usbl.noise, start=Start(0.0, 0.0, 1.0))
     at_once, late, valid = (
-        run("adf", delayed(delay_s), assumed, Settings(order=order))
+        run("adf", delayed(delay_s), assumed, FilterSettings(order=order))
         for delay_s, order in ((0.0, "arrival"), (4.0, "arrival"), (4.0, "validity"))
     )
     variances: list[float] = []
@@ -87,4 +89,4 @@ def test_a_dive_known_late_is_known_worse_and_at_validity_no_worse() -> None:
 
 def test_a_smoothed_track_has_no_order_of_arrival() -> None:
     with pytest.raises(UsageError, match="a smoothed track knows the whole dive"):
-        run("adf", LINE, ASSUMED, Settings(smooth=True, order="arrival"))
+        run("adf", LINE, ASSUMED, FilterSettings(smooth=True, order="arrival"))

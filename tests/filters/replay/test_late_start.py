@@ -10,7 +10,7 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions
-from usbldr.filters.replay.run import FILTERS, Settings, run
+from usbldr.filters.replay.run import FILTERS, FilterSettings, run
 from usbldr.filters.types import Array, Timeline, Trajectory
 from usbldr_cli.main import cli
 from weaving import SD_M, Faults, dive
@@ -32,7 +32,7 @@ def position_cov_m2(track: Trajectory) -> Array:
 def test_every_filter_estimates_from_the_start_on_where_the_first_fix_comes_after_a_minute(method: str) -> None:
     whole = dive(Faults(), seconds=90)
     track = run(
-        method, whole.with_fixes(whole.fix_time_s >= 60.0), Assumptions(usbl=Gaussian()), Settings(particles=50)
+        method, whole.with_fixes(whole.fix_time_s >= 60.0), Assumptions(usbl=Gaussian()), FilterSettings(particles=50)
     )
 
     assert track.time_s[0] == 0

@@ -10,9 +10,9 @@ from usbldr.filters.evaluation.evaluation import Window, evaluate
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, Start
-from usbldr.filters.models.states import Layout
-from usbldr.filters.replay.position_fixes import GPS_SD_M, gps_fixes, require_gps
-from usbldr.filters.replay.run import FILTERS, Settings, run
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.position_fixes import DEFAULT_GPS_SD_M, gps_fixes, require_gps
+from usbldr.filters.replay.run import FILTERS, FilterSettings, run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.types import Array, Indices, Timeline, Trajectory, Truth
 
@@ -56,7 +56,7 @@ def elsewhere(line: Timeline) -> Indices:
 
 @pytest.mark.parametrize("name", [*FILTERS])
 def test_gps_outside_the_windows_changes_no_bit_and_inside_it_changes_the_track(name: str) -> None:
-    line, settings = timeline(), Settings(particles=200)
+    line, settings = timeline(), FilterSettings(particles=200)
     outside, within = line.gps_m.copy(), line.gps_m.copy()
     outside[elsewhere(line)] += 1000.0
     within[7] += 1.0  # 3.5 s
@@ -72,14 +72,14 @@ def test_gps_outside_the_windows_changes_no_bit_and_inside_it_changes_the_track(
 
 
 def test_without_windows_gps_never_reaches_a_filter() -> None:
-    used = [m.sensor for step in steps(timeline(), Assumptions(), Layout()) for m in step.measurements]
+    used = [m.sensor for step in steps(timeline(), Assumptions(), StateLayout()) for m in step.measurements]
 
     assert "gps" not in used
 
 
 def test_a_gps_fix_pulls_the_track_to_itself_and_its_sigma_says_so() -> None:
-    aided = run("ekf", timeline(), replace(AIDED, gps=Gaussian()), Settings())
-    alone = run("ekf", timeline(), replace(AIDED, aid=()), Settings())
+    aided = run("ekf", timeline(), replace(AIDED, gps=Gaussian()), FilterSettings())
+    alone = run("ekf", timeline(), replace(AIDED, aid=()), FilterSettings())
 
     k = 5 * 5  # after the first window, 5 fixes of 0.5 m
     assert abs(aided.position_m[k, 0]) < 0.5 < abs(alone.position_m[k, 0])
@@ -89,10 +89,10 @@ def test_a_gps_fix_pulls_the_track_to_itself_and_its_sigma_says_so() -> None:
 
 def test_each_gps_fix_is_one_robust_measurement_with_its_own_sigma() -> None:
     line = timeline()
-    used = [m for step in steps(line, AIDED, Layout()) for m in step.measurements if m.sensor == "gps"]
+    used = [m for step in steps(line, AIDED, StateLayout()) for m in step.measurements if m.sensor == "gps"]
 
     assert [m.row for m in used] == [6, 7, 8, 9, 10, 40, 41, 42, 43, 44]
-    assert {len(m.noise.shares) for m in used} == {2}  # nominal and gross errors
+    assert {len(m.noise.probabilities) for m in used} == {2}  # nominal and gross errors
     assert {float(m.noise.cov[0, 0, 0]) for m in used} == {0.25}
 
 
@@ -100,7 +100,7 @@ def test_a_fix_without_a_sigma_has_the_usual_one() -> None:
     for sd_m in (np.nan, 0.0):
         fixes = gps_fixes(timeline(sd_m=sd_m), replace(AIDED, gps=Gaussian()))
 
-        np.testing.assert_array_equal(fixes.cov_m2[0], GPS_SD_M**2 * np.eye(2))
+        np.testing.assert_array_equal(fixes.cov_m2[0], DEFAULT_GPS_SD_M**2 * np.eye(2))
 
 
 def test_a_gross_gps_error_hardly_moves_a_filter_that_weighs_outliers() -> None:
@@ -108,7 +108,7 @@ def test_a_gross_gps_error_hardly_moves_a_filter_that_weighs_outliers() -> None:
     wrong = line.gps_m.copy()
     wrong[8] += 50.0
 
-    track = run("adf", timeline(wrong), AIDED, Settings())
+    track = run("adf", timeline(wrong), AIDED, FilterSettings())
 
     assert np.abs(track.position_m[5 * 5] - [0.0, 5.0]).max() < 1.0
 
@@ -118,8 +118,8 @@ def test_the_antennas_place_is_taken_off() -> None:
     line = timeline()
     at_antenna = line.gps_m + np.array([1.0, 2.0])
 
-    plain = run("ekf", line, AIDED, Settings())
-    levered = run("ekf", timeline(at_antenna), replace(AIDED, gps_lever_m=(1.0, 2.0, 0.5)), Settings())
+    plain = run("ekf", line, AIDED, FilterSettings())
+    levered = run("ekf", timeline(at_antenna), replace(AIDED, gps_lever_m=(1.0, 2.0, 0.5)), FilterSettings())
 
     np.testing.assert_allclose(levered.position_m[-1], plain.position_m[-1], atol=0.02)
 
@@ -128,7 +128,7 @@ def test_errors_of_the_usbl_are_not_laid_to_gps() -> None:
     """With a correlated USBL error as states the fixes may be 1.5 m off in the east, GPS may not."""
     assumptions = replace(AIDED, calibrate=("usbl-bias",), aid=((0.0, 30.0),))
     layout = layout_for(assumptions.calibrate)
-    track = run("ekf", timeline(), assumptions, Settings())
+    track = run("ekf", timeline(), assumptions, FilterSettings())
 
     bias = track.state(next(name for name in layout.names if name.startswith("usbl_bias_e")))
 
@@ -147,7 +147,7 @@ def test_nothing_is_scored_inside_the_windows() -> None:
 
     assert report.metrics["max_abs_east_m"] == pytest.approx(1.0)
     assert report.time_s.tolist() == t[~inside].tolist()
-    assert (report.matching.matched, report.matching.aided, report.matching.offered) == (25, 6, 31)
+    assert (report.matching.matched, report.matching.aided, report.matching.candidates) == (25, 6, 31)
     assert report.aid == WINDOWS
     assert report.warnings == ()  # what the user chose is no shortcoming
 

@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
-from usbldr.filters.simulation.scenario import Accuracy, Correlated, Head, Leg, Multipath, Outliers, Timing
-from usbldr.filters.simulation.sensor_errors import correlated_error, draw, false_fixes, gross_errors, within
-from usbldr.filters.simulation.simulate import Simulated, simulate
+from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, CorrelatedError, Leg, Multipath, Outliers, Timing
+from usbldr.filters.simulation.sensor_errors import (
+    correlated_error,
+    draw_noise,
+    in_intervals,
+    multipath_errors,
+    outlier_errors,
+)
+from usbldr.filters.simulation.simulate import SimulatedDive, simulate
 from usbldr.io.scenarios.library import find_scenario
 
 PAPER = find_scenario("paper")
@@ -23,7 +29,7 @@ def rng(seed: int = 0) -> np.random.Generator:
 def test_the_noise_of_equation_23_has_its_variance_and_its_tails() -> None:
     R = np.diag([4.0, 0.25])
 
-    e = draw(Mixture(), R, 200_000, rng()) / np.sqrt(np.diag(R))
+    e = draw_noise(Mixture(), R, 200_000, rng()) / np.sqrt(np.diag(R))
 
     # 0.7 * 1 + 0.3 * 10; beyond 3 sigma: 0.7 * 0.0027 + 0.3 * P(|N| > 3 / sqrt 10); standard errors .017 and .0007
     np.testing.assert_allclose((e**2).mean(axis=0), 3.7, atol=0.08)
@@ -32,7 +38,7 @@ def test_the_noise_of_equation_23_has_its_variance_and_its_tails() -> None:
 
 @pytest.mark.parametrize(("per_scalar", "expected"), [(True, 0.0), (False, 0.21 * 81)])
 def test_scalars_share_their_mode_only_where_the_record_draws_it(per_scalar: bool, expected: float) -> None:
-    e = draw(Mixture(per_scalar=per_scalar), np.eye(2), 200_000, rng(1))
+    e = draw_noise(Mixture(per_scalar=per_scalar), np.eye(2), 200_000, rng(1))
 
     # two scalars of one mode: cov(e1^2, e2^2) = variance of the mode's own variance = 0.7 * 0.3 * (10 - 1)^2
     assert np.cov((e**2).T)[0, 1] == pytest.approx(expected, abs=1.0)
@@ -41,14 +47,14 @@ def test_scalars_share_their_mode_only_where_the_record_draws_it(per_scalar: boo
 def test_noise_of_a_record_keeps_its_covariance_between_axes() -> None:
     R = np.array([[4.0, 1.5], [1.5, 1.0]])
 
-    e = draw(Gaussian(per_scalar=False), R, 200_000, rng(2))
+    e = draw_noise(Gaussian(per_scalar=False), R, 200_000, rng(2))
 
     np.testing.assert_allclose(np.cov(e.T), R, atol=0.05)
 
 
 @pytest.mark.parametrize("per_scalar", [True, False])
 def test_student_noise_is_the_distribution_itself_and_not_the_slices_that_filters_take(per_scalar: bool) -> None:
-    e = draw(StudentT(dof=4.0, per_scalar=per_scalar), np.diag([4.0, 0.25]), 200_000, rng(3)) / [2.0, 0.5]
+    e = draw_noise(StudentT(dof=4.0, per_scalar=per_scalar), np.diag([4.0, 0.25]), 200_000, rng(3)) / [2.0, 0.5]
 
     # two-sided points of t with 4 degrees of freedom from the printed table; the slices have nothing beyond 7
     for share, point in ((0.10, 2.132), (0.05, 2.776), (0.01, 4.604), (0.001, 8.610)):
@@ -59,7 +65,7 @@ def test_student_noise_is_the_distribution_itself_and_not_the_slices_that_filter
 
 
 def test_a_contamination_strikes_its_share_of_whole_records_with_its_own_size() -> None:
-    e = draw(Contamination(share=0.1, sd=30.0), np.eye(2), 100_000, rng(4))
+    e = draw_noise(Contamination(share=0.1, sd=30.0), np.eye(2), 100_000, rng(4))
 
     far = np.abs(e) > 5  # of a good record nothing, of a gross error 1 - 5 / 30 * 0.7957 = 0.868 of each scalar
     np.testing.assert_allclose(far.mean(axis=0), 0.0868, atol=0.004)
@@ -70,14 +76,14 @@ def test_a_contamination_strikes_its_share_of_whole_records_with_its_own_size() 
 def test_a_covariance_for_each_record_draws_as_one_for_all_where_they_are_equal(family) -> None:
     R = np.diag([4.0, 0.25])
 
-    one, each = draw(family, R, 50, rng(5)), draw(family, np.tile(R, (50, 1, 1)), 50, rng(5))
+    one, each = draw_noise(family, R, 50, rng(5)), draw_noise(family, np.tile(R, (50, 1, 1)), 50, rng(5))
 
     np.testing.assert_array_equal(one, each)
 
 
 def test_a_correlated_error_has_its_sigma_from_the_first_record_on_and_forgets_in_its_time_constant() -> None:
     t = np.array([0.0, 1.0, 4.0, 34.0])
-    starts = np.array([correlated_error(Correlated(0.5, 10.0), t, 2, rng(seed)) for seed in range(20_000)])
+    starts = np.array([correlated_error(CorrelatedError(0.5, 10.0), t, 2, rng(seed)) for seed in range(20_000)])
 
     np.testing.assert_allclose(starts.std(axis=0), 0.5, rtol=0.03)
     for a, b, gap_s in ((0, 1, 1.0), (1, 2, 3.0), (2, 3, 30.0)):
@@ -88,7 +94,7 @@ def test_a_correlated_error_has_its_sigma_from_the_first_record_on_and_forgets_i
 
 
 def test_outliers_strike_their_share_at_their_distances_in_all_directions() -> None:
-    e = gross_errors(Outliers(0.05, 5.0, 40.0), 20_000, 2, rng(6))
+    e = outlier_errors(Outliers(0.05, 5.0, 40.0), 20_000, 2, rng(6))
     far = np.hypot(*e.T)
 
     hit = far > 0
@@ -100,7 +106,7 @@ def test_outliers_strike_their_share_at_their_distances_in_all_directions() -> N
 
 
 def test_outliers_of_a_compass_go_either_way() -> None:
-    e = gross_errors(Outliers(0.1, 0.2, 0.3), 20_000, 1, rng(7))
+    e = outlier_errors(Outliers(0.1, 0.2, 0.3), 20_000, 1, rng(7))
 
     hit = e[e[:, 0] != 0, 0]
     assert len(hit) == pytest.approx(2000, abs=4 * math.sqrt(1800))
@@ -112,10 +118,10 @@ def test_the_false_fixes_of_a_cluster_agree_and_those_of_two_clusters_do_not() -
     t = np.arange(1000.0)
     echoes = Multipath(4.0, 15.0, scatter_m=0.2, share=0.9, clusters_s=((100.0, 300.0), (500.0, 700.0)))
 
-    e = false_fixes(echoes, t, 1000.0, rng(8))
+    e = multipath_errors(echoes, t, 1000.0, rng(8))
 
     far = np.hypot(*e.T) > 2
-    first, second = within(((100.0, 300.0),), t), within(((500.0, 700.0),), t)
+    first, second = in_intervals(((100.0, 300.0),), t), in_intervals(((500.0, 700.0),), t)
     assert not e[~first & ~second].any()
     for cluster in (first, second):
         assert far[cluster].mean() == pytest.approx(0.9, abs=0.09)
@@ -126,7 +132,7 @@ def test_the_false_fixes_of_a_cluster_agree_and_those_of_two_clusters_do_not() -
 
 def test_clusters_at_random_begin_and_last_as_often_and_as_long_as_stated() -> None:
     t = np.arange(0.0, 400_000.0)
-    e = false_fixes(Multipath(5.0, 50.0, every_s=400.0, lasts_s=10.0), t, 400_000.0, rng(9))
+    e = multipath_errors(Multipath(5.0, 50.0, every_s=400.0, lasts_s=10.0), t, 400_000.0, rng(9))
 
     # an M/G/infinity queue: idle for exp(-lasts / every) of the time, in stretches of ``every`` on average
     struck = e[:, 0] != 0
@@ -136,7 +142,7 @@ def test_clusters_at_random_begin_and_last_as_often_and_as_long_as_stated() -> N
     assert idle_s.mean() == pytest.approx(400, abs=4 * 400 / math.sqrt(len(idle_s)))
 
 
-def _dive(**usbl) -> Simulated:
+def _dive(**usbl) -> SimulatedDive:
     """Return the dive of a vehicle that stays at the origin."""
     return simulate(dataclasses.replace(STILL, usbl=dataclasses.replace(STILL.usbl, noise=Gaussian(), **usbl)), 3)
 
@@ -144,7 +150,8 @@ def _dive(**usbl) -> Simulated:
 def test_noise_by_range_and_bearing_lies_along_and_across_the_line_of_sight() -> None:
     # the vehicle is at the surface, the head 30 m deep and 300 m east, 400 m north of it: 3, 4, 5
     seen = _dive(
-        head=Head(300.0, 400.0, 30.0), accuracy=Accuracy(sd_m=0.6, sd_rel=0.002, bearing_sd_rad=math.radians(1.0))
+        head=AcousticHead(300.0, 400.0, 30.0),
+        accuracy=Accuracy(sd_m=0.6, sd_rel=0.002, bearing_sd_rad=math.radians(1.0)),
     )
     slant = math.sqrt(500**2 + 30**2)
     along, across = (seen.usbl.value @ np.array([[0.6, 0.8], [0.8, -0.6]])).T
@@ -181,8 +188,8 @@ def test_dropouts_lose_their_share_and_leave_the_rest_as_it_was() -> None:
         np.testing.assert_array_equal(whole.value[kept], left.value)
 
 
-EFFECTS = {
-    "correlated": Correlated(0.3, 30.0),
+ERROR_STREAMS = {
+    "correlated": CorrelatedError(0.3, 30.0),
     "outliers": Outliers(0.2, 50.0, 60.0),
     "multipath": Multipath(20.0, 30.0, scatter_m=1.0, every_s=100.0, lasts_s=20.0),
     "bias_m": (1.0, 2.0),
@@ -190,11 +197,11 @@ EFFECTS = {
 }
 
 
-@pytest.mark.parametrize("effect", list(EFFECTS))
+@pytest.mark.parametrize("effect", list(ERROR_STREAMS))
 def test_an_effect_adds_the_same_whether_it_is_alone_or_among_others(effect: str) -> None:
     """Correlated errors and clusters know when a fix was made, so jitter is compared by itself."""
-    others = {name: error for name, error in EFFECTS.items() if name not in (effect, "timing")}
-    alone, all_of_them = {effect: EFFECTS[effect]}, others | {effect: EFFECTS[effect]}
+    others = {name: error for name, error in ERROR_STREAMS.items() if name not in (effect, "timing")}
+    alone, all_of_them = {effect: ERROR_STREAMS[effect]}, others | {effect: ERROR_STREAMS[effect]}
     quiet = dataclasses.replace(STILL, duration_s=500.0)
 
     def fixes(effects) -> np.ndarray:
@@ -211,7 +218,7 @@ def test_an_effect_adds_the_same_whether_it_is_alone_or_among_others(effect: str
 @pytest.mark.parametrize("sensor", ["dvl", "compass", "gps"])
 def test_every_sensor_can_have_correlated_errors_and_outliers(sensor: str) -> None:
     quiet = dataclasses.replace(STILL, duration_s=2000.0)
-    errors = {"correlated": Correlated(0.3, 50.0), "outliers": Outliers(0.02, 50.0, 60.0)}
+    errors = {"correlated": CorrelatedError(0.3, 50.0), "outliers": Outliers(0.02, 50.0, 60.0)}
     faulty = dataclasses.replace(quiet, **{sensor: dataclasses.replace(getattr(quiet, sensor), **errors)})
 
     added = getattr(simulate(faulty, 5), sensor).value - getattr(simulate(quiet, 5), sensor).value

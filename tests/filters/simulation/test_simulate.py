@@ -9,9 +9,9 @@ import pytest
 
 from usbldr.filters.frames import rotation
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.simulation.scenario import Accuracy, Head, Leg, Outliers, Scenario, Timing
+from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, Leg, Outliers, Scenario, Timing
 from usbldr.filters.simulation.simulate import simulate
-from usbldr.filters.simulation.true_motion import motion
+from usbldr.filters.simulation.true_motion import leg_motion
 from usbldr.io.scenarios.library import find_scenario, scenario_names
 
 PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
@@ -140,7 +140,7 @@ def test_jitter_delays_the_stamp_with_the_vehicle_and_spread_delays_the_arrival_
         assert low - 1e-9 <= drawn.min() < low + 0.05 * (high - low)
         assert high - 0.05 * (high - low) < drawn.max() <= high + 1e-9
         np.testing.assert_allclose(drawn * 1000, np.round(drawn * 1000), atol=1e-6)  # whole milliseconds
-    np.testing.assert_array_equal(fixes.value, motion(TURNING, fixes.time_s).position_m)
+    np.testing.assert_array_equal(fixes.value, leg_motion(TURNING, fixes.time_s).position_m)
 
 
 def test_noise_outliers_jitter_and_delay_leave_each_other_alone() -> None:
@@ -170,7 +170,7 @@ def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
     assert np.diff(dive.dvl.time_s).max() == pytest.approx(40.5)
     delay_s = dive.usbl.received_s - dive.usbl.time_s
     assert 0.5 <= delay_s.min() < delay_s.max() <= 2.0
-    error_m = np.hypot(*(dive.usbl.value - motion(LAWNMOWER, dive.usbl.time_s).position_m).T)
+    error_m = np.hypot(*(dive.usbl.value - leg_motion(LAWNMOWER, dive.usbl.time_s).position_m).T)
     assert 0.02 < (error_m > 5).mean() < 0.1
 
 
@@ -244,7 +244,7 @@ def test_deviation_is_a_sine_and_a_cosine_of_the_heading() -> None:
 
 
 def test_a_usbl_that_reads_ranges_too_long_shows_the_vehicle_further_from_its_head() -> None:
-    exact = _with(_without_noise(TURNING), "usbl", head=Head(40.0, 30.0, 0.0))
+    exact = _with(_without_noise(TURNING), "usbl", head=AcousticHead(40.0, 30.0, 0.0))
 
     long = simulate(_with(exact, "usbl", scale_error=0.01), 0).usbl.value - [40.0, 30.0]
 
@@ -261,7 +261,7 @@ def test_a_usbl_that_is_misaligned_turns_its_fixes_counter_clockwise_about_its_h
 
 def test_the_compass_error_of_the_boat_turns_the_fixes_of_an_inverted_usbl_about_the_beacon() -> None:
     """Boat = beacon - R(seen yaw) what was heard in the boat's frame, worked out here by hand."""
-    exact = _with(_without_noise(TURNING), "usbl", head=Head(40.0, 30.0, 1.0), lever_m=(0.2, -2.5, 0.0))
+    exact = _with(_without_noise(TURNING), "usbl", head=AcousticHead(40.0, 30.0, 1.0), lever_m=(0.2, -2.5, 0.0))
     boat = _with(_with(exact, "usbl", inverted=True), "compass", bias_rad=0.05, deviation_rad=(0.02, 0.01))
 
     dive = simulate(boat, 0)

@@ -6,10 +6,10 @@ import math
 import numpy as np
 
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.states import Layout
-from usbldr.filters.simulation.scenario import Drawn, Leg
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.simulation.scenario import Leg, RandomWalkMotion
 from usbldr.filters.simulation.simulate import simulate
-from usbldr.filters.simulation.true_motion import drawn_track, motion
+from usbldr.filters.simulation.true_motion import leg_motion, random_walk_track
 from usbldr.io.scenarios.library import find_scenario
 
 PAPER, DRAWN, LAWNMOWER = map(find_scenario, ("paper", "paper-drawn", "lawnmower"))
@@ -24,7 +24,7 @@ TURNING = dataclasses.replace(
 
 def test_the_closed_form_of_turns_equals_a_fine_integration() -> None:
     t = np.linspace(0, 350, 350_001)
-    track = motion(TURNING, t)
+    track = leg_motion(TURNING, t)
     u, v = track.velocity_mps.T
     V = np.column_stack(
         [u * np.cos(track.yaw_rad) - v * np.sin(track.yaw_rad), u * np.sin(track.yaw_rad) + v * np.cos(track.yaw_rad)]
@@ -43,7 +43,7 @@ def test_the_closed_form_of_turns_equals_a_fine_integration() -> None:
 def test_a_full_circle_comes_back_and_its_width_is_twice_speed_over_turn_rate() -> None:
     circle = dataclasses.replace(PAPER, legs=(Leg(100.0, 0.0, 2.0, 2 * math.pi / 100),), yaw_rad=0.0)
 
-    start, halfway, end = motion(circle, np.array([0.0, 50.0, 100.0])).position_m
+    start, halfway, end = leg_motion(circle, np.array([0.0, 50.0, 100.0])).position_m
 
     np.testing.assert_allclose(end, start, atol=1e-12)
     # counter-clockwise from north: the circle lies to the west
@@ -53,12 +53,12 @@ def test_a_full_circle_comes_back_and_its_width_is_twice_speed_over_turn_rate() 
 def test_the_motion_reaches_back_before_the_start() -> None:
     c, s = math.cos(math.radians(5)), math.sin(math.radians(5))
 
-    np.testing.assert_allclose(motion(PAPER, np.array([-2.0])).position_m, [[-2 * (c - s), -2 * (s + c)]])
+    np.testing.assert_allclose(leg_motion(PAPER, np.array([-2.0])).position_m, [[-2 * (c - s), -2 * (s + c)]])
 
 
 def test_the_lawnmower_turns_at_the_lane_ends_and_goes_up_the_field() -> None:
     t = np.arange(0.0, 900.5, 0.5)
-    track = motion(LAWNMOWER, t)
+    track = leg_motion(LAWNMOWER, t)
 
     heading = np.degrees(-track.yaw_rad) % 360
     for lane in range(6):
@@ -77,7 +77,7 @@ def test_a_current_carries_the_vehicle_along_and_shows_in_its_velocity_over_grou
     carried = dataclasses.replace(TURNING, current_mps=(0.3, -0.2))
     t = np.linspace(-5, 350, 711)
 
-    still, moved = motion(TURNING, t), motion(carried, t)
+    still, moved = leg_motion(TURNING, t), leg_motion(carried, t)
 
     np.testing.assert_allclose(moved.position_m - still.position_m, t[:, None] * [0.3, -0.2], atol=1e-12)
     np.testing.assert_array_equal(moved.water_mps, still.velocity_mps)
@@ -89,9 +89,9 @@ def test_velocity_over_ground_is_the_derivative_of_the_track_in_a_current_and_in
     t, h = np.linspace(1, 349, 800), 1e-4
     t = t[np.all(np.abs(t[:, None] - [100, 150]) > 0.01, axis=1)]
 
-    slope = (motion(carried, t + h).position_m - motion(carried, t - h).position_m) / (2 * h)
+    slope = (leg_motion(carried, t + h).position_m - leg_motion(carried, t - h).position_m) / (2 * h)
 
-    track = motion(carried, t)
+    track = leg_motion(carried, t)
     c, s = np.cos(track.yaw_rad), np.sin(track.yaw_rad)
     u, v = track.velocity_mps.T
     np.testing.assert_allclose(np.column_stack([u * c - v * s, u * s + v * c]), slope, atol=1e-7)
@@ -102,7 +102,7 @@ def test_a_vehicle_heading_north_in_an_eastward_current_sways_to_starboard() -> 
         PAPER, legs=(Leg(1000.0, 0.0, 1.2),), yaw_rad=0.0, current_mps=(0.3, 0.0), duration_s=10.0
     )
 
-    np.testing.assert_allclose(motion(north, np.array([7.0])).velocity_mps, [[0.3, 1.2]])
+    np.testing.assert_allclose(leg_motion(north, np.array([7.0])).velocity_mps, [[0.3, 1.2]])
 
 
 def _states(scenario, seed: int) -> np.ndarray:
@@ -112,7 +112,7 @@ def _states(scenario, seed: int) -> np.ndarray:
 
 
 def test_a_drawn_dive_is_the_filters_motion_with_its_own_process_noise_and_nothing_else() -> None:
-    model = VehicleMotion(Layout(), dataclasses.replace(DRAWN.process, uncalibrated_m=0.0))
+    model = VehicleMotion(StateLayout(), dataclasses.replace(DRAWN.process, uncalibrated_m=0.0))
     noises = []
     for seed in range(4):
         x = _states(DRAWN, seed)
@@ -157,7 +157,7 @@ def test_the_scale_of_a_drawn_dive_has_its_sigma_and_shows_in_its_dvl() -> None:
 def test_between_two_steps_a_drawn_vehicle_moves_as_the_step_began() -> None:
     rng = np.random.default_rng(0)
     fast = dataclasses.replace(DRAWN, legs=(Leg(1.0, 0.3, 1.0, 0.5),), duration_s=2.0)
-    track = drawn_track(fast, Drawn(step_s=0.2), rng)
+    track = random_walk_track(fast, RandomWalkMotion(step_s=0.2), rng)
 
     at, later = track(np.array([0.4])), track(np.array([0.5]))
 

@@ -10,7 +10,7 @@ import pytest
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.evaluation import Window, evaluate
 from usbldr.filters.evaluation.metrics import METRICS
-from usbldr.filters.models.parameters import Observed
+from usbldr.filters.models.parameters import StateObservability
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
@@ -85,10 +85,11 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("observed", "hint"), [((), "--calibrate auto"), ((Observed("scale", 1.0, "not observable"),), "usbldr doctor")]
+    ("observed", "hint"),
+    [((), "--calibrate auto"), ((StateObservability("scale", 1.0, "not observable"),), "usbldr doctor")],
 )
 def test_a_filter_that_is_far_too_sure_is_told_to_ask_what_was_not_asked_yet(
-    observed: tuple[Observed, ...], hint: str
+    observed: tuple[StateObservability, ...], hint: str
 ) -> None:
     assert CKF.cov is not None
     log = dataclasses.replace(LOG, assumptions=dataclasses.replace(LOG.assumptions, calibrate=(), observed=observed))
@@ -133,12 +134,12 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
 
 
 def test_report_json_tells_what_was_made_of_fixes_in_doubt(tmp_path: Path) -> None:
-    doubt = Reacquisition(12.0, math.inf, 15.0, refused=3, jump_m=20.5, believed=True)
+    doubt = Reacquisition(12.0, math.inf, 15.0, refused=3, jump_m=20.5, accepted=True)
 
     report = read_strictly(written(tmp_path, a_run(dataclasses.replace(CKF, reacquisitions=(doubt,)))) / "report.json")
 
     assert report["reacquisitions"] == [
-        {"since_s": 12.0, "silent_s": None, "settled_s": 15.0, "refused": 3, "jump_m": 20.5, "believed": True}
+        {"since_s": 12.0, "outage_s": None, "resolved_s": 15.0, "refused": 3, "jump_m": 20.5, "accepted": True}
     ]
 
 
@@ -195,9 +196,9 @@ def test_a_fix_of_two_scalars_is_one_row_with_the_worse_fate() -> None:
     assert list(table) == [
         *("time_s", "received_s", "east_m", "north_m", "innovation_east_m", "innovation_north_m"),
         *("shift_east_m", "shift_north_m"),
-        *("nis", "dof", "fate", "why"),
+        *("nis", "dof", "outcome", "why"),
     ]
-    assert list(table.fate[:4]) == ["used", "down-weighted", "rejected", "not used"]
+    assert list(table.outcome[:4]) == ["used", "down-weighted", "rejected", "not used"]
     assert table.nis[:3].tolist() == [5.0, 81.25, 2500.0]
     assert table.dof[:4].tolist() == [2, 2, 2, 0]
     assert table.innovation_east_m[:3].tolist() == [1.0, 0.5, 30.0]

@@ -109,7 +109,7 @@ def test_latitude_and_longitude_grow_north_and_east_by_the_radii_of_the_ellipsoi
 
 
 def fixes(time_s) -> pd.DataFrame:
-    return pd.DataFrame({"time_s": time_s, "east_m": 3.0, "north_m": 4.0, "fate": "used"})
+    return pd.DataFrame({"time_s": time_s, "east_m": 3.0, "north_m": 4.0, "outcome": "used"})
 
 
 def test_geojson_holds_the_track_the_truth_cut_at_its_gaps_and_each_fix(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_geojson_holds_the_track_the_truth_cut_at_its_gaps_and_each_fix(tmp_path
     assert [len(part) for part in features[1]["geometry"]["coordinates"]] == [50, 79]
     lon, lat = features[0]["geometry"]["coordinates"][0]
     assert (lat, lon) == pytest.approx((ORIGIN.lat_deg, ORIGIN.lon_deg))  # longitude first, RFC 7946
-    assert features[3]["properties"] == {"name": "USBL fix", "role": "fix", "time_s": 2.5, "fate": "used"}
+    assert features[3]["properties"] == {"name": "USBL fix", "role": "fix", "time_s": 2.5, "outcome": "used"}
 
 
 def test_a_map_shows_a_fast_track_once_a_second_and_nothing_undefined(tmp_path: Path) -> None:

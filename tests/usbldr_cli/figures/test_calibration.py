@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usbldr.filters.models.calibration import assumed_sd, found
+from usbldr.filters.models.calibration import assumed_sd, estimated_errors
 from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.reports.report_json import Run, ScoredTrack
@@ -64,6 +64,6 @@ def test_the_tracks_table_has_the_errors_in_degrees_clockwise_with_their_sigmas(
 def test_what_was_assumed_is_told_under_the_names_of_what_was_found() -> None:
     assumed = assumed_sd(SensorErrors(heading_rad=np.radians(4.0), latency_s=0.5))
 
-    assert {error.name for error in found(ADF)} <= set(assumed)
+    assert {error.name for error in estimated_errors(ADF)} <= set(assumed)
     assert assumed["heading_bias_deg"] == pytest.approx(4.0)
     assert assumed["usbl_latency_s"] == 0.5

@@ -9,7 +9,7 @@ import pytest
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import METHODS
-from usbldr.filters.replay.run import Settings
+from usbldr.filters.replay.run import FilterSettings
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reports.report_json import Run, ScoredTrack
@@ -26,7 +26,7 @@ PAPER = find_scenario("paper")
 LOG = simulated_log(dataclasses.replace(PAPER, duration_s=120.0), seed=1)
 TIMELINE = timeline(LOG)
 CPF = run_filter("cpf", TIMELINE, LOG.assumptions)
-EKF = run_filter("ekf", TIMELINE, LOG.assumptions, Settings(gate=0.9))
+EKF = run_filter("ekf", TIMELINE, LOG.assumptions, FilterSettings(gate=0.9))
 USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
 
 
