@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import usbldr_cli.figures.run_figures
+from checkout import ROOT
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -18,7 +19,7 @@ def _hears_interruptions() -> None:
 @pytest.fixture(scope="session")
 def field_logs() -> Path:
     """Return the folder of third-party logs, which are not ours to ship; skip where it is absent."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "logs"
+    beside = ROOT.parent / "shared" / "logs"
     folder = Path(os.environ.get("USBLDR_FIELD_LOGS", beside))
     if not folder.is_dir():
         pytest.skip(f"no field logs at {folder} (set USBLDR_FIELD_LOGS)")

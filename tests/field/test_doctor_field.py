@@ -1,19 +1,15 @@
 """The doctor on field logs: what their collectors found by hand, found without being told."""
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from checkout import FIELD_CONFIGURATIONS
+from commands import findings, run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.formats.mcap_log import McapLog
-from usbldr_cli.main import cli
 
-FIELD = Path(__file__).parents[2] / "benchmarks" / "field"
 LOGS = [
     "uib_field/uib_field.mcap",
     "uib_simulation/uib_simulation.mcap",
@@ -24,14 +20,8 @@ LOGS = [
 ]
 
 
-def findings(log: Path, config: str = "none") -> Mapping[str, Mapping[str, Any]]:
-    done = CliRunner().invoke(cli, ["doctor", str(log), "--json", "--config", config], standalone_mode=False)
-    assert done.exception is None, done.exception
-    return {one["code"]: one for one in json.loads(done.output)["findings"]}
-
-
 def test_the_faults_of_uib_field_are_found_without_being_told(field_logs: Path) -> None:
-    found = findings(field_logs / "uib_field" / "uib_field.mcap")
+    found = findings(field_logs / "uib_field" / "uib_field.mcap", "--config", "none")
 
     assert "/dvl: 2707 of 5422 records repeat" in found["REPEATED"]["text"]
     assert 'state convention = "NED" under [compass]' in found["HEADING-CONVENTION"]["text"]
@@ -46,7 +36,7 @@ def test_the_faults_of_uib_field_are_found_without_being_told(field_logs: Path) 
 
 
 def test_the_faults_of_stpere_are_found_without_being_told(field_logs: Path) -> None:
-    found = findings(field_logs / "stpere_marina" / "stpere_marina.mcap")
+    found = findings(field_logs / "stpere_marina" / "stpere_marina.mcap", "--config", "none")
 
     assert "84 say 327.67 m/s" in found["DVL-INVALID"]["text"]
     assert found["DVL-INVALID"]["worst"] == pytest.approx(327.67)
@@ -57,7 +47,9 @@ def test_the_faults_of_stpere_are_found_without_being_told(field_logs: Path) -> 
 
 
 def test_the_heading_of_stpere_is_biased_by_six_degrees_at_its_nominal_mounting(field_logs: Path) -> None:
-    found = findings(field_logs / "stpere_marina" / "stpere_marina.mcap", str(FIELD / "stpere_marina.toml"))
+    config = str(FIELD_CONFIGURATIONS / "stpere_marina.toml")
+
+    found = findings(field_logs / "stpere_marina" / "stpere_marina.mcap", "--config", config)
 
     assert found["HEADING-BIAS"]["worst"] == pytest.approx(6.0, abs=2.0)
     assert all(one["level"] != "error" for one in found.values())
@@ -71,14 +63,14 @@ def test_the_lost_bottom_lock_of_tanana_is_found(field_logs: Path, name: str) ->
     locked_s = columns["header.stamp"][np.isfinite(columns["twist.twist.linear.x"])] / 1e9
     last_s = max(topic.last_ns or 0 for topic in log.topics()) / 1e9
 
-    found = findings(field_logs / "mhkit_tanana" / f"{name}.mcap")["LOST-LOCK"]
+    found = findings(field_logs / "mhkit_tanana" / f"{name}.mcap", "--config", "none")["LOST-LOCK"]
 
     assert found["worst"] == pytest.approx(np.max(np.diff([*locked_s, last_s])), abs=2.5)  # the end by another sensor
     assert found["worst"] > 70.0
 
 
 def test_gps_shows_that_the_map_of_the_simulated_twin_is_ned(field_logs: Path) -> None:
-    found = findings(field_logs / "uib_simulation" / "uib_simulation.mcap")
+    found = findings(field_logs / "uib_simulation" / "uib_simulation.mcap", "--config", "none")
 
     assert 'state frame = "NED" under [usbl]' in found["MAP-FRAME"]["text"]
     assert 125.0 < found["DVL-MOUNT"]["worst"] < 137.0  # 131.2 against its truth
@@ -91,12 +83,12 @@ def test_what_init_writes_for_a_field_log_replays_and_leaves_no_error(
     config = tmp_path / "found.toml"
     options = ["--config", str(config), "--filter", "dr", "--output", str(tmp_path / "run"), "--truth", "none"]
 
-    wrote = CliRunner().invoke(cli, ["init", str(field_logs / log), "--output", str(config)], standalone_mode=False)
-    replayed = CliRunner().invoke(cli, ["replay", str(field_logs / log), *options], standalone_mode=False)
+    wrote = run("init", str(field_logs / log), "--output", str(config))
+    replayed = run("replay", str(field_logs / log), *options)
 
     assert wrote.exception is None, wrote.exception
     assert (replayed.exception, replayed.return_value) == (None, 0)
-    assert all(one["level"] != "error" for one in findings(field_logs / log, str(config)).values())
+    assert all(one["level"] != "error" for one in findings(field_logs / log, "--config", str(config)).values())
 
 
 def test_no_odd_file_of_others_ends_in_a_traceback(field_logs: Path, tmp_path: Path) -> None:
@@ -104,8 +96,8 @@ def test_no_odd_file_of_others_ends_in_a_traceback(field_logs: Path, tmp_path: P
     files = sorted(file for file in (field_logs / "reader_zoo").iterdir() if file.name[0].isdigit())
     assert len(files) == 29
     for file in files:
-        examined = CliRunner().invoke(cli, ["doctor", str(file)], standalone_mode=False)
-        wrote = CliRunner().invoke(cli, ["init", str(file), "-o", str(tmp_path / "x.toml")], standalone_mode=False)
+        examined = run("doctor", str(file))
+        wrote = run("init", str(file), "-o", str(tmp_path / "x.toml"))
 
         assert examined.return_value == 1 or isinstance(examined.exception, UsbldrError), file
         assert isinstance(wrote.exception, UsbldrError), file

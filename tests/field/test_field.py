@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from checkout import FIELD_CONFIGURATIONS
 from usbldr_cli.main import cli
 
-CONFIGURATIONS = Path(__file__).resolve().parents[2] / "benchmarks" / "field"
 UIB_WINDOW = ["--truth", "csv/graph_vertices_455.txt", "--start", "4", "--end", "1084", "--align", "first"]
 
 
@@ -23,7 +23,7 @@ def replay(field_logs: Path, folder: Path, name: str, *options: str) -> dict:
     """Run the command and return report.json."""
     target = folder / "-".join([name, *options]).replace("/", "")[:80]
     log = str(field_logs / name / f"{name}.mcap")
-    config = str(CONFIGURATIONS / f"{name}.toml")
+    config = str(FIELD_CONFIGURATIONS / f"{name}.toml")
     done = CliRunner().invoke(cli, ["replay", log, "--config", config, "--output", str(target), *options])
     assert done.exit_code == 0, done.output
     return json.loads((target / "report.json").read_text()) | {"folder": target}

@@ -8,12 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from checkout import FIELD_CONFIGURATIONS
 from usbldr.filters.replay.run import run
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
 
-CONFIGURATION = Path(__file__).resolve().parents[2] / "benchmarks" / "field" / "uib_field.toml"
+CONFIGURATION = FIELD_CONFIGURATIONS / "uib_field.toml"
 
 
 @cache

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from dives import HEADING, SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, yaw
+from recordings import HEADING, SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import COLUMNS
 from usbldr.io.read import Request, read_log, require

@@ -33,8 +33,7 @@ from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.runs.job_store import JobResult, JobStore, Trace
 from usbldr_cli.runs.seed_table import ComparisonRow
-from weaving import Faults
-from weaving import dive as weaving_dive
+from weaving import Faults, weaving_dive
 
 SHOWN = [case for case in CASES.values() if not case.held_back]
 

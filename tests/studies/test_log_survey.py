@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 import log_survey_tables as tables
+from checkout import SAMPLES
 from log_survey_runs import Said, Surveyed, commands, field_logs, other_files, survey
-
-SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
 
 @pytest.fixture

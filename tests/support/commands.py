@@ -1,6 +1,10 @@
-"""Commands of usbldr as tests call them."""
+"""Commands of usbldr as tests call them, in this process."""
 
+import json
 import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from click.testing import CliRunner, Result
 
@@ -8,12 +12,19 @@ from usbldr.filters.errors import UsbldrError
 from usbldr_cli.main import cli
 
 
-def run(*arguments: str) -> Result:
+def run(*arguments: object) -> Result:
     """Run a command; a warning is a failure, and so is a fault that is no sentence."""
+    words = [str(argument) for argument in arguments]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+        done = CliRunner().invoke(cli, words, standalone_mode=False)
     if not isinstance(done.exception, UsbldrError | None) and not type(done.exception).__module__.startswith("click"):
-        raise AssertionError(f"usbldr {' '.join(arguments)}: {done.exception!r}") from done.exception
+        raise AssertionError(f"usbldr {' '.join(words)}: {done.exception!r}") from done.exception
     assert "\n" not in str(done.exception or "")
     return done
+
+
+def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:
+    """Return code -> finding of the doctor."""
+    found = json.loads(run("doctor", log, "--json", *options).output)["findings"]
+    return {one["code"]: one for one in found}

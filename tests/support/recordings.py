@@ -1,17 +1,138 @@
-"""ROS 1 bags and rosbag2 folders that tests write by hand, with rosbags' own writers as the scribes."""
+"""Recordings that tests write by hand: MCAP, ROS 1 bags, rosbag2 folders, CSV folders and sentences of NMEA 0183.
 
-from collections.abc import Iterable
+The writers are those of mcap and rosbags, which owe nothing to usbldr.
+"""
+
+from collections.abc import Iterable, Mapping
 from functools import reduce
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
-from dives import Row, message
+SECOND = 1_000_000_000
+T0 = 1_600_000_000 * SECOND  # 2020-09-13T12:26:40Z
+
+MARINE_DVL = """\
+std_msgs/Header header
+uint8 velocity_mode
+geometry_msgs/Vector3 velocity
+float64[9] velocity_covar
+uint8 num_good_beams
+bool beam_velocities_valid
+float32[4] beam_quality
+"""
+OLD_DVL = """\
+std_msgs/Header header
+float64 time
+geometry_msgs/Vector3 velocity
+float64 fom
+bool velocity_valid
+string form
+"""
+NEW_DVL = """\
+std_msgs/Header header
+float64 time
+geometry_msgs/Vector3 velocity
+float64 fom
+float64[] covariance
+bool velocity_valid
+int64 time_of_validity
+int64 time_of_transmission
+string form
+"""
+EXTRA = {
+    "marine_acoustic_msgs/msg/Dvl": MARINE_DVL,
+    "old_dvl_msgs/msg/DVL": OLD_DVL,
+    "dvl_msgs/msg/DVL": NEW_DVL,
+}
 
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+
+
+def define(definitions: Mapping[str, str]) -> None:
+    """Make further types known: name -> definition."""
+    for name, text in definitions.items():
+        ROS2.register(get_types_from_msg(text, name))
+
+
+define(EXTRA)
+
+Row = tuple[int, str, str, Mapping[str, Any]]  # log time, topic, type, values by field path
+
+
+def stamp(time_ns: int) -> Any:
+    return ROS2.types["builtin_interfaces/msg/Time"](*divmod(time_ns, SECOND))
+
+
+def message(type_name: str, values: Mapping[str, Any], store: Typestore = ROS2) -> Any:
+    """Make a message of zeros and empty texts, but for the values, named by field path; "header.stamp" in ns."""
+    made = _zeros(type_name, store)
+    for path, value in values.items():
+        *parents, last = path.split(".")
+        owner = made
+        for name in parents:
+            owner = getattr(owner, name)
+        owner_value = stamp(value) if last == "stamp" else value
+        setattr(owner, last, owner_value)
+    return made
+
+
+def _zeros(type_name: str, store: Typestore) -> Any:
+    fields = []
+    descriptions: list[tuple[str, Any]] = list(store.fielddefs[type_name][1])
+    for _, (kind, what) in descriptions:
+        if kind is Nodetype.NAME:
+            fields.append(_zeros(str(what), store))
+        elif kind is Nodetype.BASE:
+            fields.append({"string": "", "bool": False, "float64": 0.0, "float32": 0.0}.get(str(what[0]), 0))
+        elif what[0][0] is Nodetype.NAME:
+            fields.append([_zeros(str(what[0][1]), store) for _ in range(what[1])])
+        else:
+            (_, (base, _)), count = what  # an array of numbers
+            fields.append(np.zeros(count if kind is Nodetype.ARRAY else 0, dtype=str(base)))
+    return store.types[type_name](*fields)
+
+
+def write_mcap(
+    file: Path,
+    rows: Iterable[Row],
+    compression: CompressionType = CompressionType.ZSTD,
+    chunked: bool = True,
+    chunk_size: int = 1 << 20,
+    summary: bool = True,
+) -> Path:
+    """Write messages in the order given."""
+    with file.open("wb") as stream:
+        writer = Writer(
+            stream,
+            chunk_size=chunk_size,
+            compression=compression,
+            use_chunking=chunked,
+            index_types=IndexType.ALL if summary else IndexType.NONE,
+            use_statistics=summary,
+            use_summary_offsets=summary,
+            repeat_channels=summary,
+            repeat_schemas=summary,
+        )
+        writer.start(profile="ros2", library="by hand")
+        channels: dict[str, int] = {}
+        for log_ns, topic, type_name, values in rows:
+            if topic not in channels:
+                text, _ = ROS2.generate_msgdef(type_name, ros_version=2)
+                schema = writer.register_schema(type_name, "ros2msg", text.encode())
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            data = bytes(ROS2.serialize_cdr(message(type_name, values), type_name))
+            writer.add_message(channels[topic], log_ns, data, log_ns)
+        writer.finish()
+    return file
 
 
 def write_bag(file: Path, rows: Iterable[Row], compression: str = "none", chunk_size: int = 1 << 20) -> Path:
@@ -38,6 +159,53 @@ def write_rosbag2(folder: Path, rows: Iterable[Row], storage: StoragePlugin = St
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, type_name, typestore=ROS2)
             writer.write(connections[topic], log_ns, ROS2.serialize_cdr(message(type_name, values), type_name))
+    return folder
+
+
+TWIST, IMU, POINT = "geometry_msgs/msg/TwistStamped", "sensor_msgs/msg/Imu", "geometry_msgs/msg/PointStamped"
+FIX, HEADING, PRESSURE = "sensor_msgs/msg/NavSatFix", "std_msgs/msg/Float64", "sensor_msgs/msg/FluidPressure"
+TWIST_COVARIANCE, POSE = "geometry_msgs/msg/TwistWithCovarianceStamped", "geometry_msgs/msg/PoseStamped"
+POSE_COVARIANCE, ODOMETRY = "geometry_msgs/msg/PoseWithCovarianceStamped", "nav_msgs/msg/Odometry"
+MARINE, DVL = "marine_acoustic_msgs/msg/Dvl", "dvl_msgs/msg/DVL"
+
+
+def twist(time_ns: int, x: float, y: float, z: float = 0.0, topic: str = "/dvl") -> Row:
+    values = {"header.stamp": time_ns, "twist.linear.x": x, "twist.linear.y": y, "twist.linear.z": z}
+    return time_ns, topic, TWIST, values
+
+
+def yaw(time_ns: int, yaw_deg: float, topic: str = "/imu") -> Row:
+    """An Imu turned by yaw_deg about its z axis."""
+    half = np.radians(yaw_deg) / 2
+    values = {"header.stamp": time_ns, "orientation.z": float(np.sin(half)), "orientation.w": float(np.cos(half))}
+    return time_ns, topic, IMU, values
+
+
+def point(time_ns: int, x: float, y: float, z: float = 0.0, delay_s: float = 0.0, topic: str = "/usbl") -> Row:
+    values = {"header.stamp": time_ns, "point.x": x, "point.y": y, "point.z": z}
+    return time_ns + round(delay_s * SECOND), topic, POINT, values
+
+
+def fix(time_ns: int, lat: float, lon: float, status: int = 0, topic: str = "/gps/fix") -> Row:
+    values = {"header.stamp": time_ns, "latitude": lat, "longitude": lon, "status.status": status}
+    return time_ns, topic, FIX, values
+
+
+def short_dive() -> list[Row]:
+    """Ten seconds straight ahead: one record of DVL, compass and USBL each second, heading east by REP 103."""
+    rows: list[Row] = []
+    for k in range(11):
+        t = T0 + k * SECOND
+        rows += [twist(t, 1.0, 0.5), yaw(t, 0.0), point(t, float(k), 0.0)]
+    return rows
+
+
+def write_csv(folder: Path, **files: str) -> Path:
+    """Write texts as CSV files, their lines stripped of indentation."""
+    folder.mkdir(exist_ok=True)
+    for name, text in files.items():
+        lines = [line.strip() for line in text.strip().splitlines()]
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return folder
 
 

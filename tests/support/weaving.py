@@ -21,7 +21,9 @@ class Faults(NamedTuple):
     usbl_latency_s: float = 0.0
 
 
-def dive(faults: Faults, seed: int = 0, wander_m: float = 0.0, seconds: int = 400, weaves: bool = True) -> Timeline:
+def weaving_dive(
+    faults: Faults, seed: int = 0, wander_m: float = 0.0, seconds: int = 400, weaves: bool = True
+) -> Timeline:
     """Weave at 1.2 m/s with some sway, or go straight on towards 60 degrees at a constant speed."""
     rng = np.random.default_rng(seed)
     fine_s = np.arange(-5 * 100, seconds * 100 + 1) / 100

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from commands import run
-from dives import HEADING, POSE_COVARIANCE, PRESSURE, SECOND, T0, TWIST_COVARIANCE, Row, write_mcap
-from doctored import dive
+from curved import curved_dive
+from recordings import HEADING, POSE_COVARIANCE, PRESSURE, SECOND, T0, TWIST_COVARIANCE, Row, write_mcap
 from usbldr.io.read import read_log
 
 ODD = (1e300, -1e300, 1e308, math.nan, math.inf, -math.inf, 0.0, 1e-300, 1e17, 1e10, 1e6, -1e6)
@@ -26,7 +26,7 @@ WHICH: dict[str, Callable[[int], bool]] = {"all": lambda _: True, "one": lambda 
 
 
 def whole_dive() -> list[Row]:
-    rows = [row for row in dive(gps=True) if row[0] < T0 + 90 * SECOND]
+    rows = [row for row in curved_dive(gps=True) if row[0] < T0 + 90 * SECOND]
     stamps = range(T0, T0 + 90 * SECOND, SECOND)
     rows += [(t, "/depth", PRESSURE, {"header.stamp": t, "fluid_pressure": 150000.0}) for t in stamps]
     return sorted(rows, key=lambda row: row[0])

@@ -14,8 +14,8 @@ from click.testing import Result
 from msgspec import Struct
 
 from commands import run
-from dives import PRESSURE, SECOND, T0, fix, write_mcap, yaw
-from doctored import dive
+from curved import curved_dive
+from recordings import PRESSURE, SECOND, T0, fix, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.settings.sensor_sections import Configuration
 
@@ -124,7 +124,7 @@ def settings(values: Mapping[str, object]) -> str:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ninety seconds of a dive with every sensor, beside a ship."""
-    rows = [row for row in dive(gps=True) if row[0] < T0 + 90 * SECOND]
+    rows = [row for row in curved_dive(gps=True) if row[0] < T0 + 90 * SECOND]
     for t in range(T0, T0 + 90 * SECOND, SECOND):
         rows.append((t, "/depth", PRESSURE, {"header.stamp": t, "fluid_pressure": 150000.0}))
         rows += [fix(t, 45.0, 7.0, topic="/ship/fix"), yaw(t, 30.0, topic="/ship/imu")]

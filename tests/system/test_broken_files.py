@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from dives import short_dive, write_csv, write_mcap
-from recordings import write_bag, write_rosbag2
+from recordings import short_dive, write_bag, write_csv, write_mcap, write_rosbag2
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.read import read_log
 from usbldr_cli.main import cli

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from checkout import ROOT
 from usbldr_cli.main import COMMANDS, cli
 
-ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 COMMAND = re.compile(r"^\$ usbldr (.*)\n((?:(?!\$ ).*\n)*)", re.MULTILINE)
 

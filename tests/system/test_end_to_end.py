@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from checkout import SAMPLES
 from usbldr.filters.replay.methods import METHODS
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 TURN = SAMPLES / "lawnmower_turn_db3"  # two minutes: quick
 USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
 TABLES = {"fixes.csv", "track.tum", "truth.tum", "track.geojson", "track.kml", "report.md", "report.json"}

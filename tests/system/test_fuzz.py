@@ -15,8 +15,7 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
 from commands import run
-from dives import SECOND, T0, Row, point, short_dive, twist, write_csv, write_mcap, yaw
-from recordings import write_bag, write_rosbag2
+from recordings import SECOND, T0, Row, point, short_dive, twist, write_bag, write_csv, write_mcap, write_rosbag2, yaw
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log

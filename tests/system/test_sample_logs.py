@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from checkout import ROOT
 from usbldr.io.read import read_log
 
-ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_logs"
 LOGS = ("paper.mcap", "lawnmower.mcap", "lawnmower.bag", "lawnmower_csv", "lawnmower_turn_db3")
 WRITTEN = (".bag", ".csv", ".db3", ".mcap", ".yaml", ".toml")

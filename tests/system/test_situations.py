@@ -7,15 +7,13 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from dives import SECOND, T0, short_dive, twist, write_mcap
-from recordings import write_bag
+from checkout import ROOT
+from recordings import SECOND, T0, short_dive, twist, write_bag, write_mcap
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.formats.mcap_log import McapLog
 from usbldr.io.opening import Request
 from usbldr.io.read import read_log
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_every_situation_has_a_test_that_shows_it() -> None:

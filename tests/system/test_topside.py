@@ -8,8 +8,7 @@ import pymap3d
 import pytest
 from click.testing import CliRunner
 
-from dives import SECOND, T0, Row, twist, write_mcap, yaw
-from recordings import sentence
+from recordings import SECOND, T0, Row, sentence, twist, write_mcap, yaw
 from usbldr.io.read import Request, read_log
 from usbldr_cli.main import cli
 

@@ -2,8 +2,6 @@
 
 import json
 import math
-from collections.abc import Mapping
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,8 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from dives import (
+from logs import codes, logged, logged_nmea
+from recordings import (
     DVL,
     FIX,
     POINT,
@@ -22,13 +21,12 @@ from dives import (
     Row,
     define,
     point,
+    sentence,
     short_dive,
     twist,
-    write_mcap,
 )
 from usbldr.filters.errors import UsageError
-from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.read import read_log
 
 HEADER = "std_msgs/Header header\n"
 define(
@@ -43,26 +41,6 @@ HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
 METRES_A_DEGREE = 111132.95  # of latitude at 45 degrees
 
 
-def sentence(body: str) -> str:
-    return f"${body}*{reduce(lambda a, b: a ^ b, body.encode()):02X}"
-
-
-def logged(tmp_path: Path, *rows: Row, toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
-
-
-def heard(tmp_path: Path, *lines: str, toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
-    (tmp_path / "ship.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "ship.nmea", Request(topics=topics or {}))
-
-
-def codes(log: Log) -> dict[str, str]:
-    return {finding.code: finding.text for finding in log.findings}
-
-
 def cola2(k: int, age_s: float) -> Row:
     stamp_ns = T0 + k * SECOND - round(age_s * SECOND)
     values = {"header.stamp": stamp_ns, "pose.pose.position.x": 45.0 + 1e-5 * k, "pose.pose.position.y": 7.0}
@@ -71,7 +49,7 @@ def cola2(k: int, age_s: float) -> Row:
 
 def test_a_fix_stamped_hours_before_it_came_is_none(tmp_path: Path) -> None:
     """COLA2 calls a fix invalid by a stamp more than 9900 s old; it must not become the start of the dive."""
-    log = logged(tmp_path, cola2(0, 0.5), cola2(1, 10_000.0), *(cola2(k, 2.0) for k in range(2, 5)), toml=MAP)
+    log = logged(tmp_path, [cola2(0, 0.5), cola2(1, 10_000.0), *(cola2(k, 2.0) for k in range(2, 5))], MAP)
 
     assert len(log.tables["usbl"]) == 4
     assert log.start_ns == T0 - SECOND // 2
@@ -79,7 +57,7 @@ def test_a_fix_stamped_hours_before_it_came_is_none(tmp_path: Path) -> None:
 
 
 def test_a_system_whose_clock_is_hours_off_keeps_its_fixes(tmp_path: Path) -> None:
-    log = logged(tmp_path, *(cola2(k, 10_800.5) for k in range(5)), toml=MAP)
+    log = logged(tmp_path, [cola2(k, 10_800.5) for k in range(5)], MAP)
 
     assert len(log.tables["usbl"]) == 5
 
@@ -96,7 +74,7 @@ def test_local_time_in_a_sentence_is_moved_to_the_clock_of_the_others(tmp_path: 
     ]
     rows = [row for row in short_dive() if row[2] != POINT]
 
-    log = logged(tmp_path, *rows, *fixes, toml="[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }\n")
+    log = logged(tmp_path, [*rows, *fixes], "[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }\n")
 
     assert log.start_ns == T0
     np.testing.assert_allclose(log.tables["usbl"]["time_s"], np.arange(11.0), atol=1e-6)
@@ -113,7 +91,7 @@ def test_fixes_around_midnight_stay_in_order(tmp_path: Path, later: float) -> No
         for k, text in bodies.items()
     ]
 
-    log = heard(tmp_path, *lines, toml=HEAD)
+    log = logged_nmea(tmp_path, *lines, toml=HEAD)
 
     assert log.start_ns == (midnight_s - 2) * SECOND
     assert log.tables["usbl"]["time_s"].tolist() == [0.0, 1.0, 2.0, 3.0]
@@ -129,7 +107,7 @@ def test_the_target_of_a_tracked_target_sentence_is_one_of_several(tmp_path: Pat
         (T0 + k * SECOND, "/ugps/nmea", "std_msgs/msg/String", {"data": line}) for k, line in enumerate(lines)
     ]
 
-    log = logged(tmp_path, *rows, toml=f'{MAP}[usbl]\ntarget = "1"')
+    log = logged(tmp_path, rows, f'{MAP}[usbl]\ntarget = "1"')
 
     north = log.tables["usbl"]["north_m"].to_numpy()
     assert north == pytest.approx([0.054 / 60 * METRES_A_DEGREE, 0.058 / 60 * METRES_A_DEGREE], abs=0.02)
@@ -142,23 +120,23 @@ def test_a_radars_target_is_no_fix_of_the_vehicle(tmp_path: Path) -> None:
         f"1600000000 {sentence('HEHDT,1.5,T')}",
     ]
 
-    assert "usbl" not in heard(tmp_path, *lines, toml=MAP).tables
+    assert "usbl" not in logged_nmea(tmp_path, *lines, toml=MAP).tables
 
 
 def test_a_hipaps_own_heading_serves_where_it_is_named(tmp_path: Path) -> None:
     line = sentence("PSIMSNS,122640.00,M42,01,01,1.0,2.0,0.3,181.5,,1,0.4,,M121")
 
-    log = heard(tmp_path, f"1600000000 {line}", topics={"compass": "/PSIMSNS"})
+    log = logged_nmea(tmp_path, f"1600000000 {line}", compass="/PSIMSNS")
 
     assert log.tables["compass"]["heading_deg"].tolist() == [181.5]
-    assert "compass" not in heard(tmp_path, f"1600000000 {line}").tables
+    assert "compass" not in logged_nmea(tmp_path, f"1600000000 {line}").tables
 
 
 def test_a_heading_sentence_of_unknown_fields_is_refused(tmp_path: Path) -> None:
     line = sentence("PTSAH,#16068,124544.449,18,12,2017,271.5")
 
     with pytest.raises(UsageError, match=r"/PTSAH .* cannot serve as compass: it has fields that are not known here"):
-        heard(tmp_path, f"1600000000 {line}", topics={"compass": "/PTSAH"})
+        logged_nmea(tmp_path, f"1600000000 {line}", compass="/PTSAH")
 
 
 def test_fixes_within_a_message_of_ros_are_refused_by_what_they_are(tmp_path: Path) -> None:
@@ -167,23 +145,23 @@ def test_fixes_within_a_message_of_ros_are_refused_by_what_they_are(tmp_path: Pa
     with pytest.raises(
         UsageError, match="it holds messages within messages, which are read from protobuf and JSON alone"
     ):
-        logged(tmp_path, row, topics={"gps": "/gps"})
+        logged(tmp_path, [row], topics={"gps": "/gps"})
 
 
 def test_a_course_is_no_heading(tmp_path: Path) -> None:
     kind = "gps_only_msgs/msg/GPSFix"
     fix = (T0, "/gps", kind, {"header.stamp": T0, "latitude": 45.0, "longitude": 7.0, "track": 90.0})
 
-    assert list(logged(tmp_path, fix).tables) == ["gps"]
+    assert list(logged(tmp_path, [fix]).tables) == ["gps"]
     with pytest.raises(UsageError, match="tells the course over ground, which is no heading"):
-        logged(tmp_path, fix, topics={"compass": "/gps"})
+        logged(tmp_path, [fix], topics={"compass": "/gps"})
 
 
 def test_what_an_autopilot_was_told_of_speed_is_no_dvl(tmp_path: Path) -> None:
     row = (T0, "/mavros/vision_speed/speed_twist", TWIST, {"header.stamp": T0, "twist.linear.x": 1.0})
 
     with pytest.raises(UsageError, match="holds velocities in earth axes"):
-        logged(tmp_path, row, topics={"dvl": "/mavros/vision_speed/speed_twist"})
+        logged(tmp_path, [row], topics={"dvl": "/mavros/vision_speed/speed_twist"})
 
 
 def test_a_target_that_a_format_has_as_a_float_is_the_same_target(tmp_path: Path) -> None:
@@ -215,7 +193,7 @@ def test_a_repeated_fix_of_unknown_ellipse_is_still_one_fix(tmp_path: Path) -> N
         for k in range(4)
     ]
 
-    log = heard(tmp_path, *lines, toml=MAP)
+    log = logged_nmea(tmp_path, *lines, toml=MAP)
 
     assert len(log.tables["usbl"]) == 2
     assert codes(log)["USBL-REPEATED"].startswith("/PSONLLD: 2 of 4 fixes repeat")
@@ -229,7 +207,7 @@ def test_a_dvl_may_fill_in_its_covariance_now_and_then(tmp_path: Path) -> None:
         for k, c in enumerate([[], [0.0004, 0, 0, 0, 0.0004, 0, 0, 0, 0.0004], []])
     ]
 
-    log = logged(tmp_path, *rows, toml='[dvl]\nsd_mps = "message"')
+    log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
 
     assert log.tables["dvl"]["sd_mps"].to_numpy() == pytest.approx([0.5, 0.02, 0.5])
 
@@ -237,7 +215,7 @@ def test_a_dvl_may_fill_in_its_covariance_now_and_then(tmp_path: Path) -> None:
 def test_a_dvl_in_millimetres_has_its_figure_of_merit_in_them_too(tmp_path: Path) -> None:
     values = {"velocity.x": 1500.0, "velocity.y": -200.0, "velocity_valid": True, "fom": 30.0, "header.stamp": T0}
 
-    table = logged(tmp_path, (T0, "/dvl", DVL, values), toml='[dvl]\nunit = "mm/s"\nsd_mps = "message"').tables["dvl"]
+    table = logged(tmp_path, [(T0, "/dvl", DVL, values)], '[dvl]\nunit = "mm/s"\nsd_mps = "message"').tables["dvl"]
 
     assert table[["starboard_mps", "forward_mps", "sd_mps"]].to_numpy().tolist() == [[-0.2, 1.5, 0.03]]
 
@@ -246,9 +224,9 @@ def test_sigmas_and_variances_are_not_mixed_up(tmp_path: Path) -> None:
     """A NavSatFix states variances of east and north; accuracy of a HiPAP is a sigma."""
     covariance = np.diag([4.0, 9.0, 1.0]).ravel()
     stated = {"latitude": 45.0, "longitude": 7.0, "position_covariance": covariance, "position_covariance_type": 2}
-    by_variance = logged(tmp_path, (T0, "/usbl/fix", FIX, {"header.stamp": T0, **stated}), toml=MAP).tables["usbl"]
+    by_variance = logged(tmp_path, [(T0, "/usbl/fix", FIX, {"header.stamp": T0, **stated})], MAP).tables["usbl"]
     hipap = sentence("PSIMSSB,122640.00,B01,A,,C,N,M,3.0,5.0,10.0,2.0,N,,")
-    by_sigma = heard(tmp_path, f"1600000000 {hipap}", toml=HEAD).tables["usbl"]
+    by_sigma = logged_nmea(tmp_path, f"1600000000 {hipap}", toml=HEAD).tables["usbl"]
 
     columns = ["cov_ee_m2", "cov_nn_m2"]
     assert by_variance[columns].to_numpy().tolist() == [[4.0, 9.0]]
@@ -261,7 +239,7 @@ def test_a_covariance_of_a_map_with_x_north_is_turned_with_it(tmp_path: Path) ->
     values = {"header.stamp": T0, "header.frame_id": "world_ned", "pose.covariance": covariance}
     pose = {"pose.pose.position.x": 300.0, "pose.pose.position.y": 40.0}
 
-    usbl = logged(tmp_path, (T0, "/usbl", POSE_COVARIANCE, {**values, **pose})).tables["usbl"]
+    usbl = logged(tmp_path, [(T0, "/usbl", POSE_COVARIANCE, {**values, **pose})]).tables["usbl"]
 
     assert usbl[["east_m", "north_m"]].to_numpy().tolist() == [[40.0, 300.0]]
     assert usbl[["cov_ee_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy() == pytest.approx(np.array([[4.0, 1.5, 9.0]]))
@@ -271,8 +249,8 @@ def test_a_bearing_and_an_offset_of_one_target_agree(tmp_path: Path) -> None:
     """50 m at 37 degrees, 30 below: the same place by USRTH and by PSIMSSB."""
     flat = 50 * math.cos(math.radians(30))
     x, y = flat * math.cos(math.radians(37)), flat * math.sin(math.radians(37))
-    locator = heard(tmp_path, "1600000000 " + sentence("USRTH,0,0,0,50.0,53.0,37.0,-30.0,0,0,0,0,16"), toml=HEAD)
-    hipap = heard(
+    locator = logged_nmea(tmp_path, "1600000000 " + sentence("USRTH,0,0,0,50.0,53.0,37.0,-30.0,0,0,0,0,16"), toml=HEAD)
+    hipap = logged_nmea(
         tmp_path, "1600000000 " + sentence(f"PSIMSSB,122640.00,B01,A,,C,N,M,{x:.6f},{y:.6f},25.0,1.0,N,,"), toml=HEAD
     )
 
@@ -284,7 +262,7 @@ def test_a_bearing_and_an_offset_of_one_target_agree(tmp_path: Path) -> None:
 def test_a_frame_that_is_called_ned_counts_north_first(tmp_path: Path, frame: str) -> None:
     log_ns, topic, kind, values = point(T0, 3.0, 4.0)
 
-    log = logged(tmp_path, (log_ns, topic, kind, {**values, "header.frame_id": frame}))
+    log = logged(tmp_path, [(log_ns, topic, kind, {**values, "header.frame_id": frame})])
 
     assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[4.0, 3.0]]
 
@@ -293,13 +271,13 @@ def test_a_frame_that_is_called_ned_counts_north_first(tmp_path: Path, frame: st
 def test_a_word_that_ends_in_ned_is_no_frame(tmp_path: Path, frame: str) -> None:
     log_ns, topic, kind, values = point(T0, 3.0, 4.0)
 
-    log = logged(tmp_path, (log_ns, topic, kind, {**values, "header.frame_id": frame}))
+    log = logged(tmp_path, [(log_ns, topic, kind, {**values, "header.frame_id": frame})])
 
     assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[3.0, 4.0]]
 
 
 def test_points_and_twists_without_any_frame_count_by_rep_103(tmp_path: Path) -> None:
-    log = logged(tmp_path, point(T0, 3.0, 4.0), twist(T0, 1.0, 0.5))
+    log = logged(tmp_path, [point(T0, 3.0, 4.0), twist(T0, 1.0, 0.5)])
 
     assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[3.0, 4.0]]
     assert log.tables["dvl"][["starboard_mps", "forward_mps"]].to_numpy().tolist() == [[-0.5, 1.0]]

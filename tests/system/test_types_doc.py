@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from dives import T0, define, write_mcap
+from checkout import ROOT
+from recordings import T0, define, write_mcap
 from usbldr.io.messages import registry
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.read import read_log
 
-ROOT = Path(__file__).resolve().parents[2]
 DOC = (ROOT / "docs" / "types.md").read_text(encoding="utf-8")
 SPEED = "float64 forward\nfloat64 port\nfloat64 up\n"
 define(

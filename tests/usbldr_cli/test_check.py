@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from checkout import ROOT
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric
@@ -18,7 +19,6 @@ from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_m
 
 LAWNMOWER = find_scenario("lawnmower")
 
-ROOT = Path(__file__).resolve().parents[2]
 USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
 
 ROWS = """\

@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from dives import T0, short_dive, write_csv, write_mcap
+from checkout import FIELD_CONFIGURATIONS
+from recordings import T0, short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.replay.run import run
 from usbldr.io.log import Log
@@ -19,7 +20,6 @@ from usbldr.io.writers.export import cut_log, export
 from usbldr_cli.main import cli
 
 NAMES = ["out.mcap", "out.bag", "out.db3", "out_db3", "out"]
-FIELD = Path(__file__).resolve().parents[2] / "benchmarks" / "field"
 CONFIGURATION = """
 [map]
 origin_lat_deg = 45.5
@@ -144,7 +144,7 @@ def test_the_same_log_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["uib_field.mcap", "uib_field.bag"])
 def test_replaying_an_export_of_uib_field_gives_the_same_track(field_logs: Path, tmp_path: Path, name: str) -> None:
-    log = read_log(field_logs / "uib_field" / name, Request(str(FIELD / "uib_field.toml")))
+    log = read_log(field_logs / "uib_field" / name, Request(str(FIELD_CONFIGURATIONS / "uib_field.toml")))
     export(log, tmp_path / "out.mcap")
     export(log, tmp_path / "folder")
     track = run("adf", timeline(log), replace(log.assumptions, calibrate=())).position_m

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from dives import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap
+from recordings import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.info import info
 

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from dives import SECOND, T0, point, write_mcap
-from doctored import dive, findings, in_radians
+from commands import findings
+from curved import curved_dive, in_radians
+from recordings import SECOND, T0, point, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.main import cli
 
@@ -23,7 +24,7 @@ def run(*arguments: str) -> Result:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dive against all defaults, with a DVL at -50 degrees, and GPS."""
-    return write_mcap(tmp_path_factory.mktemp("init") / "dive.mcap", dive(**MIRRORED, mount_deg=-50.0, gps=True))
+    return write_mcap(tmp_path_factory.mktemp("init") / "dive.mcap", curved_dive(**MIRRORED, mount_deg=-50.0, gps=True))
 
 
 def test_the_file_says_how_the_log_was_made(log: Path, tmp_path: Path) -> None:
@@ -87,7 +88,7 @@ def test_the_file_stands_where_replay_looks_and_is_not_overwritten(log: Path, tm
 
 def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_only(tmp_path: Path) -> None:
     """The dive's map begins at 45 north, 7 east, which no message says; the first GPS fix lies 10 s from it."""
-    rows = [row for row in dive(gps=True) if row[1] != "/gps/fix" or row[0] % (60 * SECOND) < 3 * SECOND]
+    rows = [row for row in curved_dive(gps=True) if row[1] != "/gps/fix" or row[0] % (60 * SECOND) < 3 * SECOND]
     log = write_mcap(tmp_path / "dive.mcap", rows)
 
     done = run("init", str(log))
@@ -102,7 +103,7 @@ def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_o
 
 
 def test_headings_that_the_fixes_show_to_be_radians_are_written_as_such(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", in_radians(dive(gps=True)))
+    log = write_mcap(tmp_path / "dive.mcap", in_radians(curved_dive(gps=True)))
 
     run("init", str(log))
 
@@ -117,7 +118,7 @@ def test_headings_that_the_fixes_show_to_be_radians_are_written_as_such(tmp_path
 
 def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
     raw = [point(T0 + k * SECOND, 0.0, 0.0, topic="/usbl/raw") for k in range(5)]
-    undecided = write_mcap(tmp_path / "dive.mcap", sorted([*dive(), *raw], key=lambda row: row[0]))
+    undecided = write_mcap(tmp_path / "dive.mcap", sorted([*curved_dive(), *raw], key=lambda row: row[0]))
 
     done = run("init", str(undecided))
 
@@ -128,7 +129,7 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
 
 
 def test_a_log_that_no_configuration_can_mend_gets_none(tmp_path: Path) -> None:
-    no_dvl = write_mcap(tmp_path / "dive.mcap", [row for row in dive() if row[1] != "/dvl"])
+    no_dvl = write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive() if row[1] != "/dvl"])
 
     done = run("init", str(no_dvl))
 

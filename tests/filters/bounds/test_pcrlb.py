@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from models import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, position_steps
 from usbldr.filters.bounds.pcrlb import BATCH_SIZE, Bounds, bounds, local_bounds, mean_absolute_error, parallel_sum
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.protocol import Step

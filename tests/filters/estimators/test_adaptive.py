@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from models import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, position_steps
 from usbldr.filters.estimators.adaptive import MAX_FACTOR, CovarianceMatching, FadingFactor, InflationFactor, Innovation
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import PRIOR, Drift, exact_mixture, position_steps
+from textbook import PRIOR, Drift, exact_mixture, position_steps
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from models import PRIOR, Drift, grid_posterior, position_steps
+from textbook import PRIOR, Drift, grid_posterior, position_steps
 from usbldr.filters.estimators.cpf_gaussian import GaussianParticleFilter, whitened
 from usbldr.filters.estimators.cpf_literal import LiteralParticleFilter
 from usbldr.filters.estimators.gaussian_bank import replicate

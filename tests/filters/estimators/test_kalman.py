@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import CubatureKalmanFilter, JulierSigmaPoints, KalmanFilter, UnscentedKalmanFilter
 
-from models import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, position_steps
 from usbldr.filters.estimators.gaussian_bank import predict, project, replicate, update
 from usbldr.filters.estimators.kalman import KalmanFilter as OurKalmanFilter
 from usbldr.filters.estimators.mode_updates import Gate, collapse, moment_matched

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from models import PRIOR, grid_posterior
+from textbook import PRIOR, grid_posterior
 from usbldr.filters.estimators.gaussian_bank import Projection, inverse_and_logdet, project, replicate, update
 from usbldr.filters.estimators.mode_updates import Gate, collapse, mode_likelihoods, moment_matched
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT

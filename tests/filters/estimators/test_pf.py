@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from models import PRIOR, Drift, exact_mixture, position_steps
+from textbook import PRIOR, Drift, exact_mixture, position_steps
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.pf import BootstrapParticleFilter

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from models import position_steps
+from textbook import position_steps
 from usbldr.filters.bounds.pcrlb import bounds
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.cpf_gaussian import GaussianParticleFilter

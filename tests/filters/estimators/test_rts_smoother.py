@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, position_steps
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import collapse, moment_matched

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter as OtherKalmanFilter
 
-from models import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, position_steps
 from usbldr.filters.bounds.pcrlb import bounds
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched

@@ -19,14 +19,14 @@ from usbldr.filters.types import Update
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
 from usbldr_cli.main import cli
-from weaving import Faults, dive
+from weaving import Faults, weaving_dive
 
 ASSUMED = Assumptions(usbl=Gaussian(), start=Start(2.0, 0.0, 3.0))
 
 
 @pytest.mark.parametrize("method", ["ekf", "adf", "cpf", "pf-wekf"])
 def test_without_the_most_influential_fix_the_track_lies_elsewhere_by_its_shift(method: str) -> None:
-    line = dive(Faults(heading_bias_deg=3.0), seconds=80)
+    line = weaving_dive(Faults(heading_bias_deg=3.0), seconds=80)
     settings = FilterSettings(particles=20)
     whole = run(method, line, ASSUMED, settings)
 
@@ -40,7 +40,7 @@ def test_without_the_most_influential_fix_the_track_lies_elsewhere_by_its_shift(
 
 
 def test_the_most_influential_come_first_and_each_fix_once() -> None:
-    track = run("adf", dive(Faults(), seconds=60), ASSUMED)
+    track = run("adf", weaving_dive(Faults(), seconds=60), ASSUMED)
 
     told = most_influential(track, 7)
 
@@ -51,7 +51,7 @@ def test_the_most_influential_come_first_and_each_fix_once() -> None:
 
 
 def test_a_refused_fix_moves_nothing() -> None:
-    line = dive(Faults(), seconds=60)
+    line = weaving_dive(Faults(), seconds=60)
     line.fix_m[30] += 500.0
 
     refused = influences(run("ekf", line, ASSUMED, FilterSettings(gate=0.99)))[30]
@@ -71,7 +71,7 @@ def test_two_scalars_and_a_position_are_told_alike() -> None:
 
 def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> None:
     """A vehicle that knows its way from fix to fix averages them, whatever their number."""
-    line = dive(Faults(), seconds=80)
+    line = weaving_dive(Faults(), seconds=80)
     line.fix_m[30] += (40.0, 0.0)
     line = replace(line, fix_cov_m2=100.0 * np.tile(np.eye(2), (79, 1, 1)))
     assumed = Assumptions(ProcessNoise(0.0, 1e-3, 0.05, 0.1), usbl=Gaussian(), start=Start(0.0, 0.0, 1000.0))
@@ -89,7 +89,7 @@ def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> Non
 
 
 def test_leaving_out_another_fix_changes_neither_the_timeline_nor_its_other_fixes() -> None:
-    line = dive(Faults(), seconds=20)
+    line = weaving_dive(Faults(), seconds=20)
     before = line.fix_m.copy()
 
     shorter = without_fix(line, 3)

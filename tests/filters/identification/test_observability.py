@@ -10,7 +10,7 @@ from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
-from weaving import SD_M, Faults, dive
+from weaving import SD_M, Faults, weaving_dive
 
 ASSUMED = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
 TWENTY_TO_ONE = np.log(20)  # what Kass and Raftery call strong
@@ -21,7 +21,7 @@ def verdicts(assumptions: Assumptions) -> dict[str, str]:
 
 
 def test_on_a_weaving_dive_every_constant_error_is_observable_even_where_it_is_0() -> None:
-    told = identify(dive(Faults()), ASSUMED)
+    told = identify(weaving_dive(Faults()), ASSUMED)
 
     assert verdicts(told) == {**dict.fromkeys(CANDIDATE_KEYS, "observable"), "usbl-bias": "not observable"}
     assert told.calibrate == ("scale", "heading", "deviation", "latency")
@@ -31,14 +31,14 @@ def test_on_a_weaving_dive_every_constant_error_is_observable_even_where_it_is_0
 
 def test_a_straight_dive_at_constant_speed_tells_scale_and_heading_alone() -> None:
     unknown = replace(ASSUMED, start=Start(0.0, 0.0, 3.0))  # a known one would tell the latency by the first fixes
-    told = identify(dive(Faults(), weaves=False), unknown)
+    told = identify(weaving_dive(Faults(), weaves=False), unknown)
 
     assert told.calibrate == ("scale", "heading")
     assert verdicts(told)["latency"] == verdicts(told)["deviation"] == "only in turns"
 
 
 def test_how_far_each_sigma_is_narrowed_is_what_the_filter_will_say() -> None:
-    line = dive(Faults(dvl_scale=0.01, heading_bias_deg=3.0))
+    line = weaving_dive(Faults(dvl_scale=0.01, heading_bias_deg=3.0))
     told = identify(line, ASSUMED)
     track = run("adf", line, told)
 
@@ -53,7 +53,7 @@ def test_how_far_each_sigma_is_narrowed_is_what_the_filter_will_say() -> None:
 
 
 def test_late_stamps_open_the_latency_and_good_ones_do_not() -> None:
-    late, good = (identify(dive(Faults(usbl_latency_s=latency_s)), ASSUMED) for latency_s in (-1.8, 0.1))
+    late, good = (identify(weaving_dive(Faults(usbl_latency_s=latency_s)), ASSUMED) for latency_s in (-1.8, 0.1))
 
     assert late.errors.latency_s == 1.0
     assert good.errors.latency_s == ASSUMED.errors.latency_s
@@ -62,7 +62,7 @@ def test_late_stamps_open_the_latency_and_good_ones_do_not() -> None:
 def test_fixes_that_err_alike_share_their_variance_and_white_ones_do_not() -> None:
     """The stated sigma is the whole error: what is taken for shared is no longer white."""
     sd_m = np.hypot(SD_M, 0.5)
-    wandering = dive(Faults(), wander_m=0.5 * np.sqrt(2))
+    wandering = weaving_dive(Faults(), wander_m=0.5 * np.sqrt(2))
     wandering = replace(wandering, fix_cov_m2=np.tile(sd_m**2 * np.eye(2), (len(wandering.fix_time_s), 1, 1)))
 
     told = identify(wandering, ASSUMED)
@@ -70,12 +70,12 @@ def test_fixes_that_err_alike_share_their_variance_and_white_ones_do_not() -> No
     assert told.errors.usbl_bias_m**2 + (told.usbl_sd_scale * sd_m) ** 2 == pytest.approx(sd_m**2)
     assert told.usbl_sd_scale * sd_m == pytest.approx(SD_M, rel=0.3)
     assert "usbl-bias" in told.calibrate
-    assert "usbl-bias" not in identify(dive(Faults()), ASSUMED).calibrate
+    assert "usbl-bias" not in identify(weaving_dive(Faults()), ASSUMED).calibrate
 
 
 def test_what_is_observed_makes_the_track_better() -> None:
-    line = dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0, usbl_latency_s=0.7))
-    clean = run("adf", dive(Faults()), ASSUMED)
+    line = weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0, usbl_latency_s=0.7))
+    clean = run("adf", weaving_dive(Faults()), ASSUMED)
 
     plain, told = run("adf", line, ASSUMED), run("adf", line, identify(line, ASSUMED))
 
@@ -84,7 +84,7 @@ def test_what_is_observed_makes_the_track_better() -> None:
 
 
 def test_without_fixes_nothing_is_told() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
 
     told = identify(line.with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
 
@@ -102,7 +102,7 @@ def scattering(line: Timeline, sd_mps: float, walk_mps: float = 0.02) -> Timelin
 @pytest.mark.parametrize("fixes", [True, False])
 def test_records_that_scatter_more_than_they_state_are_trusted_less(fixes: bool) -> None:
     """Some 2000 records of two axes tell a sigma to 2 %."""
-    line = dive(Faults()) if fixes else dive(Faults()).with_fixes(np.arange(0))
+    line = weaving_dive(Faults()) if fixes else weaving_dive(Faults()).with_fixes(np.arange(0))
 
     told = identify(scattering(line, 3.0 * float(line.dvl_sd_mps[0])), ASSUMED)
 
@@ -112,13 +112,13 @@ def test_records_that_scatter_more_than_they_state_are_trusted_less(fixes: bool)
 
 
 def test_records_that_scatter_less_than_they_state_are_trusted_no_more() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
 
     assert identify(scattering(line, 0.3 * float(line.dvl_sd_mps[0])), ASSUMED).dvl_sd_scale == 1.0
 
 
 def test_how_fast_a_vehicle_changes_its_velocity_is_heard_where_it_is_not_as_assumed() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     sd_mps = float(line.dvl_sd_mps[0])
 
     calm, usual = (identify(scattering(line, sd_mps, walk_mps), ASSUMED) for walk_mps in (0.002, 0.02))
@@ -130,7 +130,7 @@ def test_how_fast_a_vehicle_changes_its_velocity_is_heard_where_it_is_not_as_ass
 
 
 def test_a_few_records_change_nothing() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     line = scattering(line, 1.5 * float(line.dvl_sd_mps[0]))
     few = replace(line, dvl_count=np.where(np.arange(len(line.time_s)) < 4, line.dvl_count, 0))
 
@@ -149,7 +149,7 @@ def test_fixes_that_err_alike_for_long_are_taken_for_such_and_the_run_says_so() 
             error[k] = fade * error[k - 1] + np.sqrt(1 - fade**2) * rng.normal(0.0, SD_M, 2)
         return replace(line, fix_m=line.fix_m + error, fix_cov_m2=2 * line.fix_cov_m2)
 
-    long, usual = (identify(wandering(dive(Faults()), time_s), ASSUMED) for time_s in (240.0, 60.0))
+    long, usual = (identify(wandering(weaving_dive(Faults()), time_s), ASSUMED) for time_s in (240.0, 60.0))
 
     assert long.errors.usbl_bias_s > 60.0
     assert ("usbl_bias_time_s", 60.0, long.errors.usbl_bias_s) in long.noise_changes
@@ -161,7 +161,7 @@ def test_the_log_says_how_many_of_its_fixes_are_outliers_where_it_speaks_strongl
     share: float, expected: float
 ) -> None:
     rng = np.random.default_rng(5)
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     gross = rng.random(len(line.fix_time_s)) < share
     lying = replace(line, fix_m=line.fix_m + gross[:, None] * rng.normal(0.0, 10.0, (len(gross), 2)))
 
@@ -173,7 +173,7 @@ def test_the_log_says_how_many_of_its_fixes_are_outliers_where_it_speaks_strongl
 
 def test_dead_reckoning_that_does_not_reckon_is_no_longer_trusted() -> None:
     """A DVL that hears the water below it and not the ground: for half of the dive the vehicle seems to lie still."""
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     deaf = replace(line, dvl_mps=line.dvl_mps.copy())
     deaf.dvl_mps[len(line.time_s) // 2 :] = 0.0
     deaf = replace(deaf, dr_mps=deaf.dvl_mps)
@@ -198,7 +198,7 @@ def test_dead_reckoning_that_does_not_reckon_is_no_longer_trusted() -> None:
 
 
 def test_fixes_that_scatter_more_than_they_state_are_no_fault_of_dead_reckoning() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     boasting = replace(line, fix_cov_m2=line.fix_cov_m2 / 9)
 
     told = identify(boasting, replace(ASSUMED, usbl=Contamination()))
@@ -231,4 +231,4 @@ def test_each_departure_from_what_is_assumed_takes_a_strong_word(departs: int, l
 def test_a_stated_family_of_noise_is_kept() -> None:
     mixture = Mixture(0.3, 100.0)
 
-    assert identify(dive(Faults()), replace(ASSUMED, usbl=mixture)).usbl == mixture
+    assert identify(weaving_dive(Faults()), replace(ASSUMED, usbl=mixture)).usbl == mixture

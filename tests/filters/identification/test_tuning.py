@@ -16,7 +16,7 @@ from usbldr.filters.types import Timeline
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
-from weaving import Faults, dive
+from weaving import Faults, weaving_dive
 
 PLAIN = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
 
@@ -33,7 +33,7 @@ def log_density(x: np.ndarray, cov: np.ndarray) -> float:
 def parked(count: int, spread_m: float = 1.0) -> Timeline:
     """A vehicle at rest at the origin, with a DVL that reads noise and fixes at odd times."""
     rng = np.random.default_rng(1)
-    line = dive(Faults(), seconds=4 * count)
+    line = weaving_dive(Faults(), seconds=4 * count)
     fix_s = np.sort(rng.uniform(0, 4 * count, count))
     K = len(line.time_s)
     return replace(
@@ -144,7 +144,7 @@ def test_the_wrong_mixture_becomes_that_of_the_paper() -> None:
 
 def test_white_noise_of_fixes_comes_out_whatever_sigma_they_state() -> None:
     """800 numbers tell a sigma to 2.5 %."""
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     found = by_name(tune(replace(line, fix_cov_m2=9 * line.fix_cov_m2), PLAIN).assumptions)
 
     assert found["usbl_sd_scale"].after == pytest.approx(1 / 3, rel=0.1)
@@ -152,7 +152,7 @@ def test_white_noise_of_fixes_comes_out_whatever_sigma_they_state() -> None:
 
 def test_the_walk_and_the_noise_of_a_velocity_come_out_as_closely_as_the_widths_say() -> None:
     """16 errors, each over its width: their mean square is 1, and within 0.32 to 2.1 in 99 of 100 runs."""
-    line = dive(Faults(), seconds=200).with_fixes(np.arange(0))
+    line = weaving_dive(Faults(), seconds=200).with_fixes(np.arange(0))
     errors: list[float] = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -169,7 +169,7 @@ def test_the_walk_and_the_noise_of_a_velocity_come_out_as_closely_as_the_widths_
 
 
 def test_a_dvl_is_never_trusted_more_than_stated() -> None:
-    line = dive(Faults(), seconds=200).with_fixes(np.arange(0))
+    line = weaving_dive(Faults(), seconds=200).with_fixes(np.arange(0))
     rng = np.random.default_rng(2)
     walk = np.cumsum(0.03 * np.sqrt(0.2) * rng.standard_normal((len(line.time_s), 2)), axis=0)
     quiet = walk + 0.005 * rng.standard_normal(walk.shape)
@@ -182,7 +182,7 @@ def test_a_dvl_is_never_trusted_more_than_stated() -> None:
 
 
 def test_gross_errors_come_out_with_their_share_and_size() -> None:
-    line = dive(Faults(), seconds=1000)
+    line = weaving_dive(Faults(), seconds=1000)
     rng = np.random.default_rng(3)
     gross = rng.random(len(line.fix_m)) < 0.1
     spoiled = replace(line, fix_m=line.fix_m + 4.0 * gross[:, None] * rng.standard_normal(line.fix_m.shape))
@@ -193,7 +193,7 @@ def test_gross_errors_come_out_with_their_share_and_size() -> None:
 
 
 def test_a_number_that_the_log_hardly_knows_stays_as_it_was() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     assumed = replace(PLAIN, usbl=Contamination(), calibrate=("usbl-bias",))
     found = tune(line.with_fixes(np.arange(2)), assumed).assumptions
 
@@ -204,27 +204,27 @@ def test_a_number_that_the_log_hardly_knows_stays_as_it_was() -> None:
 
 
 def test_states_that_are_not_estimated_are_not_tuned_and_a_0_stays_0() -> None:
-    found = tune(dive(Faults()), replace(PLAIN, process=ProcessNoise(velocity_mps=0.0))).assumptions
+    found = tune(weaving_dive(Faults()), replace(PLAIN, process=ProcessNoise(velocity_mps=0.0))).assumptions
 
     assert set(by_name(found)) == {"dvl_sd_scale", "usbl_sd_scale"}
     assert found.process.velocity_mps == 0.0
 
 
 def test_the_truth_tells_nothing_and_the_same_log_tells_the_same() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     lied = replace(line, gps_time_s=line.time_s, gps_m=np.full((len(line.time_s), 2), 1e4))
 
     assert tune(line, PLAIN) == tune(line, PLAIN) == tune(lied, PLAIN)
 
 
 def test_a_log_without_fixes_tells_of_its_dvl() -> None:
-    found = tune(dive(Faults()).with_fixes(np.arange(0)), PLAIN).assumptions
+    found = tune(weaving_dive(Faults()).with_fixes(np.arange(0)), PLAIN).assumptions
 
     assert set(by_name(found)) == {"velocity_walk_mps"}
 
 
 def test_what_a_silent_dvl_leaves_open_grows_while_it_is_silent_and_not_before() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     silent = (line.time_s > 100.0) & (line.time_s < 160.0)
     log = dr_residuals(replace(line, dvl_count=np.where(silent, 0, line.dvl_count)), PLAIN)
 
@@ -235,7 +235,7 @@ def test_what_a_silent_dvl_leaves_open_grows_while_it_is_silent_and_not_before()
 
 
 def test_a_log_whose_dvl_never_speaks_is_no_fault() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
 
     log = dr_residuals(replace(line, dvl_count=np.zeros_like(line.dvl_count)), PLAIN)
 

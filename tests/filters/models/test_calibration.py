@@ -13,7 +13,7 @@ from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorEr
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import FILTERS, FilterSettings, run
 from usbldr.filters.types import Timeline
-from weaving import SD_RAD, Faults, dive
+from weaving import SD_RAD, Faults, weaving_dive
 
 ASSUMED = Assumptions(
     process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), errors=SensorErrors()
@@ -39,7 +39,7 @@ CASES = {
 def test_what_a_sensor_reads_too_much_is_found_with_its_sign_and_unit(key: str) -> None:
     faults = CASES[key]
 
-    told = read_back("adf", dive(faults), key)
+    told = read_back("adf", weaving_dive(faults), key)
 
     assert set(told) == {REPORTED_QUANTITIES[state].name for state in STATES[key]}
     for name, (value, sd) in told.items():
@@ -49,14 +49,14 @@ def test_what_a_sensor_reads_too_much_is_found_with_its_sign_and_unit(key: str) 
 
 @pytest.mark.parametrize("method", [name for name in FILTERS if name != "pf"])
 def test_every_filter_takes_the_states(method: str) -> None:
-    told = read_back(method, dive(Faults(dvl_scale=0.02, heading_bias_deg=-4.0)), "scale", "heading")
+    told = read_back(method, weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=-4.0)), "scale", "heading")
 
     assert told["dvl_scale"][0] == pytest.approx(0.02, abs=0.003)
     assert told["heading_bias_deg"][0] == pytest.approx(-4.0, abs=0.3)
 
 
 def test_a_particle_filter_carries_constants_as_gaussians_and_agrees_with_one() -> None:
-    timeline = dive(Faults(dvl_scale=0.02, usbl_latency_s=0.4))
+    timeline = weaving_dive(Faults(dvl_scale=0.02, usbl_latency_s=0.4))
     assumed = replace(ASSUMED, calibrate=("scale", "latency"))
 
     sampled, gaussian = (
@@ -69,7 +69,7 @@ def test_a_particle_filter_carries_constants_as_gaussians_and_agrees_with_one() 
 
 
 def test_a_wandering_error_of_the_fixes_is_followed() -> None:
-    timeline = dive(Faults(), wander_m=1.0)
+    timeline = weaving_dive(Faults(), wander_m=1.0)
     track = run("adf", timeline, replace(ASSUMED, calibrate=("usbl-bias",), errors=SensorErrors(usbl_bias_m=0.7)))
 
     at = np.interp(timeline.fix_time_s, track.time_s, np.arange(len(track.time_s))).astype(int)
@@ -93,14 +93,14 @@ def test_over_many_dives_the_errors_lie_as_far_off_as_the_filter_says() -> None:
             usbl_latency_s=float(rng.normal(0, 0.3)),
         )
         assumed = replace(steady, calibrate=("scale", "heading", "latency"))
-        for name, _, value, sd in estimated_errors(run("adf", dive(faults, seed, seconds=200), assumed)):
+        for name, _, value, sd in estimated_errors(run("adf", weaving_dive(faults, seed, seconds=200), assumed)):
             total += ((value[-1] - getattr(faults, name)) / sd[-1]) ** 2
 
     assert 20 < total < 81
 
 
 def test_the_first_yaw_and_the_compass_errors_are_tied_to_what_the_compass_showed() -> None:
-    timeline = dive(Faults())
+    timeline = weaving_dive(Faults())
     layout = layout_for(("heading", "deviation"))
     begin = prior(timeline, ASSUMED, layout)
 
@@ -135,16 +135,16 @@ def test_an_unknown_error_and_the_literal_form_are_sentences() -> None:
     with pytest.raises(UsageError, match=r"called 'speed' \(to calibrate: scale, misalignment"):
         layout_for(("speed",))
     with pytest.raises(UsageError, match="literal form loses every constant state"):
-        run("cpf", dive(Faults()), replace(ASSUMED, calibrate=("scale",)), FilterSettings(form="literal"))
+        run("cpf", weaving_dive(Faults()), replace(ASSUMED, calibrate=("scale",)), FilterSettings(form="literal"))
     with pytest.raises(UsageError, match="pf samples the yaw"):
-        run("pf", dive(Faults()), replace(ASSUMED, calibrate=("scale", "heading")))
+        run("pf", weaving_dive(Faults()), replace(ASSUMED, calibrate=("scale", "heading")))
 
 
 @pytest.mark.parametrize("method", ["ekf", "adf", "cpf"])
 @pytest.mark.parametrize("key", ["scale", "deviation"])
 def test_on_a_straight_course_a_sensor_tells_nothing_of_its_own_error(method: str, key: str) -> None:
     """No fix to speak of, no turn, and a process noise that is not the vehicle's: the error stays what it was."""
-    timeline = dive(Faults(), seconds=200, weaves=False)
+    timeline = weaving_dive(Faults(), seconds=200, weaves=False)
     hardly = replace(timeline, fix_cov_m2=1e8 * timeline.fix_cov_m2)
     assumed = Assumptions(usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), calibrate=(key,))
 

@@ -13,7 +13,7 @@ from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.replay.run import FILTERS, FilterSettings, run
 from usbldr.filters.types import Array, Timeline, Trajectory
 from usbldr_cli.main import cli
-from weaving import SD_M, Faults, dive
+from weaving import SD_M, Faults, weaving_dive
 
 
 def nees_at_fixes(track: Trajectory, line: Timeline) -> Array:
@@ -30,7 +30,7 @@ def position_cov_m2(track: Trajectory) -> Array:
 # a bootstrap particle filter has to hit the first heading and velocity by chance, fixes or not (assumptions.Start)
 @pytest.mark.parametrize("method", [name for name in FILTERS if name != "pf"])
 def test_every_filter_estimates_from_the_start_on_where_the_first_fix_comes_after_a_minute(method: str) -> None:
-    whole = dive(Faults(), seconds=90)
+    whole = weaving_dive(Faults(), seconds=90)
     track = run(
         method, whole.with_fixes(whole.fix_time_s >= 60.0), Assumptions(usbl=Gaussian()), FilterSettings(particles=50)
     )
@@ -45,7 +45,7 @@ def test_a_start_that_was_carried_back_for_minutes_is_as_doubtful_as_what_carrie
     rng, before, after = np.random.default_rng(3), [], []
     for seed in range(10):
         faults = Faults(dvl_scale=float(rng.normal(0, 0.01)), heading_bias_deg=float(rng.normal(0, 5)))
-        whole = dive(faults, seed, seconds=230, weaves=False)
+        whole = weaving_dive(faults, seed, seconds=230, weaves=False)
         assumed = Assumptions(usbl=Gaussian(), calibrate=("scale", "heading"))
         track = run("ekf", whole.with_fixes(whole.fix_time_s >= 200.0), assumed)
         value = nees_at_fixes(track, whole)

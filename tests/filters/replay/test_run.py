@@ -16,7 +16,7 @@ from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import FILTERS, FilterSettings, run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.types import Timeline
-from weaving import Faults, dive
+from weaving import Faults, weaving_dive
 
 
 def timeline(seconds: float = 4.0, fixes: tuple[float, ...] = (0.0, 1.0, 1.31, 1.39, 3.05)) -> Timeline:
@@ -129,7 +129,7 @@ def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_i
 
 
 def test_a_transponder_beside_the_reference_point_shifts_neither_the_start_nor_an_anchor() -> None:
-    line = dive(Faults())
+    line = weaving_dive(Faults())
     starboard_m, forward_m = 2.0, 7.0
     yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
     c, s = np.cos(yaw), np.sin(yaw)

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dives import SECOND, T0, Row, short_dive, write_mcap
+from logs import logged
+from recordings import SECOND, T0, Row, short_dive
 from usbldr.io.log import Log
-from usbldr.io.read import read_log
 
 HOUR = 3600 * SECOND
 
@@ -22,20 +22,15 @@ def restamped(topics: dict[str, int]) -> list[Row]:
     return rows
 
 
-def logged(tmp_path: Path, topics: dict[str, int], toml: str = "") -> Log:
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(write_mcap(tmp_path / "dive.mcap", restamped(topics)))
-
-
 def said(log: Log) -> list[str]:
     return [finding.text for finding in log.findings if finding.code == "CLOCK-SHIFTED"]
 
 
 @pytest.mark.parametrize("other", [-T0 + 5 * SECOND, -HOUR, HOUR], ids=["since power-on", "zone west", "zone east"])
 def test_a_clock_of_its_own_is_moved_to_log_time_and_keeps_its_spacing(tmp_path: Path, other: int) -> None:
-    true = logged(tmp_path, {})
+    true = logged(tmp_path, restamped({}))
 
-    log = logged(tmp_path, {"/dvl": other})
+    log = logged(tmp_path, restamped({"/dvl": other}))
 
     moved, right = log.tables["dvl"]["time_s"], true.tables["dvl"]["time_s"]
     np.testing.assert_allclose(np.diff(moved), np.diff(right), atol=1e-9)
@@ -48,7 +43,7 @@ def test_a_clock_of_its_own_is_moved_to_log_time_and_keeps_its_spacing(tmp_path:
 
 
 def test_two_sensors_of_one_other_clock_are_moved_alike(tmp_path: Path) -> None:
-    log = logged(tmp_path, {"/dvl": -T0 + SECOND, "/imu": -T0 + SECOND + 100_000_000})
+    log = logged(tmp_path, restamped({"/dvl": -T0 + SECOND, "/imu": -T0 + SECOND + 100_000_000}))
 
     apart = log.tables["compass"]["time_s"] - log.tables["dvl"]["time_s"]
     np.testing.assert_allclose(apart, 0.1, atol=1e-9)
@@ -56,9 +51,9 @@ def test_two_sensors_of_one_other_clock_are_moved_alike(tmp_path: Path) -> None:
 
 
 def test_stamps_that_all_run_on_one_clock_stay(tmp_path: Path) -> None:
-    true = logged(tmp_path, {})
+    true = logged(tmp_path, restamped({}))
 
-    simulated = logged(tmp_path, dict.fromkeys(("/dvl", "/imu", "/usbl"), -T0 + SECOND))
+    simulated = logged(tmp_path, restamped(dict.fromkeys(("/dvl", "/imu", "/usbl"), -T0 + SECOND)))
 
     assert said(simulated) == []
     assert simulated.start_ns == SECOND
@@ -66,11 +61,11 @@ def test_stamps_that_all_run_on_one_clock_stay(tmp_path: Path) -> None:
 
 
 def test_late_fixes_are_no_other_clock(tmp_path: Path) -> None:
-    assert said(logged(tmp_path, {"/usbl": -5 * SECOND})) == []
+    assert said(logged(tmp_path, restamped({"/usbl": -5 * SECOND}))) == []
 
 
 def test_a_sensor_that_is_timed_by_the_log_has_no_clock(tmp_path: Path) -> None:
-    log = logged(tmp_path, {"/dvl": -T0}, '[dvl]\ntime = "log"')
+    log = logged(tmp_path, restamped({"/dvl": -T0}), '[dvl]\ntime = "log"')
 
     assert said(log) == []
     assert log.tables["dvl"]["time_s"].iloc[0] == pytest.approx(0.02)

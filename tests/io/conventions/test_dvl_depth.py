@@ -1,7 +1,7 @@
 """Axes, signs and units of DVL, compass and depth: simulate +x by hand, read +x back."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dives import (
+from logs import codes, logged
+from recordings import (
     DVL,
     HEADING,
     IMU,
@@ -22,27 +23,15 @@ from dives import (
     Row,
     twist,
     write_csv,
-    write_mcap,
     yaw,
 )
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
-
-
-def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
+from usbldr.io.read import read_log
 
 
 def body(table: pd.DataFrame) -> list[float]:
     """Starboard, forward, up of the first record."""
     return [float(table[c].iloc[0]) for c in ("starboard_mps", "forward_mps", "up_mps")]
-
-
-def codes(log: Log) -> dict[str, str]:
-    return {finding.code: finding.text for finding in log.findings}
 
 
 FORWARD_2_STARBOARD_1_UP_3 = {

@@ -1,22 +1,12 @@
 """Order, repeats and zero stamps: what becomes of records that share a moment."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dives import SECOND, T0, Row, point, twist, write_mcap, yaw
-from usbldr.io.log import Log
-from usbldr.io.read import read_log
-
-
-def logged(tmp_path: Path, rows: Sequence[Row]) -> Log:
-    return read_log(write_mcap(tmp_path / "dive.mcap", rows))
-
-
-def codes(log: Log) -> dict[str, str]:
-    return {finding.code: finding.text for finding in log.findings}
+from logs import codes, logged
+from recordings import SECOND, T0, point, twist, yaw
 
 
 def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dives import ODOMETRY, POSE, SECOND, T0, Row, fix, short_dive, write_mcap
+from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log

@@ -1,46 +1,22 @@
 """USBL fixes of every kind against positions worked out by hand."""
 
 import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from dives import FIX, POSE, POSE_COVARIANCE, PRESSURE, SECOND, T0, Row, fix, point, write_csv, write_mcap
+from logs import codes, covariance, logged, logged_csv
+from recordings import FIX, POSE, POSE_COVARIANCE, PRESSURE, SECOND, T0, Row, fix, point
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
 
 HEAD = "head = { east_m = 100.0, north_m = -50.0, depth_m = 2.0 }"
-
-
-def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
-
-
-def sheet(tmp_path: Path, text: str, toml: str, **more: str) -> Log:
-    folder = write_csv(tmp_path / "dive", usbl=text, **more)
-    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(folder)
 
 
 def place(log: Log) -> list[float]:
     table = log.tables["usbl"]
     return [float(table["east_m"].iloc[0]), float(table["north_m"].iloc[0])]
-
-
-def covariance(table: pd.DataFrame) -> np.ndarray[Any, Any]:
-    ee, en, nn = (table[f"cov_{axes}_m2"].iloc[0] for axes in ("ee", "en", "nn"))
-    return np.array([[ee, en], [en, nn]])
-
-
-def codes(log: Log) -> dict[str, str]:
-    return {finding.code: finding.text for finding in log.findings}
 
 
 def test_enu_positions_have_x_east_and_ned_positions_x_north(tmp_path: Path) -> None:
@@ -142,7 +118,9 @@ def test_bearing_is_clockwise_from_north_and_range_is_slant(tmp_path: Path) -> N
     horizontal = math.sqrt(100**2 - 28**2)
     depth = "time_ns,depth_m\n0,30.0\n10000000000,30.0"
 
-    log = sheet(tmp_path, "time_ns,slant_range_m,bearing_deg\n5000000000,100,30", f"[usbl]\n{HEAD}", depth=depth)
+    log = logged_csv(
+        tmp_path, f"[usbl]\n{HEAD}", usbl="time_ns,slant_range_m,bearing_deg\n5000000000,100,30", depth=depth
+    )
 
     assert place(log) == pytest.approx([100 + horizontal / 2, -50 + horizontal * math.sqrt(3) / 2])
     assert "slant to horizontal range: 1 by the vehicle's depth" in log.provenance["usbl"].conventions
@@ -151,7 +129,9 @@ def test_bearing_is_clockwise_from_north_and_range_is_slant(tmp_path: Path) -> N
 def test_depth_is_interpolated_to_the_time_of_the_fix(tmp_path: Path) -> None:
     depth = "time_ns,depth_m\n0,10.0\n10000000000,30.0"
 
-    log = sheet(tmp_path, "time_ns,slant_range_m,bearing_deg\n2500000000,100,90", f"[usbl]\n{HEAD}", depth=depth)
+    log = logged_csv(
+        tmp_path, f"[usbl]\n{HEAD}", usbl="time_ns,slant_range_m,bearing_deg\n2500000000,100,90", depth=depth
+    )
 
     assert place(log) == pytest.approx([100 + math.sqrt(100**2 - 13**2), -50])
 
@@ -161,15 +141,15 @@ def test_without_the_vehicles_depth_the_fix_itself_tells_how_steep_it_is(tmp_pat
     steep = "time_ns,slant_range_m,bearing_deg,depth_m,elevation_deg\n0,100,90,,-60"
     bare = "time_ns,slant_range_m,bearing_deg\n0,100,90"
 
-    assert place(sheet(tmp_path, own, f"[usbl]\n{HEAD}")) == pytest.approx([180, -50])
-    assert place(sheet(tmp_path, steep, f"[usbl]\n{HEAD}")) == pytest.approx([150, -50])
-    flat = sheet(tmp_path, bare, f"[usbl]\n{HEAD}")
+    assert place(logged_csv(tmp_path, f"[usbl]\n{HEAD}", usbl=own)) == pytest.approx([180, -50])
+    assert place(logged_csv(tmp_path, f"[usbl]\n{HEAD}", usbl=steep)) == pytest.approx([150, -50])
+    flat = logged_csv(tmp_path, f"[usbl]\n{HEAD}", usbl=bare)
     assert place(flat) == pytest.approx([200, -50])
     assert "slant to horizontal range: 1 by nothing (taken as horizontal)" in flat.provenance["usbl"].conventions
 
 
 def test_a_range_shorter_than_the_depth_below_the_head_is_straight_below_and_said(tmp_path: Path) -> None:
-    log = sheet(tmp_path, "time_ns,slant_range_m,bearing_deg,depth_m\n0,10,90,20", f"[usbl]\n{HEAD}")
+    log = logged_csv(tmp_path, f"[usbl]\n{HEAD}", usbl="time_ns,slant_range_m,bearing_deg,depth_m\n0,10,90,20")
 
     assert place(log) == [100, -50]
     assert codes(log)["USBL-SHORT"] == (
@@ -179,7 +159,7 @@ def test_a_range_shorter_than_the_depth_below_the_head_is_straight_below_and_sai
 
 def test_ranges_without_a_head_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(LogError) as fault:
-        sheet(tmp_path, "time_ns,slant_range_m,bearing_deg\n0,10,90", "")
+        logged_csv(tmp_path, "", usbl="time_ns,slant_range_m,bearing_deg\n0,10,90")
 
     assert str(fault.value) == (
         f"{tmp_path / 'dive'}: /usbl holds ranges and bearings; state head = {{...}} under [usbl], "
@@ -197,7 +177,7 @@ def test_a_covariance_of_range_and_bearing_lies_across_the_line_of_sight(tmp_pat
     across = np.array([math.cos(b), -math.sin(b)])
 
     log = logged(tmp_path, [point(T0, 200 * along[0], 200 * along[1])], POLAR)
-    R = covariance(log.tables["usbl"])
+    R = covariance(log)
 
     assert along @ R @ along == pytest.approx(0.3**2 + 1.0**2)
     assert across @ R @ across == pytest.approx((200 * math.pi / 180) ** 2)
@@ -206,7 +186,7 @@ def test_a_covariance_of_range_and_bearing_lies_across_the_line_of_sight(tmp_pat
 
 def test_range_noise_grows_with_the_slant_range(tmp_path: Path) -> None:
     """3-4-5: 30 m north, 40 m below the head are 50 m."""
-    R = covariance(logged(tmp_path, [point(T0, 0.0, 30.0, -40.0)], POLAR).tables["usbl"])
+    R = covariance(logged(tmp_path, [point(T0, 0.0, 30.0, -40.0)], POLAR))
 
     assert R[1, 1] == pytest.approx(0.3**2 + (0.005 * 50) ** 2)
     assert R[0, 0] == pytest.approx((50 * math.pi / 180) ** 2)
@@ -218,10 +198,8 @@ def test_no_fix_is_trusted_to_better_than_15_centimetres(tmp_path: Path) -> None
 
     near = logged(tmp_path, [point(T0, 0.0, 50.0)], polar)
 
-    np.testing.assert_allclose(covariance(stated.tables["usbl"]), np.eye(2) * 0.15**2)
-    np.testing.assert_allclose(
-        covariance(near.tables["usbl"]), np.diag([(50 * math.pi / 180) ** 2, 0.15**2]), atol=1e-12
-    )
+    np.testing.assert_allclose(covariance(stated), np.eye(2) * 0.15**2)
+    np.testing.assert_allclose(covariance(near), np.diag([(50 * math.pi / 180) ** 2, 0.15**2]), atol=1e-12)
 
 
 def with_covariance(xx: float, xy: float, yy: float) -> Row:
@@ -235,8 +213,8 @@ def test_the_covariance_of_a_message_turns_with_its_frame(tmp_path: Path) -> Non
 
     enu, ned = logged(tmp_path, rows), logged(tmp_path, rows, '[usbl]\nframe = "NED"\nsd_m = "message"')
 
-    np.testing.assert_allclose(covariance(enu.tables["usbl"]), [[4.0, 0.5], [0.5, 9.0]])
-    np.testing.assert_allclose(covariance(ned.tables["usbl"]), [[9.0, 0.5], [0.5, 4.0]])
+    np.testing.assert_allclose(covariance(enu), [[4.0, 0.5], [0.5, 9.0]])
+    np.testing.assert_allclose(covariance(ned), [[9.0, 0.5], [0.5, 4.0]])
     assert enu.provenance["usbl"].conventions[-2] == "covariance of the messages (default)"
 
 
@@ -250,13 +228,13 @@ def test_the_covariance_of_latitudes_is_east_before_north_as_their_type_has_it(t
         "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0",
     )
 
-    np.testing.assert_allclose(covariance(log.tables["usbl"]), [[4.0, 0.5], [0.5, 9.0]])
+    np.testing.assert_allclose(covariance(log), [[4.0, 0.5], [0.5, 9.0]])
 
 
 def test_a_number_in_the_configuration_beats_the_message(tmp_path: Path) -> None:
     log = logged(tmp_path, [with_covariance(4.0, 0.5, 9.0)], "[usbl]\nsd_m = 0.7")
 
-    np.testing.assert_allclose(covariance(log.tables["usbl"]), np.eye(2) * 0.49)
+    np.testing.assert_allclose(covariance(log), np.eye(2) * 0.49)
 
 
 def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_metre(tmp_path: Path) -> None:
@@ -264,19 +242,19 @@ def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_
     far = logged(tmp_path, [point(T0, 300.0, 400.0)], f"[usbl]\n{HEAD}")
     anywhere = logged(tmp_path, [point(T0, 300.0, 400.0)])
 
-    np.testing.assert_allclose(covariance(near.tables["usbl"]), np.eye(2))
-    np.testing.assert_allclose(covariance(far.tables["usbl"]), np.eye(2) * 10.0**2)
-    np.testing.assert_allclose(covariance(anywhere.tables["usbl"]), np.eye(2))
+    np.testing.assert_allclose(covariance(near), np.eye(2))
+    np.testing.assert_allclose(covariance(far), np.eye(2) * 10.0**2)
+    np.testing.assert_allclose(covariance(anywhere), np.eye(2))
     assert "sd 2 % of the slant range, at least 1 m (default)" in far.provenance["usbl"].conventions
     assert "sd 1 m (default)" in anywhere.provenance["usbl"].conventions
 
 
 def test_the_columns_of_a_csv_folder_state_the_noise(tmp_path: Path) -> None:
-    full = sheet(tmp_path, "time_ns,east_m,north_m,cov_ee_m2,cov_en_m2,cov_nn_m2\n0,1,2,4,1,3", "")
-    single = sheet(tmp_path, "time_ns,east_m,north_m,sd_m\n0,1,2,0.5", "")
+    full = logged_csv(tmp_path, "", usbl="time_ns,east_m,north_m,cov_ee_m2,cov_en_m2,cov_nn_m2\n0,1,2,4,1,3")
+    single = logged_csv(tmp_path, "", usbl="time_ns,east_m,north_m,sd_m\n0,1,2,0.5")
 
-    np.testing.assert_allclose(covariance(full.tables["usbl"]), [[4, 1], [1, 3]])
-    np.testing.assert_allclose(covariance(single.tables["usbl"]), np.eye(2) * 0.25)
+    np.testing.assert_allclose(covariance(full), [[4, 1], [1, 3]])
+    np.testing.assert_allclose(covariance(single), np.eye(2) * 0.25)
 
 
 def test_latency_makes_a_fix_older_and_its_arrival_stays(tmp_path: Path) -> None:
@@ -315,6 +293,6 @@ def test_pressure_gives_the_depth_that_slant_ranges_need(tmp_path: Path) -> None
         point(T0 + 1, 0.0, 30.0, math.nan),
     ]
 
-    R = covariance(logged(tmp_path, rows, POLAR).tables["usbl"])
+    R = covariance(logged(tmp_path, rows, POLAR))
 
     assert R[0, 0] == pytest.approx((math.hypot(30, 28) * math.pi / 180) ** 2)

@@ -1,46 +1,20 @@
 """USBL heads on ships and on vehicles: geometry worked out by hand, a ship's way by pymap3d itself."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pymap3d
 import pytest
 
-from dives import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, write_csv, write_mcap, yaw
+from logs import codes, covariance, logged, logged_csv, places
+from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.usbl_head import TimeSeries
-from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.read import Request
 from usbldr.io.survey import survey
 
 MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
-
-
-def logged(tmp_path: Path, rows: Sequence[Row], toml: str) -> Log:
-    write_mcap(tmp_path / "dive.mcap", sorted(rows, key=lambda row: row[0]))
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap")
-
-
-def sheet(tmp_path: Path, toml: str, **files: str) -> Log:
-    folder = write_csv(tmp_path / "dive", **files)
-    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(folder)
-
-
-def places(log: Log) -> np.ndarray:
-    return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)
-
-
-def covariance(log: Log) -> np.ndarray:
-    columns = ["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]
-    return log.tables["usbl"][columns].to_numpy(dtype=float)[0].reshape(2, 2)
-
-
-def codes(log: Log) -> dict[str, str]:
-    return {finding.code: finding.text for finding in log.findings}
 
 
 def ship(time_ns: int, east_m: float, north_m: float) -> Row:
@@ -250,7 +224,7 @@ def test_inverted_fixes_without_any_compass_are_an_error(tmp_path: Path) -> None
 
 def test_a_range_and_bearing_of_a_beacon_from_the_vehicles_bow(tmp_path: Path) -> None:
     """3-4-5: 50 m of slant range to a beacon 40 m below leave 30 m; heading 60, bearing 30: due east of the vehicle."""
-    log = sheet(
+    log = logged_csv(
         tmp_path,
         '[usbl]\nframe = "body"\nbeacon = { east_m = 0.0, north_m = 0.0, depth_m = 45.0 }',
         usbl="time_ns,slant_range_m,bearing_deg\n1000000000,50,30",
@@ -263,7 +237,7 @@ def test_a_range_and_bearing_of_a_beacon_from_the_vehicles_bow(tmp_path: Path) -
 
 def test_a_slower_sound_shortens_ranges_before_the_depth_is_taken_off(tmp_path: Path) -> None:
     """100 m told for 1500 m/s are 96 m at 1440 m/s; 57.6 m below the head leave 76.8 m."""
-    log = sheet(
+    log = logged_csv(
         tmp_path,
         "[usbl]\nsound_speed_scale = 0.96\nhead = { east_m = 0.0, north_m = 0.0 }",
         usbl="time_ns,slant_range_m,bearing_deg\n0,100,90",

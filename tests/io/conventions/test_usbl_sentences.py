@@ -1,35 +1,24 @@
 """Sentences of acoustic positioning systems that a few makers alone send, by their manuals' own examples."""
 
 import math
-from functools import reduce
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from logs import logged_nmea, places
+from recordings import sentence
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
-from usbldr.io.read import read_log
 
 HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
 LAKE = "[map]\norigin_lat_deg = 44.986266\norigin_lon_deg = -93.5761859\n"
 METRES_A_DEGREE = 111132.95 - 559.85 * math.cos(2 * math.radians(44.986))  # of latitude there, by the usual series
 
 
-def sentence(body: str) -> str:
-    """Close a sentence with the checksum that NMEA 0183 defines: all its characters, exclusive or."""
-    return f"${body}*{reduce(lambda a, b: a ^ b, body.encode()):02X}"
-
-
 def heard(tmp_path: Path, *bodies: str, toml: str = HEAD) -> Log:
     lines = [f"{1600000000 + k} {sentence(body)}" for k, body in enumerate(bodies)]
-    (tmp_path / "ship.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "ship.nmea")
-
-
-def places(log: Log) -> np.ndarray:
-    return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)
+    return logged_nmea(tmp_path, *lines, toml=toml)
 
 
 LOCATOR = (

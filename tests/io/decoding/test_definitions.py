@@ -12,7 +12,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from dives import SECOND, T0
+from recordings import SECOND, T0
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.definitions import SHIPPED, with_folders
 from usbldr.io.decoding.known_messages import KNOWN

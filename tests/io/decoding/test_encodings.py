@@ -15,7 +15,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import Writer
 
-from dives import SECOND, T0
+from recordings import SECOND, T0
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from dives import SECOND, T0, Row, point, write_csv, write_mcap, yaw
-from doctored import dive, doctor, findings, in_radians
+from commands import findings, run
+from curved import curved_dive, in_radians
+from recordings import SECOND, T0, Row, point, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.read import Request, read_log
@@ -19,9 +20,9 @@ from usbldr_cli.main import cli
 
 
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(gps=True))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(gps=True))
 
-    done = doctor(log)
+    done = run("doctor", log)
 
     assert done.return_value == 0, done.output
     assert "CONVENTION-CHECKED: axes FLU, convention ENU, frame ENU fits" in done.output
@@ -31,18 +32,18 @@ def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("gravity", [-9.8, 0.0])
 def test_a_yaw_that_counts_the_other_way_is_found_with_its_option(tmp_path: Path, gravity: float) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(imu="NED", usbl="ENU", gps=True, gravity=gravity))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(imu="NED", usbl="ENU", gps=True, gravity=gravity))
 
     found = findings(log)
 
     assert found["HEADING-CONVENTION"]["level"] == "error"
     assert 'state convention = "NED" under [compass]' in found["HEADING-CONVENTION"]["text"]
     assert {"MAP-FRAME", "DVL-AXES", "CONVENTION-UNDECIDED"}.isdisjoint(found)
-    assert doctor(log).return_value == 1
+    assert run("doctor", log).return_value == 1
 
 
 def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(imu="NED", gps=True))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(imu="NED", gps=True))
     options = ["--filter", "dr", "--output", str(tmp_path / "run")]
 
     done = CliRunner().invoke(cli, ["replay", str(log), *options], standalone_mode=False)
@@ -56,7 +57,7 @@ def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) ->
 
 
 def test_a_mirrored_dvl_is_found(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(dvl="FRD", gps=True))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(dvl="FRD", gps=True))
 
     found = findings(log)
 
@@ -66,9 +67,9 @@ def test_a_mirrored_dvl_is_found(tmp_path: Path) -> None:
 
 def test_a_mirror_image_of_the_whole_log_is_undecided_until_something_tells(tmp_path: Path) -> None:
     mirrored: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED"}
-    bare = write_mcap(tmp_path / "bare.mcap", dive(**mirrored))
-    told_by_gps = write_mcap(tmp_path / "gps.mcap", dive(**mirrored, gps=True))
-    told_by_gravity = write_mcap(tmp_path / "gravity.mcap", dive(**mirrored, gravity=-9.8))
+    bare = write_mcap(tmp_path / "bare.mcap", curved_dive(**mirrored))
+    told_by_gps = write_mcap(tmp_path / "gps.mcap", curved_dive(**mirrored, gps=True))
+    told_by_gravity = write_mcap(tmp_path / "gravity.mcap", curved_dive(**mirrored, gravity=-9.8))
 
     assert "CONVENTION-UNDECIDED" in findings(bare)
     for log, source in ((told_by_gps, "GPS"), (told_by_gravity, "gravity")):
@@ -79,7 +80,7 @@ def test_a_mirror_image_of_the_whole_log_is_undecided_until_something_tells(tmp_
 
 
 def test_gravity_that_contradicts_gps_is_told(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(gps=True, gravity=-9.8))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(gps=True, gravity=-9.8))
 
     found = findings(log)
 
@@ -89,7 +90,7 @@ def test_gravity_that_contradicts_gps_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("conventions", [{}, {"imu": "NED", "usbl": "NED"}, {"imu": "NED"}, {"dvl": "FRD"}])
 def test_the_mount_is_found_whatever_else_is_wrong(tmp_path: Path, conventions: dict[str, Any]) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(mount_deg=-50.0, gps=True, **conventions))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(mount_deg=-50.0, gps=True, **conventions))
 
     found = findings(log)
 
@@ -99,7 +100,7 @@ def test_the_mount_is_found_whatever_else_is_wrong(tmp_path: Path, conventions: 
 
 def test_what_the_doctor_names_cures_the_log(tmp_path: Path) -> None:
     log = write_mcap(
-        tmp_path / "dive.mcap", dive(mount_deg=30.0, dvl="FRD", imu="NED", usbl="NED", gps=True, late_s=1.5)
+        tmp_path / "dive.mcap", curved_dive(mount_deg=30.0, dvl="FRD", imu="NED", usbl="NED", gps=True, late_s=1.5)
     )
     (tmp_path / "usbldr.toml").write_text(
         '[dvl]\naxes = "FRD"\nmount_deg = 30.0\n[compass]\nconvention = "NED"\n[usbl]\nframe = "NED"\nlatency_s = 1.5\n'
@@ -114,7 +115,7 @@ def test_what_the_doctor_names_cures_the_log(tmp_path: Path) -> None:
 
 
 def test_a_straight_line_is_no_evidence(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(straight=True, gps=True))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(straight=True, gps=True))
 
     found = findings(log)
 
@@ -123,7 +124,7 @@ def test_a_straight_line_is_no_evidence(tmp_path: Path) -> None:
 
 
 def test_gross_fixes_are_counted_and_the_worst_is_placed(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive(gross=(100, 101, 300), gps=False))
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(gross=(100, 101, 300), gps=False))
 
     found = findings(log)["USBL-OUTLIERS"]
 
@@ -133,7 +134,7 @@ def test_gross_fixes_are_counted_and_the_worst_is_placed(tmp_path: Path) -> None
 
 
 def test_late_fixes_doubled_records_and_lost_lock_are_found(tmp_path: Path) -> None:
-    rows = [row for row in dive() for _ in range(2 if row[1] == "/dvl" else 1)]
+    rows = [row for row in curved_dive() for _ in range(2 if row[1] == "/dvl" else 1)]
     blind = [(*r[:3], dict(r[3]) | {f"twist.linear.{axis}": 327.67 for axis in "xyz"}) for r in rows[800:900]]
     log = write_mcap(tmp_path / "dive.mcap", [*rows[:800], *(b if b[1] == "/dvl" else r for r, b in zip(rows[800:900], blind, strict=True)), *rows[900:]])  # fmt: skip  # noqa: E501
 
@@ -169,11 +170,11 @@ def test_the_worst_of_the_invalid_records_is_none_of_the_valid_ones(tmp_path: Pa
 
 
 def test_two_topics_for_a_role_are_an_error_and_the_fuller_one_is_examined(tmp_path: Path) -> None:
-    rows = dive()
+    rows = curved_dive()
     others = [(*point(T0 + k * SECOND, 0, 0, topic="/usbl/raw"),) for k in range(5)]
     log = write_mcap(tmp_path / "dive.mcap", sorted([*rows, *others], key=lambda row: row[0]))
 
-    done = doctor(log)
+    done = run("doctor", log)
 
     assert done.return_value == 1
     assert "ROLE-UNDECIDED: 2 topics could be the usbl" in done.output
@@ -182,11 +183,11 @@ def test_two_topics_for_a_role_are_an_error_and_the_fuller_one_is_examined(tmp_p
 
 
 def test_a_log_without_a_sensor_is_ill_and_one_that_is_none_is_unreadable(tmp_path: Path) -> None:
-    no_dvl = write_mcap(tmp_path / "no_dvl.mcap", [row for row in dive() if row[1] != "/dvl"])
+    no_dvl = write_mcap(tmp_path / "no_dvl.mcap", [row for row in curved_dive() if row[1] != "/dvl"])
     none = tmp_path / "none.mcap"
     none.write_bytes(b"no log at all")
 
-    missing, unreadable = doctor(no_dvl), doctor(none)
+    missing, unreadable = run("doctor", no_dvl), run("doctor", none)
 
     assert missing.return_value == 1
     assert "SENSOR-MISSING: no dvl data (sensors in this log: compass, usbl)" in missing.output
@@ -214,7 +215,7 @@ def test_gps_under_water_is_found(tmp_path: Path) -> None:
 
 
 def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
-    rows = [(row[0] + (SECOND // 2 if row[1] == "/imu" else 0), *row[1:]) for row in dive()]
+    rows = [(row[0] + (SECOND // 2 if row[1] == "/imu" else 0), *row[1:]) for row in curved_dive()]
     log = write_mcap(tmp_path / "dive.mcap", sorted(rows, key=lambda row: row[0]))
 
     found = findings(log)["CLOCK-OFFSET"]
@@ -224,7 +225,7 @@ def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
 
 
 def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", in_radians(dive()))
+    log = write_mcap(tmp_path / "dive.mcap", in_radians(curved_dive()))
     (tmp_path / "usbldr.toml").write_text('[compass]\nunit = "deg"\n')
 
     found = findings(log)
@@ -236,7 +237,7 @@ def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) 
 
 def test_a_csv_folder_of_radians_is_told_what_mends_it(tmp_path: Path) -> None:
     """Of a column heading_deg the unit is settled, so that the column has to be named, too."""
-    folder = csv_dive(tmp_path / "dive", in_radians(dive()))
+    folder = csv_dive(tmp_path / "dive", in_radians(curved_dive()))
 
     advice = str(findings(folder)["HEADING-RADIANS"]["text"]).partition("; state ")[2].removesuffix(" under [compass]")
 
@@ -273,7 +274,7 @@ def csv_dive(folder: Path, rows: list[Row]) -> Path:
 def test_velocities_of_another_unit_are_told_by_the_fixes_and_hide_nothing_else(
     tmp_path: Path, times: float, advice: str
 ) -> None:
-    rows = dive(gps=True, late_s=1.0, mount_deg=20.0)
+    rows = curved_dive(gps=True, late_s=1.0, mount_deg=20.0)
     log = write_mcap(tmp_path / "dive.mcap", [faster(row, times) for row in rows])
 
     found, right = findings(log), findings(write_mcap(tmp_path / "right.mcap", rows))
@@ -287,7 +288,7 @@ def test_velocities_of_another_unit_are_told_by_the_fixes_and_hide_nothing_else(
 
 
 def test_the_unit_that_a_dvl_was_read_by_wrongly_is_named(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", dive())
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive())
     (tmp_path / "usbldr.toml").write_text('[dvl]\nunit = "mm/s"\n')
 
     assert findings(log)["DVL-UNIT"]["text"].endswith('state unit = "m/s" under [dvl]')
@@ -295,7 +296,7 @@ def test_the_unit_that_a_dvl_was_read_by_wrongly_is_named(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(("times", "key", "value"), [(1.944, "unit", "knots"), (2.5, "scale_error", 1.5)])
 def test_init_takes_off_what_the_dvl_reads_too_much(tmp_path: Path, times: float, key: str, value: str | float) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", [faster(row, times) for row in dive()])
+    log = write_mcap(tmp_path / "dive.mcap", [faster(row, times) for row in curved_dive()])
 
     drafted = drafted_for(log)
 
@@ -305,14 +306,14 @@ def test_init_takes_off_what_the_dvl_reads_too_much(tmp_path: Path, times: float
 
 
 def test_init_asks_for_a_look_where_no_key_could_take_it_off(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", [faster(row, 0.001) for row in dive()])
+    log = write_mcap(tmp_path / "dive.mcap", [faster(row, 0.001) for row in curved_dive()])
 
     assert "CHECK: velocities are 0.001 times those between fixes" in drafted_for(log).read_text()
 
 
 def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
     """Of a column forward_mps the unit is settled: stating another would change nothing."""
-    folder = csv_dive(tmp_path / "dive", [faster(row, 1.944) for row in in_radians(dive(), 180 / np.pi)])
+    folder = csv_dive(tmp_path / "dive", [faster(row, 1.944) for row in in_radians(curved_dive(), 180 / np.pi)])
 
     drafted = drafted_for(folder)
 
@@ -324,7 +325,7 @@ def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("times", "unit"), [(3.41, "ft/s"), (3.425, "ft/s"), (3.47, "km/h")])
 def test_of_two_units_that_are_near_the_nearest_is_named(tmp_path: Path, times: float, unit: str) -> None:
-    log = read_log(write_mcap(tmp_path / "dive.mcap", dive()))
+    log = read_log(write_mcap(tmp_path / "dive.mcap", curved_dive()))
 
     assert unit_or_scale_key(log, times) == f'unit = "{unit}"'
 
@@ -338,7 +339,7 @@ def drafted_for(log: Path) -> Path:
 def test_fixes_that_stay_where_they_are_tell_no_unit(tmp_path: Path) -> None:
     """They move by their noise alone, which no velocity explains, however small."""
     rng = np.random.default_rng(2)
-    rows = [point(row[0], *rng.normal(0, 0.3, 2)) if row[1] == "/usbl" else row for row in dive()]
+    rows = [point(row[0], *rng.normal(0, 0.3, 2)) if row[1] == "/usbl" else row for row in curved_dive()]
 
     assert "DVL-UNIT" not in findings(write_mcap(tmp_path / "dive.mcap", rows))
 
@@ -370,7 +371,7 @@ def changed(topic: str, **values: float) -> Callable[[Row], Row]:
     ],
 )
 def test_senseless_sensors_end_in_findings_and_nothing_else(tmp_path: Path, change: Callable[[Row], Row]) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", [change(row) for row in dive(gps=True)])
+    log = write_mcap(tmp_path / "dive.mcap", [change(row) for row in curved_dive(gps=True)])
 
     found = findings(log)
 
@@ -379,7 +380,7 @@ def test_senseless_sensors_end_in_findings_and_nothing_else(tmp_path: Path, chan
 
 
 def test_a_scenario_is_examined_without_a_file() -> None:
-    done = doctor("paper")
+    done = run("doctor", "paper")
     assert done.return_value == 0, done.output
     assert "0 errors" in done.output
 
@@ -400,7 +401,7 @@ def replayed(log: Path, *options: str) -> str:
 @pytest.mark.parametrize("ahead_s", [18.0, -18.0, 37.0])
 def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float) -> None:
     """GPS time is 18 s ahead of UTC."""
-    log = write_mcap(tmp_path / "dive.mcap", late(dive(gps=True), "/usbl", ahead_s))
+    log = write_mcap(tmp_path / "dive.mcap", late(curved_dive(gps=True), "/usbl", ahead_s))
     cure = tmp_path / "cure.toml"
     cure.write_text(f"[usbl]\nlatency_s = {ahead_s}\n")
 
@@ -419,7 +420,7 @@ def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float
 def test_the_clock_that_no_driver_explains_is_the_wrong_one(
     tmp_path: Path, topic: str, section: str, ahead_s: float
 ) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", late(dive(gps=True), topic, ahead_s))
+    log = write_mcap(tmp_path / "dive.mcap", late(curved_dive(gps=True), topic, ahead_s))
     cure = tmp_path / "cure.toml"
     cure.write_text(f"[{section}]\nlatency_s = {ahead_s}\n")
 
@@ -440,7 +441,7 @@ def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
             "twist.linear.x": sign * r[3][f"twist.linear.{first}"],
             "twist.linear.y": sign * r[3][f"twist.linear.{second}"],
         }) if r[1] == "/dvl" else r
-        for r in dive(gps=True)
+        for r in curved_dive(gps=True)
     ]  # fmt: skip
     log = write_mcap(tmp_path / "dive.mcap", rows)
     cure = tmp_path / "cure.toml"
@@ -454,7 +455,7 @@ def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
 
 
 def test_a_transponder_ahead_passes_for_a_latency_until_its_lever_arm_is_stated(tmp_path: Path) -> None:
-    rows = dive(gps=True)
+    rows = curved_dive(gps=True)
     yaws = [(r[0], 2 * np.arctan2(r[3]["orientation.z"], r[3]["orientation.w"])) for r in rows if r[1] == "/imu"]
     stamps, angles = np.array([t for t, _ in yaws]), np.unwrap([angle for _, angle in yaws])
     ahead: list[Row] = []
@@ -476,7 +477,7 @@ def test_a_transponder_ahead_passes_for_a_latency_until_its_lever_arm_is_stated(
 
 def test_a_magnetic_heading_is_found_as_a_turn_that_the_declination_takes_off(tmp_path: Path) -> None:
     """At 12 degrees of declination, east positive, a magnetic compass reads 12 degrees less."""
-    rows = [(*r[:2], *yaw_turned(r, 12.0)) if r[1] == "/imu" else r for r in dive(gps=True)]
+    rows = [(*r[:2], *yaw_turned(r, 12.0)) if r[1] == "/imu" else r for r in curved_dive(gps=True)]
     log = write_mcap(tmp_path / "dive.mcap", rows)
     cure = tmp_path / "cure.toml"
     cure.write_text("[compass]\ndeclination_deg = 12.0\n")

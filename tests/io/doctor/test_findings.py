@@ -1,12 +1,11 @@
 """Codes are stable and documented one by one."""
 
 import re
-from pathlib import Path
 
+from checkout import ROOT
 from usbldr.io.doctor.findings import FINDING_LEVELS, grade
 from usbldr.io.log import Finding
 
-ROOT = Path(__file__).resolve().parents[3]
 DOCUMENT = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| (`[A-Z`, -]+`) \| (\w+)(?:, or \w+)? \|", DOCUMENT, re.MULTILINE)
 DOCUMENTED = {code: level for codes, level in ROWS for code in re.findall(r"[A-Z-]+", codes)}

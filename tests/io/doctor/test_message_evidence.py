@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from dives import SECOND, T0, Row, define, write_mcap
-from doctored import dive, findings
+from commands import findings
+from curved import curved_dive
+from recordings import SECOND, T0, Row, define, write_mcap
 
 DEPTH_M = 12.0
 HEADER = "std_msgs/Header header\n"
@@ -41,7 +42,7 @@ def deep(rows: list[Row]) -> list[Row]:
 
 @pytest.mark.parametrize("kind", [SEATRAC, USBLLONG])
 def test_a_depth_beside_east_and_north_is_no_proof_of_a_map_with_x_north(tmp_path: Path, kind: str) -> None:
-    rows = [told_by(kind, row) if row[1] == "/usbl" else row for row in dive()]
+    rows = [told_by(kind, row) if row[1] == "/usbl" else row for row in curved_dive()]
     log = write_mcap(tmp_path / "dive.mcap", deep(rows))
     (tmp_path / "usbldr.toml").write_text(AT_ORIGIN, encoding="utf-8")
 
@@ -52,7 +53,7 @@ def test_a_depth_beside_east_and_north_is_no_proof_of_a_map_with_x_north(tmp_pat
 
 
 def test_a_mirrored_compass_and_dvl_leave_the_map_of_a_modem_as_it_is(tmp_path: Path) -> None:
-    rows = [told_by(SEATRAC, row) if row[1] == "/usbl" else row for row in dive(dvl="FRD", imu="NED")]
+    rows = [told_by(SEATRAC, row) if row[1] == "/usbl" else row for row in curved_dive(dvl="FRD", imu="NED")]
     log = write_mcap(tmp_path / "dive.mcap", deep(rows))
     (tmp_path / "usbldr.toml").write_text(AT_ORIGIN, encoding="utf-8")
 
@@ -63,7 +64,7 @@ def test_a_mirrored_compass_and_dvl_leave_the_map_of_a_modem_as_it_is(tmp_path: 
 
 
 def test_a_type_weighs_more_than_the_gravity_of_a_compass_that_is_mounted_upside_down(tmp_path: Path) -> None:
-    rows = [told_by(SEATRAC, row) if row[1] == "/usbl" else row for row in dive(gravity=-9.8)]
+    rows = [told_by(SEATRAC, row) if row[1] == "/usbl" else row for row in curved_dive(gravity=-9.8)]
     log = write_mcap(tmp_path / "dive.mcap", rows)
     (tmp_path / "usbldr.toml").write_text(AT_ORIGIN, encoding="utf-8")
 
@@ -76,7 +77,7 @@ def test_a_type_weighs_more_than_the_gravity_of_a_compass_that_is_mounted_upside
 
 @pytest.mark.parametrize(("z", "says"), [(DEPTH_M, "NED"), (-DEPTH_M, "ENU")])
 def test_where_no_type_settles_the_frame_the_sign_of_depth_does(tmp_path: Path, z: float, says: str) -> None:
-    rows = [(*r[:3], dict(r[3]) | {"point.z": z}) if r[1] == "/usbl" else r for r in dive()]
+    rows = [(*r[:3], dict(r[3]) | {"point.z": z}) if r[1] == "/usbl" else r for r in curved_dive()]
     log = write_mcap(tmp_path / "dive.mcap", deep(rows))
 
     found = findings(log)
@@ -87,7 +88,7 @@ def test_where_no_type_settles_the_frame_the_sign_of_depth_does(tmp_path: Path, 
 
 @pytest.mark.parametrize("name", ["usbl_aligned", "combined_map", "menu"])
 def test_a_word_within_another_names_no_frame(tmp_path: Path, name: str) -> None:
-    rows = [(*r[:3], dict(r[3]) | {"header.frame_id": name}) if r[1] == "/usbl" else r for r in dive()]
+    rows = [(*r[:3], dict(r[3]) | {"header.frame_id": name}) if r[1] == "/usbl" else r for r in curved_dive()]
 
     found = findings(write_mcap(tmp_path / "dive.mcap", rows))
 
@@ -97,7 +98,7 @@ def test_a_word_within_another_names_no_frame(tmp_path: Path, name: str) -> None
 
 @pytest.mark.parametrize("name", ["map_enu", "worldEnu", "ENU"])
 def test_a_frame_that_is_called_east_north_up_is_one(tmp_path: Path, name: str) -> None:
-    rows = [(*r[:3], dict(r[3]) | {"header.frame_id": name}) if r[1] == "/usbl" else r for r in dive()]
+    rows = [(*r[:3], dict(r[3]) | {"header.frame_id": name}) if r[1] == "/usbl" else r for r in curved_dive()]
 
     found = findings(write_mcap(tmp_path / "dive.mcap", rows))
 

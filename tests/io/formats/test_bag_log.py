@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from dives import SECOND, T0, Row, message, short_dive, twist, yaw
-from recordings import ROS1, write_bag
+from recordings import ROS1, SECOND, T0, Row, message, short_dive, twist, write_bag, yaw
 from usbldr.io.formats.bag_log import BagLog
 from usbldr.io.formats.detect import open_log
 from usbldr.io.formats.mcap_log import McapLog

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dives import short_dive, write_csv, write_mcap
+from recordings import short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 

@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from dives import T0, Row, define, short_dive, stamp, write_csv, write_mcap
-from recordings import write_bag
+from recordings import T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.opening import Request
 from usbldr.io.read import read_log

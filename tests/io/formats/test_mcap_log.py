@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from dives import SECOND, T0, TWIST, Row, point, short_dive, twist, write_mcap, yaw
+from recordings import SECOND, T0, TWIST, Row, point, short_dive, twist, write_mcap, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.mcap_log import McapLog
 

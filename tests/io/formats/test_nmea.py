@@ -8,27 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dives import SECOND, T0, write_mcap
-from recordings import sentence
+from logs import codes, logged_nmea
+from recordings import SECOND, T0, sentence, write_mcap
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
 from usbldr.io.formats.detect import open_log
-from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 
 STRING = "std_msgs/msg/String"
 DAY = 86_400 * SECOND
 MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
-
-
-def nmea(tmp_path: Path, *lines: str, toml: str = "", **topics: str) -> Log:
-    (tmp_path / "ship.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "ship.nmea", Request(topics=topics))
-
-
-def codes(log: Log) -> dict[str, str]:
-    return {finding.code: finding.text for finding in log.findings}
 
 
 # recorded sentences of a HiPAP, a Ranger 2 and two GAPS with their own checksums
@@ -43,14 +32,14 @@ GAPS_WEST = "$PTSAG,#2374110,055648.831,05,04,2018,3,2718.19917,N,01747.61373,W,
 
 
 def test_a_recorded_gga_is_seventy_degrees_north(tmp_path: Path) -> None:
-    gps = nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}").tables["gps"]
+    gps = logged_nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}").tables["gps"]
 
     assert gps["lat_deg"][0] == pytest.approx(70 + 2.968962 / 60, abs=1e-9)
     assert gps["lon_deg"][0] == pytest.approx(29 + 38.350607 / 60, abs=1e-9)
 
 
 def test_the_time_of_day_is_placed_on_the_date_of_the_log_time(tmp_path: Path) -> None:
-    log = nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}")
+    log = logged_nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}")
 
     assert log.start_ns == np.datetime64("2026-05-23T07:56:17.340", "ns").astype(int)
     assert log.tables["gps"]["received_s"][0] == pytest.approx(0.56)
@@ -75,14 +64,14 @@ def test_without_log_times_midnight_is_where_the_clock_jumps_back(tmp_path: Path
         sentence("GPGGA,000000.50,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"),
     ]
 
-    log = nmea(tmp_path, *lines)
+    log = logged_nmea(tmp_path, *lines)
 
     assert log.start_ns == np.datetime64("2019-12-31T23:59:59.500", "ns").astype(int)
     np.testing.assert_allclose(log.tables["gps"]["time_s"], [0, 1])
 
 
 def test_without_any_date_the_first_day_is_1970_and_that_is_said(tmp_path: Path) -> None:
-    log = nmea(tmp_path, RECORDED_GGA)
+    log = logged_nmea(tmp_path, RECORDED_GGA)
 
     assert log.start_ns == (7 * 3600 + 56 * 60 + 17) * SECOND + 340_000_000
     assert "1970-01-01" in codes(log)["NMEA-DATE"]
@@ -120,14 +109,18 @@ def test_lines_begin_with_their_log_time_in_many_ways(prefix: str, time_ns: int)
 def test_wrong_checksums_are_dropped_and_counted(tmp_path: Path) -> None:
     bad = RECORDED_GGA.replace("7002", "7003")
 
-    log = nmea(tmp_path, *(f"{1600000000 + k} {line}" for k, line in enumerate([RECORDED_GGA, bad, RECORDED_GGA])))
+    log = logged_nmea(
+        tmp_path, *(f"{1600000000 + k} {line}" for k, line in enumerate([RECORDED_GGA, bad, RECORDED_GGA]))
+    )
 
     assert codes(log)["NMEA-CHECKSUM"] == ("ship.nmea: 1 of 3 sentences have a wrong checksum or are cut; left out")
     assert log.provenance["gps"].messages == 2
 
 
 def test_a_sentence_without_the_fields_of_its_kind_is_lost_and_counted(tmp_path: Path) -> None:
-    log = nmea(tmp_path, *(f"{1600000000 + k} {sentence(f'HEHDT,{h},T')}" for k, h in enumerate(["12.5", "north"])))
+    log = logged_nmea(
+        tmp_path, *(f"{1600000000 + k} {sentence(f'HEHDT,{h},T')}" for k, h in enumerate(["12.5", "north"]))
+    )
 
     assert log.tables["compass"]["heading_deg"].tolist() == [12.5]
     (lost,) = [finding for finding in log.findings if finding.lost_data]
@@ -138,7 +131,7 @@ def test_a_sentence_without_the_fields_of_its_kind_is_lost_and_counted(tmp_path:
 
 
 def test_a_line_without_checksum_is_believed_and_counted(tmp_path: Path) -> None:
-    log = nmea(tmp_path, "1600000000 " + RECORDED_GGA.partition("*")[0])
+    log = logged_nmea(tmp_path, "1600000000 " + RECORDED_GGA.partition("*")[0])
 
     assert codes(log)["NMEA-UNCHECKED"] == "ship.nmea: 1 of 1 sentences have no checksum"
     assert len(log.tables["gps"]) == 1
@@ -147,7 +140,7 @@ def test_a_line_without_checksum_is_believed_and_counted(tmp_path: Path) -> None
 def test_a_gga_of_quality_zero_is_no_fix(tmp_path: Path) -> None:
     none = sentence("GPGGA,075618.34,,,,,0,00,,,M,,M,,")
 
-    log = nmea(tmp_path, f"1600000000 {RECORDED_GGA}", f"1600000001 {none}")
+    log = logged_nmea(tmp_path, f"1600000000 {RECORDED_GGA}", f"1600000001 {none}")
 
     assert len(log.tables["gps"]) == 1
     assert "GPS-INVALID" in codes(log)
@@ -157,7 +150,7 @@ def test_rmc_repeats_the_position_of_gga_and_is_used_where_that_is_missing(tmp_p
     rmc = sentence("GPRMC,122640.00,A,4500.000,N,00700.000,E,1.0,90.0,130920,,,A")
     gga = sentence("GPGGA,122640.00,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
 
-    both, alone = nmea(tmp_path, rmc, gga), nmea(tmp_path, rmc)
+    both, alone = logged_nmea(tmp_path, rmc, gga), logged_nmea(tmp_path, rmc)
 
     assert both.provenance["gps"].topic == "/GPGGA"
     assert alone.provenance["gps"].topic == "/GPRMC"
@@ -168,7 +161,7 @@ def test_two_receivers_are_not_chosen_between(tmp_path: Path) -> None:
     gga = "GGA,122640.00,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"
 
     with pytest.raises(UsageError, match=r"2 topics could be the gps: /GPGGA .*; /INGGA"):
-        nmea(tmp_path, sentence("GP" + gga), sentence("IN" + gga))
+        logged_nmea(tmp_path, sentence("GP" + gga), sentence("IN" + gga))
 
 
 @pytest.mark.parametrize(
@@ -180,7 +173,7 @@ def test_two_receivers_are_not_chosen_between(tmp_path: Path) -> None:
     ],
 )
 def test_headings_are_degrees_clockwise_from_true_north(tmp_path: Path, body: str, heading: float) -> None:
-    log = nmea(tmp_path, f"1600000000 {sentence(body)}")
+    log = logged_nmea(tmp_path, f"1600000000 {sentence(body)}")
 
     assert log.tables["compass"]["heading_deg"][0] == pytest.approx(heading)
 
@@ -188,11 +181,11 @@ def test_headings_are_degrees_clockwise_from_true_north(tmp_path: Path, body: st
 def test_a_ths_that_calls_itself_invalid_is_left_out(tmp_path: Path) -> None:
     lines = [f"{1600000000 + k} " + sentence(f"GPTHS,{10 + k}.0,{mode}") for k, mode in enumerate("AVA")]
 
-    assert nmea(tmp_path, *lines).tables["compass"]["heading_deg"].tolist() == [10, 12]
+    assert logged_nmea(tmp_path, *lines).tables["compass"]["heading_deg"].tolist() == [10, 12]
 
 
 def test_a_hipap_north_up_tells_x_north_and_y_east_of_the_head(tmp_path: Path) -> None:
-    log = nmea(tmp_path, f"1600000000 {NORTH_UP}", toml="[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }")
+    log = logged_nmea(tmp_path, f"1600000000 {NORTH_UP}", toml="[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }")
     usbl = log.tables["usbl"]
 
     assert [usbl["east_m"][0], usbl["north_m"][0]] == pytest.approx([100 + 39.017, 200 - 61.300])
@@ -203,21 +196,21 @@ def test_a_hipap_north_up_tells_x_north_and_y_east_of_the_head(tmp_path: Path) -
 def test_no_reply_is_no_fix_even_with_status_a(tmp_path: Path) -> None:
     lines = [f"1600000000 {NORTH_UP}", f"1600000001 {NO_REPLY.replace('M17', 'M44').partition('*')[0]}"]
 
-    log = nmea(tmp_path, *lines, toml="[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }")
+    log = logged_nmea(tmp_path, *lines, toml="[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }")
 
     assert len(log.tables["usbl"]) == 1
 
 
 def test_relative_fixes_without_a_head_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="/PSIMSSB_C_N tells positions relative to the head; state head"):
-        nmea(tmp_path, f"1600000000 {NORTH_UP}")
+        logged_nmea(tmp_path, f"1600000000 {NORTH_UP}")
 
 
 def test_hipap_radians_are_latitude_and_longitude(tmp_path: Path) -> None:
     lat, lon = math.radians(45.0009), math.radians(7.0)
     line = sentence(f"PSIMSSB,122640.00,B01,A,,R,N,M,{lat:.12f},{lon:.12f},34.0,1.5,N,,")
 
-    usbl = nmea(tmp_path, f"1600000000 {line}", toml=MAP).tables["usbl"]
+    usbl = logged_nmea(tmp_path, f"1600000000 {line}", toml=MAP).tables["usbl"]
 
     assert usbl["north_m"][0] == pytest.approx(0.0009 * 111132, abs=0.1)
     assert usbl["cov_ee_m2"][0] == pytest.approx(1.5**2)
@@ -226,7 +219,7 @@ def test_hipap_radians_are_latitude_and_longitude(tmp_path: Path) -> None:
 def test_ranger_tells_decimal_degrees_and_its_ship_is_no_target(tmp_path: Path) -> None:
     toml = "[map]\norigin_lat_deg = 51.3306281\norigin_lon_deg = -0.83563975\n"
 
-    log = nmea(tmp_path, f"1600000000 {RANGER_SHIP}", f"1600000000 {RANGER}", toml=toml)
+    log = logged_nmea(tmp_path, f"1600000000 {RANGER_SHIP}", f"1600000000 {RANGER}", toml=toml)
 
     assert log.provenance["usbl"].topic == "/PSONLLD"
     assert log.tables["usbl"]["north_m"][0] == pytest.approx(9.125e-4 * 111258, abs=0.02)  # metres a degree at 51.33
@@ -238,7 +231,7 @@ def test_the_ellipse_of_ranger_lies_along_its_direction(tmp_path: Path) -> None:
     line = sentence("PSONLLD,122640.00,2401,A,45.0,7.0,10.0,4.0,1.0,30.0,0.6,,,,")
     along, across = np.array([0.5, math.sqrt(3) / 2]), np.array([math.sqrt(3) / 2, -0.5])
 
-    usbl = nmea(tmp_path, f"1600000000 {line}", toml=MAP).tables["usbl"]
+    usbl = logged_nmea(tmp_path, f"1600000000 {line}", toml=MAP).tables["usbl"]
     R = usbl[["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy()[0].reshape(2, 2)
 
     assert along @ R @ along == pytest.approx(16)
@@ -249,7 +242,7 @@ def test_the_ellipse_of_ranger_lies_along_its_direction(tmp_path: Path) -> None:
 def test_gaps_tells_its_own_date_and_beacon_zero_is_the_ship(tmp_path: Path) -> None:
     toml = f"[map]\norigin_lat_deg = {43 + 5.25355 / 60}\norigin_lon_deg = {6 + 31.76852 / 60}\n"
 
-    log = nmea(tmp_path, GAPS, GAPS_SHIP, toml=toml)
+    log = logged_nmea(tmp_path, GAPS, GAPS_SHIP, toml=toml)
 
     assert log.provenance["usbl"].topic == "/PTSAG"
     assert log.start_ns == np.datetime64("2017-12-18T12:45:44.449", "ns").astype(int)
@@ -260,7 +253,7 @@ def test_west_and_south_are_negative(tmp_path: Path) -> None:
     line = GAPS_WEST.partition("*")[0].replace(",N,", ",S,")
     toml = f"[map]\norigin_lat_deg = {-27 - 18.19917 / 60}\norigin_lon_deg = {-17 - 47.61373 / 60}\n"
 
-    usbl = nmea(tmp_path, line, toml=toml).tables["usbl"]
+    usbl = logged_nmea(tmp_path, line, toml=toml).tables["usbl"]
 
     assert usbl[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([0, 0], abs=1e-3)
 
@@ -325,7 +318,7 @@ def test_bytes_that_are_no_text_are_lines_without_a_sentence(tmp_path: Path) -> 
 
 
 def test_a_date_that_no_ship_has_seen_is_none(tmp_path: Path) -> None:
-    log = nmea(tmp_path, f"2017-12-18T12:45:46Z {GAPS.partition('*')[0].replace('2017', '9999')}", toml=MAP)
+    log = logged_nmea(tmp_path, f"2017-12-18T12:45:46Z {GAPS.partition('*')[0].replace('2017', '9999')}", toml=MAP)
 
     assert log.start_ns == np.datetime64("2017-12-18T12:45:44.449", "ns").astype(int)
 

@@ -9,8 +9,7 @@ import pytest
 import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
-from dives import SECOND, T0, Row, short_dive, twist
-from recordings import write_rosbag2
+from recordings import SECOND, T0, Row, short_dive, twist, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dives import T0, write_csv
+from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.csv_log import CsvLog
 from usbldr.io.read import read_log

@@ -1,7 +1,7 @@
 """Every kind of heading message, magnetic and true, by a record that its own driver could have written."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dives import IMU, ODOMETRY, SECOND, T0, Row, define, fix, write_mcap
+from logs import logged
+from recordings import IMU, ODOMETRY, SECOND, T0, Row, define, fix
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.declination import declination
 from usbldr.io.log import Log, Origin
-from usbldr.io.read import Request, read_log
 
 HEADER = "std_msgs/Header header\n"
 TYPES = {
@@ -36,12 +36,6 @@ TYPES = {
 define(TYPES)
 QUATERNION, VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
 FIELD, AZIMUTH, WHOI = "sensor_msgs/msg/MagneticField", "compass_msgs/msg/Azimuth", "ds_sensor_msgs/msg/Compass"
-
-
-def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", named: bool = False) -> Log:
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", Request(topics={"compass": "/heading"} if named else {}))
 
 
 def row(kind: str, values: Mapping[str, Any], after_s: int = 0) -> Row:
@@ -92,7 +86,7 @@ SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
 def test_what_is_no_compass_serves_only_where_it_is_named(tmp_path: Path, kind: str) -> None:
     rows = [row(kind, SOUTH_EAST_WHEN_NAMED[kind])]
 
-    assert heading(logged(tmp_path, rows, named=True)) == pytest.approx([135.0], abs=1e-4)
+    assert heading(logged(tmp_path, rows, topics={"compass": "/heading"})) == pytest.approx([135.0], abs=1e-4)
     assert "compass" not in logged(tmp_path, rows).tables
 
 
@@ -100,7 +94,7 @@ def test_what_is_no_compass_serves_only_where_it_is_named(tmp_path: Path, kind: 
     ("z", "degrees", "who"), [(-45.0, 135.0, "deg (by its values, up to 45)"), (1.0, 90 - 57.29578, "rad")]
 )
 def test_angles_beyond_a_turn_in_radians_are_degrees(tmp_path: Path, z: float, degrees: float, who: str) -> None:
-    log = logged(tmp_path, [row(VECTOR, {"vector.z": z})], named=True)
+    log = logged(tmp_path, [row(VECTOR, {"vector.z": z})], topics={"compass": "/heading"})
 
     assert heading(log) == pytest.approx([degrees])
     assert any(f"unit {who}" in said for said in log.provenance["compass"].conventions)
@@ -119,7 +113,7 @@ def test_a_value_that_means_no_data_is_none(tmp_path: Path, case: str) -> None:
     kind, values = NO_HEADING[case]
 
     with pytest.raises(LogError, match=r"all 1 records of /heading .compass. are invalid: 1 not a number"):
-        logged(tmp_path, [row(kind, values)], named=True)
+        logged(tmp_path, [row(kind, values)], topics={"compass": "/heading"})
 
 
 def test_each_azimuth_is_read_by_what_it_says_of_itself(tmp_path: Path) -> None:

@@ -1,16 +1,15 @@
 """Every family of DVL messages, by a record that its own driver could have written."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dives import ODOMETRY, SECOND, T0, Row, define, stamp, write_mcap
+from logs import logged
+from recordings import ODOMETRY, SECOND, T0, Row, define, stamp
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
 
 HEADER, VELOCITY = "std_msgs/Header header\n", "geometry_msgs/Vector3 velocity\n"
 SIMULATED = HEADER + VELOCITY + "float64[9] velocity_covariance\nfloat64 altitude\n"
@@ -45,12 +44,6 @@ TYPES = {
     + "float64 bi_x_axis\nfloat64 bi_y_axis\nfloat64 bi_z_axis\nstring bi_status\n",
 }
 define(TYPES)
-
-
-def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
 
 
 def row(kind: str, values: Mapping[str, Any], after_s: int = 0, topic: str = "/sensor") -> Row:

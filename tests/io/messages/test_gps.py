@@ -1,14 +1,15 @@
 """Every kind of GPS message and of depth message, by a record that its own driver could have written."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dives import HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp, write_mcap
+from logs import logged
+from recordings import HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 
@@ -35,12 +36,6 @@ TYPES = {
     "holoocean_interfaces/msg/DepthSensor": HEADER + "float32 depth\n",
 }
 define(TYPES)
-
-
-def logged(tmp_path: Path, rows: Sequence[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", Request(topics=topics or {}))
 
 
 def row(kind: str, values: Mapping[str, Any], topic: str = "/gps") -> Row:

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from dives import ODOMETRY, POINT, POSE, POSE_COVARIANCE, T0, Row, define, write_mcap
+from logs import logged
+from recordings import ODOMETRY, POINT, POSE, POSE_COVARIANCE, T0, Row, define
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
 
 FLOAT32 = "std_msgs/msg/Float32"
 HEADER = "std_msgs/Header header\n"
@@ -39,12 +39,10 @@ MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 METRES_A_DEGREE = 111132.95  # of latitude at 45 degrees
 
 
-def logged(tmp_path: Path, kind: str, values: Mapping[str, Any], topic: str, role: str = "", toml: str = "") -> Log:
+def logged_one(tmp_path: Path, kind: str, values: Mapping[str, Any], topic: str, role: str = "", toml: str = "") -> Log:
     header = {"header.stamp": T0} if kind in STAMPED else {}
     rows: list[Row] = [(T0, topic, kind, header | dict(values))]
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", Request(topics={role: topic} if role else {}))
+    return logged(tmp_path, rows, toml, {role: topic} if role else {})
 
 
 STAMPED = {ODOMETRY, POINT, POSE, POSE_COVARIANCE}
@@ -64,21 +62,23 @@ HEADED: dict[str, Mapping[str, Any]] = {  # south-east: 45 degrees to the right 
 
 @pytest.mark.parametrize("kind", HEADED)
 def test_a_pose_that_is_named_tells_a_heading(tmp_path: Path, kind: str) -> None:
-    assert logged(tmp_path, kind, HEADED[kind], "/nav", "compass").tables["compass"]["heading_deg"][0] == pytest.approx(
-        135
-    )
-    assert "compass" not in logged(tmp_path, kind, HEADED[kind], "/nav").tables
+    assert logged_one(tmp_path, kind, HEADED[kind], "/nav", "compass").tables["compass"]["heading_deg"][
+        0
+    ] == pytest.approx(135)
+    assert "compass" not in logged_one(tmp_path, kind, HEADED[kind], "/nav").tables
 
 
 def test_a_pose_in_a_ned_frame_turns_clockwise_from_north(tmp_path: Path) -> None:
     values = {**turned("pose.orientation", 135.0), "header.frame_id": "world_ned"}
 
-    assert logged(tmp_path, POSE, values, "/nav", "compass").tables["compass"]["heading_deg"][0] == pytest.approx(135)
+    assert logged_one(tmp_path, POSE, values, "/nav", "compass").tables["compass"]["heading_deg"][0] == pytest.approx(
+        135
+    )
 
 
 @pytest.mark.parametrize(("unit", "value"), [("deg", -45.0), ("rad", -math.pi / 4)])
 def test_a_float_may_be_a_heading_in_degrees_or_radians(tmp_path: Path, unit: str, value: float) -> None:
-    log = logged(tmp_path, FLOAT32, {"data": value}, "/heading", toml=f'[compass]\nunit = "{unit}"')
+    log = logged_one(tmp_path, FLOAT32, {"data": value}, "/heading", toml=f'[compass]\nunit = "{unit}"')
 
     assert log.tables["compass"]["heading_deg"][0] == pytest.approx(315)
     assert "timed by log time (its type has no header)" in log.provenance["compass"].conventions
@@ -90,13 +90,13 @@ def test_a_float_may_be_a_heading_in_degrees_or_radians(tmp_path: Path, unit: st
 def test_a_pose_that_is_named_tells_a_depth_below_its_z(tmp_path: Path, kind: str, frame: str, z: float) -> None:
     at = "pose.position.z" if kind == POSE else "pose.pose.position.z"
 
-    log = logged(tmp_path, kind, {at: z, "header.frame_id": frame}, "/nav", "depth")
+    log = logged_one(tmp_path, kind, {at: z, "header.frame_id": frame}, "/nav", "depth")
 
     assert log.tables["depth"]["depth_m"].tolist() == [12.0]
 
 
 def test_a_float_may_be_a_depth(tmp_path: Path) -> None:
-    assert logged(tmp_path, FLOAT32, {"data": 12.5}, "/depth").tables["depth"]["depth_m"].tolist() == [12.5]
+    assert logged_one(tmp_path, FLOAT32, {"data": 12.5}, "/depth").tables["depth"]["depth_m"].tolist() == [12.5]
 
 
 XY: dict[str, str] = {
@@ -115,10 +115,10 @@ def test_a_local_position_is_east_and_north_for_whichever_sensor_it_is_named(
 ) -> None:
     values = {f"{XY[kind]}.x": 30.0, f"{XY[kind]}.y": 40.0}
 
-    table = logged(tmp_path, kind, values, "/place", role).tables[role]
+    table = logged_one(tmp_path, kind, values, "/place", role).tables[role]
 
     assert table[["east_m", "north_m"]].to_numpy().tolist() == [[30.0, 40.0]]
-    assert role == "usbl" or "gps" not in logged(tmp_path, kind, values, "/place").tables
+    assert role == "usbl" or "gps" not in logged_one(tmp_path, kind, values, "/place").tables
 
 
 NORTH: dict[str, str] = {
@@ -131,7 +131,7 @@ NORTH: dict[str, str] = {
 def test_geographic_messages_are_known_by_a_telling_name(tmp_path: Path, kind: str, topic: str, role: str) -> None:
     values = {f"{NORTH[kind]}.latitude": 45.001, f"{NORTH[kind]}.longitude": 7.0}
 
-    table = logged(tmp_path, kind, values, topic, toml=MAP).tables[role]
+    table = logged_one(tmp_path, kind, values, topic, toml=MAP).tables[role]
 
     assert table["north_m"][0] == pytest.approx(0.001 * METRES_A_DEGREE, abs=0.01)
 
@@ -139,7 +139,7 @@ def test_geographic_messages_are_known_by_a_telling_name(tmp_path: Path, kind: s
 def test_an_older_geographic_point_may_be_a_usbl_fix(tmp_path: Path) -> None:
     values = {"geo_point.latitude": 45.001, "geo_point.longitude": 7.0}
 
-    log = logged(tmp_path, "standard_geo/msg/GeoPointStamped", values, "/ranger/positions/AUV", toml=MAP)
+    log = logged_one(tmp_path, "standard_geo/msg/GeoPointStamped", values, "/ranger/positions/AUV", toml=MAP)
 
     assert log.tables["usbl"]["north_m"][0] == pytest.approx(0.001 * METRES_A_DEGREE, abs=0.01)
 
@@ -161,7 +161,9 @@ MODEMS: dict[str, Mapping[str, Any]] = {
 @pytest.mark.parametrize("kind", MODEMS)
 def test_every_spelling_of_a_modem_is_known(tmp_path: Path, kind: str) -> None:
     """The line of sight is 51.4 m, and its noise 2 % of that."""
-    log = logged(tmp_path, kind, MODEMS[kind], "/modem", toml="[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n")
+    log = logged_one(
+        tmp_path, kind, MODEMS[kind], "/modem", toml="[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
+    )
 
     usbl = log.tables["usbl"]
     assert usbl[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([130, 240])

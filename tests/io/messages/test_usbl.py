@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dives import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, write_mcap, yaw
+from logs import codes, logged, places
+from recordings import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, yaw
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.log import Log
-from usbldr.io.read import read_log
 
 HEADER = "std_msgs/Header header\n"
 USBLLONG = "float64 current_time\nfloat64 measurement_time\nint32 remote_address\n"
@@ -65,20 +64,6 @@ def row(kind: str, values: Mapping[str, Any], seconds: float = 0.0, topic: str =
     return time_ns, topic, kind, header | dict(values)
 
 
-def logged(tmp_path: Path, *rows: Row, toml: str = HEAD) -> Log:
-    write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap")
-
-
-def places(log: Log) -> np.ndarray:
-    return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)
-
-
-def codes(log: Log) -> dict[str, str]:
-    return {finding.code: finding.text for finding in log.findings}
-
-
 DMAC, SEATRAC_RAW = "dmac/msg/mUSBLFix", "seatrac_interfaces/msg/ModemRec"
 THIRTY_EAST_FORTY_NORTH: dict[str, Mapping[str, Any]] = {
     DMAC: {"type": 2, "relative_position.x": 30.0, "relative_position.y": 40.0, "relative_position.z": -12.0},
@@ -98,7 +83,7 @@ THIRTY_EAST_FORTY_NORTH: dict[str, Mapping[str, Any]] = {
 
 @pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
 def test_modems_tell_east_and_north_of_their_head(tmp_path: Path, kind: str) -> None:
-    log = logged(tmp_path, row(kind, THIRTY_EAST_FORTY_NORTH[kind]))
+    log = logged(tmp_path, [row(kind, THIRTY_EAST_FORTY_NORTH[kind])], HEAD)
 
     assert places(log)[0] == pytest.approx([130, 240])
     assert "relative to the head (by type)" in log.provenance["usbl"].conventions
@@ -107,13 +92,13 @@ def test_modems_tell_east_and_north_of_their_head(tmp_path: Path, kind: str) -> 
 @pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
 def test_a_modem_is_no_use_without_the_place_of_its_head(tmp_path: Path, kind: str) -> None:
     with pytest.raises(LogError, match="tells positions relative to the head; state head"):
-        logged(tmp_path, row(kind, THIRTY_EAST_FORTY_NORTH[kind]), toml="")
+        logged(tmp_path, [row(kind, THIRTY_EAST_FORTY_NORTH[kind])], "")
 
 
 def test_seatrac_positions_without_the_flag_and_outliers_are_left_out(tmp_path: Path) -> None:
     fixes = [{"includes_position": k != 1, "position_flt_error": k == 2, "position_easting": 10 * k} for k in range(4)]
 
-    log = logged(tmp_path, *(row(SEATRAC_RAW, {**f, "position_northing": 5}, k) for k, f in enumerate(fixes)))
+    log = logged(tmp_path, [row(SEATRAC_RAW, {**f, "position_northing": 5}, k) for k, f in enumerate(fixes)], HEAD)
 
     assert places(log)[:, 0] == pytest.approx([100, 103])
     assert "1 flagged invalid, 1 flagged as an outlier by the system itself" in codes(log)["USBL-INVALID"]
@@ -122,7 +107,7 @@ def test_seatrac_positions_without_the_flag_and_outliers_are_left_out(tmp_path: 
 def test_ranges_and_angles_alone_are_no_fix(tmp_path: Path) -> None:
     fix = THIRTY_EAST_FORTY_NORTH[DMAC]
 
-    log = logged(tmp_path, *(row(DMAC, {**fix, "type": kind}, kind) for kind in range(4)))
+    log = logged(tmp_path, [row(DMAC, {**fix, "type": kind}, kind) for kind in range(4)], HEAD)
 
     assert len(places(log)) == 2
     assert "2 of range or angle alone" in codes(log)["USBL-INVALID"]
@@ -134,14 +119,14 @@ def test_ranges_and_angles_alone_are_no_fix(tmp_path: Path) -> None:
 )
 def test_messages_of_angles_or_ranges_alone_are_refused_with_the_reason(tmp_path: Path, kind: str, what: str) -> None:
     with pytest.raises(UsageError, match=f"it tells {what} alone, which are no fix"):
-        logged(tmp_path, row(kind, {}))
+        logged(tmp_path, [row(kind, {})], HEAD)
 
 
 def test_accuracy_of_usbllong_is_its_sd_and_a_negative_one_is_no_fix(tmp_path: Path) -> None:
     kind = "acomms_msgs/msg/UsblData"
     fix = THIRTY_EAST_FORTY_NORTH[kind]
 
-    log = logged(tmp_path, *(row(kind, {**fix, "accuracy": a}, k) for k, a in enumerate([2.5, -1.0])))
+    log = logged(tmp_path, [row(kind, {**fix, "accuracy": a}, k) for k, a in enumerate([2.5, -1.0])], HEAD)
 
     assert log.tables["usbl"]["cov_ee_m2"].to_numpy() == pytest.approx([2.5**2])
     assert "1 of negative accuracy" in codes(log)["USBL-INVALID"]
@@ -153,7 +138,7 @@ def test_usbllong_tells_how_old_a_fix_is(tmp_path: Path) -> None:
     fix = {**THIRTY_EAST_FORTY_NORTH[kind], "current_time": 1234.9, "measurement_time": 1234.5}
     unset = {**THIRTY_EAST_FORTY_NORTH[kind], "current_time": 1240.0, "measurement_time": 0.0}
 
-    log = logged(tmp_path, row(kind, fix), row(kind, unset, 5.0))
+    log = logged(tmp_path, [row(kind, fix), row(kind, unset, 5.0)], HEAD)
 
     times = log.start_ns / 1e9 + log.tables["usbl"]["time_s"].to_numpy()
     assert np.diff(times) == pytest.approx([5.4], abs=1e-6)
@@ -164,13 +149,13 @@ def test_several_targets_are_not_guessed_between(tmp_path: Path) -> None:
     rows = [row(DMAC, {**fix, "source_id": 2 + k % 2, "relative_position.x": 30.0 + k}, k) for k in range(5)]
 
     with pytest.raises(UsageError, match=r"holds fixes of 2 targets: 2 \(3 fixes\), 3 \(2 fixes\); choose one"):
-        logged(tmp_path, *rows)
+        logged(tmp_path, rows, HEAD)
 
-    log = logged(tmp_path, *rows, toml=HEAD + "target = 3")
+    log = logged(tmp_path, rows, HEAD + "target = 3")
     assert places(log)[:, 0] == pytest.approx([131, 133])
     assert "target 3 (configuration)" in log.provenance["usbl"].conventions
     with pytest.raises(UsageError) as fault:
-        logged(tmp_path, *rows, toml=HEAD + "target = 7")
+        logged(tmp_path, rows, HEAD + "target = 7")
     file, targets = tmp_path / "usbldr.toml", "2 (3 fixes), 3 (2 fixes)"
     assert str(fault.value) == f"{file}: [usbl] target: /usbl holds no fix of 7 (its targets: {targets})"
 
@@ -180,7 +165,7 @@ def test_a_stonefish_beacon_is_seen_from_the_bow(tmp_path: Path) -> None:
     values = {"relative_position.x": 30.0, "relative_position.y": 4.0, "relative_position.z": 12.0}
     toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
 
-    assert places(logged(tmp_path, row("stonefish_ros2/msg/BeaconInfo", values), toml=toml))[0] == pytest.approx(
+    assert places(logged(tmp_path, [row("stonefish_ros2/msg/BeaconInfo", values)], toml))[0] == pytest.approx(
         [130, 196]
     )
 
@@ -200,7 +185,7 @@ def test_a_holoocean_beacon_is_seen_from_the_bow_counter_clockwise(tmp_path: Pat
     """The bow points to the east, so that port is north."""
     toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
 
-    log = logged(tmp_path, row(HOLOOCEAN, ABEAM, 0.25), toml=toml)
+    log = logged(tmp_path, [row(HOLOOCEAN, ABEAM, 0.25)], toml)
 
     assert places(log)[0] == pytest.approx([100, 200 + 50 * math.cos(math.radians(30))], abs=1e-4)
     assert log.start_ns == T0
@@ -212,7 +197,7 @@ def test_a_holoocean_vehicle_may_hear_a_fixed_beacon_itself(tmp_path: Path) -> N
     toml = "[usbl]\nbeacon = { east_m = 100.0, north_m = 200.0 }"
     east = [yaw(T0 + k * SECOND, 0.0) for k in range(-1, 2)]
 
-    log = logged(tmp_path, *east, row(HOLOOCEAN, ABEAM), toml=toml)
+    log = logged(tmp_path, [*east, row(HOLOOCEAN, ABEAM)], toml)
 
     assert places(log)[0] == pytest.approx([100, 200 - 50 * math.cos(math.radians(30))], abs=1e-4)
 
@@ -222,7 +207,7 @@ def test_only_the_replies_that_tell_a_range_are_fixes(tmp_path: Path, kind: str)
     toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
     told = [{**ABEAM, "timestamp": T0 + k * SECOND, "msg_type": m} for k, m in enumerate(["MSG_RESPX", kind])]
 
-    log = logged(tmp_path, *(row(HOLOOCEAN, values, k) for k, values in enumerate(told)), toml=toml)
+    log = logged(tmp_path, [row(HOLOOCEAN, values, k) for k, values in enumerate(told)], toml)
 
     assert len(places(log)) == 1
     assert "1 of range or angle alone" in codes(log)["USBL-INVALID"]
@@ -233,7 +218,7 @@ def test_sonardyne_tells_the_age_of_a_position(tmp_path: Path) -> None:
     values = {"name": "AUV", "latitude": 45.0009, "longitude": 7.0}
     rows = [row(kind, {**values, "age": 0.75}), row(kind, {**values, "latitude": 45.001, "age": 0.25}, 1.0)]
 
-    log = logged(tmp_path, *rows, toml=MAP)
+    log = logged(tmp_path, rows, MAP)
 
     assert np.diff(log.tables["usbl"]["time_s"]) == pytest.approx([1.5])
     assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
@@ -247,7 +232,7 @@ def test_a_position_that_only_grew_older_is_the_same_position(tmp_path: Path) ->
         for k in range(6)
     ]
 
-    log = logged(tmp_path, *rows, toml=MAP)
+    log = logged(tmp_path, rows, MAP)
 
     assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0.0, 0.9])
 
@@ -256,7 +241,7 @@ def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accurac
     kind = "vehicle_interface/msg/AcousticLocalization"
     fix = {"sender_address": 3, "latitude": 45.0009, "longitude": 7.0, "measurement_time": 12.0}
 
-    log = logged(tmp_path, *(row(kind, {**fix, "accuracy": a}, k) for k, a in enumerate([2.0, -1.0])), toml=MAP)
+    log = logged(tmp_path, [row(kind, {**fix, "accuracy": a}, k) for k, a in enumerate([2.0, -1.0])], MAP)
 
     assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
     assert log.tables["usbl"]["cov_nn_m2"].tolist() == [4.0]
@@ -279,23 +264,23 @@ def test_a_topside_box_is_heard_by_its_latitudes_alone(tmp_path: Path, topic: st
     values: Mapping[str, Any] = {"header.stamp": T0} if kind == ODOMETRY else {}
     rows = [(T0, topic, kind, values), row(FIX, {"latitude": 45.0, "longitude": 7.0}, topic="/waterlinked/fix")]
 
-    assert logged(tmp_path, *rows, toml=MAP).provenance["usbl"].topic == "/waterlinked/fix"
+    assert logged(tmp_path, rows, MAP).provenance["usbl"].topic == "/waterlinked/fix"
     with pytest.raises(UsageError, match=said):
-        logged(tmp_path, *rows, toml=f'{MAP}[usbl]\ntopic = "{topic}"')
+        logged(tmp_path, rows, f'{MAP}[usbl]\ntopic = "{topic}"')
 
 
 def test_a_layout_that_nobody_knows_is_refused_by_its_name(tmp_path: Path) -> None:
     with pytest.raises(
         UsageError, match=r"/usbl is of type collaborative/msg/USBL, which cannot serve as usbl \(only "
     ):
-        logged(tmp_path, row("collaborative/msg/USBL", {}), toml='[usbl]\ntopic = "/usbl"')
+        logged(tmp_path, [row("collaborative/msg/USBL", {})], '[usbl]\ntopic = "/usbl"')
 
 
 def test_sonardynes_points_are_known_by_their_topic(tmp_path: Path) -> None:
     values = {"position.latitude": 45.0009, "position.longitude": 7.0, "position.altitude": -30.0}
     point = row("geographic_msgs/msg/GeoPointStamped", values, topic="/ranger/positions/AUV")
 
-    assert places(logged(tmp_path, point, toml=MAP))[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
+    assert places(logged(tmp_path, [point], MAP))[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
 
 
 def test_a_fix_polled_again_is_one_fix(tmp_path: Path) -> None:
@@ -304,7 +289,7 @@ def test_a_fix_polled_again_is_one_fix(tmp_path: Path) -> None:
         row(FIX, {"latitude": 45.0 + 1e-5 * (k // 5), "longitude": 7.0}, 0.2 * k, "/waterlinked/fix") for k in range(15)
     ]
 
-    log = logged(tmp_path, *rows, toml=MAP)
+    log = logged(tmp_path, rows, MAP)
 
     assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 1, 2])
     assert codes(log)["USBL-REPEATED"].startswith("/waterlinked/fix: 12 of 15 fixes repeat the one before")
@@ -315,7 +300,7 @@ def cola2(lat: float, lon: float, k: int) -> Row:
 
 
 def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:
-    log = logged(tmp_path, *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)), toml=MAP)
+    log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)], MAP)
 
     assert places(log)[3] == pytest.approx([0, 3e-5 * 111132], abs=0.01)
     assert 'state kind = "position"' in codes(log)["USBL-LATLON"]
@@ -326,7 +311,7 @@ def test_the_first_variance_of_a_pose_of_degrees_is_norths(tmp_path: Path) -> No
     covariance[[0, 7]] = 9.0, 4.0
     fixes = [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)]
 
-    log = logged(tmp_path, *((*f[:3], dict(f[3]) | {"pose.covariance": covariance}) for f in fixes), toml=MAP)
+    log = logged(tmp_path, [(*f[:3], dict(f[3]) | {"pose.covariance": covariance}) for f in fixes], MAP)
 
     assert log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy()[0] == pytest.approx([4.0, 9.0])
 
@@ -335,7 +320,7 @@ def test_the_first_variance_of_a_pose_of_degrees_is_norths(tmp_path: Path) -> No
 def test_a_pose_of_degrees_that_was_never_filled_in_is_no_fix(tmp_path: Path, said: str) -> None:
     fixes = [cola2(0.0, 0.0, 0), *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(1, 5))]
 
-    log = logged(tmp_path, *fixes, toml=MAP + said)
+    log = logged(tmp_path, fixes, MAP + said)
 
     assert places(log)[:, 1] == pytest.approx(1e-5 * 111132 * np.arange(1, 5), abs=0.01)
     assert "1 at latitude and longitude 0" in codes(log)["USBL-INVALID"]
@@ -344,8 +329,8 @@ def test_a_pose_of_degrees_that_was_never_filled_in_is_no_fix(tmp_path: Path, sa
 def test_a_pose_of_degrees_polled_again_is_one_fix_and_metres_are_each_their_own(tmp_path: Path) -> None:
     fixes = [cola2(45.0 + 1e-5 * (k // 5), 7.0, k) for k in range(15)]
 
-    log = logged(tmp_path, *fixes, toml=MAP)
-    metres = logged(tmp_path, *fixes, toml=f'{MAP}[usbl]\nkind = "position"')
+    log = logged(tmp_path, fixes, MAP)
+    metres = logged(tmp_path, fixes, f'{MAP}[usbl]\nkind = "position"')
 
     assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 5, 10])
     assert codes(log)["USBL-REPEATED"].startswith("/usbl: 12 of 15 fixes repeat the one before")
@@ -354,13 +339,13 @@ def test_a_pose_of_degrees_polled_again_is_one_fix_and_metres_are_each_their_own
 
 @pytest.mark.parametrize("said", ['kind = "position"', 'frame = "NED"', "head = { east_m = 0.0, north_m = 0.0 }"])
 def test_whoever_speaks_of_metres_is_believed(tmp_path: Path, said: str) -> None:
-    log = logged(tmp_path, *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)), toml=f"{MAP}[usbl]\n{said}")
+    log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)], f"{MAP}[usbl]\n{said}")
 
     assert sorted(places(log)[0]) == pytest.approx([7, 45])
 
 
 def test_metres_far_from_the_origins_degrees_stay_metres(tmp_path: Path) -> None:
-    log = logged(tmp_path, *(cola2(5.0 + 1e-3 * k, 3.0, k) for k in range(4)), toml=MAP)
+    log = logged(tmp_path, [cola2(5.0 + 1e-3 * k, 3.0, k) for k in range(4)], MAP)
 
     assert places(log)[0] == pytest.approx([5, 3])
 
@@ -369,7 +354,7 @@ def test_a_magnetic_north_is_turned_by_its_declination(tmp_path: Path) -> None:
     """10 deg east: what lies 100 m along magnetic north is 17.4 m east of true north."""
     fix = {"includes_position": True, "position_easting": 0, "position_northing": 1000}
 
-    log = logged(tmp_path, row(SEATRAC_RAW, fix), toml=HEAD + "mount_deg = 10.0")
+    log = logged(tmp_path, [row(SEATRAC_RAW, fix)], HEAD + "mount_deg = 10.0")
 
     angle = math.radians(10)
     assert places(log)[0] == pytest.approx([100 + 100 * math.sin(angle), 200 + 100 * math.cos(angle)])

@@ -9,6 +9,7 @@ from typing import get_args, get_type_hints
 import pytest
 from click.testing import CliRunner
 
+from checkout import ROOT
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.models.parameters import ProcessNoise, Start
@@ -309,7 +310,7 @@ def test_what_is_no_scenario_is_answered_with_the_names() -> None:
 
 
 def _documented() -> str:
-    return (Path(__file__).resolve().parents[3] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    return (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
 
 
 def test_the_files_that_the_documentation_shows_are_scenarios(tmp_path: Path) -> None:

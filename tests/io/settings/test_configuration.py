@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from checkout import FIELD_CONFIGURATIONS, ROOT
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
@@ -16,7 +17,7 @@ from usbldr.io.axes import axis_signs
 from usbldr.io.settings.configuration import assumptions, find_configuration, parse_configuration, read_configuration
 from usbldr.io.settings.sensor_sections import Configuration
 
-FIELD = sorted((Path(__file__).parents[3] / "benchmarks" / "field").glob("*.toml"))
+FIELD = sorted(FIELD_CONFIGURATIONS.glob("*.toml"))
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -197,7 +198,7 @@ def test_usbl_noise_can_be_made_gaussian(tmp_path: Path) -> None:
     assert assumptions(read_configuration(file)).usbl == Gaussian(per_scalar=False)
 
 
-DOCUMENT = (Path(__file__).parents[3] / "docs" / "configuration.md").read_text(encoding="utf-8")
+DOCUMENT = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
 
 
 def sections() -> list[tuple[str, str]]:

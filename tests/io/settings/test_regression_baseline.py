@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from checkout import ROOT
 from usbldr.filters.errors import UsageError
 from usbldr.io.settings.regression_baseline import Metric, read_baseline, usual_direction, with_new_values
 
@@ -151,7 +152,7 @@ def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:
 
 
 def test_the_baseline_of_the_readme_is_one(tmp_path: Path) -> None:
-    text = (Path(__file__).resolve().parents[3] / "README.md").read_text()
+    text = (ROOT / "README.md").read_text()
     (block,) = (block for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL) if "[[row]]" in block)
     (tmp_path / "gate.toml").write_text(block)
 

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from checkout import SAMPLES
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.main import cli
 from usbldr_cli.options.aid_option import aid_windows
 
-SAMPLE = Path(__file__).parents[3] / "sample_logs" / "lawnmower.mcap"
+SAMPLE = SAMPLES / "lawnmower.mcap"
 
 
 def test_windows_come_in_their_order_of_time() -> None:

@@ -6,7 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from dives import short_dive, write_mcap
+from recordings import short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr_cli.options.log_options import log_options, open_log

@@ -12,11 +12,11 @@ from click.testing import CliRunner
 import usbldr_cli.compare
 import usbldr_cli.replay
 import usbldr_cli.runs.jobs
+from checkout import SAMPLES
 from usbldr.filters.errors import UsageError
 from usbldr_cli.main import cli
 from usbldr_cli.options.output_files import refuse_file, write_file
 
-SAMPLES = Path(__file__).resolve().parents[3] / "sample_logs"
 ROW = """\
 schema = 1
 [[row]]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from checkout import SAMPLES
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.io.reports.tuned_config import tuned_toml
 from usbldr.io.scenarios.library import find_scenario
@@ -17,7 +18,7 @@ from usbldr.io.settings.configuration import assumptions, parse_configuration, r
 from usbldr.io.writers.export import export
 from usbldr_cli.main import cli
 
-SAMPLE = Path(__file__).parents[3] / "sample_logs" / "lawnmower.mcap"
+SAMPLE = SAMPLES / "lawnmower.mcap"
 STATES = "scale,heading,usbl-bias"
 
 

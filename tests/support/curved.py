@@ -1,22 +1,14 @@
-"""A curved dive in any conventions, with faults that the test puts there, and what the doctor finds in it."""
-
-import json
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+"""A curved dive in any conventions, with faults that the test puts there."""
 
 import numpy as np
-from click.testing import CliRunner, Result
 
-from dives import SECOND, T0, Row, fix, point, twist, yaw
-from usbldr.filters.errors import UsbldrError
-from usbldr_cli.main import cli
+from recordings import SECOND, T0, Row, fix, point, twist, yaw
 
 LAT, LON = 45.0, 7.0
 M_PER_DEG = 111_132.0  # of latitude at 45 degrees, WGS84, to 0.1 %
 
 
-def dive(
+def curved_dive(
     *,
     dvl: str = "FLU",
     imu: str = "ENU",
@@ -57,18 +49,6 @@ def dive(
             lon = LON + e / (M_PER_DEG * np.cos(np.radians(LAT)))
             rows.append(fix(T0 + round(t[k] * SECOND), LAT + n / M_PER_DEG, lon))
     return sorted(rows, key=lambda row: row[0])
-
-
-def doctor(log: Path | str, *options: str) -> Result:
-    done = CliRunner().invoke(cli, ["doctor", str(log), *options], standalone_mode=False)
-    assert done.exception is None or isinstance(done.exception, UsbldrError), done.output
-    return done
-
-
-def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:
-    """Return code -> finding."""
-    found = json.loads(doctor(log, "--json", *options).output)["findings"]
-    return {one["code"]: one for one in found}
 
 
 def in_radians(rows: list[Row], times: float = 1.0) -> list[Row]:

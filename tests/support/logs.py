@@ -1,0 +1,46 @@
+"""Recordings written by hand and read back at once, with usbldr.toml beside them."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from recordings import Row, write_csv, write_mcap
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+
+def logged(folder: Path, rows: Iterable[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
+    """Read the rows from dive.mcap; topics: role -> topic."""
+    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(write_mcap(folder / "dive.mcap", rows), Request(topics=topics or {}))
+
+
+def logged_csv(folder: Path, toml: str, **files: str) -> Log:
+    """Read the texts from a folder of CSV files."""
+    sheets = write_csv(folder / "dive", **files)
+    (sheets / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(sheets)
+
+
+def logged_nmea(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log:
+    """Read the lines from ship.nmea."""
+    (folder / "ship.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(folder / "ship.nmea", Request(topics=topics))
+
+
+def codes(log: Log) -> dict[str, str]:
+    """Return code -> text of the findings."""
+    return {finding.code: finding.text for finding in log.findings}
+
+
+def places(log: Log) -> np.ndarray:
+    """Return east and north of the USBL fixes, (K, 2)."""
+    return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)
+
+
+def covariance(log: Log) -> np.ndarray:
+    """Return the covariance of the first USBL fix, (2, 2)."""
+    columns = ["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]
+    return log.tables["usbl"][columns].to_numpy(dtype=float)[0].reshape(2, 2)
