@@ -33,17 +33,17 @@ sample_logs: $(VENV)/installed
 	$(USBLDR) simulate lawnmower --seed 0 --force -o $(SAMPLES)/lawnmower_csv
 	$(USBLDR) export $(SAMPLES)/lawnmower.mcap --start 60 --end 180 --force -o $(SAMPLES)/lawnmower_turn_db3
 
-# docs/paper.md with its tables and pictures; finished runs are kept in paper-runs (SEEDS=50 for the goals)
+# docs/studies/paper.md with its tables and pictures; finished runs are kept in paper-runs (SEEDS=50 for the goals)
 paper: $(VENV)/installed
-	$(BIN)/python benchmarks/paper.py --seeds $(SEEDS)
+	$(BIN)/python benchmarks/paper/study.py --seeds $(SEEDS)
 
-# docs/field.md with its tables and pictures; third-party logs in USBLDR_FIELD_LOGS, finished runs in field-runs
+# docs/studies/field.md with its tables and pictures; third-party logs in USBLDR_FIELD_LOGS, finished runs in field-runs
 field: $(VENV)/installed
-	$(BIN)/python benchmarks/field_study.py $(HELD_BACK)
+	$(BIN)/python benchmarks/field/study.py $(HELD_BACK)
 
-# docs/logs.md: what info, doctor, init and replay say of each of the same logs, and the numbers others measured on them
+# docs/studies/logs.md: what info, doctor, init and replay say of each of the same logs, and others' numbers beside ours
 logs: $(VENV)/installed
-	$(BIN)/python benchmarks/log_survey.py $(HELD_BACK)
+	$(BIN)/python benchmarks/logs/survey.py $(HELD_BACK)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

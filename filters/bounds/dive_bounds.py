@@ -1,8 +1,8 @@
 """The bounds of a simulated dive: the true states, with which no filter is acquainted, and what can be known of them.
 
 A dive of ``paper-drawn`` is one draw from the filters' own model, so the mean over seeds of each dive's bound is the
-local bound of docs/bounds.md, and the errors of a good filter come to it. Of another scenario the bound is for the
-process noise that the filters assume, and may be beaten.
+local bound of docs/studies/bounds.md, and the errors of a good filter come to it. Of another scenario the bound is for
+the process noise that the filters assume, and may be beaten.
 """
 
 import numpy as np

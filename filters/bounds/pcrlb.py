@@ -5,8 +5,8 @@ recursion for the information J of a filter reads, with F and H the Jacobians at
 
     J' = Q^-1 - Q^-1 E[F] (J + E[F' Q^-1 F])^-1 E[F]' Q^-1 + sum E[H' I H].
 
-It is used here in the equal form (docs/bounds.md) that lets states be constant or known, so that Q and the prior may be
-singular:
+It is used here in the equal form (docs/studies/bounds.md) that lets states be constant or known, so that Q and the
+prior may be singular:
 
     J' = (Q + E[F] (J + M)^-1 E[F]')^-1 + sum E[H' I H],    M = E[(F - E[F])' Q^-1 (F - E[F])],
 
@@ -62,7 +62,7 @@ def local_bounds(steps: Sequence[Step], motion: MotionModel, truth: Array, prior
     """Return the mean over the truths, (K, n, T), of the bounds that each has alone.
 
     This lies above ``bounds`` of all of them together and is no proven bound of a mean error over truths, but it is
-    what a good filter comes to where its errors are small beside the bends of the model (docs/bounds.md).
+    what a good filter comes to where its errors are small beside the bends of the model (docs/studies/bounds.md).
     """
     total = Bounds(np.zeros((len(truth), *prior_cov.shape)), np.zeros((len(truth), *prior_cov.shape)))
     for first in range(0, truth.shape[2], BATCH_SIZE):

@@ -1,4 +1,4 @@
-"""The reference numbers that the collectors of the field logs measured, met by our own; what docs/logs.md shows.
+"""The reference numbers that the collectors of the field logs measured, met by our own; what logs.md shows.
 
 No error of a log that is held back is measured here.
 """
@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from field_logs import CASES
-from log_errors import anchored, euler, fitted, fix_offsets, statistics
-from log_expected import EXPLAINED, Number, compared, expected, last_digit, leaves, tolerance_of
-from log_measured import measured
-from log_number_tables import sections, summary
+from field.logs import CASES
+from logs.errors import anchored, euler, fitted, fix_offsets, statistics
+from logs.expected import EXPLAINED, Number, compared, expected, last_digit, leaves, tolerance_of
+from logs.measured import measured
+from logs.number_tables import sections, summary
 from usbldr.filters.errors import LogError
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Truth

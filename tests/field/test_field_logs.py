@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from field_logs import HERE
+from field.logs import HERE
 from usbldr.filters.errors import UsageError
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 
 
 def field_log(folder: Path, name: str) -> Log:
-    return read_log(folder / name / f"{name}.mcap", Request(configuration=str(HERE / "field" / f"{name}.toml")))
+    return read_log(folder / name / f"{name}.mcap", Request(configuration=str(HERE / f"{name}.toml")))
 
 
 def test_the_doubled_dvl_of_uib_field_becomes_single(field_logs: Path) -> None:

@@ -1,4 +1,4 @@
-"""The study behind docs/field.md: its records, changes, verdicts and tables, without the runs themselves."""
+"""The study behind docs/studies/field.md: its records, changes, verdicts and tables, without the runs themselves."""
 
 import math
 import subprocess
@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import field_goals
-import field_study
-import field_tables
-from field_agreement import Likeness, likeness
-from field_changes import ABLATIONS, CHANGES, SENSITIVITY, constants
-from field_figures import nees_over_time
-from field_logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
-from field_plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
-from field_runs import refusals, run_task
-from paper_runs import Way
+from field import goals as field_goals
+from field import study as field_study
+from field import tables as field_tables
+from field.agreement import Likeness, likeness
+from field.changes import ABLATIONS, CHANGES, SENSITIVITY, constants
+from field.figures import nees_over_time
+from field.logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
+from field.plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
+from field.runs import refusals, run_task
+from paper.runs import Way
 from usbldr.filters.evaluation.evaluation import Window
 from usbldr.filters.identification import observability
 from usbldr.filters.identification.observability import CANDIDATE_KEYS

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-import log_survey_tables as tables
 from checkout import SAMPLES
-from log_survey_runs import Said, Surveyed, commands, field_logs, other_files, survey
+from logs import survey_tables as tables
+from logs.survey_runs import Said, Surveyed, commands, field_logs, other_files, survey
 
 
 @pytest.fixture

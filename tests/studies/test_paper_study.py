@@ -1,4 +1,4 @@
-"""The study behind docs/paper.md: its plan, its tables, its verdicts and its scenarios, without the runs themselves."""
+"""The study behind paper.md: its plan, its tables, its verdicts and its scenarios, without the runs themselves."""
 
 import math
 from dataclasses import asdict, fields, replace
@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import paper
-import paper_figures
-import paper_goals
-import paper_tables
-from paper_bounds import Limits, limits
-from paper_runs import LATE, SHARES, STATES, UNSEEN, Rows, Way, plan, shared, write_sweeps
+from paper import figures as paper_figures
+from paper import goals as paper_goals
+from paper import study
+from paper import tables as paper_tables
+from paper.bounds import Limits, limits
+from paper.runs import LATE, SHARES, STATES, UNSEEN, Rows, Way, plan, shared, write_sweeps
 from usbldr.filters.bounds.dive_bounds import dive_bounds
 from usbldr.filters.models.calibration import EstimatedError
 from usbldr.filters.models.noise import Gaussian, Mixture
@@ -90,7 +90,7 @@ class Asked(dict):
 
 def document(rows: Rows, sweeps: Path) -> str:
     goals = paper_goals.goals(rows, LIMIT, TIMES_S)
-    return paper.document(rows, sweeps, 3, goals, LIMIT, dict.fromkeys(STATES, OF_PAPER), OF_RANGE)
+    return study.document(rows, sweeps, 3, goals, LIMIT, dict.fromkeys(STATES, OF_PAPER), OF_RANGE)
 
 
 def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Rows, sweeps: Path) -> None:
@@ -129,7 +129,7 @@ def test_every_picture_of_the_document_is_drawn(
 
     paper_figures.write_figures(tmp_path / "paper", rows, sweeps, 2, {"paper-drawn": LIMIT, "paper": LIMIT})
 
-    named = paper.re.findall(r"\]\(paper/(\w+\.png)\)", paper.TEXT.read_text(encoding="utf-8"))
+    named = study.re.findall(r"\]\(paper/(\w+\.png)\)", study.TEXT.read_text(encoding="utf-8"))
     assert sorted(named) == sorted(file.name for file in (tmp_path / "paper").iterdir())
 
 
@@ -248,7 +248,7 @@ def test_nees_over_time_is_the_mean_of_the_squared_errors_in_sigmas(tmp_path: Pa
 
 
 def test_text_and_parts_have_to_fit_each_other() -> None:
-    assert paper.filled("a {{b}} c", {"b": "d"}) == "a d c"
+    assert study.filled("a {{b}} c", {"b": "d"}) == "a d c"
     for parts in ({}, {"b": "d", "e": "f"}):
         with pytest.raises(KeyError):
-            paper.filled("a {{b}} c", parts)
+            study.filled("a {{b}} c", parts)

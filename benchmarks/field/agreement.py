@@ -1,0 +1,78 @@
+"""Do fixes, dead reckoning and truth agree on how far, where and when the vehicle went? What no filter can mend shows.
+
+Moves between fixes are compared: the time by which one source is ahead of the other, a common length ratio (a scale)
+and a common turn (a heading), by least squares. The truth serves to judge and goes nowhere else.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from field.logs import Dive
+from usbldr.filters.evaluation.alignment import fit_rigid
+from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, velocity_mps
+from usbldr.filters.types import Array, Timeline, Vector
+
+OVER_S = 60.0  # long enough for moves well above the noise of both
+LEADS_S = np.arange(-16, 17) / 4
+TELLING = 1.05  # times the least residual a second beside it: where it rises less, the log does not tell the lead
+TRIMMED = 3.0  # times the median residual: a pair further off holds a gross fix
+
+
+class Likeness(NamedTuple):
+    """How the moves of a source compare with those of dead reckoning."""
+
+    lead_s: float  # the source tells at a stamp what dead reckoning tells so much later; NaN: the log does not say
+    lead_m: float  # at the vehicle's median speed
+    ratio: float  # of lengths
+    turn_deg: float  # clockwise
+
+
+def agreement(found: Dive) -> dict[str, Likeness]:
+    """Return how fixes and truth compare with dead reckoning, both at the fixes' own times."""
+    line, truth = found.line, found.truth
+    t = line.fix_time_s
+    there = np.column_stack([np.interp(t, truth.time_s, column) for column in truth.position_m.T])
+    known = (t >= truth.time_s[0]) & (t <= truth.time_s[-1])
+    return {"fixes": likeness(line, t, line.fix_m), "truth": likeness(line, t[known], there[known])}
+
+
+def likeness(line: Timeline, time_s: Vector, source_m: Array) -> Likeness:
+    """Compare the moves of a source, (F, 2), with those of dead reckoning, which has less noise."""
+    later = np.searchsorted(time_s, time_s + OVER_S)
+    first = np.flatnonzero(later < len(time_s))
+    moved, way = source_m[later[first]] - source_m[first], displacement_m(line)
+    fits: dict[float, Fit] = {}
+    for lead_s in LEADS_S.tolist():
+        reckoned = interpolate(line, way, time_s + lead_s)
+        fits[lead_s] = _fitted(reckoned[later[first]] - reckoned[first], moved)
+    best = min(fits, key=lambda lead_s: fits[lead_s].residual_m)
+    beside = min(fits[lead_s].residual_m for lead_s in (best - 1.0, best + 1.0) if lead_s in fits)
+    if beside < TELLING * fits[best].residual_m:
+        return Likeness(math.nan, math.nan, fits[0.0].ratio, fits[0.0].turn_deg)
+    speed_mps = float(np.median(np.hypot(*velocity_mps(line).T)))
+    return Likeness(best, speed_mps * best, fits[best].ratio, fits[best].turn_deg)
+
+
+class Fit(NamedTuple):
+    """The best ratio and turn of some moves."""
+
+    residual_m: float  # median
+    ratio: float
+    turn_deg: float
+
+
+def _fitted(base: Array, other: Array) -> Fit:
+    """Fit the moves of a source without the gross ones among them."""
+    kept = np.ones(len(base), np.bool_)
+    while True:
+        both = [np.concatenate([moves[kept], -moves[kept]]) for moves in (base, other)]  # about the origin
+        alignment = fit_rigid(both[0], both[1])
+        turned = base @ alignment.matrix.T
+        ratio = float(np.sum(turned[kept] * other[kept]) / np.sum(turned[kept] ** 2))
+        off_m = np.hypot(*(ratio * turned - other).T)
+        still = kept & (off_m <= TRIMMED * np.median(off_m))  # never taken in again, so that this ends
+        if np.array_equal(still, kept):
+            return Fit(float(np.median(off_m)), ratio, -math.degrees(alignment.rotation_rad))
+        kept = still

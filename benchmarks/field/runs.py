@@ -1,0 +1,157 @@
+"""How the runs of field.md are made: in processes of their own, and each is kept when it is done.
+
+A run is judged by each of its log's definitions.
+"""
+
+import functools
+import hashlib
+import math
+import os
+import pickle
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from itertools import groupby
+from multiprocessing import get_context
+from pathlib import Path
+
+from field.changes import CHANGES, constants
+from field.logs import CASES, Case, Dive, dive, truth_for
+from field.plan import Cell, Plan, Rows
+from paper.runs import Way
+from usbldr.filters.errors import UsbldrError
+from usbldr.filters.evaluation.consistency import worst_outcome
+from usbldr.filters.evaluation.evaluation import evaluate
+from usbldr.filters.identification import observability
+from usbldr.filters.models.calibration import estimated_errors
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.replay import prior
+from usbldr.filters.replay.methods import find_anchor, track
+from usbldr.filters.replay.run import SAMPLING_FILTERS
+from usbldr.filters.types import Timeline, Trajectory
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
+from usbldr_cli.runs.jobs import THREADS, relevant_choices
+from usbldr_cli.runs.seed_table import ComparisonRow
+
+VERDICTS = ("observable", "only in turns", "not observable")
+
+
+def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
+    """Run what is not there yet and return every row. A fault of a run is a sentence in its row and stops no other."""
+    tasks = [(cell, seed) for cell, count in wanted.items() for seed in range(count)]
+    tasks.sort(key=lambda task: (task[0].case, task[1]))  # runs on one dive follow each other and read it once
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # read when a spawned process loads its BLAS
+    told: dict[tuple[Cell, int], list[JobResult]] = {}
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        waiting = {pool.submit(run_task, *task, store, folder): task for task in tasks}
+        for done, future in enumerate(as_completed(waiting), 1):
+            told[waiting[future]] = future.result()
+            if done % 50 == 0:
+                print(f"{done} of {len(tasks)} runs", flush=True)
+    rows: dict[tuple[str, Way, str], ComparisonRow] = {}
+    for cell, group in groupby(sorted(told, key=lambda task: (repr(task[0]), task[1])), key=lambda task: task[0]):
+        seeds = [seed for _, seed in group]
+        case, method = CASES[cell.case], cell.way.method
+        for k, name in enumerate(case.scored):
+            outcomes = tuple(told[cell, seed][k] for seed in seeds)
+            row = ComparisonRow(
+                name, cell.way.label, method, tuple(seeds), outcomes, method in SAMPLING_FILTERS, not case.folder
+            )
+            rows[name, cell.way, cell.change] = row
+    return rows
+
+
+def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult]:
+    """Make one run, or take it from those that are kept; one outcome for each definition of the case."""
+    case = CASES[cell.case]
+    try:
+        given = dive(cell.case, seed, folder)
+        line, assumptions = told_to_the_filter(cell, seed, given)
+        key = _key(line, given, assumptions, cell, seed)
+        names = [f"{key}{definition.name}" for definition in case.definitions]
+        kept = [JobStore(store).read(name) for name in names]
+        if all(kept):
+            return [one for one in kept if one is not None]
+        anchor = find_anchor("start", line, assumptions, None)
+        with constants(prior, CHANGES[cell.change].starting):
+            made = track(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor)
+        return [
+            JobStore(store).write(name, *_judged(case, k, made, given, line, assumptions))
+            for k, name in enumerate(names)
+        ]
+    except UsbldrError as fault:
+        return [JobResult(fault=str(fault), exit_code=fault.exit_code)] * len(case.definitions)
+
+
+def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Assumptions]:
+    """Return records and assumptions of a cell: those of the log with the cell's change."""
+    change = CHANGES[cell.change]
+    line = change.records(given.line)
+    before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
+    with constants(observability, change.observing), constants(prior, change.starting):
+        assumptions = _choices(cell, seed).with_assumptions(before, line, cell.way.method).assumptions
+    return line, change.after(assumptions, line)
+
+
+def _choices(cell: Cell, seed: int) -> RunChoices:
+    options = {"calibrate": cell.way.calibrate, **CHANGES[cell.change].options}
+    return replace(relevant_choices(cell.way.method, cell.way.choices(seed)), **options)
+
+
+def _judged(
+    case: Case, k: int, made: Trajectory, given: Dive, line: Timeline, assumptions: Assumptions
+) -> tuple[JobResult, Trace]:
+    definition = case.definitions[k]
+    times_s = None if made.filter == "usbl" else line.time_s[line.slow]
+    report = evaluate(made, truth_for(definition, given), definition.window, definition.align, times_s)
+    metrics = dict(report.metrics) | refusals(made)
+    for one in estimated_errors(made):
+        metrics |= {f"found_{one.name}": float(one.value[-1]), f"found_sd_{one.name}": float(one.sd[-1])}
+    for key, narrowed, verdict in assumptions.observed:
+        metrics |= {f"narrowed_{key}": narrowed, f"verdict_{key}": float(VERDICTS.index(verdict))}
+    judged = ScoringContext(
+        log=given.log.path.name,
+        log_format=given.log.format,
+        log_sha256=given.log.sha256,
+        configuration=given.log.configuration.name if given.log.configuration else "",
+        truth_kind=report.truth_kind,
+        truth_source=report.truth_source,
+        window_start_s=None,
+        window_end_s=None,
+        align=report.alignment.name,
+    )
+    finite = {name: value for name, value in metrics.items() if math.isfinite(value)}
+    trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
+    return JobResult(finite, made.warnings, scored_against=judged), trace
+
+
+def refusals(made: Trajectory) -> dict[str, float]:
+    """Return the longest row of fixes that the filter did not take for good, and the one in which the log ends."""
+    fates: dict[int, list[str]] = {}
+    for update in made.updates:
+        if update.sensor == "usbl":
+            fates.setdefault(update.row, []).append(update.outcome)
+    if not fates:
+        return {}
+    good = [worst_outcome(fates[row]) == "used" for row in sorted(fates)]
+    rows = [0 if taken else len(list(group)) for taken, group in groupby(good)]
+    return {"refused_in_a_row": float(max(rows)), "refused_at_the_end": float(rows[-1])}
+
+
+def _key(line: Timeline, given: Dive, assumptions: Assumptions, cell: Cell, seed: int) -> str:
+    """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
+    settings, starting = _choices(cell, seed).settings, cell.change if CHANGES[cell.change].starting else ""
+    parts = (line, given.truth, replace(assumptions, observed=()), cell.way.method, settings, starting)
+    return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
+
+
+@functools.cache
+def _code() -> bytes:
+    """Return the digest of the code as this process loaded it."""
+    import usbldr.filters
+
+    files = [
+        *sorted(Path(str(usbldr.filters.__file__)).parent.rglob("*.py")),
+        *sorted(Path(__file__).parent.glob("[lr]*.py")),
+    ]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()

@@ -1,0 +1,180 @@
+"""Make field.md and its pictures: every filter on every field log, and what each feature and default is worth.
+
+    python benchmarks/field/study.py
+
+The logs are third-party: USBLDR_FIELD_LOGS names their folder. Finished runs are kept in a folder and used again. The
+logs that are held back are left alone unless they are asked for: they judge the defaults, so nobody looks before those
+are settled.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper, field and logs are packages
+
+from field import goals as field_goals
+from field import tables
+from field.agreement import Likeness, agreement
+from field.changes import SENSITIVITY
+from field.figures import draw_consistency, draw_run, pictures
+from field.logs import CASES, Case, dive, field_folder
+from field.plan import Rows, plan
+from field.runs import run_plan
+from paper.study import filled, minutes
+from usbldr.filters.errors import UsbldrError
+from usbldr.io.reports.run_directory import write_atomically
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = Path(__file__).with_name("text.md")
+NOT_RUN = "*Not run: `make field` runs it.*"
+CAPTIONS = {
+    "track": "The track of `adf` against the truth, with the fixes; right: where it errs most",
+    "errors": "Its east and north errors with its own 2-sigma band",
+    "calibration": "The errors of the sensors as it came to know them, with their 2-sigma band",
+    "innovations": "What was measured less what was predicted, and NIS of each sensor",
+    "consistency": "NEES over time, and its distribution beside the right one",
+}
+
+
+def main() -> int:
+    asked = arguments()
+    began = time.monotonic()
+    store, figures = asked.runs / "units", asked.output / "field"
+    try:
+        folder = field_folder()
+        for one in (store, figures):
+            one.mkdir(parents=True, exist_ok=True)
+        cases = [case for case in CASES.values() if case.name in asked.logs and (asked.held_back or not case.held_back)]
+        wanted = plan(cases, asked.sensitivity)
+        print(
+            f"{sum(wanted.values())} runs of {len(wanted)} rows, {asked.jobs} at a time; finished ones are in {store}"
+        )
+        rows = run_plan(wanted, asked.jobs, store, folder)
+        print(f"runs took {minutes(began)}", flush=True)
+        drawn = draw(cases, rows, asked.jobs, folder, figures)
+        agreed = {case.name: agreement(dive(case.name, 0, folder)) for case in cases}
+    except UsbldrError as fault:
+        print(f"benchmarks/field/study.py: {fault}", file=sys.stderr)
+        return fault.exit_code
+    write_atomically(asked.output / "field.md", document(cases, rows, drawn, agreed).encode())
+    faults = sorted(
+        {f"{row.log}, {way.label} {change}: {row.fault}" for (_, way, change), row in rows.items() if row.fault}
+    )
+    print(*(f"failed: {fault}" for fault in faults), f"{asked.output / 'field.md'}: {minutes(began)}", sep="\n")
+    return 1 if faults else 0
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--runs", type=Path, default=ROOT / "field-runs", help="folder of finished runs")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "studies", help="folder of field.md and field/")
+    parser.add_argument("--logs", nargs="+", default=list(CASES), choices=list(CASES), help="these alone")
+    parser.add_argument(
+        "--without-sensitivity", dest="sensitivity", action="store_false", help="two thirds of the time"
+    )
+    parser.add_argument("--held-back", action="store_true", help="the logs that judge the settled defaults, too")
+    return parser.parse_args()
+
+
+def draw(cases: Sequence[Case], rows: Rows, jobs: int, folder: Path, figures: Path) -> dict[str, list[str]]:
+    """Draw every picture; return the files by log, the one with its outages as a log of its own."""
+    found: dict[str, list[str]] = {}
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        waiting = {
+            f"{name} {change}".strip(): pool.submit(draw_run, name, change, folder, figures)
+            for name, change in pictures(cases)
+        }
+        for name, future in waiting.items():
+            found[name] = future.result()
+    for case in cases:
+        found[case.name] += draw_consistency(case, rows, figures)
+    return found
+
+
+def document(
+    cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]], agreed: Mapping[str, Mapping[str, Likeness]]
+) -> str:
+    """Return docs/studies/field.md: the text with every table and picture in its place."""
+    shown = [case for case in cases if not case.held_back]
+    sensitive = any(change in SENSITIVITY for _, _, change in rows)
+    goals = field_goals.goals(rows, shown)
+    parts = {
+        "made": f"usbldr {version('usbldr')}",
+        "summary": summary(goals),
+        "goals": field_goals.table(goals),
+        "claimed": tables.claimed(shown, rows),
+        "agreed": tables.agreed({case.name: agreed[case.name] for case in shown}),
+        "main": sections(shown, rows),
+        "states": tables.states(shown, rows, agreed),
+        "cut": tables.cut(rows) if "stpere_marina" in agreed else NOT_RUN,
+        "thinned": tables.thinned(shown, rows),
+        "ablation": tables.ablation(shown, rows),
+        "sensitivity": tables.sensitivity(shown, rows) if sensitive else NOT_RUN,
+        "touchiest": touchiest(shown, rows) if sensitive else "",
+        "held_back": held_back(cases, rows, drawn, agreed),
+        "pictures": gallery(shown, drawn),
+    }
+    return filled(TEXT.read_text(encoding="utf-8"), parts)
+
+
+def summary(goals: Sequence[field_goals.Goal]) -> str:
+    """Say how many goals were met, and name those that were not."""
+    missed = [goal for goal in goals if not goal.met]
+    told = f"{len(goals) - len(missed)} of the {len(goals)} goals below are met."
+    if not missed:
+        return told
+    return told + " Not met: " + "; ".join(f"{goal.what} ({goal.measured}, goal {goal.goal})" for goal in missed) + "."
+
+
+def sections(cases: Sequence[Case], rows: Rows) -> str:
+    """Return each log's table under its name and kind."""
+    return "\n\n".join(f"### {case.name}\n\n*{case.truth}.*\n\n{tables.main(case, rows)}" for case in cases)
+
+
+def touchiest(cases: Sequence[Case], rows: Rows) -> str:
+    """Say which defaults move a log's error by more than 5 %."""
+    found = [f"`{change}` on {name} ({percent:+.0f} %)" for change, name, percent in tables.touchiest(cases, rows)]
+    return "More than 5 % are moved by: " + ", ".join(found) + "." if found else "None moves any log by more than 5 %."
+
+
+def held_back(
+    cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]], agreed: Mapping[str, Mapping[str, Likeness]]
+) -> str:
+    """Return the tables and pictures of the logs that were held back, or say that they still are."""
+    shown = [case for case in cases if case.held_back]
+    if not shown:
+        return "*Held back still: `make field HELD_BACK=--held-back` runs them.*"
+    goals = field_goals.goals(rows, shown)
+    parts = (
+        field_goals.table(goals),
+        tables.claimed(shown, rows),
+        tables.agreed({case.name: agreed[case.name] for case in shown}),
+        sections(shown, rows),
+        tables.states(shown, rows, agreed),
+        gallery(shown, drawn),
+    )
+    return "\n\n".join(parts)
+
+
+def gallery(cases: Sequence[Case], drawn: dict[str, list[str]]) -> str:
+    """Return the pictures of each log under its name."""
+    parts: list[str] = []
+    for name, files in drawn.items():
+        if name.split(" ")[0] in {case.name for case in cases}:
+            parts.append(f"### {name}: pictures")
+            for file in files:
+                caption = CAPTIONS[file.removesuffix(".png").rsplit("_", 1)[1]]
+                parts.append(f"![{caption}](field/{file})\n\n*{caption}.*")
+    return "\n\n".join(parts)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

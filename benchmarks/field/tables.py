@@ -1,0 +1,244 @@
+"""The tables of field.md, each made from the rows of the study as Markdown.
+
+Errors are horizontal, in metres, means over the epochs of a log; where there are several dives, means over them.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from field.agreement import Likeness
+from field.changes import ABLATIONS, FACTORS, HALF, SENSITIVITY, TWICE
+from field.goals import HORIZONTAL, NEES, worst
+from field.logs import Case
+from field.plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_names, thinned_ways
+from field.runs import VERDICTS
+from paper.runs import Way
+from paper.tables import times
+from usbldr.filters.identification.observability import CANDIDATE_KEYS
+from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES
+from usbldr.io.reports.report_text import Table
+from usbldr_cli.runs.job_store import read_trace
+from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency
+from usbldr_cli.tables.compare_table import piped
+
+NO_CHANGE = "·"  # the log does not use what was changed
+TOLD = {"none": "none", AUTO: "auto"}
+
+
+def main(case: Case, rows: Rows) -> str:
+    """Return every filter on one log, once for each definition of its errors."""
+    return "\n\n".join(_filters(case, name, rows) for name in case.scored)
+
+
+def _filters(case: Case, name: str, rows: Rows) -> str:
+    body = [_plain(way.method, "", rows[name, way, ""]) for way in (Way("usbl"), Way("dr"))]
+    for calibrate in TOLD:
+        for way in FILTERS:
+            way = replace(way, calibrate=calibrate)
+            late = rows[name, replace(way, order=online(case)), ""]
+            after = () if online(case) == "validity" else (rows[name, way, ""],)
+            body.append(_plain(way.label, TOLD[calibrate], late, *after))
+        smoothed = rows[name, Way("adf", calibrate, smooth=True), ""]
+        line = _plain("adf --smooth", TOLD[calibrate], smoothed)
+        if online(case) != "validity":  # a smoothed track knows the whole dive
+            line = (*line[:2], "", "", "", "", "", *_size(smoothed))
+        body.append(line)
+    width = max(len(line) for line in body)
+    heads = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "sigmas")
+    heads += ("horizontal, validity", "NEES, validity") if width == 9 else ()
+    filled = tuple((*line, *[""] * (width - len(line))) for line in body)
+    return piped(Table(f"{name}, m", heads, filled))
+
+
+def _plain(label: str, calibrate: str, row: ComparisonRow, *after: ComparisonRow) -> tuple[str, ...]:
+    if not row.good:
+        return (label, calibrate, f"failed: {row.fault}", "", "", "", "")
+    axes = (metres(row.mean(f"mean_abs_{axis}_m")) for axis in ("east", "north"))
+    return (
+        label,
+        calibrate,
+        *axes,
+        *_size(row),
+        row_consistency(row),
+        *(cell for one in after for cell in _size(one)),
+    )
+
+
+def _size(row: ComparisonRow) -> tuple[str, str]:
+    return metres(row.mean(HORIZONTAL)), number(row.mean(NEES))
+
+
+def claimed(cases: Sequence[Case], rows: Rows) -> str:
+    """Return the errors beside those that the filter's own covariance claims."""
+    body: list[tuple[str, ...]] = []
+    for case in cases:
+        for name in case.scored:
+            row = rows[name, replace(BEST, order=online(case)), ""]
+            inside = "/".join(f"{100 * (row.mean(f'inside_{k}_sigma') or 0):.0f}" for k in (1, 2, 3))
+            body.append((name, case.truth, metres(row.mean(HORIZONTAL)), metres(_claim_m(row)), _size(row)[1], inside))
+    heads = ("kind", "mean error", "claimed by adf", "NEES", "inside 1/2/3 sigma, %")
+    return piped(Table("log", heads, tuple(body)))
+
+
+def _claim_m(row: ComparisonRow) -> float | None:
+    """Return the mean length of an error with the claimed covariance, as if it were round: sqrt(pi/4 trace P)."""
+    traces = [read_trace(outcome.trace) for outcome in row.good.values() if outcome.trace is not None]
+    covs = [trace.cov_m2 for trace in traces if trace.cov_m2 is not None]
+    if not covs:
+        return None
+    return float(np.mean([np.sqrt(math.pi / 4 * np.trace(cov, axis1=1, axis2=2)).mean() for cov in covs]))
+
+
+def agreed(found: Mapping[str, Mapping[str, Likeness]]) -> str:
+    """Return how the moves of fixes and truth compare with those of dead reckoning, log by log."""
+    body = [
+        (name, source, *_lead(one), f"{one.ratio:.3f}", f"{one.turn_deg:+.1f}°")
+        for name, likenesses in found.items()
+        for source, one in likenesses.items()
+    ]
+    heads = ("against DR", "ahead by", "at median speed", "length ratio", "turned clockwise")
+    return piped(Table("log", heads, tuple(body)))
+
+
+def _lead(one: Likeness) -> tuple[str, str]:
+    if math.isnan(one.lead_s):
+        return "not told", ""
+    return f"{one.lead_s:+.2f} s", f"{one.lead_m:+.2f} m"
+
+
+def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, Likeness]]) -> str:
+    """Return what `auto` made of each log, the errors of the sensors at its end, and what plain lengths say of one."""
+    body: list[tuple[str, ...]] = []
+    for key in CANDIDATE_KEYS:
+        cells = [_state(key, rows[case.scored[0], replace(BEST, order=online(case)), ""]) for case in cases]
+        body.append((key, *cells))
+    by_length = (f"{1 / agreed[case.name]['fixes'].ratio - 1:.3g}" for case in cases)
+    body.append(("(scale by the lengths of moves)", *by_length))
+    return piped(Table("state", tuple(case.name for case in cases), tuple(body)))
+
+
+def _state(key: str, row: ComparisonRow) -> str:
+    first = next(iter(row.good.values()), None)
+    if first is None or f"verdict_{key}" not in first.metrics:
+        return ""
+    verdict = VERDICTS[round(first.metrics[f"verdict_{key}"])]
+    told = []
+    for state in STATES[key]:
+        name, unit, _ = REPORTED_QUANTITIES[state][:3]
+        if f"found_{name}" in first.metrics:
+            told.append(
+                f"{first.metrics[f'found_{name}']:.3g} ± {first.metrics[f'found_sd_{name}']:.2g} {unit}".strip()
+            )
+    return f"{'; '.join(told) or verdict} (sigma to {100 * first.metrics[f'narrowed_{key}']:.0f} %)"
+
+
+def cut(rows: Rows) -> str:
+    """Return every way of bridging two outages of ten minutes."""
+    body = []
+    for way in cut_ways():
+        row = rows["stpere_marina", way, "cut"]
+        body.append(_plain(_titled(way), way.calibrate if way.method != "dr" else "", row))
+    heads = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "sigmas")
+    return piped(Table("stpere_marina, USBL cut, m", heads, tuple(body)))
+
+
+def thinned(cases: Sequence[Case], rows: Rows) -> str:
+    """Return the filters where fixes are rare: error, NEES, and the longest row of fixes that were refused."""
+    body: list[tuple[str, ...]] = []
+    for case in cases:
+        name = case.scored[-1]
+        for change in thinned_names():
+            whole = metres(rows[name, Way("dr"), ""].mean(HORIZONTAL))
+            cells = [_rare(rows[name, way, change]) for way in thinned_ways(case)]
+            body.append((f"{name}, {change}", whole, *cells))
+    heads = ("dr", *(way.label.removesuffix(" --order arrival") for way in thinned_ways(cases[0])))
+    return piped(Table("m; NEES; refused in a row", heads, tuple(body)))
+
+
+def _rare(row: ComparisonRow) -> str:
+    if not row.good:
+        return f"failed: {row.fault}"
+    return "; ".join((*_size(row), f"{worst(row, 'refused_in_a_row'):.0f}"))
+
+
+def ablation(cases: Sequence[Case], rows: Rows) -> str:
+    """Return what the error grows by when a feature is taken away."""
+    features = (
+        ("(all of them)", lambda way: (way, "")),
+        ("one wide Gaussian for the fixes", lambda way: (replace(way, method="ckf"), "")),
+        ("a gate instead of the likelihood", lambda way: (replace(way, method="ckf", gate=0.99), "")),
+        ("no state (--calibrate none)", lambda way: (replace(way, calibrate="none"), "")),
+        *((name, lambda way, name=name: (way, name)) for name in ABLATIONS),
+        ("(added: noise tuned on the log)", lambda way: (way, "tuned")),
+    )
+    body = []
+    for label, changed in features:
+        cells = []
+        for case in cases:
+            name, way = case.scored[-1], replace(BEST, order=online(case))
+            whole, less = rows[name, way, ""], rows[name, *changed(way)]
+            cells.append(metres(whole.mean(HORIZONTAL)) if label == "(all of them)" else lost(less, whole))
+        body.append((label, *cells))
+    return piped(Table("taken away", tuple(case.scored[-1] for case in cases), tuple(body)))
+
+
+def lost(less: ComparisonRow, whole: ComparisonRow) -> str:
+    change = difference(less, whole)
+    if change is None or less.fault:
+        return f"failed: {less.fault}"
+    if all(less.values(HORIZONTAL)[seed] == whole.values(HORIZONTAL).get(seed) for seed in less.values(HORIZONTAL)):
+        return NO_CHANGE
+    return f"{change.mean:+.3f} m, NEES {number(less.mean(NEES))}"
+
+
+def sensitivity(cases: Sequence[Case], rows: Rows) -> str:
+    """Return by how many per cent the error changes with each default halved and doubled, the touchiest first."""
+    names = list(dict.fromkeys(name.rsplit(" ", 1)[0] for name in SENSITIVITY))
+    lines = []
+    for name in names:
+        found = [[percent(case, f"{name} {label}", rows) for label in FACTORS] for case in cases]
+        known = [abs(value) for pair in found for value in pair if value is not None]
+        cells = tuple(f"{_signed(half)} / {_signed(twice)}" for half, twice in found)
+        lines.append((max(known, default=0.0), (f"`{name}`", *cells)))
+    lines.sort(key=lambda line: -line[0])
+    heads = tuple(f"{case.scored[-1]}, %" for case in cases)
+    return piped(Table(f"{HALF} / {TWICE}", heads, tuple(line for _, line in lines)))
+
+
+def touchiest(cases: Sequence[Case], rows: Rows) -> Iterator[tuple[str, str, float]]:
+    """Yield each default that moves a log's error by more than 5 %: its change, the log and the per cent."""
+    for change in SENSITIVITY:
+        for case in cases:
+            moved = percent(case, change, rows)
+            if moved is not None and abs(moved) > 5:
+                yield change, case.scored[-1], moved
+
+
+def percent(case: Case, change: str, rows: Rows) -> float | None:
+    row = rows[case.scored[-1], BEST, change]
+    if row.fault:
+        return None
+    return 100 * (times(row, rows[case.scored[-1], BEST, ""]) - 1)
+
+
+def _signed(percent: float | None) -> str:
+    if percent is None:
+        return "failed"
+    return NO_CHANGE if percent == 0 else f"{percent:+.1f}"
+
+
+def _titled(way: Way) -> str:
+    return way.label.removesuffix(" --order arrival")
+
+
+def metres(value: float | None) -> str:
+    """Return millimetres below 10 m."""
+    return "" if value is None else f"{value:.3f}" if value < 10 else f"{value:.1f}"
+
+
+def number(value: float | None) -> str:
+    """Return two decimals, fewer of what is huge."""
+    return "" if value is None else f"{value:.2f}" if value < 100 else f"{value:.0f}"

@@ -1,0 +1,176 @@
+"""Make paper.md and its pictures: the study that sets our filters beside the paper's numbers and the bounds.
+
+    python benchmarks/paper/study.py --seeds 20
+
+Finished runs are kept in a folder and used again, so an interrupted study goes on where it was.
+"""
+
+import argparse
+import os
+import re
+import sys
+import time
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper, field and logs are packages
+
+from paper import goals as paper_goals
+from paper import tables
+from paper.bounds import Limits, limits
+from paper.figures import write_figures
+from paper.runs import STATES, Rows, Way, plan, run_plan, write_sweeps
+from usbldr.filters.errors import UsbldrError
+from usbldr.io.reports.run_directory import write_atomically
+from usbldr.io.scenarios.library import find_scenario
+from usbldr_cli.runs.seed_table import difference
+
+ROOT = Path(__file__).resolve().parents[2]
+BOUND_DIVES = 16  # over which the bound is averaged: from dive to dive it differs by some 3 %
+TEXT = Path(__file__).with_name("text.md")
+
+
+def main() -> int:
+    asked = arguments()
+    began = time.monotonic()
+    sweeps, store = asked.runs / "sweeps", asked.runs / "units"
+    store.mkdir(parents=True, exist_ok=True)
+    write_sweeps(sweeps)
+    wanted = plan(asked.seeds, sweeps, asked.unseen)
+    print(f"{sum(wanted.values())} runs of {len(wanted)} rows, {asked.jobs} at a time; finished ones are in {store}")
+    try:
+        rows = run_plan(wanted, asked.jobs, store)
+    except UsbldrError as fault:
+        print(f"benchmarks/paper/study.py: {fault}", file=sys.stderr)
+        return fault.exit_code
+    reused = sum(outcome.reused for row in rows.values() for outcome in row.outcomes)
+    print(f"{reused} runs were finished already; runs took {minutes(began)}")
+
+    of_drawn = limits(find_scenario("paper-drawn"), ("scale",), range(min(BOUND_DIVES, 2 * asked.seeds)))
+    of_paper = {calibrate: limits(find_scenario("paper"), _keys(calibrate), (0,)) for calibrate in STATES}
+    write_figures(
+        asked.output / "paper", rows, sweeps, asked.seeds, {"paper-drawn": of_drawn, "paper": of_paper["scale"]}
+    )
+    of_range = limits(find_scenario("paper-range"), ("scale",), (0,))
+    goals = paper_goals.goals(rows, of_drawn, paper_goals.timed())
+    text = document(rows, sweeps, asked.seeds, goals, of_drawn, of_paper, of_range)
+    write_atomically(asked.output / "paper.md", text.encode())
+    faults = {f"{log}, {way.label}: {row.fault}" for (log, way), row in rows.items() if row.fault}
+    print(*sorted(f"failed: {fault}" for fault in faults), f"{asked.output / 'paper.md'}: {minutes(began)}", sep="\n")
+    return 1 if faults else 0
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20, help="dives of each scenario, at least 2; 50 for the goals")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--runs", type=Path, default=ROOT / "paper-runs", help="folder of finished runs")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "studies", help="folder of paper.md and paper/")
+    parser.add_argument("--without-unseen", dest="unseen", action="store_false", help="leave that dive unseen")
+    asked = parser.parse_args()
+    if asked.seeds < 2:
+        parser.error("--seeds: standard errors need 2 dives or more")
+    return asked
+
+
+def document(
+    rows: Rows,
+    sweeps: Path,
+    seeds: int,
+    goals: list[paper_goals.Goal],
+    of_drawn: Limits,
+    of_paper: Mapping[str, Limits],
+    of_range: Limits,
+) -> str:
+    """Return docs/studies/paper.md: the text with every table and number in its place."""
+    parts = {
+        "made": f"SEEDS={seeds}, usbldr {version('usbldr')}, NumPy {version('numpy')}",
+        "seeds": str(seeds),
+        "summary": summary(rows, goals, of_drawn),
+        "goals": paper_goals.table(goals),
+        "ranking": ranking(rows),
+        "filters": tables.filters(rows),
+        "drift": tables.drift(rows, sweeps),
+        "counts": tables.counts(rows),
+        "outliers": tables.outliers(rows, sweeps),
+        "features": tables.features(rows),
+        "drawn": tables.drawn(rows, of_drawn),
+        "assumed": tables.assumed(rows, of_paper),
+        "slant": tables.slant(rows),
+        "slant_bound": tables.least(of_range),
+        "delays": tables.delays(rows),
+        "lake": tables.lake(rows),
+        "unseen": tables.unseen(rows),
+    }
+    return filled(TEXT.read_text(encoding="utf-8"), parts)
+
+
+def filled(text: str, parts: Mapping[str, str]) -> str:
+    """Return the text with each {{name}} replaced; KeyError for a name without a part, or a part without a name."""
+    named = set(re.findall(r"{{(\w+)}}", text))
+    if named != set(parts):
+        raise KeyError(f"text and parts differ: {', '.join(sorted(named ^ set(parts)))}")
+    return re.sub(r"{{(\w+)}}", lambda found: parts[found.group(1)], text)
+
+
+def summary(rows: Rows, goals: list[paper_goals.Goal], of_drawn: Limits) -> str:
+    """Return what the study found, in sentences whose numbers and verdicts are those measured."""
+    cpf, scale, smoothed = (
+        rows["paper", way] for way in (Way("cpf"), Way("cpf", "scale"), Way("adf", "scale", smooth=True))
+    )
+    adf = rows["paper-drawn", Way("adf", "scale")]
+    ratio = [tables.over(adf, axis, least)[0] for axis, least in zip(tables.AXES, of_drawn.filter_m, strict=True)]
+    missed = [goal for goal in goals if not goal.met]
+    told = f"{len(goals) - len(missed)} of the {len(goals)} goals below are met"
+    if missed:
+        told += "; not met: " + ", ".join(f"{goal.what} ({goal.measured}, goal {goal.goal})" for goal in missed)
+    return "\n".join(
+        (
+            f"- `cpf` with the paper's six states: {tables.errors(cpf)} m. The paper reports .31/.30.",
+            f"- With the DVL's scale as a state: {tables.errors(scale)} m; looking back with a smoother: "
+            f"{tables.errors(smoothed)} m.",
+            f"- Where the model is true, `adf` errs by {ratio[0]:.2f}/{ratio[1]:.2f} times the least that is possible.",
+            f"- {one_gaussian(rows)}",
+            f"- {told}.",
+        )
+    )
+
+
+def ranking(rows: Rows) -> str:
+    """Say how PF, UPF and CPF rank here."""
+    pf, upf, cpf = (rows["paper", Way(name)] for name in ("pf", "upf", "cpf"))
+    apart = difference(upf, cpf)
+    gap = "" if apart is None or apart.se is None else f"{apart.mean:+.4f} ± {apart.se:.4f} m"
+    return (
+        f"The paper has PF .61/.59, UPF .37/.41, CPF .31/.30. Here PF has {tables.errors(pf)}, "
+        f"UPF {tables.errors(upf)}, CPF {tables.errors(cpf)}; UPF less CPF over the same dives: {gap} horizontally."
+    )
+
+
+def one_gaussian(rows: Rows) -> str:
+    """Say how far `adf` is from `cpf`."""
+    sentences = []
+    for calibrate, states in (("none", "six states"), ("scale", "the scale state")):
+        apart = difference(rows["paper", Way("adf", calibrate)], rows["paper", Way("cpf", calibrate)])
+        assert apart is not None
+        se = f" ± {apart.se:.4f}" if apart.se is not None else ""
+        which = "significant" if apart.significant else "not significant"
+        sentences.append(f"{apart.mean:+.4f}{se} m ({which}) with {states}")
+    return (
+        "`adf`, a single Gaussian with the same likelihood and no particles, less `cpf`, mean horizontal error over "
+        f"the same dives: {', '.join(sentences)}. The likelihood and the states buy the accuracy, not the particles."
+    )
+
+
+def minutes(began: float) -> str:
+    seconds = time.monotonic() - began
+    return f"{int(seconds // 60)} min {seconds % 60:.0f} s"
+
+
+def _keys(calibrate: str) -> tuple[str, ...]:
+    return () if calibrate == "none" else tuple(calibrate.split(","))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
