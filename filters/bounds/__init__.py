@@ -1,1 +1,1 @@
-"""Posterior Cramer-Rao lower bounds: how good any filter could be."""
+"""Posterior Cramér-Rao lower bounds: the smallest rms error that any filter can have under the assumed model."""

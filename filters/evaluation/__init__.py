@@ -1,1 +1,1 @@
-"""Tracks against the truth: alignment, metrics, consistency, statistics over seeds, influence of single fixes."""
+"""A track against the truth: alignment, errors, consistency, statistics over seeds, influence of single fixes."""

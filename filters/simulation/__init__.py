@@ -1,1 +1,1 @@
-"""Dives that never were: scenarios, true motion, and the errors of the simulated sensors."""
+"""Simulated dives: the scenario, the true motion, and the random and systematic errors of each sensor."""

@@ -1,1 +1,1 @@
-"""Columns of a topic to canonical records: axes, frames, units, time of validity, selection of fixes."""
+"""Columns of a topic to canonical records: axes, frames, units, times of validity, selection of fixes."""

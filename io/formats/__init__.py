@@ -1,1 +1,1 @@
-"""One reader for each file format, all behind usbldr.io.reader.Reader."""
+"""One reader per file format, all behind usbldr.io.reader.Reader; detect.FORMATS lists them."""

@@ -1,1 +1,1 @@
-"""Message types: which fields hold which quantity of which sensor, and which topic serves as which sensor."""
+"""Message types: which field holds which quantity of which sensor; roles.py chooses a topic for each sensor."""

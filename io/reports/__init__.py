@@ -1,1 +1,1 @@
-"""Results out: report.json, report.md, tables, tracks, the run directory."""
+"""Results out: report.json, report.md, tables, tracks, and the run directory that appears when it is complete."""

@@ -1,1 +1,1 @@
-"""usbldr.toml and baseline files: sections, limits, and edits that keep what the user wrote."""
+"""usbldr.toml and baseline files: typed sections with units and limits, and edits that keep the author's comments."""

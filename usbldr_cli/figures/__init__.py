@@ -1,1 +1,1 @@
-"""Pictures of a run and of a comparison; matplotlib is imported here alone."""
+"""Figures of a run and of a comparison; matplotlib is imported in this room alone."""

@@ -1,1 +1,1 @@
-"""Options that several commands share, each spelt once."""
+"""Options that several commands share, each declared once."""

@@ -1,1 +1,1 @@
-"""Tables on the terminal."""
+"""Tables on the terminal, in Markdown and in CSV."""
