@@ -14,6 +14,6 @@ a bank of N Gaussians, means (n, N) and covariances (n, n, N)::
     mode_update(bank, projection, noise, ...)  which noise modes explain e: matched, gated, collapsed, or drawn
     update(bank, projection, R)                K = P- H' S^-1, m = m- + K e, P = P- - K S K'
 
-``ekf``, ``ckf`` and ``ukf`` differ in the transform alone; ``adf`` collapses the noise mixture; ``cpf`` and ``upf`` draw
+``ekf``, ``ckf``, ``ukf`` differ in the transform alone; ``adf`` collapses the noise mixture; ``cpf`` and ``upf`` draw
 a mode for each of N members. A new filter is one file here and one row in the catalogue (replay/methods.py).
 """
