@@ -1,11 +1,13 @@
 """Small models that several tests hold the filters against, written the textbook way."""
 
+import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
-from usbldr.filters.estimators.protocol import Prior, Step
+from usbldr.filters.estimators.protocol import Estimate, Prior, Step
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.sensors import DirectState, Measurement
 
@@ -44,6 +46,29 @@ def position_steps(z: np.ndarray, noise: Noise) -> Iterator[Step]:
 
 
 PRIOR = Prior(np.array([0.0, 1.0]), np.array([[4.0, 0.3], [0.3, 1.0]]))
+
+
+def beliefs(estimator: Any, steps: Iterable[Step], prior: Prior = PRIOR, seed: int | None = 0) -> Iterator[Any]:
+    """Yield the belief after each step; without a seed no filter may draw."""
+
+    def generator(epoch: int) -> np.random.Generator:
+        assert seed is not None, "this filter leaves nothing to chance"
+        return np.random.default_rng((seed, epoch))
+
+    belief = estimator.start(prior)
+    for step in steps:
+        belief = estimator.step(belief, step, functools.partial(generator, step.epoch))
+        yield belief
+
+
+def estimates(estimator: Any, steps: Iterable[Step], prior: Prior = PRIOR, seed: int | None = 0) -> list[Estimate]:
+    """Return what the filter estimates after each step."""
+    return [estimator.estimate(belief) for belief in beliefs(estimator, steps, prior, seed)]
+
+
+def end(estimator: Any, steps: Iterable[Step], seed: int | None = 0, prior: Prior = PRIOR) -> Estimate:
+    """Return what the filter estimates after the last step."""
+    return estimates(estimator, steps, prior, seed)[-1]
 
 
 def exact_mixture(z: np.ndarray, noise: Noise, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from textbook import PRIOR, Drift, position_steps
+from textbook import Drift, estimates, position_steps
 from usbldr.filters.estimators.adaptive import MAX_FACTOR, CovarianceMatching, FadingFactor, InflationFactor, Innovation
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
@@ -23,17 +23,8 @@ ONE = Gaussian().modes(np.eye(1))
 FACTORS = pytest.mark.parametrize("factor", [FadingFactor(), CovarianceMatching()], ids=["afukf", "aekf"])
 
 
-def no_chance() -> np.random.Generator:
-    raise AssertionError("a Kalman filter leaves nothing to chance")
-
-
 def run(factor: InflationFactor | None, steps: list[Step]) -> list[Estimate]:
-    estimator = KalmanFilter(Drift(QUIET), unscented, moment_matched, factor)
-    belief, estimates = estimator.start(PRIOR), []
-    for step in steps:
-        belief = estimator.step(belief, step, no_chance)
-        estimates.append(estimator.estimate(belief))
-    return estimates
+    return estimates(KalmanFilter(Drift(QUIET), unscented, moment_matched, factor), steps, seed=None)
 
 
 def noisy(z: np.ndarray, noise: Noise = ONE, seed: int = 0) -> list[Step]:

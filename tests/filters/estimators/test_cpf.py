@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from textbook import PRIOR, Drift, exact_mixture, position_steps
+from textbook import PRIOR, Drift, beliefs, end, exact_mixture, position_steps
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
@@ -20,21 +20,14 @@ Q = (0.3, 0.1)
 MOTION = Drift(Q)
 
 
-def run(estimator, steps, seed: int = 0):
-    belief = estimator.start(PRIOR)
-    for step in steps:
-        belief = estimator.step(belief, step, lambda k=step.epoch: np.random.default_rng((seed, k)))
-    return belief
-
-
 def test_with_one_noise_mode_every_particle_is_the_kalman_filter() -> None:
     z = np.random.default_rng(0).normal(size=20)
     noise = Gaussian().modes(np.array([[0.8]]))
     particles = CubatureParticleFilter(MOTION, cubature, 7)
     kalman = KalmanFilter(MOTION, cubature, moment_matched)
 
-    got = particles.estimate(run(particles, position_steps(z, noise)))
-    want = kalman.estimate(run(kalman, position_steps(z, noise)))
+    got = end(particles, position_steps(z, noise))
+    want = end(kalman, position_steps(z, noise))
 
     np.testing.assert_allclose(got.mean, want.mean, atol=1e-12)
     np.testing.assert_allclose(got.cov, want.cov, atol=1e-12)
@@ -50,7 +43,7 @@ def test_it_tends_to_the_exact_posterior_over_all_mode_histories() -> None:
     errors = {}
     for count, seeds in ((20, 60), (2000, 6)):
         estimator = CubatureParticleFilter(MOTION, cubature, count)
-        ends = [estimator.estimate(run(estimator, position_steps(z, noise), seed)) for seed in range(seeds)]
+        ends = [end(estimator, position_steps(z, noise), seed) for seed in range(seeds)]
         errors[count] = math.sqrt(np.mean([np.sum((end.mean - want_mean) ** 2) for end in ends]))
         np.testing.assert_allclose(np.mean([end.mean for end in ends], axis=0), want_mean, atol=0.03)
         np.testing.assert_allclose(np.mean([end.cov for end in ends], axis=0), want_cov, rtol=0.12, atol=0.01)
@@ -105,7 +98,7 @@ def test_the_move_leaves_the_posterior_over_modes_unchanged(move_steps: int) -> 
 
     rng = np.random.default_rng(2)
     drawn = rng.choice(len(histories), size=count, p=posterior)
-    belief = run(estimator, steps)
+    *_, belief = beliefs(estimator, steps)
     bank = belief.bank._replace(
         mean=np.stack([means[i] for i in range(16)], axis=1)[:, drawn],
         cov=np.stack([stories[i][1][3] for i in range(16)], axis=2)[:, :, drawn],
@@ -134,7 +127,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not() -> None:
     z = np.random.default_rng(3).normal(size=30)
     noise = Mixture().modes(np.eye(1))
     estimator = CubatureParticleFilter(MOTION, cubature, 30)
-    first, again, other = (run(estimator, position_steps(z, noise), seed).bank for seed in (5, 5, 6))
+    first, again, other = ([*beliefs(estimator, position_steps(z, noise), seed=seed)][-1].bank for seed in (5, 5, 6))
 
     np.testing.assert_array_equal(first.mean, again.mean)
     assert not np.array_equal(first.mean, other.mean)
@@ -145,7 +138,7 @@ def test_a_belief_is_a_value_that_can_be_run_from_again() -> None:
     noise = Mixture().modes(np.eye(1))
     estimator = CubatureParticleFilter(MOTION, cubature, 30)
     steps = list(position_steps(z, noise))
-    belief = run(estimator, steps[:6])
+    *_, belief = beliefs(estimator, steps[:6])
     kept = belief.bank.mean.copy()
     ends = []
     for _ in range(2):
@@ -178,5 +171,5 @@ def test_resampling_resets_the_weights_and_reports_the_least_effective_size() ->
 def test_without_moves_there_is_no_acceptance() -> None:
     noise = Mixture(0.5, 100.0).modes(np.eye(1) * 0.05)
     estimator = replace(CubatureParticleFilter(MOTION, cubature, 50), move_steps=0)
-    belief = run(estimator, position_steps(np.arange(20) * 1.0, noise))
+    *_, belief = beliefs(estimator, position_steps(np.arange(20) * 1.0, noise))
     assert math.isnan(belief.acceptance)

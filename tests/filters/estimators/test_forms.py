@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from textbook import PRIOR, Drift, grid_posterior, position_steps
+from textbook import PRIOR, Drift, end, grid_posterior, position_steps
 from usbldr.filters.estimators.cpf_gaussian import GaussianParticleFilter, whitened
 from usbldr.filters.estimators.cpf_literal import LiteralParticleFilter
 from usbldr.filters.estimators.gaussian_bank import replicate
@@ -17,13 +17,6 @@ from usbldr.filters.models.sensors import DirectState, Measurement
 from usbldr.filters.models.sigma_points import cubature
 
 MOTION = Drift((0.3, 0.1))
-
-
-def end(estimator, steps, seed: int = 0, prior: Prior = PRIOR):
-    belief = estimator.start(prior)
-    for step in steps:
-        belief = estimator.step(belief, step, lambda k=step.epoch: np.random.default_rng((seed, k)))
-    return estimator.estimate(belief)
 
 
 def test_whitened_draws_have_the_moments_of_a_standard_normal_exactly() -> None:

@@ -1,5 +1,6 @@
 """The single-Gaussian filters against another library's and against each other."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import CubatureKalmanFilter, JulierSigmaPoints, KalmanFilter, UnscentedKalmanFilter
 
-from textbook import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, estimates, position_steps
 from usbldr.filters.estimators.gaussian_bank import predict, project, replicate, update
 from usbldr.filters.estimators.kalman import KalmanFilter as OurKalmanFilter
 from usbldr.filters.estimators.mode_updates import Gate, collapse, moment_matched
@@ -21,18 +22,7 @@ from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.run import FILTERS, FilterSettings
 
 Q = (0.05, 0.02)
-
-
-def no_chance() -> np.random.Generator:
-    raise AssertionError("a Kalman filter leaves nothing to chance")
-
-
-def run(estimator, prior: Prior, steps) -> list:
-    belief, estimates = estimator.start(prior), []
-    for step in steps:
-        belief = estimator.step(belief, step, no_chance)
-        estimates.append(estimator.estimate(belief))
-    return estimates
+run = functools.partial(estimates, seed=None)
 
 
 def test_on_a_linear_model_ekf_ckf_and_ukf_are_the_kalman_filter_of_another_library() -> None:
@@ -51,7 +41,7 @@ def test_on_a_linear_model_ekf_ckf_and_ukf_are_the_kalman_filter_of_another_libr
 
     for rule in (linearised, cubature, unscented):
         for mode_update in (moment_matched, collapse):
-            got = run(OurKalmanFilter(Drift(Q), rule, mode_update), PRIOR, position_steps(z, noise))
+            got = run(OurKalmanFilter(Drift(Q), rule, mode_update), position_steps(z, noise))
             for estimate, (mean, cov) in zip(got, want, strict=True):
                 np.testing.assert_allclose(estimate.mean, mean, atol=1e-10)
                 np.testing.assert_allclose(estimate.cov, cov, atol=1e-10)
@@ -107,8 +97,8 @@ def test_on_a_bent_model_ckf_and_ukf_are_those_of_another_library(rule) -> None:
 def test_collapsing_one_mode_is_the_kalman_filter() -> None:
     z = np.random.default_rng(2).normal(size=30)
     noise = Gaussian().modes(np.array([[0.8]]))
-    plain = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), PRIOR, position_steps(z, noise))
-    collapsed = run(OurKalmanFilter(Drift(Q), cubature, collapse), PRIOR, position_steps(z, noise))
+    plain = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, noise))
+    collapsed = run(OurKalmanFilter(Drift(Q), cubature, collapse), position_steps(z, noise))
     for a, b in zip(plain, collapsed, strict=True):
         np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
         np.testing.assert_allclose(a.cov, b.cov, atol=1e-12)
@@ -116,11 +106,9 @@ def test_collapsing_one_mode_is_the_kalman_filter() -> None:
 
 def test_matched_takes_the_mixture_for_one_wide_gaussian() -> None:
     z = np.random.default_rng(3).normal(size=30)
-    mixture = run(
-        OurKalmanFilter(Drift(Q), cubature, moment_matched), PRIOR, position_steps(z, Mixture().modes(np.eye(1)))
-    )
+    mixture = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, Mixture().modes(np.eye(1))))
     wide = run(
-        OurKalmanFilter(Drift(Q), cubature, moment_matched), PRIOR, position_steps(z, Gaussian().modes(3.7 * np.eye(1)))
+        OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, Gaussian().modes(3.7 * np.eye(1)))
     )
     for a, b in zip(mixture, wide, strict=True):
         np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
@@ -133,8 +121,8 @@ def test_a_gated_filter_drops_one_outlier_and_comes_back_from_a_lockout() -> Non
     one_outlier = np.where(np.arange(40) == 20, 60.0, np.arange(40) * 1.0)
     jumped = np.arange(60) * 1.0 + np.where(np.arange(60) >= 20, 80.0, 0.0)
 
-    dropped = run(OurKalmanFilter(quiet, cubature, Gate()), PRIOR, position_steps(one_outlier, noise))
-    recovered = run(OurKalmanFilter(quiet, cubature, Gate()), PRIOR, position_steps(jumped, noise))
+    dropped = run(OurKalmanFilter(quiet, cubature, Gate()), position_steps(one_outlier, noise))
+    recovered = run(OurKalmanFilter(quiet, cubature, Gate()), position_steps(jumped, noise))
 
     assert [k for k, e in enumerate(dropped) if e.updates[0].outcome == "rejected"] == [20]
     assert all(e.updates[0].outcome == "rejected" for e in recovered[20:30])
@@ -159,7 +147,7 @@ def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
     ]
     steps = [Step(k, float(max(k - 1, 0)), float(k), tuple(both)) for k, both in enumerate(fixes)]
 
-    east = [estimate.mean[4] for estimate in run(OurKalmanFilter(motion, cubature, Gate()), prior, steps)]
+    east = [estimate.mean[4] for estimate in run(OurKalmanFilter(motion, cubature, Gate()), steps, prior)]
 
     assert east[5] > 50
     assert abs(east[-1]) < 3

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from textbook import PRIOR, Drift, exact_mixture, position_steps
+from textbook import Drift, end, exact_mixture, position_steps
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.pf import BootstrapParticleFilter
@@ -13,13 +13,6 @@ from usbldr.filters.models.sigma_points import linearised
 
 Q = (0.3, 0.1)
 MOTION = Drift(Q)
-
-
-def end(estimator, steps, seed: int = 0):
-    belief = estimator.start(PRIOR)
-    for step in steps:
-        belief = estimator.step(belief, step, lambda k=step.epoch: np.random.default_rng((seed, k)))
-    return estimator.estimate(belief)
 
 
 def test_on_a_linear_model_it_tends_to_the_kalman_filter_as_one_over_root_n() -> None:

@@ -1,10 +1,10 @@
 """The two-stage filter: what the last fixes say decides what the EKF makes of the next one."""
 
-import functools
 import math
 
 import numpy as np
 
+from textbook import estimates
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.pf_wekf import TwoStageFilter
@@ -35,11 +35,7 @@ def northbound(offset_m: np.ndarray, family: NoiseFamily, seed: int = 0, sd_m: f
 
 
 def run(estimator, steps: list[Step], prior: Prior = PRIOR, seed: int = 0) -> list[Estimate]:
-    belief, estimates = estimator.start(prior), []
-    for step in steps:
-        belief = estimator.step(belief, step, functools.partial(np.random.default_rng, (seed, step.epoch)))
-        estimates.append(estimator.estimate(belief))
-    return estimates
+    return estimates(estimator, steps, prior, seed)
 
 
 def test_noise_of_one_mode_leaves_a_plain_ekf() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from textbook import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, estimates, position_steps
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import collapse, moment_matched
@@ -26,11 +26,8 @@ R = 0.8
 
 def filtered(z: np.ndarray, rule=linearised) -> tuple[np.ndarray, np.ndarray]:
     estimator = KalmanFilter(Drift(tuple(Q)), rule, moment_matched)
-    belief, estimates = estimator.start(PRIOR), []
-    for step in position_steps(z, Gaussian().modes(np.array([[R]]))):
-        belief = estimator.step(belief, step, lambda: np.random.default_rng(0))
-        estimates.append(estimator.estimate(belief))
-    return np.array([e.mean for e in estimates]), np.array([e.cov for e in estimates])
+    told = estimates(estimator, position_steps(z, Gaussian().modes(np.array([[R]]))), seed=None)
+    return np.array([e.mean for e in told]), np.array([e.cov for e in told])
 
 
 def solved_at_once(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter as OtherKalmanFilter
 
-from textbook import PRIOR, Drift, position_steps
+from textbook import PRIOR, Drift, estimates, position_steps
 from usbldr.filters.bounds.pcrlb import bounds
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
@@ -23,11 +23,8 @@ def readings() -> np.ndarray:
 def filtered(motion: Drift) -> tuple[np.ndarray, np.ndarray]:
     """Return our filter's means (EPOCHS, 2) and covariances (EPOCHS, 2, 2)."""
     estimator = KalmanFilter(motion, linearised, moment_matched)
-    belief, estimates = estimator.start(PRIOR), []
-    for step in position_steps(readings(), NOISE):
-        belief = estimator.step(belief, step, np.random.default_rng)
-        estimates.append(estimator.estimate(belief))
-    return np.array([e.mean for e in estimates]), np.array([e.cov for e in estimates])
+    told = estimates(estimator, position_steps(readings(), NOISE), seed=None)
+    return np.array([e.mean for e in told]), np.array([e.cov for e in told])
 
 
 @pytest.mark.parametrize("rule", [linearised, cubature, unscented], ids=["ekf", "ckf", "ukf"])
