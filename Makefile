@@ -41,9 +41,9 @@ paper: $(VENV)/installed
 field: $(VENV)/installed
 	$(BIN)/python benchmarks/field/study.py $(HELD_BACK)
 
-# docs/studies/logs.md: what info, doctor, init and replay say of each of the same logs, and others' numbers beside ours
+# what info, doctor, init and replay say of each of the same logs, and our numbers beside those of their collectors
 logs: $(VENV)/installed
-	$(BIN)/python benchmarks/logs/survey.py $(HELD_BACK)
+	$(BIN)/python benchmarks/survey/study.py $(HELD_BACK)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from field.logs import CASES, HERE
-from logs.errors import (
+from survey.errors import (
     Measured,
     anchored,
     at,
@@ -29,7 +29,7 @@ from logs.errors import (
     truth_of,
     turn_deg,
 )
-from logs.expected import OURS
+from survey.expected import OURS
 from usbldr.io.formats.mcap_log import McapLog
 from usbldr.io.geodesy import to_geodetic, to_plane
 from usbldr.io.log import Log, Origin

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from logs.expected import Value
+from survey.expected import Value
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import Alignment, fit_rigid
 from usbldr.filters.replay.dead_reckoning import displacement_m
