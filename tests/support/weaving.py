@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from timelines import HZ, five_hz
 from usbldr.filters.types import Timeline
 
-HZ = 5
 SD_MPS, SD_RAD, SD_M = 0.01, np.radians(0.2), 0.2
 
 
@@ -55,23 +55,4 @@ def weaving_dive(
     fixes = np.column_stack([np.interp(stamp_s - faults.usbl_latency_s, fine_s, x) for x in (east, north)])
     fixes += wander_m * np.column_stack([np.sin(stamp_s / 40), np.cos(stamp_s / 40)])
     fixes += SD_M * rng.standard_normal(fixes.shape)
-    one = np.ones(len(t), dtype=np.intp)
-    return Timeline(
-        start_ns=0,
-        time_s=t,
-        slow=np.arange(0, len(t), HZ),
-        dvl_mps=dvl,
-        dvl_count=one,
-        dvl_sd_mps=np.full(len(t), SD_MPS),
-        yaw_rad=yaw,
-        yaw_count=one,
-        yaw_sd_rad=np.full(len(t), SD_RAD),
-        dr_mps=dvl,
-        dr_yaw_rad=yaw,
-        fix_time_s=stamp_s,
-        fix_received_s=stamp_s,
-        fix_m=fixes,
-        fix_cov_m2=np.tile(SD_M**2 * np.eye(2), (len(stamp_s), 1, 1)),
-        gps_time_s=np.empty(0),
-        gps_m=np.empty((0, 2)),
-    )
+    return five_hz(dvl, yaw, stamp_s, fixes, dvl_sd_mps=SD_MPS, yaw_sd_rad=float(SD_RAD), fix_sd_m=SD_M)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from timelines import five_hz
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
@@ -68,26 +69,7 @@ def dive(
     fix_m[np.flatnonzero(fix_s >= SILENT[1])[:false]] += off_m * DRIFT
     velocity = np.column_stack([np.zeros(K), np.full(K, SPEED_MPS)]) + 0.02 * rng.normal(size=(K, 2))
     yaw = math.radians(0.3) * rng.normal(size=K)
-    line = Timeline(
-        start_ns=0,
-        time_s=t,
-        slow=np.arange(0, K, RATE_HZ),
-        dvl_mps=velocity,
-        dvl_count=np.ones(K, dtype=np.intp),
-        dvl_sd_mps=np.full(K, 0.02),
-        yaw_rad=yaw,
-        yaw_count=np.ones(K, dtype=np.intp),
-        yaw_sd_rad=np.full(K, math.radians(0.3)),
-        dr_mps=velocity,
-        dr_yaw_rad=yaw,
-        fix_time_s=fix_s,
-        fix_received_s=fix_s,
-        fix_m=fix_m,
-        fix_cov_m2=np.repeat(0.25 * np.eye(2)[None], len(fix_s), axis=0),
-        gps_time_s=np.empty(0),
-        gps_m=np.empty((0, 2)),
-    )
-    return line, truth
+    return five_hz(velocity, yaw, fix_s, fix_m, yaw_sd_rad=math.radians(0.3), fix_sd_m=0.5), truth
 
 
 def replayed(

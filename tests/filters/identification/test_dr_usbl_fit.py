@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from timelines import HZ, five_hz
 from usbldr.filters.identification.dr_usbl_fit import (
     SEGMENT_S,
     fit_rotation,
@@ -11,8 +12,6 @@ from usbldr.filters.identification.dr_usbl_fit import (
     segment_numbers,
 )
 from usbldr.filters.types import Array, Outage, Timeline, Vector
-
-HZ = 5.0
 
 
 def heading_rad(t: Vector) -> Vector:
@@ -45,20 +44,14 @@ def dive(
 ) -> Timeline:
     """A vehicle that only surges; its DVL is turned clockwise by mount_deg and reads too much by scale."""
     rng = np.random.default_rng(4)
-    t = np.arange(0, length_s, 1 / HZ)
+    t = np.arange(round(length_s * HZ)) / HZ
     mount = np.radians(mount_deg)
     bow = np.array([-np.sin(mount), np.cos(mount)])  # starboard and forward of the DVL
     dvl = (1 + scale) * speed_mps(t, swell)[:, None] * bow
     fix_t = np.arange(3.0, length_s - 3.0)
     fixes = truth_m(fix_t - latency_s, swell) + rng.normal(0, fix_sd_m, (len(fix_t), 2)) + [40.0, -7.0]
-    ones, cov = np.ones(len(t)), np.tile(np.eye(2) * fix_sd_m**2, (len(fix_t), 1, 1))
     yaw = -heading_rad(t - heading_delay_s)
-    many = np.ones(len(t), dtype=np.intp)
-    none = np.empty(0)
-    return Timeline(
-        0, t, np.arange(0, len(t), 5), dvl, many, 0.02 * ones, yaw, many, 0.005 * ones, dvl, yaw,
-        fix_t, fix_t, fixes, cov, none, np.empty((0, 2)), outages,
-    )  # fmt: skip
+    return five_hz(dvl, yaw, fix_t, fixes, yaw_sd_rad=0.005, fix_sd_m=fix_sd_m, outages=outages)
 
 
 def test_the_turn_is_the_angle_by_which_the_dvl_sits_askew() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from timelines import five_hz
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.evaluation import Window, evaluate
 from usbldr.filters.models.calibration import layout_for
@@ -23,26 +24,13 @@ GPS_S = np.arange(0.0, 30.5, 0.5)
 
 def timeline(gps_m: Array | None = None, sd_m: float = 0.5) -> Timeline:
     """A vehicle going north at 1 m/s for half a minute, a fix of 2 m every 5 s, GPS twice a second."""
-    t = np.arange(151) / 5
-    one = np.ones(len(t), dtype=np.intp)
     fix_s = np.arange(0.0, 30.0, 5.0)
-    north = np.tile([0.0, 1.0], (len(t), 1))
-    return Timeline(
-        start_ns=0,
-        time_s=t,
-        slow=np.arange(0, len(t), 5),
-        dvl_mps=north,
-        dvl_count=one,
-        dvl_sd_mps=np.full(len(t), 0.02),
-        yaw_rad=np.zeros(len(t)),
-        yaw_count=one,
-        yaw_sd_rad=np.full(len(t), 0.01),
-        dr_mps=north,
-        dr_yaw_rad=np.zeros(len(t)),
-        fix_time_s=fix_s,
-        fix_received_s=fix_s,
-        fix_m=np.stack([0 * fix_s + 1.5, fix_s], axis=1),
-        fix_cov_m2=np.tile(4.0 * np.eye(2), (len(fix_s), 1, 1)),
+    return five_hz(
+        np.tile([0.0, 1.0], (151, 1)),
+        np.zeros(151),
+        fix_s,
+        np.stack([0 * fix_s + 1.5, fix_s], axis=1),
+        fix_sd_m=2.0,
         gps_time_s=GPS_S,
         gps_m=np.stack([0 * GPS_S, GPS_S], axis=1) if gps_m is None else gps_m,
         gps_sd_m=np.full(len(GPS_S), sd_m),

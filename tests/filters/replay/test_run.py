@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from timelines import HZ, five_hz
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.noise import Contamination, Mixture
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
@@ -21,29 +22,10 @@ from weaving import Faults, weaving_dive
 
 def timeline(seconds: float = 4.0, fixes: tuple[float, ...] = (0.0, 1.0, 1.31, 1.39, 3.05)) -> Timeline:
     """A vehicle going north at 1 m/s with the bow north."""
-    t = np.arange(round(seconds * 5) + 1) / 5
-    one = np.ones(len(t), dtype=np.intp)
+    count = round(seconds * HZ) + 1
     fix_s = np.array(fixes)
-    velocity = np.tile([0.0, 1.0], (len(t), 1))
-    return Timeline(
-        start_ns=0,
-        time_s=t,
-        slow=np.arange(0, len(t), 5),
-        dvl_mps=velocity,
-        dvl_count=one,
-        dvl_sd_mps=np.full(len(t), 0.02),
-        yaw_rad=np.zeros(len(t)),
-        yaw_count=one,
-        yaw_sd_rad=np.full(len(t), 0.01),
-        dr_mps=velocity,
-        dr_yaw_rad=np.zeros(len(t)),
-        fix_time_s=fix_s,
-        fix_received_s=fix_s + 0.5,
-        fix_m=np.stack([0 * fix_s, fix_s], axis=1).reshape(-1, 2),
-        fix_cov_m2=np.tile(np.eye(2), (len(fix_s), 1, 1)),
-        gps_time_s=np.empty(0),
-        gps_m=np.empty((0, 2)),
-    )
+    fix_m = np.stack([0 * fix_s, fix_s], axis=1).reshape(-1, 2)
+    return five_hz(np.tile([0.0, 1.0], (count, 1)), np.zeros(count), fix_s, fix_m, fix_received_s=fix_s + 0.5)
 
 
 def test_each_fix_is_used_once_at_the_first_epoch_at_or_after_its_time_of_validity() -> None:
