@@ -47,7 +47,7 @@ final_horizontal_m = { rel = 0.001 }
 def _check(*arguments: object, **more: str) -> subprocess.CompletedProcess[str]:
     command = [*USBLDR, "check", "--jobs", "1", *map(str, arguments)]
     return subprocess.run(
-        command, capture_output=True, text=True, check=False, env={**os.environ, **more}, cwd=ROOT / "tests"
+        command, capture_output=True, text=True, check=False, env={**os.environ, **more}, cwd=ROOT / "docs"
     )
 
 
@@ -274,7 +274,8 @@ def test_an_option_may_be_spelt_as_on_the_command_line_and_still_name_what_lies_
 
 
 def _copy_of_the_package(folder: Path) -> Path:
-    for part, place in (("usbldr_cli", "usbldr_cli"), ("filters", "usbldr/filters"), ("io", "usbldr/io")):
+    places = {"usbldr_cli": "usbldr_cli", "public": "usbldr", "filters": "usbldr/filters", "io": "usbldr/io"}
+    for part, place in places.items():
         shutil.copytree(ROOT / part, folder / place, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
@@ -289,7 +290,7 @@ def test_a_broken_sign_in_a_model_turns_the_gate_red(gate: Path, tmp_path: Path)
         env={**os.environ, "PYTHONPATH": str(package)},
         cwd=tmp_path,
     )
-    motion = package / "usbldr" / "filters" / "motion.py"
+    motion = package / "usbldr" / "filters" / "models" / "motion.py"
     assert Path(where.stdout.strip()) == motion
 
     whole = _check(gate, PYTHONPATH=str(package))
