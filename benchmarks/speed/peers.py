@@ -1,18 +1,14 @@
-"""Particle filters of other libraries beside ours: the same dive, the same six-state model, one thread, one run.
+"""The particle filters of the library `particles` beside ours: the same dive, the same six-state model, one thread.
 
-The dive is the scenario ``paper`` with seed 0. Ours and `particles` take its mixture noise as it is; Stone Soup's
-Gaussian models take the one Gaussian that matches it. What is slow runs over the first steps alone: a cost per particle
-and step does not depend on how many there are. Times are CPU times of one process with one BLAS thread.
+The dive is the scenario ``paper`` with seed 0, its mixture noise taken as it is. Times are CPU times of one process
+with one BLAS thread.
 
-    pip install . stonesoup numba joblib scikit-learn && pip install --no-deps particles
+    pip install . numba joblib scikit-learn && pip install --no-deps particles
     python benchmarks/speed/peers.py
 
-(`particles` 0.4 asks for a NumPy below 2, which it does not need: hence --no-deps.) They are no dependencies of usbldr.
-Stone Soup's KalmanProposal starts the Kalman filter of each particle without spread, so it is not the filter with a
-carried covariance: its times compare.
+(`particles` 0.4 asks for a NumPy below 2, which it does not need: hence --no-deps.) It is no dependency of usbldr.
 """
 
-import datetime
 import importlib.util
 import math
 import os
@@ -37,9 +33,7 @@ from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 
-PEERS = ("stonesoup", "particles")
 WARM_UP = 50  # steps
-SHORTEST = 1000  # steps below which an error means nothing
 POSITION = slice(4, 6)
 
 
@@ -67,7 +61,6 @@ class Row(NamedTuple):
 
     name: str
     particles: int
-    steps: int
     ns: float  # per particle and step
     rmse_m: float  # horizontal
 
@@ -106,7 +99,7 @@ def timed(name: str, work: Dive, particles: int, track: Callable[[], np.ndarray]
     began = time.process_time()
     found = track()
     spent = time.process_time() - began
-    return Row(name, particles, len(found), 1e9 * spent / (particles * len(found)), rmse_m(found, work.truth_m))
+    return Row(name, particles, 1e9 * spent / (particles * len(found)), rmse_m(found, work.truth_m))
 
 
 def ours(work: Dive) -> Iterator[Row]:
@@ -183,101 +176,22 @@ def of_particles(work: Dive) -> Iterator[Row]:
         yield timed(f"particles {name}", work, 1000, lambda m=made: track(m, 1000, len(work.z)))
 
 
-def of_stonesoup(work: Dive) -> Iterator[Row]:
-    """The bootstrap filter, and KalmanProposal: a Kalman filter for each particle, started from no spread."""
-    from stonesoup.models.measurement.linear import LinearGaussian
-    from stonesoup.models.transition.nonlinear import GaussianTransitionModel
-    from stonesoup.predictor.kalman import CubatureKalmanPredictor, ExtendedKalmanPredictor, UnscentedKalmanPredictor
-    from stonesoup.predictor.particle import ParticlePredictor
-    from stonesoup.proposal.simple import KalmanProposal
-    from stonesoup.resampler.particle import ESSResampler
-    from stonesoup.types.array import CovarianceMatrix, StateVector, StateVectors
-    from stonesoup.types.detection import Detection
-    from stonesoup.types.hypothesis import SingleHypothesis
-    from stonesoup.types.state import ParticleState
-    from stonesoup.updater.kalman import CubatureKalmanUpdater, ExtendedKalmanUpdater, UnscentedKalmanUpdater
-    from stonesoup.updater.particle import ParticleUpdater
-
-    class Vehicle(GaussianTransitionModel):
-        @property
-        def ndim_state(self):
-            return 6
-
-        def function(self, state, noise=False, **kwargs):
-            x = state.state_vector
-            y = type(x)(moved(np.asarray(x, dtype=float), kwargs["time_interval"].total_seconds()))
-            if noise is True:
-                noise = self.rvs(num_samples=x.shape[1], **kwargs)
-            return y if noise is False or noise is None else y + noise
-
-        def jacobian(self, state, **kwargs):
-            psi, u, v, r, _, _ = np.asarray(state.state_vector, dtype=float)[:, 0]
-            dt = kwargs["time_interval"].total_seconds()
-            c, s = math.cos(psi + r * dt / 2) * dt, math.sin(psi + r * dt / 2) * dt
-            F = np.eye(6)
-            F[0, 3] = dt
-            F[4, :4] = -u * s - v * c, c, -s, (-u * s - v * c) * dt / 2
-            F[5, :4] = u * c - v * s, s, c, (u * c - v * s) * dt / 2
-            return F
-
-        def covar(self, time_interval, **kwargs):
-            return CovarianceMatrix(np.diag(work.walk_sd**2 * time_interval.total_seconds() / work.dt_s))
-
-    first = datetime.datetime(2026, 1, 1)
-    models = {}
-
-    def detection(k: int) -> Detection:
-        rows = tuple(np.flatnonzero(np.isfinite(work.z[k])).tolist())
-        if rows not in models:
-            noise = CovarianceMatrix(np.diag([work.matched[row] for row in rows]))
-            models[rows] = LinearGaussian(ndim_state=6, mapping=rows, noise_covar=noise)
-        when = first + datetime.timedelta(seconds=k * work.dt_s)
-        return Detection(StateVector(work.z[k, list(rows)]), timestamp=when, measurement_model=models[rows])
-
-    def track(predictor: ParticlePredictor, count: int, length: int) -> np.ndarray:
-        np.random.seed(0)  # noqa: NPY002
-        x = work.mean[:, None] + work.sd[:, None] * np.random.standard_normal((6, count))  # noqa: NPY002
-        state = ParticleState(StateVectors(x), weight=np.full(count, 1 / count), timestamp=first)
-        updater = ParticleUpdater(None, resampler=ESSResampler())
-        found = []
-        for k in range(length):
-            seen = detection(k)
-            predicted = predictor.predict(state, timestamp=seen.timestamp, measurement=seen)
-            state = updater.update(SingleHypothesis(predicted, seen))
-            weight = np.asarray(state.weight, dtype=float)
-            found.append(np.asarray(state.state_vector, dtype=float)[POSITION] @ weight)
-        return np.array(found)
-
-    vehicle = Vehicle()
-    plain = ParticlePredictor(vehicle)
-    track(plain, 1000, WARM_UP)
-    yield timed("Stone Soup bootstrap", work, 1000, lambda: track(plain, 1000, len(work.z)))
-    for name, predict, update in (
-        ("EKF", ExtendedKalmanPredictor, ExtendedKalmanUpdater),
-        ("UKF", UnscentedKalmanPredictor, UnscentedKalmanUpdater),
-        ("CKF", CubatureKalmanPredictor, CubatureKalmanUpdater),
-    ):
-        proposing = ParticlePredictor(vehicle, proposal=KalmanProposal(predict(vehicle), update(None)))
-        track(proposing, 20, 2)
-        yield timed(f"Stone Soup KalmanProposal {name}", work, 20, lambda p=proposing: track(p, 20, WARM_UP))
-
-
 def main() -> None:
     if os.environ.get("OMP_NUM_THREADS") != "1":  # has to be said before NumPy is there
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, "OMP_NUM_THREADS": "1"})
-    missing = [name for name in PEERS if importlib.util.find_spec(name) is None]
-    if missing:
-        wanted = "pip install stonesoup numba joblib scikit-learn && pip install --no-deps particles"
-        sys.exit(f"peers.py: {' and '.join(missing)} not installed, which this comparison is with: {wanted}")
-    warnings.simplefilter("ignore")  # the peers' own
+    if importlib.util.find_spec("particles") is None:
+        sys.exit(
+            "peers.py: particles is not installed, which this comparison is with: "
+            "pip install numba joblib scikit-learn && pip install --no-deps particles"
+        )
+    warnings.simplefilter("ignore")  # the library's own
     work = dive()
-    rows = [*ours(work), *of_particles(work), *of_stonesoup(work)]
+    rows = [*ours(work), *of_particles(work)]
     unit = rows[1].ns
-    print(f"{'filter':32} {'particles':>9} {'steps':>6} {'ns/particle/step':>17} {'of our cpf':>11} {'rmse m':>7}")
+    print(f"{'filter':32} {'particles':>9} {'ns/particle/step':>17} {'of our cpf':>11} {'rmse m':>7}")
     for row in rows:
-        error = f"{row.rmse_m:7.3f}" if row.steps >= SHORTEST else "      -"
-        print(f"{row.name:32} {row.particles:9} {row.steps:6} {row.ns:17,.0f} {row.ns / unit:10,.2f}x {error}")
-    print(f"our cpf: that of {rows[1].particles} particles; rmse: horizontal, over the steps that ran")
+        print(f"{row.name:32} {row.particles:9} {row.ns:17,.0f} {row.ns / unit:10,.2f}x {row.rmse_m:7.3f}")
+    print(f"our cpf: that of {rows[1].particles} particles; rmse: horizontal")
 
 
 if __name__ == "__main__":
