@@ -1,22 +1,18 @@
 """The pictures of field.md, one set for each log, in the style of every other picture of usbldr."""
 
-import io
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.ticker import LogLocator, NullFormatter
-from PIL import Image
 
-from field.changes import CHANGES
 from field.goals import SMOOTHED
 from field.logs import CASES, Case, dive, truth_for
-from field.plan import AUTO, BEST, GATED, Cell, Rows, online
+from field.plan import BEST, Cell, Rows, online, thinned_ways, titled
 from field.runs import told_to_the_filter
-from paper.runs import Way
-from usbldr.filters.evaluation.consistency import DOF, nees
+from paper.figures import log_scale, nees_over_time, save_small
+from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.replay.methods import find_anchor, track
@@ -27,7 +23,6 @@ from usbldr_cli.figures.health import innovation_figure
 from usbldr_cli.figures.run_figures import error_figure
 from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, titled_figure
 from usbldr_cli.figures.track import track_figure
-from usbldr_cli.runs.job_store import read_trace
 
 RUN_PICTURES: Mapping[str, Callable[[Run], Figure | None]] = {
     "track": track_figure,
@@ -36,8 +31,6 @@ RUN_PICTURES: Mapping[str, Callable[[Run], Figure | None]] = {
     "innovations": innovation_figure,
 }
 WINDOW_S = 60  # over which NEES is averaged
-LARGEST_BYTES, COLOURS = 150_000, 120
-RESOLUTIONS = (95, 85, 75, 65, 55)  # dots an inch
 
 
 def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
@@ -49,23 +42,9 @@ def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
         for what, draw in RUN_PICTURES.items():
             figure = draw(run)
             if figure is not None:
-                written.append(f"{_stem(name, change)}_{what}.png")
+                written.append(f"{'_'.join(filter(None, (name, change, what)))}.png")
                 save_small(figure, output / written[-1])
     return written
-
-
-def save_small(figure: Figure, path: Path) -> None:
-    """Write a PNG of few colours at the finest resolution that keeps it small."""
-    small = b""
-    for dpi in RESOLUTIONS:
-        drawn, packed = io.BytesIO(), io.BytesIO()
-        figure.savefig(drawn, dpi=dpi, metadata={"Software": None})
-        few = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
-        few.save(packed, "PNG", optimize=True)
-        small = packed.getvalue()
-        if len(small) < LARGEST_BYTES:
-            break
-    path.write_bytes(small)
 
 
 def online_run(case: Case, change: str, folder: Path) -> Run:
@@ -84,73 +63,43 @@ def online_run(case: Case, change: str, folder: Path) -> Run:
     return Run(log, line, scored[0], tuple(scored[1:]), order=way.order)
 
 
-def draw_consistency(case: Case, rows: Rows, output: Path) -> list[str]:
-    """Draw NEES over time, and which share of it lies where; return the name of the file."""
-    name = case.scored[-1]
-    drawn = [replace(way, calibrate=AUTO, order=online(case)) for way in (GATED, Way("adf"), Way("cpf"))]
+def draw_consistency(case: Case, rows: Rows, output: Path) -> str:
+    """Draw NEES over time, and which share of it lies where, of the first dive; return the name of the file."""
+    name, file = case.scored[-1], f"{case.name}_consistency.png"
+    told = f"{case.truth}; left: mean over {WINDOW_S} s, 2 is right; right: share of the epochs"
     with in_style():
-        figure = titled_figure(
-            f"Consistency on {name}",
-            f"{case.truth}; left: mean over {WINDOW_S} s, 2 is right; right: share of the epochs",
-            11,
-            4.4,
-        )
+        figure = titled_figure(f"Consistency on {name}", told, 11, 4.4)
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-        for way in (*drawn, SMOOTHED):
-            found = nees_over_time(rows, name, way)
-            if found is not None:
-                label = way.label.removesuffix(" --order arrival")
-                _draw_nees(left, right, way, label, *found)
-        _dress(left, right)
+        for way in (*thinned_ways(case), SMOOTHED):
+            row = rows[name, way, ""]
+            if row.good:
+                style = {"color": colour(way.method), "lw": 1.4, "ls": "--" if way.smooth else "-"}
+                _draw_nees(left, right, titled(way), style, *nees_over_time(row, 1))
+        left.axhline(DOF, color="#000000", lw=0.9)
+        log_scale(left)
+        left.set_xlabel("time since the log's start [s]")
+        left.set_ylabel("NEES")
+        shares = np.linspace(0.005, 0.995, 200)
+        right.plot(-2 * np.log(1 - shares), 100 * shares, color="#000000", lw=0.9)  # chi-square, 2 degrees of freedom
+        right.axvline(chi_square_quantile(0.95, DOF), color="#999999", lw=0.8, ls=":")
+        right.set_xscale("log")
+        right.xaxis.set_major_formatter("{x:g}")
+        right.set_xlim(0.05, 50)
+        right.set_xlabel("NEES of an epoch (dotted: 95 % belong below)")
+        right.set_ylabel("share of the epochs [%]")
         legend_below(figure, (left, right), 5)
-        file = f"{_stem(case.name, '')}_consistency.png"
         save_small(figure, output / file)
-    return [file]
+    return file
 
 
-def nees_over_time(rows: Rows, name: str, way: Way) -> tuple[Vector, Vector] | None:
-    """Return times and NEES of the first dive, (M,) each."""
-    first = next(iter(rows[name, way, ""].good.values()), None)
-    if first is None or first.trace is None:
-        return None
-    trace = read_trace(first.trace)
-    return None if trace.cov_m2 is None else (trace.time_s, nees(trace.error_m, trace.cov_m2))
-
-
-def _draw_nees(left: Axes, right: Axes, way: Way, label: str, time_s: Vector, value: Vector) -> None:
-    style = {"color": colour(way.method), "lw": 1.4, "ls": "--" if way.smooth else "-"}
+def _draw_nees(left: Axes, right: Axes, label: str, style: Mapping[str, Any], time_s: Vector, value: Vector) -> None:
     bins = np.floor((time_s - time_s[0]) / WINDOW_S).astype(int)
-    count = np.maximum(np.bincount(bins), 1)
-    middle_s, mean = (np.bincount(bins, part) / count for part in (time_s, value))
-    known = np.bincount(bins) > 0
-    left.plot(middle_s[known], mean[known], label=f"{label}: {value.mean():.2f}", **style)
+    count = np.bincount(bins)
+    middle_s, mean = (np.bincount(bins, part)[count > 0] / count[count > 0] for part in (time_s, value))
+    left.plot(middle_s, mean, label=f"{label}: {value.mean():.2f}", **style)
     right.plot(np.sort(value), 100 * (np.arange(len(value)) + 0.5) / len(value), **style)
-
-
-def _dress(left: Axes, right: Axes) -> None:
-    left.axhline(DOF, color="#000000", lw=0.9)
-    left.set_yscale("log")
-    left.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    left.yaxis.set_major_formatter("{x:g}")
-    left.yaxis.set_minor_formatter(NullFormatter())
-    left.set_xlabel("time since the log's start [s]")
-    left.set_ylabel("NEES")
-    shares = np.linspace(0.005, 0.995, 200)
-    chi = [-2 * math.log(1 - share) for share in shares]  # chi-square with two degrees of freedom
-    right.plot(chi, 100 * shares, color="#000000", lw=0.9, label="right sigmas")
-    right.axvline(chi_square_quantile(0.95, DOF), color="#999999", lw=0.8, ls=":")
-    right.set_xscale("log")
-    right.xaxis.set_major_formatter("{x:g}")
-    right.set_xlim(0.05, 50)
-    right.set_xlabel("NEES of an epoch (dotted: 95 % belong below)")
-    right.set_ylabel("share of the epochs [%]")
 
 
 def pictures(cases: Sequence[Case]) -> list[tuple[str, str]]:
     """Return what is drawn of runs: the logs, and the one with its outages."""
-    drawn = [(case.name, "") for case in cases]
-    return drawn + [(case.name, "cut") for case in cases if case.name == "stpere_marina" and "cut" in CHANGES]
-
-
-def _stem(name: str, change: str) -> str:
-    return "_".join(filter(None, (name, change)))
+    return [(case.name, "") for case in cases] + [(c.name, "cut") for c in cases if c.name == "stpere_marina"]

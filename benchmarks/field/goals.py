@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from field.logs import Case
-from field.plan import BEST, GATED, ONLINE, Rows, online, thinned_names
+from field.plan import BEST, ONLINE, Rows, online, thinned_names, thinned_ways
 from paper.runs import Way
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.seed_table import ComparisonRow
@@ -75,22 +75,11 @@ def thinned_goals(case: Case, rows: Rows) -> Iterator[Goal]:
 def particle_goals(case: Case, rows: Rows) -> Iterator[Goal]:
     """Yield how `cpf` stands to the gated `ekf` and to `adf`, as the vehicle could have run them."""
     name = case.scored[-1]
-    gated, adf, cpf = (
-        _value(rows[name, replace(way, calibrate="auto", order=online(case)), ""])
-        for way in (GATED, Way("adf"), Way("cpf"))
-    )
-    yield Goal(
-        f"{name}: cpf against the gated ekf",
-        f"at most {100 * WORSE_THAN_GATED:.0f} % worse",
-        f"{100 * (cpf / gated - 1):+.1f} %",
-        cpf <= (1 + WORSE_THAN_GATED) * gated,
-    )
-    yield Goal(
-        f"{name}: cpf against adf",
-        f"within {100 * APART:.0f} %",
-        f"{100 * (cpf / adf - 1):+.1f} %",
-        abs(cpf / adf - 1) <= APART,
-    )
+    gated, adf, cpf = (_value(rows[name, way, ""]) for way in thinned_ways(case))
+    worse, apart = cpf / gated - 1, cpf / adf - 1
+    at_most, within = f"at most {100 * WORSE_THAN_GATED:.0f} % worse", f"within {100 * APART:.0f} %"
+    yield Goal(f"{name}: cpf against the gated ekf", at_most, f"{100 * worse:+.1f} %", worse <= WORSE_THAN_GATED)
+    yield Goal(f"{name}: cpf against adf", within, f"{100 * apart:+.1f} %", abs(apart) <= APART)
 
 
 def table(found: Sequence[Goal]) -> str:

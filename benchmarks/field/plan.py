@@ -55,6 +55,11 @@ def online(case: Case) -> str:
     return "arrival" if case.folder else "validity"
 
 
+def titled(way: Way) -> str:
+    """Return what tables call a way whose order of fixes they state above."""
+    return way.label.removesuffix(" --order arrival")
+
+
 def main_ways(case: Case) -> list[Way]:
     orders = list(dict.fromkeys((online(case), "validity")))
     ways = [replace(way, calibrate=c, order=o) for c in ("none", AUTO) for way in FILTERS for o in orders]

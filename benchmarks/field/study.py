@@ -86,16 +86,12 @@ def arguments() -> argparse.Namespace:
 
 def draw(cases: Sequence[Case], rows: Rows, jobs: int, folder: Path, figures: Path) -> dict[str, list[str]]:
     """Draw every picture; return the files by log, the one with its outages as a log of its own."""
-    found: dict[str, list[str]] = {}
+    wanted = pictures(cases)
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        waiting = {
-            f"{name} {change}".strip(): pool.submit(draw_run, name, change, folder, figures)
-            for name, change in pictures(cases)
-        }
-        for name, future in waiting.items():
-            found[name] = future.result()
+        waiting = [pool.submit(draw_run, name, change, folder, figures) for name, change in wanted]
+        found = {" ".join(which).strip(): future.result() for which, future in zip(wanted, waiting, strict=True)}
     for case in cases:
-        found[case.name] += draw_consistency(case, rows, figures)
+        found[case.name].append(draw_consistency(case, rows, figures))
     return found
 
 
@@ -127,11 +123,9 @@ def document(
 
 def summary(goals: Sequence[field_goals.Goal]) -> str:
     """Say how many goals were met, and name those that were not."""
-    missed = [goal for goal in goals if not goal.met]
+    missed = [f"{goal.what} ({goal.measured}, goal {goal.goal})" for goal in goals if not goal.met]
     told = f"{len(goals) - len(missed)} of the {len(goals)} goals below are met."
-    if not missed:
-        return told
-    return told + " Not met: " + "; ".join(f"{goal.what} ({goal.measured}, goal {goal.goal})" for goal in missed) + "."
+    return f"{told} Not met: {'; '.join(missed)}." if missed else told
 
 
 def sections(cases: Sequence[Case], rows: Rows) -> str:
@@ -169,10 +163,9 @@ def gallery(cases: Sequence[Case], drawn: dict[str, list[str]]) -> str:
     parts: list[str] = []
     for name, files in drawn.items():
         if name.split(" ")[0] in {case.name for case in cases}:
+            captions = [CAPTIONS[file.removesuffix(".png").rsplit("_", 1)[1]] for file in files]
             parts.append(f"### {name}: pictures")
-            for file in files:
-                caption = CAPTIONS[file.removesuffix(".png").rsplit("_", 1)[1]]
-                parts.append(f"![{caption}](field/{file})\n\n*{caption}.*")
+            parts += [f"![{c}](field/{file})\n\n*{c}.*" for c, file in zip(captions, files, strict=True)]
     return "\n\n".join(parts)
 
 

@@ -13,10 +13,10 @@ from field.agreement import Likeness
 from field.changes import ABLATIONS, FACTORS, HALF, SENSITIVITY, TWICE
 from field.goals import HORIZONTAL, NEES, worst
 from field.logs import Case
-from field.plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_names, thinned_ways
+from field.plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_names, thinned_ways, titled
 from field.runs import VERDICTS
 from paper.runs import Way
-from paper.tables import times
+from paper.tables import in_metres, times
 from usbldr.filters.identification.observability import CANDIDATE_KEYS
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES
 from usbldr.io.reports.report_text import Table
@@ -24,8 +24,8 @@ from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency
 from usbldr_cli.tables.compare_table import piped
 
+HEADS = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "sigmas")
 NO_CHANGE = "·"  # the log does not use what was changed
-TOLD = {"none": "none", AUTO: "auto"}
 
 
 def main(case: Case, rows: Rows) -> str:
@@ -35,20 +35,19 @@ def main(case: Case, rows: Rows) -> str:
 
 def _filters(case: Case, name: str, rows: Rows) -> str:
     body = [_plain(way.method, "", rows[name, way, ""]) for way in (Way("usbl"), Way("dr"))]
-    for calibrate in TOLD:
+    for calibrate in ("none", AUTO):
         for way in FILTERS:
             way = replace(way, calibrate=calibrate)
             late = rows[name, replace(way, order=online(case)), ""]
             after = () if online(case) == "validity" else (rows[name, way, ""],)
-            body.append(_plain(way.label, TOLD[calibrate], late, *after))
+            body.append(_plain(way.label, calibrate, late, *after))
         smoothed = rows[name, Way("adf", calibrate, smooth=True), ""]
-        line = _plain("adf --smooth", TOLD[calibrate], smoothed)
+        line = _plain("adf --smooth", calibrate, smoothed)
         if online(case) != "validity":  # a smoothed track knows the whole dive
             line = (*line[:2], "", "", "", "", "", *_size(smoothed))
         body.append(line)
     width = max(len(line) for line in body)
-    heads = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "sigmas")
-    heads += ("horizontal, validity", "NEES, validity") if width == 9 else ()
+    heads = (*HEADS, "horizontal, validity", "NEES, validity")[: width - 1]
     filled = tuple((*line, *[""] * (width - len(line))) for line in body)
     return piped(Table(f"{name}, m", heads, filled))
 
@@ -57,14 +56,8 @@ def _plain(label: str, calibrate: str, row: ComparisonRow, *after: ComparisonRow
     if not row.good:
         return (label, calibrate, f"failed: {row.fault}", "", "", "", "")
     axes = (metres(row.mean(f"mean_abs_{axis}_m")) for axis in ("east", "north"))
-    return (
-        label,
-        calibrate,
-        *axes,
-        *_size(row),
-        row_consistency(row),
-        *(cell for one in after for cell in _size(one)),
-    )
+    beside = (cell for one in after for cell in _size(one))
+    return (label, calibrate, *axes, *_size(row), row_consistency(row), *beside)
 
 
 def _size(row: ComparisonRow) -> tuple[str, str]:
@@ -111,10 +104,8 @@ def _lead(one: Likeness) -> tuple[str, str]:
 
 def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, Likeness]]) -> str:
     """Return what `auto` made of each log, the errors of the sensors at its end, and what plain lengths say of one."""
-    body: list[tuple[str, ...]] = []
-    for key in CANDIDATE_KEYS:
-        cells = [_state(key, rows[case.scored[0], replace(BEST, order=online(case)), ""]) for case in cases]
-        body.append((key, *cells))
+    found = [rows[case.scored[0], replace(BEST, order=online(case)), ""] for case in cases]
+    body = [(key, *(_state(key, row) for row in found)) for key in CANDIDATE_KEYS]
     by_length = (f"{1 / agreed[case.name]['fixes'].ratio - 1:.3g}" for case in cases)
     body.append(("(scale by the lengths of moves)", *by_length))
     return piped(Table("state", tuple(case.name for case in cases), tuple(body)))
@@ -125,24 +116,21 @@ def _state(key: str, row: ComparisonRow) -> str:
     if first is None or f"verdict_{key}" not in first.metrics:
         return ""
     verdict = VERDICTS[round(first.metrics[f"verdict_{key}"])]
-    told = []
-    for state in STATES[key]:
-        name, unit, _ = REPORTED_QUANTITIES[state][:3]
-        if f"found_{name}" in first.metrics:
-            told.append(
-                f"{first.metrics[f'found_{name}']:.3g} ± {first.metrics[f'found_sd_{name}']:.2g} {unit}".strip()
-            )
+    told = [
+        f"{first.metrics[f'found_{name}']:.3g} ± {first.metrics[f'found_sd_{name}']:.2g} {unit}".strip()
+        for name, unit, *_ in (REPORTED_QUANTITIES[state] for state in STATES[key])
+        if f"found_{name}" in first.metrics
+    ]
     return f"{'; '.join(told) or verdict} (sigma to {100 * first.metrics[f'narrowed_{key}']:.0f} %)"
 
 
 def cut(rows: Rows) -> str:
     """Return every way of bridging two outages of ten minutes."""
-    body = []
-    for way in cut_ways():
-        row = rows["stpere_marina", way, "cut"]
-        body.append(_plain(_titled(way), way.calibrate if way.method != "dr" else "", row))
-    heads = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "sigmas")
-    return piped(Table("stpere_marina, USBL cut, m", heads, tuple(body)))
+    body = (
+        _plain(titled(way), way.calibrate if way.method != "dr" else "", rows["stpere_marina", way, "cut"])
+        for way in cut_ways()
+    )
+    return piped(Table("stpere_marina, USBL cut, m", HEADS, tuple(body)))
 
 
 def thinned(cases: Sequence[Case], rows: Rows) -> str:
@@ -154,7 +142,7 @@ def thinned(cases: Sequence[Case], rows: Rows) -> str:
             whole = metres(rows[name, Way("dr"), ""].mean(HORIZONTAL))
             cells = [_rare(rows[name, way, change]) for way in thinned_ways(case)]
             body.append((f"{name}, {change}", whole, *cells))
-    heads = ("dr", *(way.label.removesuffix(" --order arrival") for way in thinned_ways(cases[0])))
+    heads = ("dr", *(titled(way) for way in thinned_ways(cases[0])))
     return piped(Table("m; NEES; refused in a row", heads, tuple(body)))
 
 
@@ -197,15 +185,11 @@ def lost(less: ComparisonRow, whole: ComparisonRow) -> str:
 def sensitivity(cases: Sequence[Case], rows: Rows) -> str:
     """Return by how many per cent the error changes with each default halved and doubled, the touchiest first."""
     names = list(dict.fromkeys(name.rsplit(" ", 1)[0] for name in SENSITIVITY))
-    lines = []
-    for name in names:
-        found = [[percent(case, f"{name} {label}", rows) for label in FACTORS] for case in cases]
-        known = [abs(value) for pair in found for value in pair if value is not None]
-        cells = tuple(f"{_signed(half)} / {_signed(twice)}" for half, twice in found)
-        lines.append((max(known, default=0.0), (f"`{name}`", *cells)))
-    lines.sort(key=lambda line: -line[0])
+    found = {name: [[percent(case, f"{name} {label}", rows) for label in FACTORS] for case in cases] for name in names}
+    names.sort(key=lambda name: -max(abs(value or 0.0) for pair in found[name] for value in pair))
+    body = ((f"`{name}`", *(f"{_signed(half)} / {_signed(twice)}" for half, twice in found[name])) for name in names)
     heads = tuple(f"{case.scored[-1]}, %" for case in cases)
-    return piped(Table(f"{HALF} / {TWICE}", heads, tuple(line for _, line in lines)))
+    return piped(Table(f"{HALF} / {TWICE}", heads, tuple(body)))
 
 
 def touchiest(cases: Sequence[Case], rows: Rows) -> Iterator[tuple[str, str, float]]:
@@ -230,13 +214,8 @@ def _signed(percent: float | None) -> str:
     return NO_CHANGE if percent == 0 else f"{percent:+.1f}"
 
 
-def _titled(way: Way) -> str:
-    return way.label.removesuffix(" --order arrival")
-
-
 def metres(value: float | None) -> str:
-    """Return millimetres below 10 m."""
-    return "" if value is None else f"{value:.3f}" if value < 10 else f"{value:.1f}"
+    return "" if value is None else in_metres(value)
 
 
 def number(value: float | None) -> str:

@@ -1,12 +1,13 @@
 """The pictures of paper.md, in the colours of every other picture of usbldr. Metres and seconds."""
 
+import io
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 from PIL import Image
 
 from paper.bounds import OF_SIGMA, Limits
@@ -21,12 +22,14 @@ from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.overlay import error_figure
-from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, save, titled_figure
+from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, titled_figure
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 AXES = (("mean_abs_east_m", "east"), ("mean_abs_north_m", "north"))
-PALETTE = 64  # colours of a picture
+LARGEST_BYTES, COLOURS = 150_000, 120
+RESOLUTIONS = (130, 95, 85, 75, 65, 55)  # dots an inch
+FIRST, OTHERS = {"lw": 1.8, "alpha": 1.0}, {"lw": 0.8, "alpha": 0.6}  # dives of one panel
 MARKS = {"cpf": "o", "upf": "D", "pf": "s", "adf": "^", "ekf": "v"}
 
 
@@ -43,14 +46,21 @@ def write_figures(folder: Path, rows: Rows, sweeps: Path, seeds: int, limits: Ma
             "bound": _bound(rows, limits),
         }
         for name, figure in pictures.items():
-            _save_small(figure, folder / f"{name}.png")
+            save_small(figure, folder / f"{name}.png")
 
 
-def _save_small(figure: Figure, path: Path) -> None:
-    """Write a PNG of few colours: a picture of lines loses nothing by it but two thirds of its bytes."""
-    save(figure, path)
-    with Image.open(path) as full:
-        full.convert("RGB").quantize(PALETTE).save(path, optimize=True)
+def save_small(figure: Figure, path: Path) -> None:
+    """Write a PNG of few colours at the finest resolution that keeps it small."""
+    small = b""
+    for dpi in RESOLUTIONS:
+        drawn, packed = io.BytesIO(), io.BytesIO()
+        figure.savefig(drawn, dpi=dpi, metadata={"Software": None})
+        few_colours = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        few_colours.save(packed, "PNG", optimize=True)
+        small = packed.getvalue()
+        if len(small) < LARGEST_BYTES:
+            break
+    path.write_bytes(small)
 
 
 def _figure1(rows: Rows) -> Figure:
@@ -69,26 +79,17 @@ def _particles(rows: Rows) -> Figure:
             values = [list(rows["paper", Way(name, particles=N)].values(metric).values()) for N in COUNTS]
             beside = 1.06 ** (k - 1)  # so that equal values show
             for N, some in zip(COUNTS, values, strict=True):
-                shown = np.minimum(some, top)
-                axes.plot(
-                    np.full(len(some), N * beside),
-                    shown,
-                    ls="",
-                    marker=MARKS[name],
-                    ms=4,
-                    mew=0,
-                    alpha=0.35,
-                    color=colour(name),
-                )
+                dots = {"ls": "", "marker": MARKS[name], "ms": 4, "mew": 0, "alpha": 0.35, "color": colour(name)}
+                axes.plot(np.full(len(some), N * beside), np.minimum(some, top), **dots)
             median = [min(average(some).median, top) for some in values]
             axes.plot(np.array(COUNTS) * beside, median, marker=MARKS[name], color=colour(name), label=name)
         adf = average(list(rows["paper", Way("adf")].values(metric).values())).median
         axes.axhline(adf, color=colour("adf"), ls="--", label="adf, one Gaussian")
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(FixedLocator(COUNTS))
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
-        _log_metres(axes)
+        log_scale(axes)
         axes.set_ylim(0.1, top * 1.05)
         axes.set_xlabel("number of particles N")
         axes.set_title(f"mean |{axis}| error")
@@ -106,18 +107,12 @@ def _outliers(rows: Rows, sweeps: Path) -> Figure:
     for axes, (metric, axis) in zip(panels, AXES, strict=True):
         for k, way in enumerate(SWEPT):
             found = [average(list(rows[shared(sweeps, share), way].values(metric).values())) for share in SHARES]
-            robust = way.method == "pf"
-            label = f"{way.label} (median)" if robust else way.label
+            robust, beside = way.method == "pf", 100 * np.array(SHARES) + 0.5 * (k - 2)
             middle = [one.median if robust else one.mean for one in found]
             bars = None if robust else [one.se or 0.0 for one in found]
-            beside = 100 * np.array(SHARES) + 0.5 * (k - 2)
-            style = {
-                "color": colour(way.method),
-                "marker": MARKS[way.method],
-                "ms": 5,
-                "ls": dashes.get(way.label, "-"),
-            }
-            axes.errorbar(beside, middle, yerr=bars, capsize=2, elinewidth=0.9, label=label, **style)
+            style = {"color": colour(way.method), "marker": MARKS[way.method], "ms": 5, "capsize": 2, "elinewidth": 0.9}
+            label = f"{way.label} (median)" if robust else way.label
+            axes.errorbar(beside, middle, yerr=bars, label=label, ls=dashes.get(way.label, "-"), **style)
         axes.set_xlabel("share of outliers [%]")
         axes.set_title(f"mean |{axis}| error")
     panels[0].set_ylabel("metres")
@@ -164,25 +159,11 @@ def _scale(seeds: int) -> Figure:
     axes: Axes = figure.subplots()
     tracks = [scale_over_time(seed) for seed in range(seeds)]
     time_s, first = tracks[0]
-    shade = colour("adf")
-    axes.fill_between(
-        time_s,
-        *_percent(first.value - 2 * first.sd, first.value + 2 * first.sd),
-        color=shade,
-        alpha=0.2,
-        lw=0,
-        label="2 sigma",
-    )
+    band = (100 * (first.value - 2 * first.sd), 100 * (first.value + 2 * first.sd))
+    axes.fill_between(time_s, *band, color=colour("adf"), alpha=0.2, lw=0, label="2 sigma")
     for k, (_, one) in enumerate(tracks):
         label = ("first dive", "the other dives")[k] if k < 2 else None
-        axes.plot(
-            time_s,
-            *_percent(one.value),
-            color=shade,
-            lw=1.8 if k == 0 else 0.8,
-            alpha=1 if k == 0 else 0.6,
-            label=label,
-        )
+        axes.plot(time_s, 100 * one.value, color=colour("adf"), **FIRST if k == 0 else OTHERS, label=label)
     axes.axhline(1.0, color="#000000", lw=1.0, ls="--", label="truth: the DVL reads 1 % too much")
     axes.set_ylim(-1.2, 3.2)
     axes.set_xlim(time_s[0], time_s[-1])
@@ -198,10 +179,6 @@ def scale_over_time(seed: int) -> tuple[Vector, EstimatedError]:
     line = timeline(log)
     track = run("adf", line, replace(log.assumptions, calibrate=("scale",)), FilterSettings())
     return track.time_s, next(one for one in estimated_errors(track) if one.name == "dvl_scale")
-
-
-def _percent(*values: Vector) -> list[Vector]:
-    return [100 * value for value in values]
 
 
 def _bound(rows: Rows, limits: Mapping[str, Limits]) -> Figure:
@@ -243,8 +220,9 @@ def mean_error_over_time(row: ComparisonRow, axis: int, window: int = 20) -> tup
     return traces[0].time_s[:whole].reshape(-1, window).mean(axis=1), size[:whole].reshape(-1, window).mean(axis=1)
 
 
-def _log_metres(axes: Axes) -> None:
+def log_scale(axes: Axes) -> None:
+    """Make the vertical axis logarithmic, with 1, 2 and 5 of each decade."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())

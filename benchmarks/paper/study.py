@@ -24,7 +24,7 @@ from paper.runs import STATES, Rows, Way, plan, run_plan, write_sweeps
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.scenarios.library import find_scenario
-from usbldr_cli.runs.seed_table import difference
+from usbldr_cli.runs.seed_table import ComparisonRow, difference
 
 ROOT = Path(__file__).resolve().parents[2]
 BOUND_DIVES = 16  # over which the bound is averaged: from dive to dive it differs by some 3 %
@@ -117,34 +117,27 @@ def filled(text: str, parts: Mapping[str, str]) -> str:
 def summary(rows: Rows, goals: list[paper_goals.Goal], of_drawn: Limits) -> str:
     """Return what the study found, in sentences whose numbers and verdicts are those measured."""
     cpf, scale, smoothed = (
-        rows["paper", way] for way in (Way("cpf"), Way("cpf", "scale"), Way("adf", "scale", smooth=True))
+        tables.errors(rows["paper", way]) for way in (Way("cpf"), Way("cpf", "scale"), Way("adf", "scale", smooth=True))
     )
     adf = rows["paper-drawn", Way("adf", "scale")]
     ratio = [tables.over(adf, axis, least)[0] for axis, least in zip(tables.AXES, of_drawn.filter_m, strict=True)]
-    missed = [goal for goal in goals if not goal.met]
-    told = f"{len(goals) - len(missed)} of the {len(goals)} goals below are met"
-    if missed:
-        told += "; not met: " + ", ".join(f"{goal.what} ({goal.measured}, goal {goal.goal})" for goal in missed)
-    return "\n".join(
-        (
-            f"- `cpf` with the paper's six states: {tables.errors(cpf)} m. The paper reports .31/.30.",
-            f"- With the DVL's scale as a state: {tables.errors(scale)} m; looking back with a smoother: "
-            f"{tables.errors(smoothed)} m.",
-            f"- Where the model is true, `adf` errs by {ratio[0]:.2f}/{ratio[1]:.2f} times the least that is possible.",
-            f"- {one_gaussian(rows)}",
-            f"- {told}.",
-        )
-    )
+    missed = [f"{goal.what} ({goal.measured}, goal {goal.goal})" for goal in goals if not goal.met]
+    not_met = f"; not met: {', '.join(missed)}" if missed else ""
+    return f"""\
+- `cpf` with the paper's six states: {cpf} m. The paper reports .31/.30.
+- With the DVL's scale as a state: {scale} m; looking back with a smoother: {smoothed} m.
+- Where the model is true, `adf` errs by {ratio[0]:.2f}/{ratio[1]:.2f} times the least that is possible.
+- {one_gaussian(rows)}
+- {len(goals) - len(missed)} of the {len(goals)} goals below are met{not_met}."""
 
 
 def ranking(rows: Rows) -> str:
     """Say how PF, UPF and CPF rank here."""
     pf, upf, cpf = (rows["paper", Way(name)] for name in ("pf", "upf", "cpf"))
-    apart = difference(upf, cpf)
-    gap = "" if apart is None or apart.se is None else f"{apart.mean:+.4f} ± {apart.se:.4f} m"
     return (
         f"The paper has PF .61/.59, UPF .37/.41, CPF .31/.30. Here PF has {tables.errors(pf)}, "
-        f"UPF {tables.errors(upf)}, CPF {tables.errors(cpf)}; UPF less CPF over the same dives: {gap} horizontally."
+        f"UPF {tables.errors(upf)}, CPF {tables.errors(cpf)}; UPF less CPF over the same dives: "
+        f"{apart(upf, cpf)[0]} horizontally."
     )
 
 
@@ -152,15 +145,19 @@ def one_gaussian(rows: Rows) -> str:
     """Say how far `adf` is from `cpf`."""
     sentences = []
     for calibrate, states in (("none", "six states"), ("scale", "the scale state")):
-        apart = difference(rows["paper", Way("adf", calibrate)], rows["paper", Way("cpf", calibrate)])
-        assert apart is not None
-        se = f" ± {apart.se:.4f}" if apart.se is not None else ""
-        which = "significant" if apart.significant else "not significant"
-        sentences.append(f"{apart.mean:+.4f}{se} m ({which}) with {states}")
+        gap, significant = apart(rows["paper", Way("adf", calibrate)], rows["paper", Way("cpf", calibrate)])
+        sentences.append(f"{gap} ({'significant' if significant else 'not significant'}) with {states}")
     return (
         "`adf`, a single Gaussian with the same likelihood and no particles, less `cpf`, mean horizontal error over "
         f"the same dives: {', '.join(sentences)}. The likelihood and the states buy the accuracy, not the particles."
     )
+
+
+def apart(row: ComparisonRow, other: ComparisonRow) -> tuple[str, bool]:
+    """Say by how much one row errs more than another, and return whether that is significant."""
+    gap = difference(row, other)
+    assert gap is not None
+    return f"{gap.mean:+.4f}" + (f" ± {gap.se:.4f}" if gap.se is not None else "") + " m", gap.significant
 
 
 def minutes(began: float) -> str:

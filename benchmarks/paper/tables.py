@@ -7,29 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from paper import runs
 from paper.bounds import Limits
-from paper.runs import (
-    ALIKE,
-    COUNTS,
-    DRIFTS,
-    GATED,
-    LATE,
-    LEADING,
-    LITERAL,
-    NAMED,
-    ON_LAKE,
-    ON_UNSEEN,
-    SHARES,
-    STATES,
-    SWEPT,
-    UNFILTERED,
-    UNSEEN,
-    Cell,
-    Rows,
-    Way,
-    drifting,
-    shared,
-)
+from paper.runs import Cell, Rows, Way, drifting, shared
 from usbldr.filters.evaluation.consistency import consistency_text
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.io.reports.report_text import Table
@@ -44,16 +24,17 @@ PUBLISHED_LAKE = {"pf": "1.26/.96", "upf": "1.07/.88", "cpf": ".96/.75"}
 
 def filters(rows: Rows) -> str:
     """Return every filter on the paper's simulation, with each set of states."""
-    ways = (*UNFILTERED, *LEADING, *ALIKE, *NAMED, *LITERAL)
+    ways = (*runs.UNFILTERED, *runs.LEADING, *runs.ALIKE, *runs.NAMED, *runs.LITERAL)
     body = []
     for way in ways:
-        cells = [("paper", replace(way, calibrate=calibrate)) for calibrate in STATES]
+        cells = [("paper", replace(way, calibrate=calibrate)) for calibrate in runs.STATES]
         found = [rows.get(cell) for cell in cells]
         nees = [_mean(row, "nees_mean", 2) for row in found if row is not None]
         seeds = [str(len(row.seeds)) for row in found if row is not None]
         published = PUBLISHED.get(way.method, "") if way.form != "gaussian" and not way.smooth else ""
-        body.append((way.label, *(errors(row) if row else "" for row in found), _steps(nees), _steps(seeds), published))
-    heads = (*STATES.values(), "NEES", "seeds", "the paper")
+        steps = (values[0] if len({*values}) == 1 else "; ".join(values) for values in (nees, seeds))
+        body.append((way.label, *(errors(row) if row else "" for row in found), *steps, published))
+    heads = (*runs.STATES.values(), "NEES", "seeds", "the paper")
     return _made(Table("|east|/|north|, m", heads, tuple(body)), "filters", rows, ("paper", Way("cpf", "scale")))
 
 
@@ -66,7 +47,7 @@ def drawn(rows: Rows, limit: Limits) -> str:
         least = limit.smoother_m if way.smooth else limit.filter_m
         ratio = " / ".join(_with_se(*over(row, axis, bound)) for axis, bound in zip(AXES, least, strict=True))
         efficiency = "/".join(f"{100 / over(row, axis, bound)[0]:.0f}" for axis, bound in zip(AXES, least, strict=True))
-        bound = f"{_number(least[0])}/{_number(least[1])}"
+        bound = f"{in_metres(least[0])}/{in_metres(least[1])}"
         body.append((way.label, errors(row), bound, ratio, f"{efficiency} %", nees_text(row), str(len(row.seeds))))
     heads = ("error, m", "PCRLB × .798, m", "error over bound", "efficiency", "NEES", "seeds")
     return _made(Table("paper-drawn, + scale", heads, tuple(body)), "drawn", rows, ("paper-drawn", ways[0]))
@@ -77,16 +58,16 @@ def assumed(rows: Rows, limits: Mapping[str, Limits]) -> str:
     body = []
     for calibrate, limit in limits.items():
         forward, smoothed = (rows["paper", Way("adf", calibrate, smooth=smooth)] for smooth in (False, True))
-        bounds = (f"{_number(one[0])}/{_number(one[1])}" for one in (limit.filter_m, limit.smoother_m))
+        bounds = (f"{in_metres(one[0])}/{in_metres(one[1])}" for one in (limit.filter_m, limit.smoother_m))
         least, least_smoothed = bounds
-        body.append((STATES[calibrate], errors(forward), least, errors(smoothed), least_smoothed))
+        body.append((runs.STATES[calibrate], errors(forward), least, errors(smoothed), least_smoothed))
     heads = ("adf, m", "for the assumed Q, may be beaten", "adf --smooth, m", "for the assumed Q, may be beaten")
     return _made(Table("paper", heads, tuple(body)), "assumed", rows, ("paper", Way("adf", "scale", smooth=True)))
 
 
 def least(limit: Limits) -> str:
     """Return a bound in words, east before north."""
-    forward, smoothed = ("/".join(map(_number, one)) for one in (limit.filter_m, limit.smoother_m))
+    forward, smoothed = ("/".join(map(in_metres, one)) for one in (limit.filter_m, limit.smoother_m))
     return f"{forward} m for any filter, {smoothed} m for any smoother"
 
 
@@ -104,7 +85,7 @@ def delays(rows: Rows) -> str:
         ("fixes arrive 1 s late, their stamps are right", "delay", cpf, "paper"),
         ("the same", "delay", adf, "paper"),
         ("the same, each epoch as the vehicle could have known it", "delay", online, "paper"),
-        ("stamps are 1 s late, nobody knows", LATE, adf, "paper"),
+        ("stamps are 1 s late, nobody knows", runs.LATE, adf, "paper"),
         ("nothing is late", "square", adf, ""),
         ("stamps are 0.8 s late, nobody knows", "latency", adf, "square"),
         ("the same, the latency as a state", "latency", Way("adf", "scale,latency"), "square"),
@@ -121,7 +102,7 @@ def delays(rows: Rows) -> str:
 def counts(rows: Rows) -> str:
     """Return the error against the number of particles."""
     body = []
-    for N in COUNTS:
+    for N in runs.COUNTS:
         found = [rows["paper", Way(name, particles=N)] for name in ("cpf", "upf", "pf")]
         body.append((str(N), *(errors(row) for row in found), "; ".join(str(len(row.seeds)) for row in found)))
     heads = ("cpf", "upf", "pf", "seeds")
@@ -131,47 +112,46 @@ def counts(rows: Rows) -> str:
 def outliers(rows: Rows, sweeps: Path) -> str:
     """Return the error against the share of readings with ten times the variance."""
     body = []
-    for share in SHARES:
-        found = [rows[shared(sweeps, share), way] for way in SWEPT]
+    for share in runs.SHARES:
+        found = [rows[shared(sweeps, share), way] for way in runs.SWEPT]
         body.append(
-            (f"{100 * share:.0f} %", *(errors(row) for row in found), "; ".join(_unique(len(r.seeds) for r in found)))
+            (f"{100 * share:.0f} %", *(errors(row) for row in found), "; ".join(_once(len(r.seeds) for r in found)))
         )
-    heads = (*(way.label for way in SWEPT), "seeds")
+    heads = (*(way.label for way in runs.SWEPT), "seeds")
     return _made(Table("share", heads, tuple(body)), "outliers", rows, ("paper", Way("adf")))
 
 
 def drift(rows: Rows, sweeps: Path) -> str:
     """Return the error against the process noise that six states are told in place of the scale."""
     body = []
-    for size in DRIFTS:
+    for size in runs.DRIFTS:
         found = [rows[drifting(sweeps, size), Way(name)] for name in ("cpf", "adf")]
         cells = (f"{errors(row)}, NEES {_mean(row, 'nees_mean', 2)}" for row in found)
-        body.append((f"{size:g} m/√s", *cells, "; ".join(_unique(len(row.seeds) for row in found))))
+        body.append((f"{size:g} m/√s", *cells, "; ".join(_once(len(row.seeds) for row in found))))
     heads = ("cpf, 6 states", "adf, 6 states", "seeds")
     return _made(Table("assumed drift", heads, tuple(body)), "drift", rows, ("paper", Way("cpf")))
 
 
 def lake(rows: Rows) -> str:
     """Return the simulated lake beside what the paper found on the real one."""
-    cells = [
-        ("lake", way) for way in (*UNFILTERED, *ON_LAKE, Way("adf", "scale,misalignment"), Way("adf", "scale,heading"))
-    ]
+    calibrated = (Way("adf", "scale,misalignment"), Way("adf", "scale,heading"))
+    cells = [("lake", way) for way in (*runs.UNFILTERED, *runs.ON_LAKE, *calibrated)]
     return plain("lake (simulated)", cells, rows, "lake", {"paper's lake": PUBLISHED_LAKE})
 
 
 def unseen(rows: Rows) -> str:
     """Return the dive that no default was chosen on."""
-    cells = [cell for cell in rows if cell[0] == UNSEEN]
+    cells = [cell for cell in rows if cell[0] == runs.UNSEEN]
     if not cells:
         return "*Not run: `make paper` runs it.*"
-    order = [*UNFILTERED, *ON_UNSEEN]
+    order = [*runs.UNFILTERED, *runs.ON_UNSEEN]
     cells.sort(key=lambda cell: (cell[1].calibrate != "none", order.index(replace(cell[1], calibrate="none"))))
     return plain("unseen", cells, rows, "unseen")
 
 
 def features(rows: Rows) -> str:
     """Return what one change buys: differences over the same dives."""
-    gated, scale, both = GATED, "scale", "scale,misalignment"
+    gated, scale, both = runs.GATED, "scale", "scale,misalignment"
     pairs: tuple[tuple[str, str, Way, Way], ...] = (
         ("a gate instead of one wide Gaussian", "paper", Way("ekf"), gated),
         ("the mixture's own likelihood instead of one wide Gaussian", "paper", Way("ekf"), Way("adf")),
@@ -199,8 +179,8 @@ def features(rows: Rows) -> str:
         percent = 100 * change.mean / (other.mean("mean_horizontal_m") or 1.0)
         sign = "" if change.significant else "*"
         size = f"{change.mean:+.3f} ± {change.se:.3f}{sign}"
-        runs = str(min(len(mine.seeds), len(other.seeds)))
-        body.append((what, log, _titled(before), _titled(after), size, f"{percent:+.0f} %{sign}", runs))
+        seeds = str(min(len(mine.seeds), len(other.seeds)))
+        body.append((what, log, _titled(before), _titled(after), size, f"{percent:+.0f} %{sign}", seeds))
     heads = ("scenario", "from", "to", "horizontal error, m", "", "seeds")
     return _made(Table("what is added", heads, tuple(body)), "features", rows, ("paper", Way("adf", "scale")))
 
@@ -233,8 +213,8 @@ def errors(row: ComparisonRow) -> str:
     if not row.good:
         return f"failed: {row.fault}"
     if row.method in FAT_TAILED or _lost(row):
-        median = "/".join(_number(average(list(row.values(axis).values())).median) for axis in AXES)
-        mean = "/".join(_number(row.mean(axis) or 0.0) for axis in AXES)
+        median = "/".join(in_metres(average(list(row.values(axis).values())).median) for axis in AXES)
+        mean = "/".join(in_metres(row.mean(axis) or 0.0) for axis in AXES)
         return f"median {median}" + (f" (mean {mean}, {100 * _lost(row):.0f} % lost)" if _lost(row) else "")
     return " / ".join(_with_se(*_average(row, axis)) for axis in AXES)
 
@@ -289,19 +269,13 @@ def _mean(row: ComparisonRow, metric: str, digits: int) -> str:
 
 
 def _with_se(mean: float, se: float | None) -> str:
-    return _number(mean) if se is None else f"{_number(mean)} ± {_number(se)}"
+    return in_metres(mean) if se is None else f"{in_metres(mean)} ± {in_metres(se)}"
 
 
-def _number(value: float) -> str:
+def in_metres(value: float) -> str:
     """Return millimetres below 10 m, where they may mean something."""
     return f"{value:.3f}" if value < 10 else f"{value:.1f}" if value < 1000 else f"{value:.1e}"
 
 
-def _steps(values: Sequence[str]) -> str:
-    """Return one value for each set of states, or the one that all share."""
-    unique = _unique(values)
-    return unique[0] if len(unique) == 1 else "; ".join(values)
-
-
-def _unique(values: Iterable[object]) -> list[str]:
+def _once(values: Iterable[object]) -> list[str]:
     return list(dict.fromkeys(str(value) for value in values))

@@ -14,7 +14,7 @@ from field import study as field_study
 from field import tables as field_tables
 from field.agreement import Likeness, likeness
 from field.changes import ABLATIONS, CHANGES, SENSITIVITY, constants
-from field.figures import nees_over_time
+from field.figures import draw_consistency
 from field.logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
 from field.plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
 from field.runs import refusals, run_task
@@ -31,7 +31,7 @@ from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
-from usbldr_cli.runs.job_store import JobResult, JobStore, Trace
+from usbldr_cli.runs.job_store import JobResult
 from usbldr_cli.runs.seed_table import ComparisonRow
 from weaving import Faults, weaving_dive
 
@@ -328,16 +328,11 @@ def test_a_run_that_failed_meets_no_goal() -> None:
     assert not any(goal.met for goal in field_goals.thinned_goals(CASES["paper"], rows))
 
 
-def test_nees_over_time_is_the_squared_error_in_sigmas(tmp_path: Path) -> None:
-    cov = np.repeat(4.0 * np.eye(2)[None], 2, axis=0)
-    trace = Trace(np.arange(2.0), np.array([[3.0, 0.0], [0.0, 4.0]]), np.zeros((2, 2)), cov)
-    kept = JobStore(tmp_path).write("0" * 32, JobResult(), trace)
-    rows = {("paper", BEST, ""): ComparisonRow("paper", "adf", "adf", (0,), (kept,))}
+def test_the_consistency_of_a_log_is_drawn(rows: Asked, tmp_path: Path) -> None:
+    file = draw_consistency(CASES["stpere_marina"], rows, tmp_path)
 
-    found = nees_over_time(rows, "paper", BEST)
-
-    assert found is not None
-    assert found[1].tolist() == pytest.approx([9 / 4, 16 / 4])
+    assert file == "stpere_marina_consistency.png"
+    assert 10_000 < (tmp_path / file).stat().st_size < 150_000
 
 
 def test_a_change_without_effect_is_a_dot_and_not_a_number() -> None:
