@@ -75,17 +75,17 @@ def topics(path: Path) -> Measured:
             numbers["frame_id"] = str(read.columns["header.frame_id"][0])
             numbers["repeated_stamps"] = len(stamps) - len(np.unique(stamps))
             numbers |= {f"log_minus_stamp_s.{n}": float(getattr(np, n)(lag_s)) for n in ("min", "median", "max")}
-        found |= {f"{topic.name}.{key}": value for key, value in numbers.items()}
+        found |= prefixed(topic.name, numbers)
     return found
 
 
 def uib(path: Path, name: str) -> Measured:
     """Measure on the survey of Turbot and on its simulated twin."""
     plain = f'{UIB}[usbl]\ntopic = "none"\n[truth]\ntopic = {TRUTHS[name]}\nframe = "NED"\n'
-    log = read_as(path, plain)
+    log, in_file = read_as(path, plain), McapLog(path).topics()
     truth, dvl = truth_of(log), log.tables["dvl"]
-    first_ns = min(topic.first_ns or 0 for topic in McapLog(path).topics() if topic.count)
-    counts = {topic.name: topic.count for topic in McapLog(path).topics()}
+    first_ns = min(topic.first_ns or 0 for topic in in_file if topic.count)
+    counts = {topic.name: topic.count for topic in in_file}
     rows = counts[TRUTHS[name].split('"')[1]]
     skipped = 2 if name == "uib_field" else 0
     shared = rows - skipped - len(truth.time_s)  # rows of a stamp that another has: one here

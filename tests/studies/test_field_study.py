@@ -18,6 +18,7 @@ from field.figures import draw_consistency
 from field.logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
 from field.plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
 from field.runs import refusals, run_task
+from pages import AskedRows, table_widths
 from paper.runs import Way
 from usbldr.filters.evaluation.evaluation import Window
 from usbldr.filters.identification import observability
@@ -54,10 +55,8 @@ def invented(case: Case, way: Way, change: str, trace: Path) -> list[ComparisonR
     metrics |= {"nees_mean": 2.5, "nees_low": 1.0, "nees_high": 3.0, "refused_in_a_row": 3.0, "refused_at_the_end": 1.0}
     metrics |= {f"inside_{k}_sigma": share for k, share in ((1, 0.6), (2, 0.9), (3, 1.0))}
     metrics |= {f"verdict_{key}": float(key == "deviation") for key in CANDIDATE_KEYS}
-    metrics |= {f"narrowed_{key}": 0.5 for key in CANDIDATE_KEYS} | {
-        "found_dvl_scale": 0.01,
-        "found_sd_dvl_scale": 0.001,
-    }
+    metrics |= {f"narrowed_{key}": 0.5 for key in CANDIDATE_KEYS}
+    metrics |= {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001}
     seeds = tuple(range(min(case.dives, FEW_DIVES)))
     outcomes = tuple(JobResult(metrics, trace=trace) for _ in seeds)
     return [
@@ -66,20 +65,8 @@ def invented(case: Case, way: Way, change: str, trace: Path) -> list[ComparisonR
     ]
 
 
-class Asked(dict[tuple[str, Way, str], ComparisonRow]):
-    """Rows that remember which of them were looked at."""
-
-    def __init__(self, rows: Rows) -> None:
-        super().__init__(rows)
-        self.looked_at: set[tuple[str, Way, str]] = set()
-
-    def __getitem__(self, key: tuple[str, Way, str]) -> ComparisonRow:
-        self.looked_at.add(key)
-        return super().__getitem__(key)
-
-
 @pytest.fixture
-def rows(tmp_path: Path) -> Asked:
+def rows(tmp_path: Path) -> AskedRows:
     trace = tmp_path / "trace.npz"
     cov = np.repeat(np.eye(2)[None], 5, axis=0)
     np.savez(trace, time_s=np.arange(5.0), estimate_m=np.ones((5, 2)), truth_m=np.zeros((5, 2)), cov_m2=cov)
@@ -87,18 +74,17 @@ def rows(tmp_path: Path) -> Asked:
     for cell in plan(list(CASES.values())):
         for row in invented(CASES[cell.case], cell.way, cell.change, trace):
             found[row.log, cell.way, cell.change] = row
-    return Asked(found)
+    return AskedRows(found)
 
 
 def document(cases: list[Case], rows: Rows) -> str:
     files = {case.name: [f"{case.name}_{what}.png" for what in field_study.CAPTIONS] for case in cases}
-    agreed = {
-        case.name: {"fixes": Likeness(0.5, 0.2, 1.0, 0.5), "truth": Likeness(0.5, 0.2, 1.0, 0.5)} for case in cases
-    }
+    alike = Likeness(0.5, 0.2, 1.0, 0.5)
+    agreed = {case.name: {"fixes": alike, "truth": alike} for case in cases}
     return field_study.document(cases, rows, files | {"stpere_marina cut": ["stpere_marina_cut_errors.png"]}, agreed)
 
 
-def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Asked) -> None:
+def test_the_document_lacks_no_run_and_leaves_none_unused(rows: AskedRows) -> None:
     text = document(list(CASES.values()), rows)
 
     assert "{{" not in text
@@ -107,7 +93,7 @@ def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Asked) -> None:
     assert {key for key in rows if key[2] == ""} <= rows.looked_at | {key for key in rows if key[1].method == "ckf"}
 
 
-def test_without_leave_nothing_of_the_held_back_logs_is_run_or_told(rows: Asked) -> None:
+def test_without_leave_nothing_of_the_held_back_logs_is_run_or_told(rows: AskedRows) -> None:
     text = document(SHOWN, rows)
 
     held_back = {case.name for case in CASES.values() if case.held_back}
@@ -117,7 +103,7 @@ def test_without_leave_nothing_of_the_held_back_logs_is_run_or_told(rows: Asked)
     assert not {cell.case for cell in plan(SHOWN)} & held_back
 
 
-def test_each_log_has_its_kind_of_truth_beside_its_numbers(rows: Asked) -> None:
+def test_each_log_has_its_kind_of_truth_beside_its_numbers(rows: AskedRows) -> None:
     text = document(SHOWN, rows)
 
     for case in SHOWN:
@@ -125,13 +111,11 @@ def test_each_log_has_its_kind_of_truth_beside_its_numbers(rows: Asked) -> None:
         assert f"| {case.scored[0]} | {case.truth} |" in text
 
 
-def test_a_table_has_as_many_cells_in_each_line(rows: Asked) -> None:
-    text = document(list(CASES.values()), rows)
+def test_a_table_has_as_many_cells_in_each_line(rows: AskedRows) -> None:
+    widths = table_widths(document(list(CASES.values()), rows))
 
-    blocks = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
-    assert len(blocks) > 15
-    for lines in blocks:
-        assert len({part.replace(r"\|", "").count("|") for part in lines}) == 1, lines[0]
+    assert len(widths) > 15
+    assert all(len(width) == 1 for width in widths)
 
 
 def test_thinned_fixes_are_the_first_of_each_stretch(line: Timeline) -> None:
@@ -285,6 +269,11 @@ def test_refused_fixes_are_counted_in_a_row_and_at_the_end() -> None:
     assert refusals(made) == {"refused_in_a_row": 3.0, "refused_at_the_end": 1.0}
 
 
+def one_dive(error: float, **metrics: float) -> ComparisonRow:
+    """Return the row of a single dive."""
+    return ComparisonRow("paper", "adf", "adf", (0,), (JobResult({"mean_horizontal_m": error, **metrics}),), dives=True)
+
+
 @pytest.mark.parametrize(
     ("error", "nees", "refused", "met"),
     [(1.0, 3.9, 0, True), (5.1, 3.0, 0, False), (1.0, 4.1, 0, False), (1.0, 3.0, 5, False)],
@@ -293,11 +282,9 @@ def test_rare_fixes_need_an_error_below_dr_an_honest_sigma_and_no_lock_out(
     error: float, nees: float, refused: float, met: bool
 ) -> None:
     case = CASES["uib_simulation"]
-    metrics = {"mean_horizontal_m": error, "nees_mean": nees, "refused_at_the_end": refused}
-    one = ComparisonRow(case.name, "adf", "adf", (0,), (JobResult(metrics),))
-    dr = ComparisonRow(case.name, "dr", "dr", (0,), (JobResult({"mean_horizontal_m": 5.0}),))
-    rows = {(case.name, Way("dr"), ""): dr}
-    rows |= {(case.name, ONLINE, name): one for name in ("one fix in 10 s", "one fix in 60 s")}
+    thinned_row = one_dive(error, nees_mean=nees, refused_at_the_end=refused)
+    rows = {(case.name, ONLINE, name): thinned_row for name in ("one fix in 10 s", "one fix in 60 s")}
+    rows[case.name, Way("dr"), ""] = one_dive(5.0)
 
     assert [goal.met for goal in field_goals.thinned_goals(case, rows)] == [met, met]
 
@@ -305,17 +292,9 @@ def test_rare_fixes_need_an_error_below_dr_an_honest_sigma_and_no_lock_out(
 @pytest.mark.parametrize(("cpf", "met"), [(1.0, (True, True)), (1.04, (True, False)), (1.06, (False, False))])
 def test_cpf_is_held_to_the_gated_ekf_and_to_adf(cpf: float, met: tuple[bool, bool]) -> None:
     case = CASES["stpere_marina"]
-    errors = {
-        replace(GATED, calibrate="auto", order=online(case)): 1.0,
-        ONLINE: 1.0,
-        replace(ONLINE, method="cpf"): cpf,
-    }
-    rows = {
-        (case.name, way, ""): ComparisonRow(
-            case.name, way.label, way.method, (0,), (JobResult({"mean_horizontal_m": error}),)
-        )
-        for way, error in errors.items()
-    }
+    gated = replace(GATED, calibrate="auto", order=online(case))
+    errors = {gated: 1.0, ONLINE: 1.0, replace(ONLINE, method="cpf"): cpf}
+    rows = {(case.name, way, ""): one_dive(error) for way, error in errors.items()}
 
     assert tuple(goal.met for goal in field_goals.particle_goals(case, rows)) == met
 
@@ -323,12 +302,12 @@ def test_cpf_is_held_to_the_gated_ekf_and_to_adf(cpf: float, met: tuple[bool, bo
 def test_a_run_that_failed_meets_no_goal() -> None:
     failed = ComparisonRow("paper", "adf", "adf", (0,), (JobResult(fault="no fix"),))
     rows = {("paper", BEST, name): failed for name in ("", "one fix in 10 s", "one fix in 60 s")}
-    rows[("paper", Way("dr"), "")] = ComparisonRow("paper", "dr", "dr", (0,), (JobResult({"mean_horizontal_m": 5.0}),))
+    rows["paper", Way("dr"), ""] = one_dive(5.0)
 
     assert not any(goal.met for goal in field_goals.thinned_goals(CASES["paper"], rows))
 
 
-def test_the_consistency_of_a_log_is_drawn(rows: Asked, tmp_path: Path) -> None:
+def test_the_consistency_of_a_log_is_drawn(rows: AskedRows, tmp_path: Path) -> None:
     file = draw_consistency(CASES["stpere_marina"], rows, tmp_path)
 
     assert file == "stpere_marina_consistency.png"
@@ -336,10 +315,7 @@ def test_the_consistency_of_a_log_is_drawn(rows: Asked, tmp_path: Path) -> None:
 
 
 def test_a_change_without_effect_is_a_dot_and_not_a_number() -> None:
-    whole, less = (
-        ComparisonRow("paper", "adf", "adf", (0,), (JobResult({"mean_horizontal_m": e}),), dives=True)
-        for e in (0.3, 0.35)
-    )
+    whole, less = one_dive(0.3), one_dive(0.35)
     rows = {("paper", BEST, ""): whole, ("paper", BEST, "x half"): whole, ("paper", BEST, "x twice"): less}
 
     assert field_tables.lost(whole, whole) == field_tables.NO_CHANGE
@@ -361,10 +337,3 @@ def test_without_the_logs_the_command_says_so_in_a_sentence(tmp_path: Path) -> N
     assert done.stderr.count("\n") == 1
     assert "USBLDR_FIELD_LOGS" in done.stderr
     assert not (tmp_path / "docs").exists()
-
-
-def test_a_held_out_fix_list_keeps_its_columns_together(line: Timeline) -> None:
-    some = line.with_fixes(np.arange(61) % 2 == 1)
-
-    assert [len(part) for part in (some.fix_time_s, some.fix_received_s, some.fix_m, some.fix_cov_m2)] == [30] * 4
-    assert Cell("paper", BEST).change == ""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pages import AskedRows, table_widths
 from paper import figures as paper_figures
 from paper import goals as paper_goals
 from paper import study
@@ -72,44 +73,25 @@ def rows(sweeps: Path, tmp_path: Path) -> Rows:
     }
 
 
-class Asked(dict):
-    """Rows that remember which of them were asked for."""
-
-    def __init__(self, rows: Rows) -> None:
-        super().__init__(rows)
-        self.cells = set()
-
-    def __getitem__(self, cell):
-        self.cells.add(cell)
-        return super().__getitem__(cell)
-
-    def get(self, cell, default=None):
-        self.cells.add(cell)
-        return super().get(cell, default)
-
-
 def document(rows: Rows, sweeps: Path) -> str:
     goals = paper_goals.goals(rows, LIMIT, TIMES_S)
     return study.document(rows, sweeps, 3, goals, LIMIT, dict.fromkeys(STATES, OF_PAPER), OF_RANGE)
 
 
 def test_the_document_lacks_no_run_and_leaves_none_unused(rows: Rows, sweeps: Path) -> None:
-    asked = Asked(rows)
+    asked = AskedRows(rows)
 
     text = document(asked, sweeps)
 
     assert "{{" not in text
-    assert set(rows) <= asked.cells
+    assert set(rows) <= asked.looked_at
 
 
 def test_a_table_has_as_many_cells_in_each_line(rows: Rows, sweeps: Path) -> None:
-    text = document(rows, sweeps)
+    widths = table_widths(document(rows, sweeps))
 
-    tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
-    assert len(tables) == 12
-    for lines in tables:
-        cells = {line.replace(r"\|", "").count("|") for line in lines}
-        assert len(cells) == 1, lines[0]
+    assert len(widths) == 12
+    assert all(len(width) == 1 for width in widths)
 
 
 def test_every_bound_stands_where_its_scenario_is_told(rows: Rows, sweeps: Path) -> None:
