@@ -4,6 +4,7 @@ A Timeline goes into a filter, a Trajectory comes out, a Truth judges it. io/ bu
 nothing else of a log.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
@@ -71,20 +72,48 @@ class Truth:
     max_gap_s: float = 30.0  # errors are not taken inside longer gaps
 
 
+OUTCOMES = ("used", "down-weighted", "rejected")  # of an update, from good to bad
+
+
 class Update(NamedTuple):
     """What became of one measurement."""
 
     sensor: str  # "dvl", "compass", "usbl", "gps"
-    axis: str  # "starboard", "forward", "yaw", "east", "north", or "position" where both axes went in together
+    axis: str  # "starboard", "forward", "yaw" or "position"; "east" or "north" of a part of a fix
     row: int  # which fix of the Timeline for USBL and GPS, which epoch otherwise
     time_s: float  # when it was used
-    innovation: tuple[float, ...]  # measured minus predicted: m, m/s or rad
+    innovation: tuple[float, ...]  # measured minus predicted: m, m/s or rad; east and north of a fix
     innovation_sd: tuple[float, ...]  # 1-sigma of the innovation by the filter's own account
     nis: float  # innovation squared, normalised by its covariance under the whole noise model
     dof: int  # what nis should be on average
     outcome: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate or guard)
     nominal_probability: float  # posterior probability of the nominal noise mode
     shift: tuple[float, ...] | None = None  # by which it moved each state; None where it told no position
+    in_sequence: tuple["Update", ...] = ()  # of each axis of a fix, if they were taken one after the other
+
+    @property
+    def parts(self) -> "tuple[Update, ...]":
+        """What was taken one after the other; the update itself if that was all at once."""
+        return self.in_sequence or (self,)
+
+    @classmethod
+    def combined(cls, parts: Sequence["Update"]) -> "Update":
+        """Return what became of a measurement that was taken in parts: their sums, and the worst of their outcomes."""
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        shifts = [part.shift for part in parts if part.shift is not None]
+        return first._replace(
+            axis="position",
+            innovation=tuple(e for part in parts for e in part.innovation),
+            innovation_sd=tuple(sd for part in parts for sd in part.innovation_sd),
+            nis=sum(part.nis for part in parts),
+            dof=sum(part.dof for part in parts),
+            outcome=max((part.outcome for part in parts), key=OUTCOMES.index),
+            nominal_probability=min(part.nominal_probability for part in parts),
+            shift=tuple(map(sum, zip(*shifts, strict=True))) if shifts else None,
+            in_sequence=tuple(parts),
+        )
 
 
 class Reacquisition(NamedTuple):

@@ -19,7 +19,6 @@ from field.logs import CASES, Case, Dive, dive, truth_for
 from field.plan import Cell, Plan, Rows
 from paper.runs import Way
 from usbldr.filters.errors import UsbldrError
-from usbldr.filters.evaluation.consistency import worst_outcome
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification import observability
 from usbldr.filters.models.calibration import estimated_errors
@@ -127,13 +126,10 @@ def _judged(
 
 def refusals(made: Trajectory) -> dict[str, float]:
     """Return the longest row of fixes that the filter did not take for good, and the one in which the log ends."""
-    fates: dict[int, list[str]] = {}
-    for update in made.updates:
-        if update.sensor == "usbl":
-            fates.setdefault(update.row, []).append(update.outcome)
-    if not fates:
+    outcomes = {update.row: update.outcome for update in made.updates if update.sensor == "usbl"}
+    if not outcomes:
         return {}
-    good = [worst_outcome(fates[row]) == "used" for row in sorted(fates)]
+    good = [outcomes[row] == "used" for row in sorted(outcomes)]
     rows = [0 if taken else len(list(group)) for taken, group in groupby(good)]
     return {"refused_in_a_row": float(max(rows)), "refused_at_the_end": float(rows[-1])}
 

@@ -143,9 +143,9 @@ def _information(step: Step, x: Array, together: bool) -> Array:
     """Return the sum of H' I H over the measurements, its mean over the states x, (n, T), or each: (B, n, n)."""
     unit = _unit(x)
     total = np.zeros((x.shape[1], len(x), len(x)))
-    for measurement in step.measurements:
-        H = np.moveaxis(linearised(measurement.model, x, unit).cross, (0, 2), (2, 0))  # (T, k, n)
-        total += H.swapaxes(1, 2) @ fisher_information(measurement.noise) @ H
+    for part in (part for measurement in step.measurements for part in measurement.parts()):
+        H = np.moveaxis(linearised(part.model, x, unit).cross, (0, 2), (2, 0))  # (T, k, n)
+        total += H.swapaxes(1, 2) @ fisher_information(part.noise) @ H
     return total.mean(axis=0, keepdims=True) if together else total
 
 

@@ -119,12 +119,10 @@ def inflate(
     The innovations of the step join the history first; a factor above 1 empties it.
     """
     largest = 1.0
-    for measurement in measurements:
-        if measurement.sensor not in ADAPTED_SENSORS:
-            continue
-        seen = project(bank, measurement, rule)
-        scalar = f"{measurement.sensor} {measurement.axis}"
-        new = Innovation(seen.innovation[:, 0], seen.cov[:, :, 0], measurement.noise)
+    for part in (part for m in measurements if m.sensor in ADAPTED_SENSORS for part in m.parts()):
+        seen = project(bank, part, rule)
+        scalar = f"{part.sensor} {part.axis}"
+        new = Innovation(seen.innovation[:, 0], seen.cov[:, :, 0], part.noise)
         last = (*history.get(scalar, ()), new)[-factor.window :]
         history = {**history, scalar: last}
         if len(last) == factor.window:

@@ -90,22 +90,25 @@ class CubatureParticleFilter:
         updates: list[Update] = []
         least, resampled = float(self.particles), False
         for measurement in step.measurements:
-            seen, before = project(bank, measurement, self.rule), bank
-            described = measurement_update(measurement, seen, np.exp(bank.log_weight), rejected=False)
-            weighed = mode_likelihoods(seen, measurement.noise)
-            log_l = weighed.log_likelihood
-            bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
-            past = (*past[:-1], past[-1]._replace(log_likelihood=past[-1].log_likelihood + log_l))
-            ess = effective_size(bank.log_weight)
-            least = min(least, ess)
-            if ess < self.resample_below * self.particles:
-                ancestors = systematic(np.exp(bank.log_weight), rng)
-                bank = bank.resampled_members(ancestors)
-                past = tuple(old.take(ancestors) for old in past)
-                seen, weighed = seen.take(ancestors), ModeLikelihoods(*(x[..., ancestors] for x in weighed))
-                resampled = True
-            bank = _drawn_update(bank, seen, weighed, measurement, rng)
-            updates.append(with_state_shift(described, before, bank))
+            done: list[Update] = []
+            for part in measurement.parts():
+                seen, before = project(bank, part, self.rule), bank
+                described = measurement_update(part, seen, np.exp(bank.log_weight), rejected=False)
+                weighed = mode_likelihoods(seen, part.noise)
+                log_l = weighed.log_likelihood
+                bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
+                past = (*past[:-1], past[-1]._replace(log_likelihood=past[-1].log_likelihood + log_l))
+                ess = effective_size(bank.log_weight)
+                least = min(least, ess)
+                if ess < self.resample_below * self.particles:
+                    ancestors = systematic(np.exp(bank.log_weight), rng)
+                    bank = bank.resampled_members(ancestors)
+                    past = tuple(old.take(ancestors) for old in past)
+                    seen, weighed = seen.take(ancestors), ModeLikelihoods(*(x[..., ancestors] for x in weighed))
+                    resampled = True
+                bank = _drawn_update(bank, seen, weighed, part, rng)
+                done.append(with_state_shift(described, before, bank))
+            updates.append(Update.combined(done))
         acceptance = math.nan
         if resampled and self.move_steps:
             bank, past, acceptance = self._move(bank, past, rng)
@@ -130,11 +133,11 @@ class CubatureParticleFilter:
             start = state
             state = predict(start, self.motion, self.rule, step.t0_s, step.t1_s)
             log_l = np.zeros(self.particles)
-            for measurement in step.measurements:
-                seen = project(state, measurement, self.rule)
-                weighed = mode_likelihoods(seen, measurement.noise)
+            for part in (part for measurement in step.measurements for part in measurement.parts()):
+                seen = project(state, part, self.rule)
+                weighed = mode_likelihoods(seen, part.noise)
                 log_l += weighed.log_likelihood
-                state = _drawn_update(state, seen, weighed, measurement, rng)
+                state = _drawn_update(state, seen, weighed, part, rng)
             proposal.append(PastStep(start, step, log_l))
         gain = sum(new.log_likelihood for new in proposal) - sum(old.log_likelihood for old in past)
         accepted = np.log(rng.random(self.particles)) < gain

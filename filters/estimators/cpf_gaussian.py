@@ -44,18 +44,21 @@ class GaussianParticleFilter:
         proposal = before
         updates: list[Update] = []
         for measurement in step.measurements:
-            seen = project(proposal, measurement, self.rule)
-            described, last = measurement_update(measurement, seen, np.ones(1), rejected=False), proposal
-            proposal, *_ = collapse(last, seen, measurement.noise, 0)
-            updates.append(with_state_shift(described, last, proposal))
+            done: list[Update] = []
+            for part in measurement.parts():
+                seen = project(proposal, part, self.rule)
+                described, last = measurement_update(part, seen, np.ones(1), rejected=False), proposal
+                proposal, *_ = collapse(last, seen, part.noise, 0)
+                done.append(with_state_shift(described, last, proposal))
+            updates.append(Update.combined(done))
         normals = whitened(make_rng().standard_normal((len(before.mean), self.particles)))
         root = np.linalg.cholesky(proposal.cov[:, :, 0])
         points = proposal.mean + root @ normals
         log_q = -0.5 * np.sum(normals**2, axis=0) - np.log(np.diag(root)).sum()
         log_w = log_density(points, before.mean, before.cov[:, :, 0]) - log_q
         cloud = GaussianBank(points, np.zeros((*root.shape, self.particles)), np.zeros(self.particles))
-        for measurement in step.measurements:
-            log_w += mode_likelihoods(project(cloud, measurement, self.rule), measurement.noise).log_likelihood
+        for part in (part for measurement in step.measurements for part in measurement.parts()):
+            log_w += mode_likelihoods(project(cloud, part, self.rule), part.noise).log_likelihood
         cloud = cloud._replace(log_weight=normalised(log_w))
         mean, cov = mixture_moments(cloud)
         return ParticleBelief(

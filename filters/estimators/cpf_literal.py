@@ -44,17 +44,20 @@ class LiteralParticleFilter:
         proposal = predicted
         updates: list[Update] = []
         for measurement in step.measurements:
-            seen = project(proposal, measurement, self.rule)
-            updates.append(measurement_update(measurement, seen, np.exp(proposal.log_weight), rejected=False))
-            proposal = update(proposal, seen, measurement.noise.mixture_cov[:, :, None])
+            done: list[Update] = []
+            for part in measurement.parts():
+                seen = project(proposal, part, self.rule)
+                done.append(measurement_update(part, seen, np.exp(proposal.log_weight), rejected=False))
+                proposal = update(proposal, seen, part.noise.mixture_cov[:, :, None])
+            updates.append(Update.combined(done))
         root = np.moveaxis(np.linalg.cholesky(np.moveaxis(proposal.cov, -1, 0)), 0, -1)
         normals = rng.standard_normal(proposal.mean.shape)
         points = proposal.mean + np.einsum("ijn,jn->in", root, normals)
         log_q = -0.5 * np.sum(normals**2, axis=0) - np.log(np.einsum("iin->in", root)).sum(axis=0)
         cloud = before._replace(mean=points, cov=np.zeros_like(before.cov))
         log_l = np.zeros(self.particles)
-        for measurement in step.measurements:
-            log_l += mode_likelihoods(project(cloud, measurement, self.rule), measurement.noise).log_likelihood
+        for part in (part for measurement in step.measurements for part in measurement.parts()):
+            log_l += mode_likelihoods(project(cloud, part, self.rule), part.noise).log_likelihood
         log_weight = normalised(
             before.log_weight + log_l + self._log_transition(before, predicted, points, step) - log_q
         )

@@ -7,7 +7,6 @@ impossible. Log likelihoods of metres.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from usbldr.filters.estimators.gaussian_bank import GaussianBank, inverse_and_lo
 from usbldr.filters.estimators.mode_updates import mode_likelihoods
 from usbldr.filters.estimators.protocol import Step
 from usbldr.filters.models.noise import Contamination, Noise
-from usbldr.filters.models.sensors import Measurement, UsblFix
+from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.types import Array, Vector
 
@@ -47,17 +46,15 @@ def hypothesis_likelihoods(
 
 
 def _fix_likelihoods(bank: GaussianBank, fix: Measurement, outlier_noise: Contamination) -> HypothesisLikelihoods:
-    seen = project(bank, fix, linearised)
-    e, predicted, R = seen.innovation[:, 0], seen.cov[:, :, 0], fix.noise.cov[0]
+    seen, noise = project(bank, fix, linearised), fix.noise.joint()
+    e, predicted, R = seen.innovation[:, 0], seen.cov[:, :, 0], noise.cov[0]
     k, far_m2 = len(e), outlier_noise.sd**2
-    size_m2 = np.trace(fix.noise.cov, axis1=1, axis2=2) / k
+    size_m2 = np.trace(noise.cov, axis1=1, axis2=2) / k
     near = size_m2 <= max(far_m2, size_m2[0])  # wider modes are the noise model's own false fixes
     log_outlier = math.log(outlier_noise.share) + _log_t(e, predicted + R + far_m2 * np.eye(k))
-    modelled = inlier = float(mode_likelihoods(seen, fix.noise).log_likelihood[0])
+    modelled = inlier = float(mode_likelihoods(seen, noise).log_likelihood[0])
     if not near.all():
-        inlier = float(
-            mode_likelihoods(seen, Noise(fix.noise.probabilities[near], fix.noise.cov[near])).log_likelihood[0]
-        )
+        inlier = float(mode_likelihoods(seen, Noise(noise.probabilities[near], noise.cov[near])).log_likelihood[0])
     return HypothesisLikelihoods(
         modelled,
         float(np.logaddexp(modelled, log_outlier)),
@@ -69,31 +66,14 @@ def _fix_likelihoods(bank: GaussianBank, fix: Measurement, outlier_noise: Contam
     )
 
 
-def joint_fixes(step: Step) -> list[Measurement]:
-    """Return the step's USBL fixes, each as one measurement of all its scalars."""
-    found: dict[int, Measurement] = {}
-    for m in step.measurements:
-        if m.sensor == SENSOR:
-            before = found.get(m.row)
-            found[m.row] = m if before is None else _joined(before, m)
-    return list(found.values())
+def usbl_measurements(step: Step) -> list[Measurement]:
+    """Return the step's USBL fixes."""
+    return [measurement for measurement in step.measurements if measurement.sensor == SENSOR]
 
 
 def without_fixes(step: Step) -> Step:
     """Return the step without its USBL fixes."""
     return step._replace(measurements=tuple(m for m in step.measurements if m.sensor != SENSOR))
-
-
-def _joined(a: Measurement, b: Measurement) -> Measurement:
-    """Return two scalars of a fix, which err apart, as one measurement: each pair of their modes is a mode."""
-    assert isinstance(a.model, UsblFix)
-    assert isinstance(b.model, UsblFix)
-    cov = np.zeros((len(a.noise.probabilities) * len(b.noise.probabilities), 2, 2))
-    cov[:, 0, 0] = np.repeat(a.noise.cov[:, 0, 0], len(b.noise.probabilities))
-    cov[:, 1, 1] = np.tile(b.noise.cov[:, 0, 0], len(a.noise.probabilities))
-    noise = Noise(np.outer(a.noise.probabilities, b.noise.probabilities).ravel(), cov)
-    model = replace(a.model, axes=a.model.axes + b.model.axes)
-    return a._replace(z=np.concatenate([a.z, b.z]), model=model, noise=noise, axis="position")
 
 
 def _log_t(e: Vector, S: Array) -> float:

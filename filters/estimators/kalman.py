@@ -50,14 +50,17 @@ class KalmanFilter:
         updates: list[Update] = []
         log_likelihood, rejected = belief.log_likelihood, belief.rejected
         for measurement in step.measurements:
-            seen = project(bank, measurement, self.rule)
-            scalar = f"{measurement.sensor} {measurement.axis}"  # a good north must not excuse a refused east
-            past, before = rejected.get(scalar, 0), bank
-            bank, log_l, refused, covariance_inflated = self.mode_update(before, seen, measurement.noise, past)
-            inflation = math.inf if covariance_inflated else inflation
-            rejected = {**rejected, scalar: past + 1 if refused else 0}
-            log_likelihood += float(log_l[0])
-            updates.append(with_state_shift(measurement_update(measurement, seen, np.ones(1), refused), before, bank))
+            done: list[Update] = []
+            for part in measurement.parts():
+                seen = project(bank, part, self.rule)
+                axis = f"{part.sensor} {part.axis}"  # a good north must not excuse a refused east
+                past, before = rejected.get(axis, 0), bank
+                bank, log_l, refused, covariance_inflated = self.mode_update(before, seen, part.noise, past)
+                inflation = math.inf if covariance_inflated else inflation
+                rejected = {**rejected, axis: past + 1 if refused else 0}
+                log_likelihood += float(log_l[0])
+                done.append(with_state_shift(measurement_update(part, seen, np.ones(1), refused), before, bank))
+            updates.append(Update.combined(done))
         return KalmanBelief(bank, tuple(updates), log_likelihood, rejected, history, inflation)
 
     def estimate(self, belief: KalmanBelief) -> Estimate:

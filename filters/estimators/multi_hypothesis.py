@@ -25,10 +25,9 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, predict, project, replicate
 from usbldr.filters.estimators.hypothesis_likelihoods import (
-    SENSOR,
     HypothesisLikelihoods,
     hypothesis_likelihoods,
-    joint_fixes,
+    usbl_measurements,
     without_fixes,
 )
 from usbldr.filters.estimators.protocol import (
@@ -42,9 +41,10 @@ from usbldr.filters.estimators.protocol import (
 )
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.noise import Contamination
+from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import POSITION
-from usbldr.filters.types import Reacquisition, Vector
+from usbldr.filters.types import Reacquisition, Update, Vector
 
 MEDIAN_CHI_SQUARE_2 = 2 * math.log(2)  # median of chi-square for two
 MIN_CLUSTER_FIXES = 2  # fixes: a single one that is refused is an outlier, and no news
@@ -103,7 +103,7 @@ class MultiHypothesisFilter:
 
     def step(self, belief: MultiHypothesisBelief, step: Step, make_rng: MakeRng) -> MultiHypothesisBelief:
         """Return the belief after the step: each rival steps, and a fix weighs them."""
-        fixes = joint_fixes(step)
+        fixes = usbl_measurements(step)
         if not fixes:
             return belief._replace(
                 hypotheses=tuple(self._stepped(hypothesis, step, make_rng) for hypothesis in belief.hypotheses)
@@ -267,16 +267,15 @@ class MultiHypothesisFilter:
         """Return the rival after the step, its fixes refused."""
         bank = self._predicted(hypothesis.estimate, step)
         refused = [
-            with_state_shift(
-                measurement_update(measurement, project(bank, measurement, linearised), np.ones(1), rejected=True),
-                bank,
-                bank,
-            )
-            for measurement in step.measurements
-            if measurement.sensor == SENSOR
+            Update.combined([self._refused(bank, part) for part in measurement.parts()])
+            for measurement in usbl_measurements(step)
         ]
         after = self._stepped(hypothesis, step, make_rng)
         return after._replace(estimate=after.estimate._replace(updates=(*after.estimate.updates, *refused)))
+
+    def _refused(self, bank: GaussianBank, part: Measurement) -> Update:
+        update = measurement_update(part, project(bank, part, linearised), np.ones(1), rejected=True)
+        return with_state_shift(update, bank, bank)
 
     def _predicted(self, estimate: Estimate, step: Step) -> GaussianBank:
         return predict(replicate(estimate.mean, estimate.cov, 1), self.motion, linearised, step.t0_s, step.t1_s)

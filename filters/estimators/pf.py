@@ -61,18 +61,21 @@ class BootstrapParticleFilter:
         updates: list[Update] = []
         least = float(self.particles)
         for measurement in step.measurements:
-            seen = project(bank, measurement, linearised)
-            updates.append(measurement_update(measurement, seen, np.exp(bank.log_weight), rejected=False))
-            if len(bank.mean) > SAMPLED_STATES:
-                taken = collapse(bank, seen, measurement.noise, 0)
-                bank, log_l = taken.bank, taken.log_likelihood
-            else:
-                log_l = mode_likelihoods(seen, measurement.noise).log_likelihood
-            bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
-            ess = effective_size(bank.log_weight)
-            least = min(least, ess)
-            if ess < self.resample_below * self.particles:
-                bank = bank.resampled_members(systematic(np.exp(bank.log_weight), rng))
+            done: list[Update] = []
+            for part in measurement.parts():
+                seen = project(bank, part, linearised)
+                done.append(measurement_update(part, seen, np.exp(bank.log_weight), rejected=False))
+                if len(bank.mean) > SAMPLED_STATES:
+                    taken = collapse(bank, seen, part.noise, 0)
+                    bank, log_l = taken.bank, taken.log_likelihood
+                else:
+                    log_l = mode_likelihoods(seen, part.noise).log_likelihood
+                bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
+                ess = effective_size(bank.log_weight)
+                least = min(least, ess)
+                if ess < self.resample_below * self.particles:
+                    bank = bank.resampled_members(systematic(np.exp(bank.log_weight), rng))
+            updates.append(Update.combined(done))
         return ParticleBelief(bank, (), tuple(updates), least, math.nan)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:

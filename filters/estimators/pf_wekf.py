@@ -45,7 +45,7 @@ UNKNOWN_POSITION_M2 = 1e8  # variance of a position of which nothing is known
 class PastFix(NamedTuple):
     """A fix as the local search needs it."""
 
-    scalars: tuple[Measurement, ...]  # its scalars, or the one of both axes
+    measurement: Measurement
     state: Vector  # (n,) predicted at its epoch
     dead_reckoned_m: Vector  # (2,) where dead reckoning was
     implied_m: Vector  # (2,) where the fix alone puts the vehicle
@@ -84,34 +84,34 @@ class TwoStageFilter:
         here = POSITION
         dead_reckoned_m = belief.dead_reckoned_m + (bank.mean - belief.bank.mean)[here, 0]
         predicted = bank.mean[:, 0]
-        past = tuple(fix for fix in belief.past if fix.scalars[0].time_s > step.t1_s - self.window_s)
+        past = tuple(fix for fix in belief.past if fix.measurement.time_s > step.t1_s - self.window_s)
         updates: list[Update] = []
         ess = belief.ess
         rng: np.random.Generator | None = None
-        rows = dict.fromkeys(m.row for m in step.measurements if m.sensor == "usbl")
-        local: dict[int, GaussianBank] = {}
-        if len(past) >= self.min_fixes and rows:
+        fixes = [measurement for measurement in step.measurements if measurement.sensor == "usbl"]
+        local: GaussianBank | None = None
+        if len(past) >= self.min_fixes and fixes:
             rng = make_rng()
             candidates = self._candidates(past, step.t1_s, dead_reckoned_m, rng)
             ess = effective_size(candidates.log_weight)
             where_m, where_m2 = mixture_moments(candidates)
-            local = dict.fromkeys(rows, _at_position(predicted, where_m, where_m2))
+            local = _at_position(predicted, where_m, where_m2)
         for measurement in step.measurements:
-            seen = project(bank, measurement, linearised)
-            rejected, before = False, bank
-            if measurement.sensor != "usbl" or measurement.row not in local:
-                bank = moment_matched(bank, seen, measurement.noise, 0).bank
-            else:
-                p = mode_likelihoods(
-                    project(local[measurement.row], measurement, linearised), measurement.noise
-                ).probability
-                rejected = len(p) > 1 and bool(p[0, 0] < self.reject_below)
-                if not rejected:
-                    bank = update(bank, seen, _weighted(measurement.noise.cov, p[:, 0])[:, :, None])
-            updates.append(with_state_shift(measurement_update(measurement, seen, np.ones(1), rejected), before, bank))
-        for row in rows:
-            scalars = tuple(m for m in step.measurements if m.sensor == "usbl" and m.row == row)
-            past = (*past, _past_fix(scalars, predicted, dead_reckoned_m))[-self.max_fixes :]
+            done: list[Update] = []
+            for part in measurement.parts():
+                seen = project(bank, part, linearised)
+                rejected, before = False, bank
+                if measurement.sensor != "usbl" or local is None:
+                    bank = moment_matched(bank, seen, part.noise, 0).bank
+                else:
+                    p = mode_likelihoods(project(local, part, linearised), part.noise).probability
+                    rejected = len(p) > 1 and bool(p[0, 0] < self.reject_below)
+                    if not rejected:
+                        bank = update(bank, seen, _weighted(part.noise.cov, p[:, 0])[:, :, None])
+                done.append(with_state_shift(measurement_update(part, seen, np.ones(1), rejected), before, bank))
+            updates.append(Update.combined(done))
+        for fix in fixes:
+            past = (*past, _past_fix(fix, predicted, dead_reckoned_m))[-self.max_fixes :]
         return TwoStageBelief(bank, dead_reckoned_m, past, tuple(updates), ess)
 
     def estimate(self, belief: TwoStageBelief) -> Estimate:
@@ -140,14 +140,14 @@ class TwoStageFilter:
         dr_displacement_m = dead_reckoned_m - fix.dead_reckoned_m
         states = np.repeat(fix.state[:, None], points.shape[1], axis=1)
         states[POSITION] = points - dr_displacement_m[:, None]
-        walk_m2 = self.motion.noise(fix.scalars[0].time_s, now_s)[POSITION].max()
+        walk_m2 = self.motion.noise(fix.measurement.time_s, now_s)[POSITION].max()
         drift_m2 = walk_m2 + self.drift_per_distance**2 * float(dr_displacement_m @ dr_displacement_m)
         log_l = np.zeros(points.shape[1])
-        for scalar in fix.scalars:
-            innovation = scalar.model.residual(scalar.z[:, None], scalar.model.predict(states))
+        for part in fix.measurement.parts():
+            innovation = part.model.residual(part.z[:, None], part.model.predict(states))
             k = len(innovation)
             seen = Projection(innovation, drift_m2 * np.eye(k)[:, :, None], np.zeros((len(states), k, 1)))
-            log_l += mode_likelihoods(seen, scalar.noise).log_likelihood
+            log_l += mode_likelihoods(seen, part.noise).log_likelihood
         return log_l
 
 
@@ -165,10 +165,10 @@ def _at_position(state: Vector, position_m: Vector, cov_m2: Array) -> GaussianBa
     return replicate(mean, cov, 1)
 
 
-def _past_fix(scalars: tuple[Measurement, ...], state: Vector, dead_reckoned_m: Vector) -> PastFix:
+def _past_fix(fix: Measurement, state: Vector, dead_reckoned_m: Vector) -> PastFix:
     """Remember a fix, and where it alone, by its nominal noise, puts the vehicle."""
     alone = _at_position(state, state[POSITION], UNKNOWN_POSITION_M2 * np.eye(2))
-    for scalar in scalars:
-        alone = update(alone, project(alone, scalar, linearised), scalar.noise.cov[0, :, :, None])
+    for part in fix.parts():
+        alone = update(alone, project(alone, part, linearised), part.noise.cov[0, :, :, None])
     mean, cov = mixture_moments(alone)
-    return PastFix(scalars, state, dead_reckoned_m, mean[POSITION], cov[np.ix_(POSITION, POSITION)])
+    return PastFix(fix, state, dead_reckoned_m, mean[POSITION], cov[np.ix_(POSITION, POSITION)])

@@ -7,17 +7,16 @@ so the bounds here use the effective number of independent ones.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.types import Array, Trajectory, Vector
+from usbldr.filters.types import OUTCOMES, Array, Trajectory, Vector
 
 DOF = 2  # east and north
 CONFIDENCE = 0.95
 EXPECTED_COVERAGE = (0.683, 0.954, 0.997)  # of a normal error within 1, 2, 3 sigma of its axis
-OUTCOMES = ("used", "down-weighted", "rejected")  # of an update, from good to bad
 LEAST_VARIANCE_M2 = 1e-12  # a filter that claims to know better than a micrometre is taken to claim that
 
 
@@ -85,7 +84,7 @@ def innovation_metrics(trajectory: Trajectory) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for sensor in sorted({update.sensor for update in trajectory.updates}):
-        mine = [update for update in trajectory.updates if update.sensor == sensor]
+        mine = [part for update in trajectory.updates if update.sensor == sensor for part in update.parts]
         taken = [update for update in mine if update.outcome != "rejected" and math.isfinite(update.nis)]
         if taken:
             found[f"nis_mean_{sensor}"] = float(np.mean([update.nis for update in taken]))
@@ -95,23 +94,15 @@ def innovation_metrics(trajectory: Trajectory) -> dict[str, float]:
 
 
 def fix_counts(trajectory: Trajectory) -> dict[str, float]:
-    """Return what became of the USBL fixes, each of one update or two, and the longest time without a used one."""
-    fates: dict[tuple[int, float], list[str]] = {}
-    for update in trajectory.updates:
-        if update.sensor == "usbl":
-            fates.setdefault((update.row, update.time_s), []).append(update.outcome)
-    if not fates:
+    """Return what became of the USBL fixes, and the longest time without a used one."""
+    fixes = [update for update in trajectory.updates if update.sensor == "usbl"]
+    if not fixes:
         return {}
-    whole = {time_s: worst_outcome(mine) for (_, time_s), mine in fates.items()}
+    last = {update.time_s: update.outcome for update in fixes}  # of several fixes at the same instant
     used_s = [float(trajectory.time_s[0]), float(trajectory.time_s[-1])]
-    used_s += [time_s for time_s, fate in whole.items() if fate != "rejected"]
-    counts = _counts("fixes_{}", [worst_outcome(mine) for mine in fates.values()])
+    used_s += [time_s for time_s, outcome in last.items() if outcome != "rejected"]
+    counts = _counts("fixes_{}", [update.outcome for update in fixes])
     return {**counts, "longest_fix_gap_s": float(np.diff(np.sort(used_s)).max())}
-
-
-def worst_outcome(fates: Iterable[str]) -> str:
-    """Return the fate of a record whose scalars fared differently."""
-    return max(fates, key=OUTCOMES.index)
 
 
 def _counts(name: str, fates: Sequence[str]) -> dict[str, float]:

@@ -7,13 +7,12 @@ whether they are now believed at all, only a run without the fix tells. Metres, 
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.evaluation.consistency import worst_outcome
-from usbldr.filters.types import Timeline, Trajectory, Update
+from usbldr.filters.types import Timeline, Trajectory
 
 
 class Influence(NamedTuple):
@@ -45,11 +44,13 @@ class LeaveOneOut(NamedTuple):
 
 def influences(trajectory: Trajectory) -> Mapping[int, Influence]:
     """Return by row every fix that the filter judged; none for a method that tells of no shift."""
-    by_fix: dict[int, list[Update]] = {}
+    x, y = (trajectory.names.index(state) for state in ("x", "y"))
+    found: dict[int, Influence] = {}
     for update in trajectory.updates:
-        if update.sensor == "usbl" and update.shift is not None:
-            by_fix.setdefault(update.row, []).append(update)
-    return {row: _influence(row, updates, trajectory.names) for row, updates in by_fix.items()}
+        if update.sensor == "usbl" and (shift := update.shift) is not None:
+            e, n = update.innovation
+            found[update.row] = Influence(update.row, update.time_s, shift[x], shift[y], e, n, update.outcome)
+    return found
 
 
 def most_influential(trajectory: Trajectory, count: int = 5) -> tuple[Influence, ...]:
@@ -71,18 +72,3 @@ def compare_without(
     largest = int(np.argmax(shift_m))
     at_s, mean_m = float(whole.time_s[largest]), float(shift_m.mean())
     return LeaveOneOut(fix, float(shift_m[largest]), at_s, mean_m, error_change_m)
-
-
-def innovation_m(updates: Iterable[Update]) -> tuple[float, float]:
-    """Return the innovation east and north of one fix, which is one update of two axes or two of one; NaN unknown."""
-    e: dict[str, float] = {}
-    for update in updates:
-        axes = ("east", "north") if update.axis == "position" else (update.axis,)
-        e.update(zip(axes, update.innovation, strict=True))
-    return e.get("east", math.nan), e.get("north", math.nan)
-
-
-def _influence(row: int, updates: Sequence[Update], names: Sequence[str]) -> Influence:
-    east_m, north_m = (sum(u.shift[names.index(state)] for u in updates if u.shift is not None) for state in ("x", "y"))
-    outcome = worst_outcome(u.outcome for u in updates)
-    return Influence(row, updates[0].time_s, east_m, north_m, *innovation_m(updates), outcome)

@@ -106,7 +106,6 @@ def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLike
     n, N = bank.mean.shape
     fade, added = _between_fixes(log, members)
     noise = BankNoise([member.usbl for member in members], [member.usbl_sd_scale for member in members])
-    per_axis = members[0].usbl.per_scalar
     total, eye = np.zeros(N), np.eye(n)
     for f in range(len(log.dt_s)):
         F = eye.copy()
@@ -116,10 +115,10 @@ def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLike
         cov = 0.5 * (P + P.swapaxes(0, 1)) * (fade[f, :, None] * fade[f])  # to the last bit symmetric, see bank.shift
         cov += added[f] * eye[:, :, None]
         bank = GaussianBank(fade[f] * (F @ bank.mean), cov, bank.log_weight)
-        R = log.cov_m2[f]
-        for axes in ([0], [1]) if per_axis and not R[0, 1] else ([0, 1],):
+        modes = noise.modes(log.cov_m2[f])
+        for axes in modes.blocks():
             seen = _project_fix(bank, log.measurement_matrix[f, axes], log.residual_m[f, axes])
-            bank, log_l, *_ = collapse(bank, seen, noise.modes(R[np.ix_(axes, axes)]), 0)
+            bank, log_l, *_ = collapse(bank, seen, modes.block(axes), 0)
             total += log_l
     latency = [row for row, state in enumerate(rows) if log.layout.names[state] == "usbl_latency"]
     sd = np.sqrt(np.maximum(np.einsum("iin->in", bank.cov), 0.0))

@@ -20,11 +20,32 @@ class Noise:
 
     probabilities: Array  # (J,) add to 1; (J, N) where each member of a bank has its own
     cov: Array  # (J, k, k) or (J, k, k, N), in the measurement's units squared
+    per_scalar: bool = False  # each scalar that correlates with no other draws a mode of its own
 
     @property
     def mixture_cov(self) -> Array:
         """Covariance of the whole mixture, (k, k): what a single Gaussian has to take."""
         return np.einsum("j,jkl->kl", self.probabilities, self.cov)
+
+    def blocks(self) -> tuple[slice, ...]:
+        """Return the scalars that draw a mode together: each alone if their errors are independent, else all."""
+        k = self.cov.shape[1]
+        if k == 1 or not self.per_scalar or self.cov[:, ~np.eye(k, dtype=np.bool_)].any():
+            return (slice(0, k),)
+        return tuple(slice(scalar, scalar + 1) for scalar in range(k))
+
+    def block(self, scalars: slice) -> "Noise":
+        """Return the modes of one of the blocks."""
+        return Noise(self.probabilities, np.ascontiguousarray(self.cov[:, scalars, scalars]))
+
+    def joint(self) -> "Noise":
+        """Return the modes of both scalars together: if each draws its own, each pair of modes is a mode."""
+        if len(self.blocks()) == 1:
+            return self
+        J = len(self.probabilities)
+        cov = np.zeros((J * J, 2, 2))
+        cov[:, 0, 0], cov[:, 1, 1] = np.repeat(self.cov[:, 0, 0], J), np.tile(self.cov[:, 1, 1], J)
+        return Noise(np.outer(self.probabilities, self.probabilities).ravel(), cov)
 
 
 class NoiseFamily(Protocol):
@@ -48,7 +69,7 @@ class Gaussian:
 
     def modes(self, R: Array) -> Noise:
         """Return the one mode."""
-        return Noise(np.ones(1), R[None])
+        return Noise(np.ones(1), R[None], self.per_scalar)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +82,7 @@ class Mixture:
 
     def modes(self, R: Array) -> Noise:
         """Return the two modes."""
-        return Noise(np.array([1 - self.share, self.share]), np.array([R, self.variance_ratio * R]))
+        return Noise(np.array([1 - self.share, self.share]), np.array([R, self.variance_ratio * R]), self.per_scalar)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +95,8 @@ class Contamination:
 
     def modes(self, R: Array) -> Noise:
         """Return the two modes."""
-        return Noise(np.array([1 - self.share, self.share]), np.array([R, R + self.sd**2 * np.eye(len(R))]))
+        cov = np.array([R, R + self.sd**2 * np.eye(len(R))])
+        return Noise(np.array([1 - self.share, self.share]), cov, self.per_scalar)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,11 +115,11 @@ class StudentT:
         middles = (np.arange(9) + 0.5) / 9
         order = np.argsort(np.abs(middles - 0.5), kind="stable")
         precision = np.array([chi_square_quantile(p, self.dof) / self.dof for p in middles[order]])
-        return Noise(np.full(9, 1 / 9), R / precision[:, None, None])
+        return Noise(np.full(9, 1 / 9), R / precision[:, None, None], self.per_scalar)
 
 
 class BankNoise:
-    """The noise of a sensor by the families of N members of a bank, which all have J modes.
+    """The noise of a sensor by the families of N members of a bank, which all have J modes, per scalar or for all.
 
     The modes of every family are affine in R: mode j has gain g_j R + offset o_j I.
     """
@@ -105,6 +127,7 @@ class BankNoise:
     def __init__(self, families: Sequence[NoiseFamily], sd_scales: Sequence[float]) -> None:
         none = [family.modes(np.zeros((1, 1))) for family in families]
         one = [family.modes(np.full((1, 1), scale**2)) for family, scale in zip(families, sd_scales, strict=True)]
+        self.per_scalar = families[0].per_scalar
         self.probabilities = np.stack([noise.probabilities for noise in none], axis=1)  # (J, N)
         self.offset = np.stack([noise.cov[:, 0, 0] for noise in none], axis=1)
         self.gain = np.stack([noise.cov[:, 0, 0] for noise in one], axis=1) - self.offset
@@ -112,7 +135,8 @@ class BankNoise:
     def modes(self, R: Array) -> Noise:
         """Return every member's modes for the nominal covariance R, (k, k), or (k, k, N) where each has its own."""
         eye, of_each = np.eye(len(R))[:, :, None], R.reshape(*R.shape[:2], -1)
-        return Noise(self.probabilities, self.gain[:, None, None] * of_each + self.offset[:, None, None] * eye)
+        cov = self.gain[:, None, None] * of_each + self.offset[:, None, None] * eye
+        return Noise(self.probabilities, cov, self.per_scalar)
 
 
 def chi_square_quantile(probability: float, dof: float) -> float:

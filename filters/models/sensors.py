@@ -4,7 +4,8 @@ Every model is a Function (sigma_points.py): DVL and compass pick states or are 
 track at its own time of validity, a little before the epoch at which it is used.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from usbldr.filters.types import Array, Vector
 
 
 class Measurement(NamedTuple):
-    """A reading of k scalars with the model and the noise that explain it."""
+    """A reading of k scalars with the model and the noise that explain it; a fix has both axes, east and north."""
 
     z: Vector  # (k,)
     model: StateFunction
@@ -28,6 +29,21 @@ class Measurement(NamedTuple):
     row: int  # which record, see types.Update
     time_s: float  # time of validity
     bilinear: bool = False  # the model multiplies a state by a constant error that is a state, too
+
+    def parts(self) -> "Sequence[Measurement]":
+        """Return what a filter takes one after the other: each axis of a fix if their errors are independent."""
+        if len(self.z) == 1 or len(blocks := self.noise.blocks()) == 1:
+            return (self,)
+        assert isinstance(self.model, UsblFix)
+        return [
+            self._replace(
+                z=self.z[scalars],
+                model=replace(self.model, axes=self.model.axes[scalars]),
+                noise=self.noise.block(scalars),
+                axis=axis,
+            )
+            for axis, scalars in zip(("east", "north"), blocks, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)

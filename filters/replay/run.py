@@ -232,11 +232,11 @@ def _warnings(
         texts.append(
             f"{name}: {late} fixes came more than {MAX_FIX_DELAY_S:g} s late, or after the end, and were not used"
         )
-    fixes = {update.row for update in updates if update.sensor == "usbl"}
-    outlier_rows = {update.row for update in updates if update.sensor == "usbl" and update.outcome != "used"}
-    if len(outlier_rows) > MAX_OUTLIER_FRACTION * len(fixes):
+    outcomes = [update.outcome for update in updates if update.sensor == "usbl"]
+    outliers = len(outcomes) - outcomes.count("used")
+    if outliers > MAX_OUTLIER_FRACTION * len(outcomes):
         texts.append(
-            f"{name}: {len(outlier_rows)} of {len(fixes)} USBL fixes look like outliers, which they hardly all are: "
+            f"{name}: {outliers} of {len(outcomes)} USBL fixes look like outliers, which they hardly all are: "
             "check frame, map origin, DVL axes and mounting, heading convention and clocks (usbldr info says what was "
             "taken)"
         )

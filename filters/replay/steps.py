@@ -75,7 +75,7 @@ class VehicleMeasurements:
 
 
 class FixMeasurements:
-    """The measurements of fixes: two scalars where they err apart, else one of both axes."""
+    """The measurements of fixes, each of both axes."""
 
     def __init__(self, epochs_s: Vector, fixes: PositionFixes) -> None:
         self.epochs_s, self.fixes = epochs_s, fixes
@@ -88,13 +88,8 @@ class FixMeasurements:
             if received_s[f] > received_by_s:
                 continue
             row, time_s, z, R = int(rows[f]), float(times_s[f]), positions_m[f], covs_m2[f]
-            model = functools.partial(UsblFix, layout, time_s - float(self.epochs_s[k]), lever_m)
-            if family.per_scalar and not R[0, 1]:
-                for axis, name in enumerate(("east", "north")):
-                    noise = family.modes(R[axis : axis + 1, axis : axis + 1])
-                    yield Measurement(z[axis : axis + 1], model(axes=(axis,)), noise, sensor, name, row, time_s)
-            else:
-                yield Measurement(z, model(), family.modes(R), sensor, "position", row, time_s)
+            model = UsblFix(layout, time_s - float(self.epochs_s[k]), lever_m)
+            yield Measurement(z, model, family.modes(R), sensor, "position", row, time_s)
 
 
 def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:

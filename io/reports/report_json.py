@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.evaluation.consistency import DOF, consistency_text, worst_outcome
+from usbldr.filters.evaluation.consistency import DOF, consistency_text
 from usbldr.filters.evaluation.evaluation import ErrorReport
-from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influences, innovation_m, most_influential
+from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influences, most_influential
 from usbldr.filters.evaluation.metrics import METRICS
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.models.calibration import estimated_errors
@@ -90,12 +90,8 @@ def _too_sure(report: ErrorReport) -> bool:
 
 def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
     """Return each USBL fix with what the filter made of it; dr and usbl judge none."""
-    by_fix: dict[int, list[Update]] = {}
-    for update in trajectory.updates:
-        if update.sensor == "usbl":
-            by_fix.setdefault(update.row, []).append(update)
-    judges = any(update.sensor == "usbl" for update in trajectory.updates)
-    rows = [_fix_outcome(by_fix.get(row, []), judges) for row in range(len(timeline.fix_time_s))]
+    by_row = {update.row: update for update in trajectory.updates if update.sensor == "usbl"}
+    rows = [_fix_outcome(by_row.get(row), judges=bool(by_row)) for row in range(len(timeline.fix_time_s))]
     table = pd.DataFrame(rows, columns=["innovation_east_m", "innovation_north_m", "nis", "dof", "outcome", "why"])
     table.insert(0, "time_s", timeline.fix_time_s)
     table.insert(1, "received_s", timeline.fix_received_s)
@@ -109,20 +105,18 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
     return table.round({"nis": 4})
 
 
-def _fix_outcome(updates: list[Update], judges: bool) -> tuple[float, float, float, int, str, str]:
-    """Sum up one fix, which is one update of two axes or two of one: the worse fate is the fix's."""
-    if not updates:
+def _fix_outcome(update: Update | None, judges: bool) -> tuple[float, float, float, int, str, str]:
+    """Return the columns of the table that say what the filter made of one fix."""
+    if update is None:
         why = "outside the span of the run" if judges else "the method judges no fix"
         return math.nan, math.nan, math.nan, 0, "not used" if judges else "", why
-    nis, dof = sum(u.nis for u in updates), sum(u.dof for u in updates)
-    fate = worst_outcome(u.outcome for u in updates)
-    nominal = min(u.nominal_probability for u in updates)
     why = {
         "used": "",
-        "down-weighted": f"more likely an outlier: probability {nominal:.2f} of the nominal noise",
-        "rejected": f"refused by the gate or the guard: NIS {nis:.1f} where {dof} is right",
-    }[fate]
-    return *innovation_m(updates), nis, dof, fate, why
+        "down-weighted": f"more likely an outlier: probability {update.nominal_probability:.2f} of the nominal noise",
+        "rejected": f"refused by the gate or the guard: NIS {update.nis:.1f} where {update.dof} is right",
+    }[update.outcome]
+    east_m, north_m = update.innovation
+    return east_m, north_m, update.nis, update.dof, update.outcome, why
 
 
 def errors_table(report: ErrorReport) -> pd.DataFrame:

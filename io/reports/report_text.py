@@ -7,13 +7,13 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, OUTCOMES, consistency_text
+from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, consistency_text
 from usbldr.filters.evaluation.evaluation import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
 from usbldr.filters.models.calibration import EstimatedError, estimated_errors
 from usbldr.filters.models.parameters import StateObservability
-from usbldr.filters.types import OutageRecovery
+from usbldr.filters.types import OUTCOMES, OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.tuned_config import tuned_text

@@ -260,9 +260,8 @@ def test_a_state_is_taken_away_alone_and_its_share_of_the_error_given_back(line:
 def test_refused_fixes_are_counted_in_a_row_and_at_the_end() -> None:
     fates = ["used", "rejected", "down-weighted", "rejected", "used", "rejected"]
     updates = tuple(
-        Update("usbl", axis, row, float(row), (0.0,), (1.0,), 1.0, 1, fate if axis == "east" else "used", 1.0)
+        Update("usbl", "position", row, float(row), (0.0, 0.0), (1.0, 1.0), 2.0, 2, fate, 1.0)
         for row, fate in enumerate(fates)
-        for axis in ("east", "north")
     )
     made = Trajectory("adf", ("x", "y"), np.arange(6.0), np.zeros((6, 2)), None, updates)
 

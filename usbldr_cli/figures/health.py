@@ -35,11 +35,12 @@ class Channel(NamedTuple):
     axis: str
     label: str
     factor: float
+    scalar: int = 0  # of the update
 
 
 CHANNELS = (
-    Channel("usbl", "east", "USBL east [m]", 1.0),
-    Channel("usbl", "north", "USBL north [m]", 1.0),
+    Channel("usbl", "position", "USBL east [m]", 1.0),
+    Channel("usbl", "position", "USBL north [m]", 1.0, 1),
     Channel("compass", "yaw", "heading [deg]", -math.degrees(1.0)),
     Channel("dvl", "starboard", "DVL starboard [m/s]", 1.0),
     Channel("dvl", "forward", "DVL forward [m/s]", 1.0),
@@ -71,7 +72,8 @@ def innovation_figure(run: Run) -> Figure | None:
     heights = [sum(channel.sensor == sensor for channel, _ in drawn) for sensor in sensors]
     tall: Any = right.subplots(len(sensors), 1, sharex=True, squeeze=False, height_ratios=heights)
     for axes, sensor in zip(tall[:, 0], sensors, strict=True):
-        _draw_nis(axes, run, [update for update in updates if update.sensor == sensor], sensor)
+        mine = [part for update in updates if update.sensor == sensor for part in update.parts]
+        _draw_nis(axes, run, mine, sensor)
     for axes in (rows[-1, 0], tall[-1, 0]):
         time_axis(axes, run.timeline.time_s)
     legend_below(figure, (rows[0, 0], tall[0, 0]), 8)
@@ -79,14 +81,14 @@ def innovation_figure(run: Run) -> Figure | None:
 
 
 def _series(updates: Sequence[Update], channel: Channel) -> Series:
-    """Pick one axis out of the updates, whether it went in alone or together with the other."""
+    """Pick one axis out of the updates."""
     found: list[tuple[float, float, float, str]] = []
     for update in updates:
-        if update.sensor != channel.sensor or update.axis not in (channel.axis, "position"):
+        if (update.sensor, update.axis) != (channel.sensor, channel.axis):
             continue
-        k = 1 if update.axis == "position" and channel.axis == "north" else 0
-        e, sd = update.innovation[k], update.innovation_sd[k]
-        found.append((update.time_s, channel.factor * e, abs(channel.factor) * sd, update.outcome))
+        e, sd = update.innovation[channel.scalar], update.innovation_sd[channel.scalar]
+        outcome = update.parts[-channel.scalar].outcome  # of north if it was taken by itself
+        found.append((update.time_s, channel.factor * e, abs(channel.factor) * sd, outcome))
     t, e, sd, outcome = zip(*found, strict=True) if found else ((), (), (), ())
     return Series(np.array(t), np.array(e), np.array(sd), outcome)
 

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from usbldr.filters.evaluation.influence import compare_without, influences, innovation_m, most_influential, without_fix
+from usbldr.filters.evaluation.influence import compare_without, influences, most_influential, without_fix
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
 from usbldr.filters.replay.run import FilterSettings, run
-from usbldr.filters.types import Update
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
 from usbldr_cli.main import cli
@@ -59,14 +58,6 @@ def test_a_refused_fix_moves_nothing() -> None:
     assert refused.outcome == "rejected"
     assert refused.shift_m == 0
     assert np.hypot(refused.innovation_east_m, refused.innovation_north_m) > 600
-
-
-def test_two_scalars_and_a_position_are_told_alike() -> None:
-    def update(axis: str, *innovation: float) -> Update:
-        return Update("usbl", axis, 0, 0.0, innovation, innovation, 1.0, len(innovation), "used", 1.0)
-
-    assert innovation_m([update("north", 2.0), update("east", 1.0)]) == (1.0, 2.0)
-    assert innovation_m([update("position", 1.0, 2.0)]) == (1.0, 2.0)
 
 
 def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> None:

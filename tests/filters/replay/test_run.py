@@ -8,7 +8,7 @@ import pytest
 
 from timelines import HZ, five_hz
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.models.noise import Contamination, Mixture
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import StateLayout
@@ -53,9 +53,40 @@ def test_measurements_of_a_step_come_by_time_then_sensor() -> None:
     ]
 
 
-def test_a_fix_whose_scalars_err_apart_is_two_measurements() -> None:
-    step = next(steps(timeline(), Assumptions(usbl=Mixture()), StateLayout()))
-    assert [m.axis for m in step.measurements if m.sensor == "usbl"] == ["east", "north"]
+def test_a_fix_is_taken_by_axis_if_the_errors_of_its_axes_are_independent() -> None:
+    line = timeline()
+    line.fix_cov_m2[2] += 0.1
+
+    def axes(epoch: int, usbl: NoiseFamily) -> list[list[str]]:
+        step = list(steps(line, Assumptions(usbl=usbl), StateLayout()))[epoch]
+        return [[part.axis for part in m.parts()] for m in step.measurements if m.sensor == "usbl"]
+
+    assert axes(0, Mixture()) == [["east", "north"]]
+    assert axes(0, Mixture(per_scalar=False)) == [["position"]]
+    assert axes(7, Mixture()) == [["position"], ["east", "north"]]
+
+
+def test_a_fix_taken_by_axis_has_one_update_with_the_sum_and_the_worst_of_both() -> None:
+    line = timeline(30.0, tuple(np.arange(0.0, 30.0)))
+    line.fix_m[20, 1] += 100.0
+
+    by_axis, at_once = (
+        {
+            update.row: update
+            for update in run("ekf", line, Assumptions(usbl=Gaussian(per_scalar)), FilterSettings(gate=0.99)).updates
+            if update.sensor == "usbl"
+        }
+        for per_scalar in (True, False)
+    )
+
+    for row in range(30):
+        assert by_axis[row].dof == at_once[row].dof == 2
+        np.testing.assert_allclose(by_axis[row].innovation, at_once[row].innovation, atol=1e-3)
+        assert by_axis[row].nis == pytest.approx(at_once[row].nis, rel=1e-3, abs=1e-3)
+    east, north = by_axis[20].parts
+    assert (east.outcome, north.outcome, by_axis[20].outcome) == ("used", "rejected", "rejected")
+    assert by_axis[20].shift == east.shift
+    assert at_once[20].parts == (at_once[20],)
 
 
 def test_n_averaged_records_have_a_variance_of_r_over_n() -> None:

@@ -181,12 +181,10 @@ def update(row: int, axis: str, e: float, nis: float, fate: str, nominal: float 
     return Update("usbl", axis, row, float(row), (e,), (1.0,), nis, 1, fate, nominal)
 
 
-def test_a_fix_of_two_scalars_is_one_row_with_the_worse_fate() -> None:
+def test_a_fix_taken_by_axis_is_one_row_with_the_worse_outcome() -> None:
     updates = (
-        update(0, "east", 1.0, 1.0, "used"),
-        update(0, "north", -2.0, 4.0, "used"),
-        update(1, "east", 0.5, 0.25, "used"),
-        update(1, "north", 9.0, 81.0, "down-weighted", 0.01),
+        Update.combined([update(0, "east", 1.0, 1.0, "used"), update(0, "north", -2.0, 4.0, "used")]),
+        Update.combined([update(1, "east", 0.5, 0.25, "used"), update(1, "north", 9.0, 81.0, "down-weighted", 0.01)]),
         Update("usbl", "position", 2, 2.0, (30.0, 40.0), (1.0, 1.0), 2500.0, 2, "rejected", 0.0),
         Update("dvl", "forward", 0, 0.0, (0.0,), (1.0,), 0.0, 1, "used", 1.0),
     )
