@@ -154,7 +154,7 @@ class Trajectory:
     cov: Array | None  # (T, n, n)
     updates: tuple[Update, ...] = ()
     ess: Vector | None = None  # (T,) effective number of particles, of N
-    particles: int = 1
+    particles: int = 1  # fixed: of a filter without particles
     acceptance: Vector | None = None  # (T,) share of accepted moves; NaN where none was tried
     warnings: tuple[str, ...] = ()
     seconds: float = float("nan")  # wall time that the filter took

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from usbldr.io.reader import TopicInfo
     from usbldr.io.survey import Survey
 
-MAX_TOPICS_SHOWN = 40  # rows shown of a log that has more, unless --all
+MAX_TOPICS_SHOWN = 40  # [rows] rows shown of a log that has more, unless --all
 
 
 @click.command()

@@ -17,8 +17,8 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.types import Array, Vector
 
-GRID_SPACING = 0.1  # in t; the information is then good to 1e-6 (tests/test_fisher.py)
-GRID_SIGMAS = 9.0  # sigmas of the widest mode
+GRID_SPACING = 0.1  # in t; the information is then good to 1e-6 (tests/filters/bounds/test_fisher.py)
+GRID_SIGMAS = 9.0  # of the widest mode
 
 
 def fisher_information(noise: Noise) -> Array:

@@ -29,7 +29,7 @@ from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.types import Array
 
-BATCH_SIZE = 16  # truths in one pass of ``local_bounds``: more would cost memory and save no time
+BATCH_SIZE = 16  # [truths] truths in one pass of ``local_bounds``: more would cost memory and save no time
 
 
 class Bounds(NamedTuple):

@@ -70,8 +70,8 @@ class InflationFactor(Protocol):
 class FadingFactor:
     """Bring the median distance back to its limit: two false fixes in five are borne, a displacement is not."""
 
-    window: int = 5
-    probability: float = 0.99  # of a distance below the limit
+    window: int = 5  # [innovations] their median tolerates two outliers
+    probability: float = 0.99  # of a distance below the limit if the covariance is right: of a false alarm in 100 fixes
 
     def __call__(self, innovations: Sequence[Innovation]) -> float:
         """Return the factor by bisection of its logarithm; the distance falls as the factor grows."""
@@ -89,7 +89,7 @@ class FadingFactor:
 class CovarianceMatching:
     """Let the predicted covariance explain what the noise leaves of the innovations' square."""
 
-    window: int = 10
+    window: int = 10  # [innovations] twice those of the fading factor, as it follows their size and not their limit
     probability: float = 0.9  # of a distance below the limit; that half of ten are above is then chance once in 600
 
     def __call__(self, innovations: Sequence[Innovation]) -> float:

@@ -30,7 +30,7 @@ class GaussianParticleFilter:
 
     motion: MotionModel
     rule: MomentTransform
-    particles: int = 100
+    particles: int = 100  # the N of the paper
 
     def start(self, prior: Prior) -> ParticleBelief:
         """Return the prior."""

@@ -29,8 +29,8 @@ class LiteralParticleFilter:
 
     motion: MotionModel
     rule: MomentTransform
-    particles: int = 100
-    resample_below: float = 0.5  # share of N
+    particles: int = 100  # the N of the paper
+    resample_below: float = 0.5  # share of N: the usual choice
 
     def start(self, prior: Prior) -> ParticleBelief:
         """Return N copies of the prior; the first step draws from it."""

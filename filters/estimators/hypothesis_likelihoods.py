@@ -20,7 +20,7 @@ from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.types import Array, Vector
 
 SENSOR = "usbl"  # whose fixes may be false in clusters
-TAIL_DOF = 4.0  # of Student's t
+TAIL_DOF = 4.0  # [degrees of freedom] of Student's t
 
 
 class HypothesisLikelihoods(NamedTuple):

@@ -46,8 +46,8 @@ from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import POSITION
 from usbldr.filters.types import Reacquisition, Update, Vector
 
-MEDIAN_CHI_SQUARE_2 = 2 * math.log(2)  # median of chi-square for two
-MIN_CLUSTER_FIXES = 2  # fixes: a single one that is refused is an outlier, and no news
+MEDIAN_CHI_SQUARE_2 = 2 * math.log(2)  # fixed: median of chi-square for two
+MIN_CLUSTER_FIXES = 2  # a single one that is refused is an outlier, and no news
 
 
 class Hypothesis(NamedTuple):

@@ -31,7 +31,7 @@ from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import MOTION_STATES
 from usbldr.filters.types import Array, Update
 
-SAMPLED_STATES = len(MOTION_STATES)  # a state with more is marginalised; psi is its row 0
+SAMPLED_STATES = len(MOTION_STATES)  # fixed: a state with more is marginalised; psi is its row 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class BootstrapParticleFilter:
     """N points that move by chance; the state has to be small and noisy, for it needs thousands of them."""
 
     motion: MotionModel
-    particles: int = 1000
-    resample_below: float = 0.5  # share of N
+    particles: int = 1000  # with 100 of them some dives diverge, and 5000 are hardly better
+    resample_below: float = 0.5  # share of N: the usual choice
     start_seed: int = 0
 
     def start(self, prior: Prior) -> ParticleBelief:

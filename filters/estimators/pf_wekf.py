@@ -67,8 +67,8 @@ class TwoStageFilter:
     """Candidates by local backward dead reckoning, then an EKF whose measurements they weigh."""
 
     motion: MotionModel
-    particles: int = 100
-    max_fixes: int = 10
+    particles: int = 100  # as many as those of the cpf
+    max_fixes: int = 10  # by judgement: enough for their mean to be three times better than one
     window_s: float = 60.0  # older fixes are not local
     min_fixes: int = 3  # below, a fix is taken with matched noise
     reject_below: float = 0.01  # probability of the nominal mode

@@ -14,9 +14,9 @@ import numpy as np
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import OUTCOMES, Array, Trajectory, Vector
 
-DOF = 2  # east and north
-CONFIDENCE = 0.95
-EXPECTED_COVERAGE = (0.683, 0.954, 0.997)  # of a normal error within 1, 2, 3 sigma of its axis
+DOF = 2  # fixed: east and north
+CONFIDENCE = 0.95  # of the bounds of NEES and NIS: the usual one
+EXPECTED_COVERAGE = (0.683, 0.954, 0.997)  # fixed: of a normal error within 1, 2, 3 sigma of its axis
 LEAST_VARIANCE_M2 = 1e-12  # a filter that claims to know better than a micrometre is taken to claim that
 
 

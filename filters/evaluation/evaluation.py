@@ -24,8 +24,8 @@ from usbldr.filters.evaluation.metrics import (
 from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
-FEW_EPOCHS = 5
-LOW_COVERAGE = 0.8
+FEW_EPOCHS = 5  # with fewer, mean and RMS say next to nothing
+LOW_COVERAGE = 0.8  # of the epochs that the truth covers: with less of them, a warning
 LATE_FIRST_S = 5.0  # --align first joins two instants this far apart only with a warning
 
 

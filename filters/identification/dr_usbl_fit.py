@@ -21,11 +21,11 @@ Points: TypeAlias = NDArray[np.complex128]  # (n,) east + i north
 
 SEGMENT_S = 120.0  # drift within a stretch is small beside the movement
 JACKKNIFE_BLOCKS = 8  # of the log, left out one by one to tell how sure a turn is
-TRIED_LATENCIES_S = tuple(float(s) for s in range(-4, 5))
+TRIED_LATENCIES_S = tuple(float(s) for s in range(-4, 5))  # delays of fixes are seconds; the fit refines the best
 MIN_FIXES = 20  # below that nothing is claimed
-MOST_DELAY_S = 10.0
-GROSS_SIGMAS = 6.0
-RAYLEIGH_MEDIAN = 1.1774  # median of a Rayleigh distribution
+MOST_DELAY_S = 10.0  # by judgement: no fix is as late that is used at all (MAX_FIX_DELAY_S)
+GROSS_SIGMAS = 6.0  # of the scatter of all residuals: a normal error is as large once in 10^8 fixes
+RAYLEIGH_MEDIAN = 1.1774  # fixed: median of a Rayleigh distribution
 STEPS = np.array([1e-4, 1e-4, 1.0, 1.0])  # of central differences: rad, 1, s, s; a DVL's noise hides in a second
 PRIOR_SD = np.array([np.pi, 0.1, 5.0, 2.0])
 MIN_EIGENVALUE = 0.01  # smallest eigenvalue of the slopes' correlations at which they are told apart

@@ -14,7 +14,7 @@ from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
 from usbldr.filters.types import Indices, Timeline, Vector
 
-SEGMENT_RECORDS = 300  # records that follow each other, a minute at 5 Hz
+SEGMENT_RECORDS = 300  # that follow each other, a minute at 5 Hz
 MAX_SEGMENTS = 60  # spread over the log: an hour at 5 Hz is heard whole
 
 

@@ -14,10 +14,10 @@ from usbldr.filters.types import Array, Vector
 LogLikelihood = Callable[[Sequence[Vector]], Vector]
 """The log likelihoods, (m,), of m points, (d,) each."""
 
-DIFFERENCE_STEP = 0.1  # between neighbours
-MAX_STEP = 1.5
+DIFFERENCE_STEP = 0.1  # between neighbours, in logarithms: rounding and curvature both stay small
+MAX_STEP = 1.5  # in logarithms, 4.5 times: further, the parabola is a guess
 MIN_GAIN = 0.05  # a gain that is not worth another batch
-MAX_BATCHES = 20
+MAX_BATCHES = 20  # by judgement: a search that takes more has no maximum to find
 
 
 class Maximum(NamedTuple):

@@ -43,7 +43,7 @@ DR_WALK_FACTORS = (
 USBL_SD_FACTORS = (2.0, 4.0)  # times the stated sigma of fixes: scatter that dead reckoning is not to be blamed for
 MAX_OUTLIER_SHARE = 0.5  # of the fixes
 NEEDS_TURNS = ("deviation", "latency")  # what a straight track at constant speed cannot tell
-MIN_YAW_RANGE_RAD = math.radians(45)
+MIN_YAW_RANGE_RAD = math.radians(45)  # by judgement: a survey line with its corrections stays within
 
 
 class _NoiseModel(NamedTuple):

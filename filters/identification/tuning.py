@@ -26,7 +26,7 @@ from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_like
 from usbldr.filters.models.parameters import Assumptions, TunedParameter
 from usbldr.filters.types import Timeline, Vector
 
-PRIOR_SD = math.log(3)  # of each logarithm: three times more or less is no surprise
+PRIOR_SD = math.log(3)  # [1] of each logarithm: three times more or less is no surprise
 MAX_IDENTIFIED_RATIO = 0.7  # of PRIOR_SD: where the log narrows it no further, it hardly knows the number
 LATENCY_ITERATIONS = 3  # until the latency about which fixes are linearised is the one that they tell
 

@@ -39,7 +39,7 @@ class ReportedQuantity(NamedTuple):
     factor: float  # from the state to that unit
 
 
-DEGREES = math.degrees(1.0)
+DEGREES = math.degrees(1.0)  # fixed: in a radian
 REPORTED_QUANTITIES: Mapping[str, ReportedQuantity] = {
     "dvl_scale": ReportedQuantity("dvl_scale", "", 1.0),
     "dvl_mount": ReportedQuantity("dvl_mount_deg", "deg", -DEGREES),

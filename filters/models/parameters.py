@@ -17,10 +17,10 @@ LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's
 class ProcessNoise:
     """Random walks of the motion model: 1-sigma after one second."""
 
-    position_m: float = 0.02
-    yaw_rad: float = 0.002
-    velocity_mps: float = 0.05
-    turn_rate_radps: float = 0.1
+    position_m: float = 0.02  # [m/√s] by judgement: what velocity and yaw do not explain
+    yaw_rad: float = 0.002  # [rad/√s] small: the turn rate moves the yaw
+    velocity_mps: float = 0.05  # [m/s/√s] thrust and current; learnt from cruising it would refuse manoeuvres
+    turn_rate_radps: float = 0.1  # [rad/s/√s] by judgement: a turn begins and ends within seconds
     uncalibrated_m: float = 0.0  # beside position_m where no state explains the DVL's scale: that error drifts, too
 
 
@@ -28,12 +28,12 @@ class ProcessNoise:
 class SensorErrors:
     """How large a sensor's constant errors may be before a filter estimates them: 1-sigma, and how they wander."""
 
-    scale: float = 0.01
-    misalignment_rad: float = math.radians(5.0)
-    heading_rad: float = math.radians(5.0)
-    heading_walk_rad: float = math.radians(0.02)  # after one second
+    scale: float = 0.01  # makers of DVLs state 0.2 to 1 %
+    misalignment_rad: float = math.radians(5.0)  # of a mounting that was set by eye
+    heading_rad: float = math.radians(5.0)  # of a compass that was never compensated
+    heading_walk_rad: float = math.radians(0.02)  # [rad/√s] 1.2 degrees after an hour
     deviation_rad: float = math.radians(2.0)  # amplitude of the sine, and of the cosine
-    latency_s: float = 0.3
+    latency_s: float = 0.3  # sound takes 0.2 s for 300 m, and drivers as long
     usbl_bias_m: float = 0.3  # in the long run, each axis
     usbl_bias_s: float = 60.0  # time constant
 
@@ -49,9 +49,9 @@ class Start:
     east_m: float
     north_m: float
     sd_m: float
-    sd_yaw_rad: float = math.radians(5.0)
-    sd_mps: float = 0.5
-    sd_radps: float = math.radians(3.0)
+    sd_yaw_rad: float = math.radians(5.0)  # as heading_rad of SensorErrors
+    sd_mps: float = 0.5  # a vehicle does 1 to 2 m/s
+    sd_radps: float = math.radians(3.0)  # of a vehicle that is hardly turning
 
 
 UNKNOWN_START = Start(math.nan, math.nan, math.nan)
@@ -106,5 +106,5 @@ class Assumptions:
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and no truth
     dvl_sd_scale: float = 1.0  # every sigma of that sensor, whoever stated it, is this many times as large
-    usbl_sd_scale: float = 1.0
+    usbl_sd_scale: float = 1.0  # the same of the USBL
     tuned: tuple[TunedParameter, ...] = ()  # what the log was asked for of these

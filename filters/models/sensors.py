@@ -227,7 +227,7 @@ class UsblFix:
     layout: StateLayout
     offset_s: float
     lever_m: LeverArm = (0.0, 0.0, 0.0)
-    axes: tuple[int, ...] = (0, 1)  # 0 east, 1 north
+    axes: tuple[int, ...] = (0, 1)  # fixed: 0 east, 1 north
 
     @property
     def rows(self) -> slice | None:

@@ -31,7 +31,7 @@ from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Update, Ve
 class FilterSettings:
     """The choices of a run that are the user's and not the log's."""
 
-    particles: int = 100
+    particles: int = 100  # the N of the paper
     gate: float | None = None  # probability that a good reading passes; None: no gate
     seed: int = 0
     form: str = "mixture"  # of cpf and upf, see FORMS

@@ -33,7 +33,7 @@ class Leg:
 class RandomWalkMotion:
     """In place of legs a walk drawn for each seed from what the filters are told: start, process noise, DVL scale."""
 
-    step_s: float = 0.2  # of the filters' motion model
+    step_s: float = 0.2  # fixed: of the filters' motion model
     dvl_scale_sd: float = 0.0  # drawn about the stated scale error
     dvl_misalignment_sd_rad: float = 0.0
 
@@ -159,7 +159,7 @@ class Multipath:
     least_m: float
     most_m: float
     scatter_m: float = 0.0
-    share: float = 1.0  # of the fixes in a cluster
+    share: float = 1.0  # fixed, all: of the fixes in a cluster
     clusters_s: Intervals = ()
     every_s: float = 0.0  # between the beginnings of further clusters at random, on average; 0: none
     lasts_s: float = 0.0  # each, on average

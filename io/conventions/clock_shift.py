@@ -14,7 +14,7 @@ from usbldr.io.log import Finding
 from usbldr.io.messages.layouts import RawRecords
 
 SAME_CLOCK_NS = 1800 * 1_000_000_000  # time zones are whole hours apart, or half ones
-LEAST = 0.01  # the share of records that may seem to have arrived even sooner
+LEAST = 0.01  # [1] the share of records that may seem to have arrived even sooner
 
 
 def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tuple[dict[str, RawRecords], list[Finding]]:

@@ -20,8 +20,8 @@ from usbldr.io.settings.sensor_sections import CompassSection
 
 COMPASS_SD_DEG = 0.3  # where nobody says
 MAGNETIC, UTM_GRID = 0, 2  # of compass_msgs/Azimuth: reference
-DEGREES = 1  # of its unit; 0: radians
-CLOCKWISE = 1  # of its orientation, from north; 0: counter-clockwise from east
+DEGREES = 1  # fixed: of its unit; 0: radians
+CLOCKWISE = 1  # fixed: of its orientation, from north; 0: counter-clockwise from east
 NEWTON_STEPS = 8  # from 30 degrees off to far below what a compass can tell
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
 MIN_CONSTANT_RECORDS = 100  # records without any change make one wonder

@@ -18,8 +18,8 @@ from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimet
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
 
-WATER_PA_PER_M = 1025.0 * 9.80665  # sea water
-SURFACE_PA = 101325.0
+WATER_PA_PER_M = 1025.0 * 9.80665  # fixed: sea water
+SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
 ANY_COLUMNS = "docs/configuration.md#any-columns"

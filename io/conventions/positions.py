@@ -15,11 +15,11 @@ from usbldr.io.log import Origin
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import GpsSection
 
-UNDERWATER_M = 1.0
+UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that says the same to the last digit for longer has no new fix
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # an error that is said to be larger is unknown
-SD_OF_95_PERCENT = 1 / 2.4477  # a circle of 2.4477 sigma holds 95 % of a round normal distribution
+SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
 def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:

@@ -14,12 +14,12 @@ from usbldr.io.log import Finding, Origin
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.settings.sensor_sections import UsblSection
 
-FULL_FIX = 2  # of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
+FULL_FIX = 2  # fixed: of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
 REPLIES_WITH_RANGE = (
     "MSG_RESPU",
     "MSG_RESPX",
 )  # of SeaTrac's kinds of messages, which HoloOcean uses: those that tell a range
-STALE_NS = 9_900 * 1_000_000_000  # COLA2 stamps a fix so long ago where it has none
+STALE_NS = 9_900 * 1_000_000_000  # fixed: COLA2 stamps a fix so long ago where it has none
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from usbldr.io.reader import Nanoseconds
 
-SECOND = 1_000_000_000
-DAY = 86_400 * SECOND
-NO_TIME = int(np.iinfo(np.int64).min)  # where a sentence tells no time
-LATEST = 230 * 366 * DAY  # beyond 2200, and before 1970, digits are no date
+SECOND = 1_000_000_000  # fixed: nanoseconds
+DAY = 86_400 * SECOND  # fixed
+NO_TIME = int(np.iinfo(np.int64).min)  # fixed: where a sentence tells no time
+LATEST = 230 * 366 * DAY  # [ns] beyond 2200, and before 1970, digits are no date
 
 ISO = re.compile(
     r"(\d{4})[-/](\d\d)[-/](\d\d)[T _,;]+(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII

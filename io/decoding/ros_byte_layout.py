@@ -42,7 +42,7 @@ NUMBERS: Mapping[str, str] = {
     "float32": "<f4",
     "float64": "<f8",
 }
-MAX_LAYOUTS_PER_SIZE = 100  # of messages of one size; what is left then is decoded one by one
+MAX_LAYOUTS_PER_SIZE = 100  # [layouts] of messages of one size; what is left then is decoded one by one
 
 
 class UnknownLayoutError(Exception):

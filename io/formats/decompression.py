@@ -10,7 +10,7 @@ from typing import Any
 import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 
-STEP = 1 << 18  # bytes unpacked at once, so that they stay near the processor
+STEP = 1 << 18  # [bytes] bytes unpacked at once, so that they stay near the processor
 DAMAGE = (ValueError, OverflowError, MemoryError, RuntimeError, EOFError, OSError, zstandard.ZstdError)
 """What broken bytes raise in the libraries; lz4's errors are RuntimeErrors, bz2's OSErrors."""
 

@@ -8,7 +8,7 @@ from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_colum
 
 ENU, NED = {"convention": "ENU"}, {"convention": "NED"}
 COMPASS_RAD, COMPASS_DEG = ({"convention": "compass", "unit": unit} for unit in ("rad", "deg"))
-NO_DATA = (-9999.0,)  # ds_sensor_msgs
+NO_DATA = (-9999.0,)  # fixed: ds_sensor_msgs
 
 ESTIMATES = (
     MessageLayout("posestamped", quaternion("pose.orientation"), defaults=ENU),

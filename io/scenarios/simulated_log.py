@@ -25,7 +25,7 @@ from usbldr.io.settings.toml_text import noise_text, shortest_degrees, toml_text
 from usbldr.io.writers.write_log import WRITTEN_BY
 
 Quantity = TypeVar("Quantity")
-START_NS = 1_767_225_600_000_000_000  # 2026-01-01T00:00:00Z: a fixed date, so that the same seed gives the same bytes
+START_NS = 1_767_225_600_000_000_000  # fixed: 2026-01-01T00:00:00Z, so that the same seed gives the same bytes
 ORIGIN = Origin(45.0, -30.0, "[map]")  # invented: the open Atlantic
 
 

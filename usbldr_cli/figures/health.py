@@ -22,10 +22,10 @@ from usbldr_cli.figures.style import (
     time_axis,
 )
 
-DENSE = 3000  # points: more of them are drawn smaller
+DENSE = 3000  # [points] more of them are drawn smaller
 DOWN_WEIGHTED_COLOUR = "#333333"
 BINS = 60  # of the running mean of NIS over the whole run
-RESAMPLED_BELOW = 0.5  # of N: where the particle filters resample
+RESAMPLED_BELOW = 0.5  # fixed: of N: where the particle filters resample
 
 
 class Channel(NamedTuple):

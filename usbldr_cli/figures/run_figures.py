@@ -28,7 +28,7 @@ from usbldr_cli.figures.style import (
 from usbldr_cli.figures.track import track_figure
 
 AXES = ("east", "north")
-DENSE = 1500  # epochs: more of them are drawn finer
+DENSE = 1500  # [epochs] more of them are drawn finer
 
 
 def write_figures(folder: Path, run: Run) -> list[tuple[str, str]]:

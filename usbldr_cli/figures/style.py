@@ -63,7 +63,7 @@ STYLE: Mapping[str, Any] = {
     "legend.fontsize": 9,
     "lines.linewidth": 1.3,
 }
-DPI = 130
+DPI = 130  # [dots per inch] sharp on a page, and small as a file
 TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the lines under it, inches
 
 

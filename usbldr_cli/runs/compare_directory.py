@@ -21,7 +21,7 @@ from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_cont
 UNITS, TABLES = "units", "compare.json"
 OWN = re.compile(r"compare\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter)[\w.-]*\.png|\..*\.part")
 OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
-SCHEMA = 1
+SCHEMA = 1  # fixed: the version of compare.json
 
 
 def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:

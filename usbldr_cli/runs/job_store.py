@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from usbldr.filters.evaluation.evaluation import Window
     from usbldr.filters.types import Array, Vector
 
-SCHEMA = 2
+SCHEMA = 2  # fixed: the version of stored runs
 
 
 @dataclass(frozen=True, slots=True)

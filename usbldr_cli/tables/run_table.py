@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.report_text import Table, context, error_table, health_lines, leave_one_out_table, method_table
 
-WIDTH = 100
-LABEL = 13  # columns that the longest label needs, with its gap
+WIDTH = 100  # [columns] of a usual terminal window
+LABEL = 13  # [columns] columns that the longest label needs, with its gap
 
 
 def render(run: Run, colour: bool = False) -> str:
