@@ -10,12 +10,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import tomlkit
+from tomlkit.items import InlineTable
+
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, assumed_sd, estimated_errors
 from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
 from usbldr.io.settings.configuration import parse_configuration
-from usbldr.io.settings.toml_edit import commented_out, with_key
+from usbldr.io.settings.validation import read_text
 
 
 def _scales(stated: float, found: float) -> float:
@@ -47,13 +50,12 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
     """Return the text of a configuration that subtracts what was found beside what was subtracted already.
 
     An error that the dive hardly told is left as it was, and the dive's own start becomes a comment. Raises UsageError
-    where the track has no such errors, or where the configuration states a key in a form that cannot be changed.
+    where the track has no such errors, or where an error becomes too large for its key.
     """
     errors = estimated_errors(trajectory)
     if not errors:
         raise UsageError(f"{trajectory.filter} estimated no errors of sensors that could be written")
-    text = "schema = 1\n" if log.configuration is None else log.configuration.read_text(encoding="utf-8")
-    expected: dict[str, Any] = tomllib.loads(text)
+    document: Any = tomlkit.parse("schema = 1\n" if log.configuration is None else read_text(log.configuration))
     title = [f"# Errors of sensors that {trajectory.filter} found on {log.path.name} are added to what was stated."]
     assumed = assumed_sd(log.assumptions.errors)
     for error in errors:
@@ -62,25 +64,24 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
             why = "it wanders, so it is that dive's own" if place is None else "that dive hardly told it"
             title.append(f"# {error.title}: {value:.4f} +- {sd:.4f}, left out: {why}.")
             continue
-        section: dict[str, Any] = expected.setdefault(place.section, {})
+        section = document.setdefault(place.section, tomlkit.table())
         before = float(section.get(place.key, 0.0))
-        section[place.key] = after = round(place.added(before, value), place.digits)
-        said = f"{before:g} stated, {value:+.{place.digits}f} +- {sd:.{place.digits}f} found"
-        text = with_key(text, place.section, place.key, f"{after!r}  # {said}")
-    expected.pop("start", None)
-    text = commented_out(text, "start", "where that dive began; state the next one's start, if it is known:")
-    return _verified("\n".join(title) + "\n" + text, expected, log)
-
-
-def _verified(text: str, expected: dict[str, Any], log: Log) -> str:
-    """Return the text if it says what it should, whatever form its author had given it."""
-    file = log.configuration or Path("usbldr.toml")
-    try:
-        said = tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        said = {}
-    if said != expected:
-        sections = ", ".join(f"[{name}]" for name in dict.fromkeys(key.section for key in KEYS.values()))
-        raise UsageError(f"{file}: cannot be changed line by line: give {sections} headers and lines of their own")
-    parse_configuration(said, file)
+        number = tomlkit.item(round(place.added(before, value), place.digits))
+        if not isinstance(section, InlineTable):  # which has no room for a comment
+            number.comment(f"{before:g} stated, {value:+.{place.digits}f} +- {sd:.{place.digits}f} found")
+            number.trivia.comment_ws = "  "
+        section[place.key] = number
+    text = "\n".join(title) + "\n" + _without_start(document)
+    parse_configuration(tomllib.loads(text), log.configuration or Path("usbldr.toml"))
     return text
+
+
+def _without_start(document: Any) -> str:
+    """Return the text of a configuration with its section [start] turned into comments."""
+    text = tomlkit.dumps(document)
+    if "start" not in document:
+        return text
+    start = tomlkit.dumps(tomlkit.document().add("start", document["start"]))
+    why = "# where that dive began; state the next one's start, if it is known:\n"
+    silent = "".join(f"# {line}" if line.strip() else line for line in start.splitlines(keepends=True))
+    return text.replace(start, why + silent, 1)

@@ -35,12 +35,11 @@ from usbldr.io.scenarios.sections import (
 )
 from usbldr.io.settings.configuration import (
     noise_family_of,
-    parse_section,
     process_noise,
-    read_document,
     start_of_section,
 )
 from usbldr.io.settings.noise_sections import CompassNoise, DvlNoise, UsblNoise
+from usbldr.io.settings.validation import checked, read_document
 
 FOLDER = Path(__file__).parent
 
@@ -63,7 +62,7 @@ def find_scenario(name: str) -> Scenario:
 
 def read_scenario(file: Path) -> Scenario:
     """Read and check a scenario; raise UsageError with file, key, nearest match and allowed values."""
-    stated = parse_section(_document(file), ScenarioFile, file)
+    stated = checked(_document(file), ScenarioFile, file)
     vehicle, drawn = stated.vehicle, stated.drawn
     return Scenario(
         name=file.stem,

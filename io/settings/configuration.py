@@ -3,17 +3,9 @@
 The sections themselves stand in sensor_sections.py.
 """
 
-import difflib
 import math
-import re
-import tomllib
-import typing
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, TypeVar
-
-import msgspec
-from msgspec import Struct
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.calibration import AUTO, STATES
@@ -34,8 +26,7 @@ from usbldr.io.settings.noise_sections import (
     UsblNoise,
 )
 from usbldr.io.settings.sensor_sections import Configuration
-
-Form = TypeVar("Form", bound=Struct)
+from usbldr.io.settings.validation import checked, read_document
 
 
 def find_configuration(log: Path, asked: str | None) -> Path | None:
@@ -68,98 +59,9 @@ def read_configuration(file: Path) -> Configuration:
     return parse_configuration(read_document(file), file)
 
 
-def read_document(file: Path) -> dict[str, object]:
-    """Return what a TOML file says, unchecked; raise UsageError where it is none."""
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as err:
-        raise UsageError(f"{file}: cannot be read ({err.strerror})") from err
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
-        raise UsageError(f"{file}: is not TOML ({err})") from err
-
-
 def parse_configuration(document: dict[str, object], file: Path) -> Configuration:
     """Turn a parsed TOML document into a Configuration."""
-    return parse_section(document, Configuration, file)
-
-
-def parse_section(document: dict[str, object], form: type[Form], file: Path) -> Form:
-    """Turn a parsed TOML document into a typed one; raise UsageError with file, key, nearest match, allowed values."""
-    _refuse_unknown_keys(document, form, "", file)
-    try:
-        return msgspec.convert(document, form)
-    except msgspec.ValidationError as err:
-        raise UsageError(f"{file}: {_sentence(str(err), form)}") from err
-
-
-def _structs(annotation: object) -> list[type[Struct]]:
-    """Return the sections that a key may hold."""
-    if isinstance(annotation, type) and issubclass(annotation, Struct):
-        return [annotation]
-    return [s for part in typing.get_args(annotation) for s in _structs(part)]
-
-
-def _refuse_unknown_keys(table: dict[str, object], section: type[Struct], path: str, file: Path) -> None:
-    hints = typing.get_type_hints(section, include_extras=True)
-    tag = [section.__struct_config__.tag_field] if section.__struct_config__.tag_field else []
-    allowed = [*tag, *section.__struct_fields__]
-    for key, value in table.items():
-        if key not in allowed:
-            near = difflib.get_close_matches(key, allowed, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            where = f"[{path}] has no key" if path else "there is no section"
-            raise UsageError(f"{file}: {where} {key}{hint} (allowed: {', '.join(allowed)})")
-        if isinstance(value, float) and not math.isfinite(value):
-            raise UsageError(f"{file}: [{path}] {key} = {value} is no finite number")
-        if isinstance(value, list) and key in hints and _structs(hints[key]):
-            for row, inner in enumerate(typing.cast("list[object]", value)):
-                if isinstance(inner, dict):
-                    table_of_row = typing.cast("dict[str, object]", inner)
-                    _refuse_unknown_keys(table_of_row, _structs(hints[key])[0], f"{key}[{row}]", file)
-        if isinstance(value, dict) and key in hints:
-            inner = typing.cast("dict[str, object]", value)
-            sections = _structs(hints[key])
-            tagged = [s for s in sections if s.__struct_config__.tag is not None]
-            chosen = [s for s in tagged if s.__struct_config__.tag == inner.get("kind")] if tagged else sections
-            if tagged and not chosen:
-                kinds = ", ".join(str(s.__struct_config__.tag) for s in tagged)
-                raise UsageError(f"{file}: [{path}] {key}: kind is missing or unknown (allowed: {kinds})")
-            if chosen:
-                _refuse_unknown_keys(inner, chosen[0], f"{path}.{key}" if path else key, file)
-
-
-def _sentence(message: str, form: type[Struct]) -> str:
-    """Turn msgspec's "Expected `float`, got `str` - at `$.dvl.mount_deg`" into "[dvl] mount_deg: expected ..."."""
-    what, _, place = message.partition(" - at ")
-    path = re.sub(r"^.*\$\.?|`$", "", place)
-    invalid = re.fullmatch(r"Invalid enum value '?(.*?)'?", what)
-    if invalid:
-        what = f"{invalid[1]} is not allowed (allowed: {', '.join(_allowed(path, form))})"
-    elif what.startswith("Object missing required field"):
-        what = f"lacks the key {what.split('`')[1]}"
-    elif what.startswith("Expected"):
-        what = what.replace("`", "").replace("Expected", "expected").replace(" | null", "")
-        what = re.sub(r"\b(float|int)\b", "number", what).replace("str", "text").replace("object", "table")
-    section, _, key = path.partition(".")
-    where = f"[{section}] {key}" if key else section if section == "schema" else f"[{section}]"
-    return f"{where}: {what}"
-
-
-def _allowed(path: str, form: type[Struct]) -> list[str]:
-    """Return the words that the key at a dotted path takes."""
-    annotation: object = form
-    for name in path.removesuffix("[...]").split("."):
-        hints = [typing.get_type_hints(s, include_extras=True) for s in _structs(annotation)]
-        annotation = next((h[name] for h in hints if name in h), None)
-    return list(dict.fromkeys(_words(annotation)))
-
-
-def _words(annotation: object) -> list[str]:
-    if typing.get_origin(annotation) is Literal:
-        return [str(word) for word in typing.get_args(annotation)]
-    if annotation is float:
-        return ["a number"]
-    return [word for part in typing.get_args(annotation) for word in _words(part)]
+    return checked(document, Configuration, file)
 
 
 def assumptions(configuration: Configuration) -> Assumptions:

@@ -74,7 +74,7 @@ def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str,
     found = read_log(Path(log), asked)
     if found.configuration is None:
         return found, None
-    from usbldr.io.settings.configuration import read_document
+    from usbldr.io.settings.validation import read_document
 
     return found, read_document(found.configuration)
 

@@ -15,7 +15,6 @@ from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.conventions.compass import without_deviation
 from usbldr.io.read import read_log
 from usbldr.io.reports.calibration_config import calibrated_configuration
-from usbldr.io.settings.toml_edit import commented_out, with_key
 from usbldr.io.timeline import timeline
 from usbldr_cli.main import cli
 
@@ -160,18 +159,21 @@ def test_an_error_that_the_dive_hardly_told_is_left_out(dive: Path) -> None:
     assert "left out: that dive hardly told it" in text
 
 
-def test_a_form_that_cannot_be_changed_line_by_line_is_refused(dive: Path) -> None:
-    with pytest.raises(UsageError, match=r"dive\.usbldr\.toml: cannot be changed line by line: give \[dvl\]"):
-        following(dive, 'dvl = { axes = "FRD", scale_error = 0.01 }\n', "scale")
+@pytest.mark.parametrize(
+    ("own", "kept"),
+    [
+        ('dvl = { axes = "FRD", scale_error = 0.01 }\n', 'dvl = { axes = "FRD", scale_error = 0.0'),
+        ('dvl.axes = "FRD"  # mine\ndvl.scale_error = 0.01\n', 'dvl.axes = "FRD"  # mine\ndvl.scale_error = 0.0'),
+        ('[dvl]\naxes = "FRD"\n\n[usbl]\n[dvl.noise]\nkind = "gaussian"\n', 'axes = "FRD"\nscale_error = 0.0'),
+        ("start = { east_m = 0.0, north_m = 0.0, sd_m = 1.0 }\n[dvl]\n", "known:\n# start = { east_m"),
+    ],
+)
+def test_a_configuration_of_any_form_is_changed_in_place(dive: Path, own: str, kept: str) -> None:
+    text = following(dive, own, "scale")
 
-
-def test_a_key_replaces_its_line_or_ends_its_section_or_begins_one() -> None:
-    text = "[a]\nx = 1 # one\n\n[[b]]\nx = 2\n"
-
-    assert with_key(text, "a", "x", "3") == "[a]\nx = 3\n\n[[b]]\nx = 2\n"
-    assert with_key(text, "a", "y", "3") == "[a]\nx = 1 # one\ny = 3\n\n[[b]]\nx = 2\n"
-    assert with_key(text, "c", "x", "3") == text + "\n[c]\nx = 3\n"
-    assert commented_out(text, "a", "why") == "# why\n# [a]\n# x = 1 # one\n\n[[b]]\nx = 2\n"
+    assert kept in text
+    assert tomllib.loads(text)["dvl"]["scale_error"] == pytest.approx(0.03, abs=0.01)
+    assert "start" not in tomllib.loads(text)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,122 @@
+"""TOML documents held against typed sections: a mistake becomes one sentence that names the key and what it takes.
+
+Configurations, scenarios and baselines are all checked here.
+"""
+
+import difflib
+import math
+import re
+import tomllib
+import typing
+from pathlib import Path
+from typing import Literal, TypeVar, cast
+
+import msgspec
+from msgspec import Struct
+
+from usbldr.filters.errors import UsageError
+
+Form = TypeVar("Form")
+
+
+def read_text(file: Path) -> str:
+    """Return a file's text; raise UsageError if it cannot be read."""
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as err:
+        raise UsageError(f"{file}: cannot be read ({err.strerror})") from err
+    except UnicodeDecodeError as err:
+        raise UsageError(f"{file}: is not TOML ({err})") from err
+
+
+def read_document(file: Path) -> dict[str, object]:
+    """Return what a TOML file says, unchecked; raise UsageError if it is not TOML."""
+    try:
+        return tomllib.loads(read_text(file))
+    except tomllib.TOMLDecodeError as err:
+        raise UsageError(f"{file}: is not TOML ({err})") from err
+
+
+def checked(value: object, form: type[Form], where: object, key: str = "") -> Form:
+    """Return a parsed value as ``form``; ``key``: the dotted path to it, "" for a whole document.
+
+    Raises UsageError: ``where`` (the file), the key, the nearest match of an unknown one, the allowed values.
+    """
+    _refuse_unknown_keys(value, form, key, where)
+    try:
+        return msgspec.convert(value, form)
+    except msgspec.ValidationError as err:
+        raise UsageError(f"{where}: {_sentence(str(err), form, key)}") from err
+
+
+def sections(annotation: object) -> list[type[Struct]]:
+    """Return the sections that a key may hold."""
+    if isinstance(annotation, type) and issubclass(annotation, Struct):
+        return [annotation]
+    return [section for part in typing.get_args(annotation) for section in sections(part)]
+
+
+def _refuse_unknown_keys(value: object, annotation: object, path: str, where: object) -> None:
+    """Refuse what msgspec lets pass or reports without a hint: foreign keys, unknown kinds, nan and inf."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise UsageError(f"{where}: {_place(path, annotation)} = {value} is no finite number")
+    if isinstance(value, list):
+        for row, inner in enumerate(cast("list[object]", value)):
+            _refuse_unknown_keys(inner, annotation, f"{path}[{row}]", where)
+    if not isinstance(value, dict) or not (forms := sections(annotation)):
+        return
+    table, form, tag = cast("dict[str, object]", value), forms[0], forms[0].__struct_config__.tag_field
+    if tag:
+        kinds = {form.__struct_config__.tag: form for form in forms}
+        if table.get(tag) not in kinds:
+            raise UsageError(
+                f"{where}: {_place(path, None)}: {tag} is missing or unknown (allowed: {', '.join(map(str, kinds))})"
+            )
+        form = kinds[cast("str", table[tag])]
+    hints = typing.get_type_hints(form, include_extras=True)
+    allowed = [*([tag] if tag else []), *form.__struct_fields__]
+    for key, inner in table.items():
+        if key not in allowed:
+            near = difflib.get_close_matches(key, allowed, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            section = f"[{path}] has no key" if path else "there is no section"
+            raise UsageError(f"{where}: {section} {key}{hint} (allowed: {', '.join(allowed)})")
+        _refuse_unknown_keys(inner, hints.get(key), f"{path}.{key}".removeprefix("."), where)
+
+
+def _sentence(message: str, form: object, key: str) -> str:
+    """Turn msgspec's "Expected `float`, got `str` - at `$.dvl.mount_deg`" into "[dvl] mount_deg: expected ..."."""
+    what, _, place = message.partition(" - at ")
+    path = re.sub(r"^.*\$\.?|`$", "", place)
+    if invalid := re.fullmatch(r"Invalid enum value '?(.*?)'?", what):
+        what = f"{invalid[1]} is not allowed (allowed: {', '.join(dict.fromkeys(_words(_annotation(path, form))))})"
+    elif what.startswith("Object missing required field"):
+        what = f"lacks the key {what.split('`')[1]}"
+    elif what.startswith("Expected"):
+        what = what.replace("`", "").replace("Expected", "expected").replace(" | null", "")
+        what = re.sub(r"\b(float|int)\b", "number", what).replace("str", "text").replace("object", "table")
+    whole = f"{key}.{path}".strip(".")
+    return f"{_place(whole, _annotation(path, form))}: {what}" if whole else what
+
+
+def _place(path: str, annotation: object) -> str:
+    """Return a dotted path as "[dvl] mount_deg", one name as "[dvl]" if it is a section, else as it is."""
+    section, _, key = path.partition(".")
+    return f"[{section}] {key}" if key else f"[{path}]" if sections(annotation) else path
+
+
+def _annotation(path: str, form: object) -> object:
+    """Return the type of what a dotted path leads to from ``form``."""
+    for name in path.replace("[...]", "").split(".") if path else ():
+        hints = [typing.get_type_hints(section, include_extras=True) for section in sections(form)]
+        form = next((hint[name] for hint in hints if name in hint), None)
+    return form
+
+
+def _words(annotation: object) -> list[str]:
+    """Return the words that a type takes."""
+    if typing.get_origin(annotation) is Literal:
+        return [str(word) for word in typing.get_args(annotation)]
+    if annotation is float:
+        return ["a number"]
+    return [word for part in typing.get_args(annotation) for word in _words(part)]
