@@ -29,11 +29,10 @@ def filters(rows: Rows) -> str:
     for way in ways:
         cells = [("paper", replace(way, calibrate=calibrate)) for calibrate in runs.STATES]
         found = [rows.get(cell) for cell in cells]
-        nees = [_mean(row, "nees_mean", 2) for row in found if row is not None]
-        seeds = [str(len(row.seeds)) for row in found if row is not None]
+        ran = [row for row in found if row is not None]
+        nees, seeds = _alike(_mean(row, "nees_mean", 2) for row in ran), _alike(len(row.seeds) for row in ran)
         published = PUBLISHED.get(way.method, "") if way.form != "gaussian" and not way.smooth else ""
-        steps = (values[0] if len({*values}) == 1 else "; ".join(values) for values in (nees, seeds))
-        body.append((way.label, *(errors(row) if row else "" for row in found), *steps, published))
+        body.append((way.label, *(errors(row) if row else "" for row in found), nees, seeds, published))
     heads = (*runs.STATES.values(), "NEES", "seeds", "the paper")
     return _made(Table("|east|/|north|, m", heads, tuple(body)), "filters", rows, ("paper", Way("cpf", "scale")))
 
@@ -101,35 +100,35 @@ def delays(rows: Rows) -> str:
 
 def counts(rows: Rows) -> str:
     """Return the error against the number of particles."""
-    body = []
-    for N in runs.COUNTS:
-        found = [rows["paper", Way(name, particles=N)] for name in ("cpf", "upf", "pf")]
-        body.append((str(N), *(errors(row) for row in found), "; ".join(str(len(row.seeds)) for row in found)))
-    heads = ("cpf", "upf", "pf", "seeds")
-    return _made(Table("N, 6 states", heads, tuple(body)), "counts", rows, ("paper", Way("cpf", particles=20)))
+    names = ("cpf", "upf", "pf")
+    found = {f"{N}": [rows["paper", Way(name, particles=N)] for name in names] for N in runs.COUNTS}
+    return _made(_sweep("N, 6 states", names, found), "counts", rows, ("paper", Way("cpf", particles=20)))
 
 
 def outliers(rows: Rows, sweeps: Path) -> str:
     """Return the error against the share of readings with ten times the variance."""
-    body = []
-    for share in runs.SHARES:
-        found = [rows[shared(sweeps, share), way] for way in runs.SWEPT]
-        body.append(
-            (f"{100 * share:.0f} %", *(errors(row) for row in found), "; ".join(_once(len(r.seeds) for r in found)))
-        )
-    heads = (*(way.label for way in runs.SWEPT), "seeds")
-    return _made(Table("share", heads, tuple(body)), "outliers", rows, ("paper", Way("adf")))
+    found = {f"{100 * p:.0f} %": [rows[shared(sweeps, p), way] for way in runs.SWEPT] for p in runs.SHARES}
+    table = _sweep("share", [way.label for way in runs.SWEPT], found)
+    return _made(table, "outliers", rows, ("paper", Way("adf")))
 
 
 def drift(rows: Rows, sweeps: Path) -> str:
     """Return the error against the process noise that six states are told in place of the scale."""
+    ways = (Way("cpf"), Way("adf"))
+    found = {f"{size:g} m/√s": [rows[drifting(sweeps, size), way] for way in ways] for size in runs.DRIFTS}
+    table = _sweep("assumed drift", ("cpf, 6 states", "adf, 6 states"), found, with_nees=True)
+    return _made(table, "drift", rows, ("paper", Way("cpf")))
+
+
+def _sweep(
+    title: str, heads: Sequence[str], found: Mapping[str, Sequence[ComparisonRow]], with_nees: bool = False
+) -> Table:
+    """Return a line for each value that was tried."""
     body = []
-    for size in runs.DRIFTS:
-        found = [rows[drifting(sweeps, size), Way(name)] for name in ("cpf", "adf")]
-        cells = (f"{errors(row)}, NEES {_mean(row, 'nees_mean', 2)}" for row in found)
-        body.append((f"{size:g} m/√s", *cells, "; ".join(_once(len(row.seeds) for row in found))))
-    heads = ("cpf, 6 states", "adf, 6 states", "seeds")
-    return _made(Table("assumed drift", heads, tuple(body)), "drift", rows, ("paper", Way("cpf")))
+    for label, of_value in found.items():
+        cells = [errors(row) + (f", NEES {_mean(row, 'nees_mean', 2)}" if with_nees else "") for row in of_value]
+        body.append((label, *cells, _alike(len(row.seeds) for row in of_value)))
+    return Table(title, (*heads, "seeds"), tuple(body))
 
 
 def lake(rows: Rows) -> str:
@@ -277,5 +276,7 @@ def in_metres(value: float) -> str:
     return f"{value:.3f}" if value < 10 else f"{value:.1f}" if value < 1000 else f"{value:.1e}"
 
 
-def _once(values: Iterable[object]) -> list[str]:
-    return list(dict.fromkeys(str(value) for value in values))
+def _alike(values: Iterable[object]) -> str:
+    """Return the value that all share, or every one."""
+    told = [str(value) for value in values]
+    return told[0] if len({*told}) == 1 else "; ".join(told)

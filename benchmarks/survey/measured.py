@@ -104,18 +104,13 @@ def uib(path: Path, name: str) -> Measured:
         stated = plain.replace('[usbl]\ntopic = "none"', f'[usbl]\ntopic = "/{topic}"\nframe = "NED"')
         found |= prefixed(f"usbl_error_{topic}", fix_statistics(fix_offsets(read_as(path, stated))))
     fit = "dead_reckoning_fitted"
-    for way, track in (("", euler(log)), (OURS, reckoned(timeline(log)))):
-        errors, alignment = fitted(truth, track)
-        numbers = statistics(errors) | {"n": len(errors) + shared, "mount_yaw_deg": clockwise_deg(alignment)}
-        found |= prefixed(fit, judged(numbers, way), way)
+    found |= fits(fit, log, "mount_yaw_deg", shared)
     errors, alignment = fitted(truth, reckoned(timeline(read_as(path, plain.replace("FLU", "FRD")))))
     other = float(np.sqrt(np.mean(errors**2)))
     found[f"{fit}.other_y_sign.rms_m"], found[f"{fit}.other_y_sign.mount_yaw_deg"] = other, clockwise_deg(alignment)
     found[f"{fit}.y_sign"] = -1 if float(found[f"{fit}.rms_m"]) < other else 1  # FLU is y to port
-    nominal_deg = {"uib_field": 135.0, "uib_simulation": 131}[name]
-    errors = anchored(truth, euler(log), nominal_deg)
-    given: Measured = {"n": len(errors) + shared, "mount_yaw_deg": nominal_deg, "y_sign": -1}
-    found |= prefixed("dead_reckoning_anchored", statistics(errors) | given)
+    found |= anchor("dead_reckoning_anchored", log, {"uib_field": 135.0, "uib_simulation": 131}[name], "mount_yaw_deg")
+    found |= {"dead_reckoning_anchored.n": len(errors) + shared, "dead_reckoning_anchored.y_sign": -1}
     if name == "uib_field":
         found |= modem_ranges(path) | gps_minus_truth(path, plain)
     return found
@@ -125,7 +120,7 @@ def stpere(path: Path) -> Measured:
     """Measure on the survey of the marina."""
     none = '[usbl]\ntopic = "none"\n'
     log = read_as(path, f'[compass]\ntopic = "/imu/data"\n{none}')
-    truth, gps, depth = truth_of(log), log.tables["gps"], log.tables["depth"]["depth_m"]
+    gps, depth = log.tables["gps"], log.tables["depth"]["depth_m"]
     valid_s, moved = euler(log)
     assert log.origin is not None
     found: Measured = {
@@ -140,14 +135,10 @@ def stpere(path: Path) -> Measured:
         "depth_m.max": float(depth.max()),
     }
     own = read_as(path, f'[compass]\ntopic = "/dvl/compass_heading"\n{none}')
-    for key, one in (("dead_reckoning_mti_fitted", log), ("dead_reckoning_dvl_compass_fitted", own)):
-        for way, track in (("", euler(one)), (OURS, reckoned(timeline(one)))):
-            errors, alignment = fitted(truth_of(one), track)
-            numbers = statistics(errors) | {"heading_offset_deg": clockwise_deg(alignment)}
-            found |= prefixed(key, judged(numbers, way), way)
+    found |= fits("dead_reckoning_mti_fitted", log, "heading_offset_deg")
+    found |= fits("dead_reckoning_dvl_compass_fitted", own, "heading_offset_deg")
     for key, offset_deg in (("nominal", -26.0), ("fitted", -19.95)):
-        numbers = statistics(anchored(truth, euler(log), offset_deg)) | {"heading_offset_deg": offset_deg}
-        found |= prefixed(f"dead_reckoning_mti_anchored_{key}", numbers)
+        found |= anchor(f"dead_reckoning_mti_anchored_{key}", log, offset_deg, "heading_offset_deg")
     return found | synthetic_usbl(path, path.parent / "csv" / "usbl_synthetic_key.csv")
 
 
@@ -169,10 +160,8 @@ def river(path: Path, name: str, errors: bool) -> Measured:
     if not errors:
         return found | {key: value for key, value in usbl.items() if "error" not in key}
     for key, longest_s in (("hold", math.inf), ("stop_after_2_s", STOPS_S)):
-        track = euler(log, longest_s)
-        offset_deg = turn_deg(truth_of(log), track)
-        numbers = statistics(anchored(truth_of(log), track, offset_deg)) | {"heading_offset_deg": offset_deg}
-        found |= prefixed(f"dead_reckoning_{key}", numbers)
+        offset_deg = turn_deg(truth_of(log), euler(log, longest_s))
+        found |= anchor(f"dead_reckoning_{key}", log, offset_deg, "heading_offset_deg", longest_s)
     return found | usbl
 
 
@@ -206,9 +195,21 @@ def head(log: Log, stated: Path) -> Measured:
     }
 
 
-def judged(numbers: Measured, way: str) -> Measured:
-    """Return of usbldr's own way only what has a tolerance."""
-    return {key: value for key, value in numbers.items() if not way or key.endswith(("rms_m", "max_m", "_deg"))}
+def fits(key: str, log: Log, angle: str, shared: int = 0) -> Measured:
+    """Fit dead reckoning to the truth, by the collectors' way and, of what has a tolerance, by usbldr's own."""
+    found: Measured = {}
+    for way, track in (("", euler(log)), (OURS, reckoned(timeline(log)))):
+        errors, alignment = fitted(truth_of(log), track)
+        numbers = statistics(errors) | {"n": len(errors) + shared, angle: clockwise_deg(alignment)}
+        kept = {name: value for name, value in numbers.items() if not way or name.endswith(("rms_m", "max_m", "_deg"))}
+        found |= prefixed(key, kept, way)
+    return found
+
+
+def anchor(key: str, log: Log, clockwise_deg: float, angle: str, longest_s: float = math.inf) -> Measured:
+    """Start dead reckoning on the first row of the truth, turned by a given angle."""
+    errors = anchored(truth_of(log), euler(log, longest_s), clockwise_deg)
+    return prefixed(key, statistics(errors) | {angle: clockwise_deg})
 
 
 def map_origin(path: Path) -> Measured:
