@@ -26,7 +26,7 @@ def field_logs() -> Path:
     return folder
 
 
-@pytest.fixture
-def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the pictures, which take longer than all the rest."""
+@pytest.fixture(autouse=True)
+def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no run of this process draw its pictures, which take longer than all the rest; their own tests draw them."""
     monkeypatch.setattr(usbldr_cli.figures.run_figures, "write_figures", lambda *_: [])

@@ -91,7 +91,7 @@ class MultiHypothesisFilter:
         0.05  # how often a vehicle is where dead reckoning cannot have brought it, after a long silence
     )
     long_outage_s: float = 60.0  # which is so long; in a shorter one, in proportion, less can have happened
-    decision_odds: float = 20.0  # at which a rival that moves the track takes over
+    decision_odds: float = 20.0  # at which a rival that moves the track takes over: strong evidence by Kass and Raftery
     pruning_ratio: float = 1e-4  # share of the likeliest one's weight below which a rival is dropped
 
     def start(self, prior: Prior) -> MultiHypothesisBelief:

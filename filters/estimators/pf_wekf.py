@@ -68,10 +68,10 @@ class TwoStageFilter:
 
     motion: MotionModel
     particles: int = 100  # as many as those of the cpf
-    max_fixes: int = 10  # by judgement: enough for their mean to be three times better than one
-    window_s: float = 60.0  # older fixes are not local
+    max_fixes: int = 10  # by judgement; in the scenario multipath half is 9 % worse, twice 52 % better
+    window_s: float = 60.0  # older fixes are not local; half and twice change nothing in the scenarios
     min_fixes: int = 3  # below, a fix is taken with matched noise
-    reject_below: float = 0.01  # probability of the nominal mode
+    reject_below: float = 0.01  # probability of the nominal mode; half and twice change nothing in the scenarios
     drift_per_distance: float = 0.01  # 1-sigma of dead reckoning, of the way that it went
 
     def start(self, prior: Prior) -> TwoStageBelief:

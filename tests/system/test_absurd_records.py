@@ -112,7 +112,6 @@ def commands(log: Path) -> list[list[str]]:
     ]
 
 
-@pytest.mark.usefixtures("without_pictures")
 def test_some_odd_logs_end_in_findings_or_one_sentence(tmp_path: Path) -> None:
     every = logs()
     for what in random.Random(1).sample(sorted(every), 30):
@@ -122,7 +121,6 @@ def test_some_odd_logs_end_in_findings_or_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_every_odd_log_ends_in_findings_or_one_sentence(tmp_path: Path) -> None:
     for rows in logs().values():
         log = write_mcap(tmp_path / "odd.mcap", rows)

@@ -154,7 +154,6 @@ def test_every_key_that_holds_a_number_is_among_those_tried() -> None:
     assert set(numbers(Configuration)) - {"schema"} == set(KEYS)
 
 
-@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("key", KEYS)
 def test_an_absurd_value_is_a_run_or_a_sentence(log: Path, key: str) -> None:
     rng = random.Random(key)
@@ -163,7 +162,6 @@ def test_an_absurd_value_is_a_run_or_a_sentence(log: Path, key: str) -> None:
         check_sentence(replay_with(log, {key: value}, "--filter", "ekf"), key)
 
 
-@pytest.mark.usefixtures("without_pictures")
 def test_a_start_too_far_from_the_fixes_for_any_covariance_is_one_sentence(log: Path) -> None:
     values = {"calibrate.latency_sd_s": 3.0, "process.heading_deg": 0.5, "start.north_m": 1e6}
 
@@ -174,7 +172,6 @@ def test_a_start_too_far_from_the_fixes_for_any_covariance_is_one_sentence(log: 
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("method", ["ekf", "adf", "pf"])
 def test_any_value_is_a_run_or_a_sentence_for_any_filter(log: Path, method: str) -> None:
     for key in KEYS:
@@ -183,7 +180,6 @@ def test_any_value_is_a_run_or_a_sentence_for_any_filter(log: Path, method: str)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_several_odd_values_at_once_are_a_run_or_a_sentence(log: Path) -> None:
     rng = random.Random(0)
     choices = [["--smooth"], ["--order", "arrival"], ["--tune"], ["--guard"], ["--calibrate", "auto"], []]
@@ -214,7 +210,6 @@ NUMBERED = {
 MOMENTS = ["", "x", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59Z", "2020-09-13T12:27:00Z"]
 
 
-@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("option", NUMBERED)
 def test_an_absurd_number_of_an_option_is_a_run_or_a_sentence(log: Path, option: str) -> None:
     rng = random.Random(option)

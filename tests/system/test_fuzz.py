@@ -177,7 +177,6 @@ def every_command(log: Path, out: Path) -> None:
             assert done.return_value in (None, 0, 1, 3), (command, done.return_value)
 
 
-@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("kind", WRITERS)
 def test_every_command_bears_a_damaged_file(tmp_path: Path, kind: str) -> None:
     file = WRITERS[kind](tmp_path)

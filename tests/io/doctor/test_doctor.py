@@ -397,7 +397,6 @@ def replayed(log: Path, *options: str) -> str:
     return CliRunner().invoke(cli, ["replay", str(log), "-f", "dr", "-q", "--force", "-o", target, *options]).stderr
 
 
-@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("ahead_s", [18.0, -18.0, 37.0])
 def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float) -> None:
     """GPS time is 18 s ahead of UTC."""
@@ -431,7 +430,6 @@ def test_the_clock_that_no_driver_explains_is_the_wrong_one(
     assert {"CLOCK-OFFSET", "DVL-MOUNT", "HEADING-DELAY"}.isdisjoint(cured)
 
 
-@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(("first", "second", "sign"), [("x", "y", -1.0), ("y", "x", 1.0)])
 def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
     tmp_path: Path, first: str, second: str, sign: float
