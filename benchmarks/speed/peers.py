@@ -75,8 +75,7 @@ def dive() -> Dive:
         for reading in step.measurements:
             rows = reading.model.rows
             assert rows is not None, "each reading of this dive is of one state"
-            z[step.epoch, rows.start] = reading.z[0]
-            noise[rows.start] = reading.noise
+            z[step.epoch, rows.start], noise[rows.start] = reading.z[0], reading.noise
     dt_s = float(line.time_s[1] - line.time_s[0])
     walk_sd = np.sqrt(VehicleMotion(layout, log.assumptions.process).noise(0.0, dt_s))
     sd = np.sqrt(start.cov.diagonal())

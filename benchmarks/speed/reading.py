@@ -18,29 +18,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-TOPICS = ("/dvl", "/imu", "/usbl", "/gps")
-DVL, IMU, POSE, FIX = (
-    "marine_acoustic_msgs/msg/Dvl",
-    "sensor_msgs/msg/Imu",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "sensor_msgs/msg/NavSatFix",
-)
-RATES = {"/dvl": (5, DVL), "/imu": (100, IMU), "/usbl": (1, POSE), "/gps": (5, FIX)}
-WANTED = {
-    "/dvl": ["header.stamp", "header.frame_id", "velocity.x", "velocity.y", "velocity.z", "velocity_covar.0"],
-    "/imu": [
-        "header.stamp",
-        "header.frame_id",
-        *(f"orientation.{axis}" for axis in "xyzw"),
-        "orientation_covariance.8",
-    ],
-    "/usbl": [
-        "header.stamp",
-        "header.frame_id",
-        *(f"pose.pose.position.{axis}" for axis in "xyz"),
-        "pose.covariance.0",
-    ],
-    "/gps": ["header.stamp", "header.frame_id", "latitude", "longitude", "status.status", "position_covariance.0"],
+STAMP = ["header.stamp", "header.frame_id"]
+SENSORS = {  # rate, type, and what is read beside the stamp
+    "/dvl": (5, "marine_acoustic_msgs/msg/Dvl", [*(f"velocity.{axis}" for axis in "xyz"), "velocity_covar.0"]),
+    "/imu": (100, "sensor_msgs/msg/Imu", [*(f"orientation.{axis}" for axis in "xyzw"), "orientation_covariance.8"]),
+    "/usbl": (
+        1,
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        [*(f"pose.pose.position.{axis}" for axis in "xyz"), "pose.covariance.0"],
+    ),
+    "/gps": (5, "sensor_msgs/msg/NavSatFix", ["latitude", "longitude", "status.status", "position_covariance.0"]),
 }
 CHUNK, FRAME, SECONDS = 4 << 20, 50_000, 600
 KINDS = ("uncompressed", "zstd", "lz4", "unchunked", "db3")
@@ -57,9 +44,9 @@ def write(folder: Path, kind: str, seconds: int) -> Path:
 
     store = known_types(2)
     rng = np.random.default_rng(0)
-    rows = [(k * 10**9 // rate, topic) for topic, (rate, _) in RATES.items() for k in range(rate * seconds)]
+    rows = [(k * 10**9 // rate, topic) for topic, (rate, *_) in SENSORS.items() for k in range(rate * seconds)]
     rows = sorted(rows + [(k * 10**8 + 3 * 10**6, "/camera") for k in range(10 * seconds)])
-    types = {topic: kind for topic, (_, kind) in RATES.items()} | {"/camera": "sensor_msgs/msg/CompressedImage"}
+    types = {topic: name for topic, (_, name, _) in SENSORS.items()} | {"/camera": "sensor_msgs/msg/CompressedImage"}
 
     def payload(time_ns: int, topic: str) -> bytes:
         return bytes(store.serialize_cdr(message(store, types[topic], time_ns, rng), types[topic]))
@@ -77,10 +64,8 @@ def write(folder: Path, kind: str, seconds: int) -> Path:
         writer.start(profile="ros2")
         channels: dict[str, int] = {}
         for topic, name in types.items():
-            text = store.generate_msgdef(name, ros_version=2)[0]
-            channels[topic] = writer.register_channel(
-                topic, "cdr", writer.register_schema(name, "ros2msg", text.encode())
-            )
+            text = store.generate_msgdef(name, ros_version=2)[0].encode()
+            channels[topic] = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", text))
         for time_ns, topic in rows:
             writer.add_message(channels[topic], time_ns, payload(time_ns, topic), time_ns)
         writer.finish()
@@ -95,9 +80,8 @@ def message(store: Any, name: str, time_ns: int, rng: Any) -> Any:
     if name == "std_msgs/msg/Header":
         return types[name](types["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9)), "link")
     if name == "sensor_msgs/msg/CompressedImage":
-        return types[name](
-            message(store, "std_msgs/msg/Header", time_ns, rng), "jpeg", rng.integers(0, 256, FRAME, "u1")
-        )
+        header = message(store, "std_msgs/msg/Header", time_ns, rng)
+        return types[name](header, "jpeg", rng.integers(0, 256, FRAME, "u1"))
     values: list[Any] = []
     for _, (node, what) in store.fielddefs[name][1]:
         if node is Nodetype.NAME:
@@ -119,7 +103,7 @@ def by_usbldr(file: Path) -> Callable[[], int]:
     def read() -> int:
         log = open_log(file)
         found = {topic.name for topic in log.topics()}
-        records = log.read({topic: paths for topic, paths in WANTED.items() if topic in found})
+        records = log.read({topic: STAMP + paths for topic, (*_, paths) in SENSORS.items() if topic in found})
         assert not log.findings()
         return sum(len(one.received_ns) for one in records.values())
 
@@ -133,7 +117,7 @@ def by_mcap(file: Path) -> Callable[[], int]:
     def read() -> int:
         with file.open("rb") as stream:
             reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-            return sum(1 for _ in reader.iter_decoded_messages(topics=list(TOPICS)))
+            return sum(1 for _ in reader.iter_decoded_messages(topics=list(SENSORS)))
 
     return read
 
@@ -143,7 +127,7 @@ def by_rosbags(file: Path) -> Callable[[], int]:
 
     def read() -> int:
         with AnyReader([file]) as reader:
-            wanted = [connection for connection in reader.connections if connection.topic in TOPICS]
+            wanted = [connection for connection in reader.connections if connection.topic in SENSORS]
             return sum(1 for c, _, data in reader.messages(wanted) if reader.deserialize(data, c.msgtype))
 
     return read
