@@ -95,12 +95,14 @@ def _checked(baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]
 
 def _units(file: Path, row: "BaselineRow") -> "list[Job]":
     """Return the runs of a row, one a seed; none where its log is not there."""
-    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.methods import method_named
     from usbldr.io.scenarios.library import scenario_names
     from usbldr_cli.runs.jobs import Job
 
-    if row.filter not in METHODS:
-        raise UsageError(f"{file}: row {row.name!r}: there is no filter {row.filter!r} (filters: {', '.join(METHODS)})")
+    try:
+        method_named(row.filter)
+    except UsageError as err:
+        raise UsageError(f"{file}: row {row.name!r}: {err}") from err
     choices, selection = _choices(file, row)
     beside = file.parent / row.log
     if not beside.exists() and row.log not in scenario_names():
@@ -140,7 +142,7 @@ def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Ma
 
 
 def _judged(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "Sequence[JobResult]") -> "CheckedRow":
-    from usbldr.filters.replay.run import SAMPLING_FILTERS
+    from usbldr.filters.replay.methods import METHODS
     from usbldr_cli.runs import seed_table
     from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
 
@@ -153,7 +155,7 @@ def _judged(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "S
     seeds = tuple(unit.choices.seed for unit in units)
     dives = units[0].simulated
     run = seed_table.ComparisonRow(
-        row.log, row.filter, row.filter, seeds, tuple(outcomes), row.filter in SAMPLING_FILTERS, dives
+        row.log, row.filter, row.filter, seeds, tuple(outcomes), METHODS[row.filter].draws, dives
     )
     found = seed_table.row_metrics(run)
     lost = run.scored_against.lost if run.scored_against is not None else ()

@@ -11,6 +11,7 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr_cli.options.log_options import inputs, is_simulated, open_log, selection_options
+from usbldr_cli.options.methods_option import MethodsCommand
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from usbldr_cli.runs.seed_table import ComparisonRow
 
 
-@click.command()
+@click.command(cls=MethodsCommand)
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True)
 @selection_options
 @click.option("--filters", "-f", metavar="LIST", help="As in dr,ekf,ckf,cpf.  [default: dr,usbl,ekf,adf,cpf]")
@@ -108,8 +109,7 @@ def _finished(folders: Sequence[str], filters: str | None) -> "list[ComparisonRo
 
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     """Return the names in a list of filters; refuse what none of them takes."""
-    from usbldr.filters.replay.methods import METHODS
-    from usbldr.filters.replay.run import FILTERS, FILTERS_WITH_FORMS, GATED
+    from usbldr.filters.replay.methods import FILTERS_WITH_FORMS, METHODS, methods_that
 
     choices.overrides()  # refuses what no run could take
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
@@ -117,12 +117,12 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     if unknown or not names:
         raise UsageError(f"there is no filter {', '.join(unknown) or 'in the list'!r} (filters: {', '.join(METHODS)})")
     _refuse_repeats("--filters", names)
-    if choices.gate is not None and not set(names) & set(GATED):
-        raise UsageError(f"--gate is for {', '.join(GATED)}, and none of them is compared")
-    if choices.aid is not None and not set(names) & set(FILTERS):
-        raise UsageError("--aid is for filters, and none of them is compared")
-    if choices.tune and not set(names) & set(FILTERS):
-        raise UsageError("--tune is for filters, and none of them is compared")
+    methods = [METHODS[name] for name in names]
+    if choices.gate is not None and not any(method.takes_gate for method in methods):
+        raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, and none of them is compared")
+    for option, given in (("--aid", choices.aid is not None), ("--tune", choices.tune)):
+        if given and not any(method.is_filter for method in methods):
+            raise UsageError(f"{option} is for filters, and none of them is compared")
     if choices.form != "mixture" and not set(names) & set(FILTERS_WITH_FORMS):
         raise UsageError(f"--form is for {', '.join(FILTERS_WITH_FORMS)}, and none of them is compared")
     return names
@@ -144,7 +144,7 @@ def _run(
     store: Path | None,
 ) -> "list[ComparisonRow]":
     """Run everything; a method without chance runs once on a file, and on each dive of a scenario."""
-    from usbldr.filters.replay.run import SAMPLING_FILTERS, track_name
+    from usbldr.filters.replay.methods import METHODS, track_name
     from usbldr_cli.runs.jobs import run_jobs
     from usbldr_cli.runs.seed_table import ComparisonRow
 
@@ -167,17 +167,17 @@ def _run(
         name = Path(log).name if names.count(Path(log).name) == 1 else log
         found = tuple(by_place[log, seed, method] for seed in units)
         dives = next(iter(units.values())).simulated
-        label = track_name(method, choices.settings)
-        rows.append(ComparisonRow(name, label, method, tuple(units), found, method in SAMPLING_FILTERS, dives))
+        label = track_name(method, choices.smooth)
+        rows.append(ComparisonRow(name, label, method, tuple(units), found, METHODS[method].draws, dives))
     return rows
 
 
 def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Job]":
     """Return the units of one method on one log, by seed."""
-    from usbldr.filters.replay.run import SAMPLING_FILTERS
+    from usbldr.filters.replay.methods import METHODS
     from usbldr_cli.runs.jobs import Job
 
-    once = not is_simulated(log) and method not in SAMPLING_FILTERS
+    once = not is_simulated(log) and not METHODS[method].draws
     wanted = range(choices.seed, choices.seed + (1 if once else seeds))
     return {seed: Job(log, method, replace(choices, seed=seed), where) for seed in wanted}
 

@@ -12,12 +12,14 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import inputs, log_options, open_log
+from usbldr_cli.options.methods_option import MethodsCommand
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.runs.score_run import required_sensors, score
+from usbldr_cli.runs.score_run import score
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeaveOneOut
+    from usbldr.filters.replay.methods import Method
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
     from usbldr.io.reports.report_json import Run, ScoredTrack
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
 
 
-@click.command()
+@click.command(cls=MethodsCommand)
 @log_options
 @click.option(
     "--filter",
@@ -33,7 +35,8 @@ MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
     "method",
     default="cpf",
     show_default=True,
-    help="cpf upf pf adf ekf ckf ukf afukf aekf pf-wekf; nudge dr usbl",
+    metavar="NAME",
+    help="See Filters below.",
 )
 @run_options
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
@@ -67,15 +70,14 @@ def replay(
     \b
     $ usbldr replay dive.mcap --filter cpf
     """
-    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.methods import method_named
     from usbldr.io.doctor.cross_check import convention_warnings
     from usbldr.io.inputs import output_conflict
     from usbldr.io.read import require
     from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.timeline import timeline
 
-    if method not in METHODS:
-        raise UsageError(f"there is no filter {method!r} (filters: {', '.join(METHODS)})")
+    chosen = method_named(method)
     read = inputs(**where)
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file is not None and (option, file) != ("--json", "-"):
@@ -86,8 +88,8 @@ def replay(
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     if strict and lost:
         raise LogError(lost[0])
-    require(log, required_sensors(method))
-    _refuse_for_tracks(method, choices)
+    require(log, chosen.sensors)
+    _refuse_for_tracks(chosen, choices)
     dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
     log = choices.with_assumptions(log, dive_timeline, method)
     doubts = convention_warnings(log, dive_timeline)
@@ -95,9 +97,9 @@ def replay(
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     log = replace(log, findings=(*log.findings, *doubts))
     if write_calibration is not None:
-        _refuse_without_errors(method, log)
+        _refuse_without_errors(chosen, log)
     if leave_one_out is not None:
-        _refuse_without_shifts(method, choices, dive_timeline)
+        _refuse_without_shifts(chosen, choices, dive_timeline)
     name = log.path.name if log.path.is_dir() else log.path.stem
     target = output or Path(f"{name}-{method}{'-smoothed' if choices.smooth else ''}")
     if what := output_conflict(target, read, inside=False):
@@ -115,38 +117,35 @@ def replay(
     return LogError.exit_code if lost else 0
 
 
-def _refuse_for_tracks(method: str, choices: RunChoices) -> None:
+def _refuse_for_tracks(method: "Method", choices: RunChoices) -> None:
     """Refuse --smooth, --tune and --aid without a filter; run() refuses the filters that --smooth does not suit."""
-    from usbldr.filters.replay.run import FILTERS, SMOOTHER_TRANSFORMS
+    from usbldr.filters.replay.methods import methods_that
 
-    if choices.aid is not None and method not in FILTERS:
-        raise UsageError(f"{method} is no filter, so there is nothing to aid (filters: {', '.join(FILTERS)})")
-    if choices.smooth and method not in FILTERS:
-        raise UsageError(
-            f"{method} is no filter, so there is nothing to smooth (smoothed: {', '.join(SMOOTHER_TRANSFORMS)})"
-        )
-    if choices.tune and method not in FILTERS:
-        raise UsageError(f"{method} is no filter, so there is nothing to tune (filters: {', '.join(FILTERS)})")
+    asked = {"aid": choices.aid is not None, "smooth": choices.smooth, "tune": choices.tune}
+    what = next((option for option, given in asked.items() if given), None)
+    if what is not None and not method.is_filter:
+        filters = methods_that(lambda m: m.is_filter)
+        raise UsageError(f"{method.name} is no filter, so there is nothing to {what} (filters: {filters})")
 
 
-def _refuse_without_errors(method: str, log: "Log") -> None:
+def _refuse_without_errors(method: "Method", log: "Log") -> None:
     """Refuse --write-calibration where nothing of the kind will be found."""
-    from usbldr.filters.replay.run import FILTERS
-
-    if method not in FILTERS:
-        raise UsageError(f"{method} is no filter, so it finds no errors of sensors to write")
+    if not method.is_filter:
+        raise UsageError(f"{method.name} is no filter, so it finds no errors of sensors to write")
     if not log.assumptions.calibrate:
         hint = "ask for --calibrate auto, or name them where it finds none"
         raise UsageError(f"--write-calibration: no errors of sensors are estimated; {hint}")
 
 
-def _refuse_without_shifts(method: str, choices: RunChoices, dive_timeline: "Timeline") -> None:
+def _refuse_without_shifts(method: "Method", choices: RunChoices, dive_timeline: "Timeline") -> None:
     """Refuse --leave-one-out where no fix is told of, or where the filter does not tell what a fix did to it."""
-    from usbldr.filters.replay.run import SMOOTHER_TRANSFORMS
+    from usbldr.filters.replay.methods import methods_that
 
-    if method not in SMOOTHER_TRANSFORMS or choices.form == "literal":
-        told = ", ".join(SMOOTHER_TRANSFORMS)
-        raise UsageError(f"--leave-one-out: {method} does not tell what each fix did to it (those that do: {told})")
+    if method.smoother_transform is None or choices.form == "literal":
+        told = methods_that(lambda m: m.smoother_transform)
+        raise UsageError(
+            f"--leave-one-out: {method.name} does not tell what each fix did to it (those that do: {told})"
+        )
     if not len(dive_timeline.fix_time_s):
         raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
 

@@ -15,7 +15,8 @@ from paper.figures import log_scale, nees_over_time, save_small
 from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.replay.methods import find_anchor, track
+from usbldr.filters.replay.prior import find_anchor
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr_cli.figures.calibration import calibration_figure
@@ -55,7 +56,7 @@ def online_run(case: Case, change: str, folder: Path) -> Run:
     scored: list[ScoredTrack] = []
     for method in (way.method, "usbl", "dr"):
         anchor = find_anchor("start", line, assumptions, None)
-        made = track(method, line, assumptions, way.choices(0).settings, anchor)
+        made = run(method, line, assumptions, way.choices(0).settings, anchor=anchor)
         times_s = None if method == "usbl" else line.time_s[line.slow]
         scored.append(ScoredTrack(made, evaluate(made, truth, definition.window, definition.align, times_s)))
     titled_by = given.log.path.with_name(", USBL ".join(filter(None, (given.log.path.name, change))))

@@ -24,8 +24,9 @@ from usbldr.filters.identification import observability
 from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.replay import prior
-from usbldr.filters.replay.methods import find_anchor, track
-from usbldr.filters.replay.run import SAMPLING_FILTERS
+from usbldr.filters.replay.methods import METHODS
+from usbldr.filters.replay.prior import find_anchor
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
@@ -54,7 +55,7 @@ def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
         for k, name in enumerate(case.scored):
             outcomes = tuple(told[cell, seed][k] for seed in seeds)
             row = ComparisonRow(
-                name, cell.way.label, method, tuple(seeds), outcomes, method in SAMPLING_FILTERS, not case.folder
+                name, cell.way.label, method, tuple(seeds), outcomes, METHODS[method].draws, not case.folder
             )
             rows[name, cell.way, cell.change] = row
     return rows
@@ -73,7 +74,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult
             return [one for one in kept if one is not None]
         anchor = find_anchor("start", line, assumptions, None)
         with constants(prior, CHANGES[cell.change].starting):
-            made = track(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor)
+            made = run(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor=anchor)
         return [
             JobStore(store).write(name, *_judged(case, k, made, given, line, assumptions))
             for k, name in enumerate(names)

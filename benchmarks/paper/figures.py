@@ -16,7 +16,8 @@ from usbldr.filters.evaluation.consistency import CONFIDENCE, DOF, nees
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.models.calibration import EstimatedError, estimated_errors
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.replay.run import FilterSettings, run
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Vector
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from usbldr.filters.replay.run import SAMPLING_FILTERS
+from usbldr.filters.replay.methods import METHODS
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.jobs import Job, run_jobs
 from usbldr_cli.runs.seed_table import ComparisonRow
@@ -193,7 +193,7 @@ def run_plan(wanted: Plan, jobs: int, store: Path) -> Rows:
             method=way.method,
             seeds=tuple(range(count)),
             outcomes=tuple(outcomes[(log, way), seed] for seed in range(count)),
-            sampled=way.method in SAMPLING_FILTERS,
+            sampled=METHODS[way.method].draws,
             dives=True,
         )
         for (log, way), count in wanted.items()

@@ -23,8 +23,9 @@ import numpy as np
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.run import FilterSettings, run
+from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.simulate import leg_motion as true_motion
 from usbldr.filters.types import Timeline

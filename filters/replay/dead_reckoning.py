@@ -1,11 +1,20 @@
 """Tracks without a filter: dead reckoning, raw USBL fixes, one nudged by the other, and where to start."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
+
+
+class Anchor(NamedTuple):
+    """Where dead reckoning is tied to the map."""
+
+    position_m: Vector  # (2,) east, north
+    time_s: float
+    description: str  # "the first five fixes"
 
 
 def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajectory:

@@ -1,77 +1,229 @@
-"""Every way of making a track, by its name on the command line: the filters, and the tracks without one."""
+"""Every way of making a track, by its name on the command line: what it is, how it is made, and what it can do.
 
-from collections.abc import Callable
-from typing import NamedTuple
+Who wants to know whether a method draws particles, takes a gate or can be smoothed asks this table.
+"""
 
-import numpy as np
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
-from usbldr.filters.errors import LogError
-from usbldr.filters.models.parameters import Assumptions
-from usbldr.filters.models.states import StateLayout
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.estimators import adaptive, cpf, cpf_gaussian, cpf_literal, kalman, mode_updates, pf, pf_wekf
+from usbldr.filters.estimators.protocol import Filter
+from usbldr.filters.models.calibration import STATES
+from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.sigma_points import MomentTransform, cubature, linearised, unscented
 from usbldr.filters.replay import dead_reckoning
-from usbldr.filters.replay.position_fixes import usbl_fixes
-from usbldr.filters.replay.prior import starting_fixes, vehicle_positions_m
-from usbldr.filters.replay.run import FILTERS, FilterSettings, run
-from usbldr.filters.types import Timeline, Trajectory, Truth, Vector
-
-METHODS = (*FILTERS, "nudge", "dr", "usbl")
+from usbldr.filters.replay.dead_reckoning import Anchor
+from usbldr.filters.types import Timeline, Trajectory
 
 
-class Anchor(NamedTuple):
-    """Where dead reckoning is tied to the map."""
+@dataclass(frozen=True, slots=True)
+class FilterSettings:
+    """The choices of a run that are the user's and not the log's."""
 
-    position_m: Vector  # (2,) east, north
-    time_s: float
-    description: str  # "the first five fixes"
-
-
-def track(
-    method: str,
-    timeline: Timeline,
-    assumptions: Assumptions,
-    settings: FilterSettings,
-    anchor: Anchor | None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Trajectory:
-    """Make a track by one of METHODS; ``dr`` alone needs the anchor."""
-    if method == "usbl":
-        return dead_reckoning.usbl(timeline)
-    if method == "nudge":
-        return dead_reckoning.nudge(timeline)
-    if method == "dr":
-        if anchor is None:
-            raise LogError(
-                "dead reckoning has nothing to start from: give --dr-from first-gps or LAT,LON, or state [start]"
-            )
-        return dead_reckoning.dr(timeline, anchor.position_m, anchor.time_s)
-    return run(method, timeline, assumptions, settings, progress)
+    particles: int = 100  # the N of the paper
+    gate: float | None = None  # probability that a good measurement passes; None: no gate
+    seed: int = 0
+    form: str = "mixture"  # of cpf and upf, see CPF_FORMS
+    smooth: bool = False  # estimate each epoch from the whole dive, not from what came before it
+    order: str = "validity"  # of late fixes, see late_fixes.FIX_ORDERS
+    guard: bool | None = None  # multiple hypotheses against clusters of false fixes; None: the method's default
 
 
-def find_anchor(where: str, timeline: Timeline, assumptions: Assumptions, truth: Truth | None) -> Anchor | None:
-    """Return the anchor "start", "first-fix", "first-gps" or "first-truth" of a log, None where it has no such thing.
+FilterFactory = Callable[[MotionModel, FilterSettings], Filter[Any]]
+TrackMaker = Callable[[Timeline, Anchor | None], Trajectory]
 
-    "start" is the stated start, else the first fixes: what a filter starts from too. A single fix may be a gross
-    error, so "first-fix" is the median of the first five.
-    """
-    if where == "start" and assumptions.start is not None:
-        start = assumptions.start
-        return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
-    if where in ("start", "first-fix"):
-        usbl = usbl_fixes(timeline, assumptions, StateLayout())
-        fixes = (
-            (usbl.time_s, vehicle_positions_m(timeline, usbl))
-            if where == "first-fix"
-            else starting_fixes(timeline, assumptions)
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One row of METHODS: a filter has ``build``, a track without a filter has ``make_track``."""
+
+    name: str
+    description: str  # one line for help texts
+    build: FilterFactory | None = None
+    make_track: TrackMaker | None = None
+    smoother_transform: MomentTransform | None = None  # by which a smoother goes back; None: too far from a Gaussian
+    draws: bool = False  # it has particles, and its track depends on the seed
+    takes_gate: bool = False
+    multiple_hypotheses: bool = False  # a MultiHypothesisFilter may run around it
+    multiple_hypotheses_by_default: bool = False
+    estimates: frozenset[str] = frozenset(STATES)  # the keys of calibration.STATES that it can estimate
+    sensors: tuple[str, ...] = ("dvl", "compass")  # without which there is no track
+    anchored: bool = False  # it starts at an Anchor
+    scored_at_fixes: bool = False  # errors are taken at the fixes' own times, not on the slow grid
+    colour: str = "#44aa99"  # in every picture
+
+    @property
+    def is_filter(self) -> bool:
+        """Whether it has a belief: a start, states, measurements."""
+        return self.build is not None
+
+
+def _kalman(rule: MomentTransform) -> FilterFactory:
+    def build(motion: MotionModel, settings: FilterSettings) -> Filter[Any]:
+        mode_update = mode_updates.moment_matched if settings.gate is None else mode_updates.Gate(settings.gate)
+        return kalman.KalmanFilter(motion, rule, mode_update)
+
+    return build
+
+
+def _adaptive(rule: MomentTransform, factor: adaptive.InflationFactor) -> FilterFactory:
+    return lambda motion, settings: kalman.KalmanFilter(motion, rule, mode_updates.moment_matched, factor)
+
+
+def _particles(rule: MomentTransform) -> FilterFactory:
+    return lambda motion, settings: CPF_FORMS[settings.form](motion, rule, settings.particles)
+
+
+def _dead_reckoning(timeline: Timeline, anchor: Anchor | None) -> Trajectory:
+    if anchor is None:
+        raise LogError(
+            "dead reckoning has nothing to start from: give --dr-from first-gps or LAT,LON, or state [start]"
         )
-        if not len(fixes[0]):
-            return None
-        return Anchor(dead_reckoning.start_position(timeline, *fixes)[0], 0.0, "the first five fixes")
-    if where == "first-gps":
-        if not len(timeline.gps_time_s):
-            return None
-        return Anchor(timeline.gps_m[0], float(timeline.gps_time_s[0]), "the first GPS fix")
-    if truth is None or not len(truth.time_s):
-        return None
-    inside = truth.time_s >= 0
-    first = int(inside.argmax()) if inside.any() else 0
-    return Anchor(truth.position_m[first], max(0.0, float(truth.time_s[first])), "the first row of the truth")
+    return dead_reckoning.dr(timeline, anchor.position_m, anchor.time_s)
+
+
+CPF_FORMS: Mapping[str, Callable[[MotionModel, MomentTransform, int], Filter[Any]]] = {
+    "mixture": cpf.CubatureParticleFilter,
+    "gaussian": cpf_gaussian.GaussianParticleFilter,
+    "literal": cpf_literal.LiteralParticleFilter,
+}
+"""How the paper's text can be read: particles over noise modes (sound, the default), one Gaussian proposal (sound), by
+the letter (collapses; for study)."""
+FILTERS_WITH_FORMS = ("cpf", "upf")
+
+METHODS: Mapping[str, Method] = {
+    method.name: method
+    for method in (
+        Method(
+            "ekf",
+            "extended Kalman filter: one Gaussian, first derivatives, matched noise",
+            _kalman(linearised),
+            smoother_transform=linearised,
+            takes_gate=True,
+            multiple_hypotheses=True,
+            colour="#d55e00",
+        ),
+        Method(
+            "ckf",
+            "cubature Kalman filter: one Gaussian, cubature points, matched noise",
+            _kalman(cubature),
+            smoother_transform=cubature,
+            takes_gate=True,
+            multiple_hypotheses=True,
+            colour="#882255",
+        ),
+        Method(
+            "ukf",
+            "unscented Kalman filter: one Gaussian, unscented points, matched noise",
+            _kalman(unscented),
+            smoother_transform=unscented,
+            takes_gate=True,
+            multiple_hypotheses=True,
+            colour="#cc79a7",
+        ),
+        Method(
+            "adf",
+            "assumed density filter: one Gaussian, noise mixture collapsed after each measurement",
+            lambda motion, settings: kalman.KalmanFilter(motion, cubature, mode_updates.collapse),
+            smoother_transform=cubature,
+            multiple_hypotheses=True,
+            multiple_hypotheses_by_default=True,
+            colour="#009e73",
+        ),
+        Method(
+            "afukf",
+            "ukf whose covariance fades when fixes lie elsewhere for long",
+            _adaptive(unscented, adaptive.FadingFactor()),
+            smoother_transform=unscented,
+            colour="#aa4499",
+        ),
+        Method(
+            "aekf",
+            "ekf that matches its predicted covariance to its innovations",
+            _adaptive(linearised, adaptive.CovarianceMatching()),
+            smoother_transform=linearised,
+            colour="#661100",
+        ),
+        Method(
+            "cpf",
+            "cubature particle filter: particles over noise modes, each a cubature Kalman filter",
+            _particles(cubature),
+            smoother_transform=cubature,
+            draws=True,
+            multiple_hypotheses=True,
+            multiple_hypotheses_by_default=True,
+            colour="#0072b2",
+        ),
+        Method(
+            "upf",
+            "unscented particle filter: cpf with unscented points",
+            _particles(unscented),
+            smoother_transform=unscented,
+            draws=True,
+            multiple_hypotheses=True,
+            multiple_hypotheses_by_default=True,
+            colour="#56b4e9",
+        ),
+        Method(
+            "pf",
+            "bootstrap particle filter",
+            lambda motion, settings: pf.BootstrapParticleFilter(motion, settings.particles, start_seed=settings.seed),
+            draws=True,
+            estimates=frozenset(STATES) - {"heading", "deviation"},  # a sampled yaw fixes every error of the compass
+            colour="#332288",
+        ),
+        Method(
+            "pf-wekf",
+            "ekf whose fixes are weighted by the last fixes, carried on by dead reckoning",
+            lambda motion, settings: pf_wekf.TwoStageFilter(motion, settings.particles),
+            smoother_transform=linearised,
+            draws=True,
+            colour="#117733",
+        ),
+        Method(
+            "nudge",
+            "dead reckoning shifted onto the fixes, without a filter",
+            make_track=lambda timeline, anchor: dead_reckoning.nudge(timeline),
+            estimates=frozenset(),
+            sensors=("dvl", "compass", "usbl"),
+            colour="#999933",
+        ),
+        Method(
+            "dr",
+            "dead reckoning by DVL and compass",
+            make_track=_dead_reckoning,
+            estimates=frozenset(),
+            anchored=True,
+            colour="#7f7f7f",
+        ),
+        Method(
+            "usbl",
+            "the raw fixes",
+            make_track=lambda timeline, anchor: dead_reckoning.usbl(timeline),
+            estimates=frozenset(),
+            sensors=("dvl", "compass", "usbl"),
+            scored_at_fixes=True,
+            colour="#e69f00",
+        ),
+    )
+}
+"""A new filter is one row here, and one file."""
+
+
+def method_named(name: str) -> Method:
+    """Return a method of METHODS; raises UsageError for a name that is not there."""
+    if name not in METHODS:
+        raise UsageError(f"there is no filter {name!r} (filters: {', '.join(METHODS)})")
+    return METHODS[name]
+
+
+def methods_that(able: Callable[[Method], object]) -> str:
+    """Return the names of the methods for which something holds, as "ekf, ckf"."""
+    return ", ".join(method.name for method in METHODS.values() if able(method))
+
+
+def track_name(name: str, smooth: bool) -> str:
+    """Return what to call the track of a method that was asked to smooth."""
+    return f"{name} smoothed" if smooth and METHODS[name].smoother_transform is not None else name

@@ -1,4 +1,4 @@
-"""Where a filter starts: at a stated start, or where the first fixes say that the vehicle was at time 0."""
+"""Where a filter or dead reckoning starts: at a stated start, or where the first fixes say that the vehicle was."""
 
 import math
 
@@ -11,9 +11,9 @@ from usbldr.filters.models.calibration import prior_sd
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
+from usbldr.filters.replay.dead_reckoning import Anchor, start_position, start_sensitivity
 from usbldr.filters.replay.position_fixes import PositionFixes, gps_fixes, usbl_fixes
-from usbldr.filters.types import Array, Timeline, Vector
+from usbldr.filters.types import Array, Timeline, Truth, Vector
 
 NO_START_TEXT = (
     "no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or let GPS aid "
@@ -83,3 +83,33 @@ def vehicle_positions_m(timeline: Timeline, fixes: PositionFixes) -> Array:
     """Return where the vehicle's reference point was by fixes of a transponder or an antenna beside it, (F, 2)."""
     yaw = np.interp(fixes.time_s, timeline.time_s, timeline.dr_yaw_rad)
     return fixes.position_m - rotated(yaw, np.array(fixes.lever_m[:2]))
+
+
+def find_anchor(where: str, timeline: Timeline, assumptions: Assumptions, truth: Truth | None) -> Anchor | None:
+    """Return the anchor "start", "first-fix", "first-gps" or "first-truth" of a log, None where it has no such thing.
+
+    "start" is the stated start, else the first fixes: what a filter starts from too. A single fix may be a gross
+    error, so "first-fix" is the median of the first five.
+    """
+    if where == "start" and assumptions.start is not None:
+        start = assumptions.start
+        return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
+    if where in ("start", "first-fix"):
+        usbl = usbl_fixes(timeline, assumptions, StateLayout())
+        fixes = (
+            (usbl.time_s, vehicle_positions_m(timeline, usbl))
+            if where == "first-fix"
+            else starting_fixes(timeline, assumptions)
+        )
+        if not len(fixes[0]):
+            return None
+        return Anchor(start_position(timeline, *fixes)[0], 0.0, "the first five fixes")
+    if where == "first-gps":
+        if not len(timeline.gps_time_s):
+            return None
+        return Anchor(timeline.gps_m[0], float(timeline.gps_time_s[0]), "the first GPS fix")
+    if truth is None or not len(truth.time_s):
+        return None
+    inside = truth.time_s >= 0
+    first = int(inside.argmax()) if inside.any() else 0
+    return Anchor(truth.position_m[first], max(0.0, float(truth.time_s[first])), "the first row of the truth")

@@ -27,7 +27,7 @@ from usbldr.filters.models.parameters import Assumptions, ProcessNoise
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import displacement_m
-from usbldr.filters.replay.run import SAMPLING_FILTERS
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -60,7 +60,7 @@ def invented(case: Case, way: Way, change: str, trace: Path) -> list[ComparisonR
     seeds = tuple(range(min(case.dives, FEW_DIVES)))
     outcomes = tuple(JobResult(metrics, trace=trace) for _ in seeds)
     return [
-        ComparisonRow(name, way.label, way.method, seeds, outcomes, way.method in SAMPLING_FILTERS, True)
+        ComparisonRow(name, way.label, way.method, seeds, outcomes, METHODS[way.method].draws, True)
         for name in case.scored
     ]
 

@@ -17,7 +17,7 @@ from paper.runs import LATE, SHARES, STATES, UNSEEN, Rows, Way, plan, shared, wr
 from usbldr.filters.bounds.dive_bounds import dive_bounds
 from usbldr.filters.models.calibration import EstimatedError
 from usbldr.filters.models.noise import Gaussian, Mixture
-from usbldr.filters.replay.run import SAMPLING_FILTERS
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -50,7 +50,7 @@ def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = 
     ]
     outcomes = tuple(JobResult(one, trace=trace) for one in metrics)
     return ComparisonRow(
-        log, way.label, way.method, tuple(range(len(values))), outcomes, way.method in SAMPLING_FILTERS, True
+        log, way.label, way.method, tuple(range(len(values))), outcomes, METHODS[way.method].draws, True
     )
 
 

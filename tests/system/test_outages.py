@@ -19,8 +19,9 @@ from usbldr.filters.models.noise import Contamination, chi_square_quantile
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise
 from usbldr.filters.models.sigma_points import cubature
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.outage_recovery import outage_recoveries
-from usbldr.filters.replay.run import FilterSettings, run
+from usbldr.filters.replay.run import run
 from usbldr.filters.simulation.scenario import Scenario, Timing
 from usbldr.filters.types import Outage, Timeline, Trajectory
 from usbldr.io.scenarios.library import find_scenario

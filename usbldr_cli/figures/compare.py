@@ -12,9 +12,9 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
 from usbldr_cli.figures.overlay import (
-    UNFILTERED,
     colour_of,
     error_figure,
+    filtered,
     line_style,
     method_of,
     overlay_canvas,
@@ -67,7 +67,7 @@ def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
             share = np.arange(1, len(length) + 1) / len(length)
             thin = np.unique(np.linspace(0, len(length) - 1, 2000).astype(int))  # more points than pixels
             axes.plot(length[thin], 100 * share[thin], label=label, **line_style(rows, label))
-            if method_of(rows, label) not in UNFILTERED or all(r.method in UNFILTERED for r in rows):
+            if filtered(method_of(rows, label)) or not any(filtered(r.method) for r in rows):
                 longest = max(longest, float(np.percentile(length, 99.5)))
         for share in (50, 95):
             axes.axhline(share, color="#999999", lw=0.8, ls=":", zorder=1)

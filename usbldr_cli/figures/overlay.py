@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Vector
 from usbldr_cli.figures.style import (
     TRUTH_COLOUR,
@@ -21,7 +22,6 @@ from usbldr_cli.runs.job_store import Trace, read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 AXES = ("east", "north")
-UNFILTERED = ("dr", "usbl", "nudge")  # what filters are held against: their errors do not set the scale
 CLOSE_ERRORS = 8.0  # times the largest error: how far along its way the close-up follows the vehicle, either side
 WIDE, THIN = 2.4, 0.8  # of the first and the last line: tracks that coincide show as edges
 GAP_STEPS = 3.0  # times the usual step: a line is not drawn across more
@@ -122,13 +122,18 @@ def _seed_text(rows: Sequence[ComparisonRow]) -> str:
 
 def scaling_traces(rows: Sequence[ComparisonRow], traces: Traces) -> Traces:
     """Return the traces that set the scale: those of filters, where there are any."""
-    filters = {label: trace for label, trace in traces.items() if method_of(rows, label) not in UNFILTERED}
+    filters = {label: trace for label, trace in traces.items() if filtered(method_of(rows, label))}
     return filters or traces
 
 
 def method_of(rows: Sequence[ComparisonRow], label: str) -> str:
     """Return the method of a row."""
     return next(row.method for row in rows if row.label == label)
+
+
+def filtered(method: str) -> bool:
+    """Return whether a method is a filter; the errors of the others do not set the scale."""
+    return method not in METHODS or METHODS[method].is_filter
 
 
 def colour_of(rows: Sequence[ComparisonRow], label: str) -> str:
@@ -144,9 +149,9 @@ def line_style(rows: Sequence[ComparisonRow], label: str) -> dict[str, Any]:
     method = method_of(rows, label)
     same = [row.label for row in rows if row.method == method]
     style = {"color": colour(method), "ls": ("-", "--", ":", "-.")[same.index(label) % 4]}
-    if method in UNFILTERED:
+    if not filtered(method):
         return {**style, "lw": 1.0, "zorder": 2}
-    filters = [row.label for row in rows if row.method not in UNFILTERED]
+    filters = [row.label for row in rows if filtered(row.method)]
     width = np.linspace(WIDE, THIN, len(filters))[filters.index(label)] if len(filters) > 1 else 1.4
     return {**style, "lw": float(width), "zorder": 3}
 

@@ -15,6 +15,7 @@ from matplotlib import figure as mpl_figure
 from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
 
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
@@ -22,22 +23,7 @@ from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
 Axes: TypeAlias = Any  # matplotlib's own types leave every keyword unknown, which strict checking refuses
 Figure: TypeAlias = Any
 
-FILTER_COLOURS: Mapping[str, str] = {
-    "cpf": "#0072b2",
-    "upf": "#56b4e9",
-    "pf": "#332288",
-    "adf": "#009e73",
-    "ekf": "#d55e00",
-    "ckf": "#882255",
-    "ukf": "#cc79a7",
-    "afukf": "#aa4499",
-    "aekf": "#661100",
-    "pf-wekf": "#117733",
-    "nudge": "#999933",
-    "usbl": "#e69f00",
-    "dr": "#7f7f7f",
-}
-OTHER_COLOUR = "#44aa99"  # a method of which this table has not heard
+OTHER_COLOUR = "#44aa99"  # of a run by a method that this version does not have
 TRUTH_COLOUR = "#000000"
 REJECTED_COLOUR = "#cc0000"
 
@@ -75,7 +61,8 @@ def in_style() -> AbstractContextManager[None]:
 
 def colour(method: str) -> str:
     """Return the colour of a method in every picture; a smoothed track has its filter's."""
-    return FILTER_COLOURS.get(method.removesuffix(" smoothed"), OTHER_COLOUR)
+    known = METHODS.get(method.removesuffix(" smoothed"))
+    return OTHER_COLOUR if known is None else known.colour
 
 
 def run_figure(run: Run, what: str, width_in: float, height_in: float) -> Figure:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import UsageError
+from usbldr_cli.options.methods_option import MethodsOption
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.evaluation import Window
-    from usbldr.filters.replay.methods import Anchor
-    from usbldr.filters.replay.run import FilterSettings
+    from usbldr.filters.replay.dead_reckoning import Anchor
+    from usbldr.filters.replay.methods import FilterSettings
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
 
@@ -46,7 +47,7 @@ class RunChoices:
     @property
     def settings(self) -> "FilterSettings":
         """The filter's share."""
-        from usbldr.filters.replay.run import FilterSettings
+        from usbldr.filters.replay.methods import FilterSettings
 
         return FilterSettings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order, self.guard)
 
@@ -98,7 +99,8 @@ class RunChoices:
         """Return where dead reckoning starts."""
         import numpy as np
 
-        from usbldr.filters.replay.methods import Anchor, find_anchor
+        from usbldr.filters.replay.dead_reckoning import Anchor
+        from usbldr.filters.replay.prior import find_anchor
         from usbldr.io.geodesy import to_plane
 
         if self.dr_from in ANCHORS:
@@ -128,9 +130,23 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     several = click.IntRange(min=2)
     share = click.FloatRange(0, 1, min_open=True, max_open=True)
     options = (
-        click.option("--particles", "-N", type=several, default=100, show_default=True, help="Of cpf, upf and pf."),
         click.option(
-            "--gate", type=share, metavar="P", help="ekf, ckf, ukf: refuse what P of good readings do not do."
+            "--particles",
+            "-N",
+            cls=MethodsOption,
+            having="draws",
+            type=several,
+            default=100,
+            show_default=True,
+            help="Of {methods}.",
+        ),
+        click.option(
+            "--gate",
+            cls=MethodsOption,
+            having="takes_gate",
+            type=share,
+            metavar="P",
+            help="{methods}: refuse what P of good readings do not do.",
         ),
         click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Same seed, same bits."),
         click.option(
@@ -180,8 +196,10 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option(
             "--guard/--no-guard",
+            cls=MethodsOption,
+            having="multiple_hypotheses_by_default",
             default=None,
-            help="Doubt fixes that agree with each other, but not with the past: adf, cpf and upf do by default.",
+            help="Doubt fixes that agree with each other, but not with the past: {methods} do by default.",
         ),
         click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
         click.option(
@@ -199,12 +217,9 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _estimable_errors(method: str, form: str) -> frozenset[str]:
     """Return the errors of sensors that a method can estimate beside the track."""
-    from usbldr.filters.models.calibration import STATES
-    from usbldr.filters.replay.run import FILTERS
+    from usbldr.filters.replay.methods import METHODS
 
-    if method not in FILTERS or form == "literal":
-        return frozenset()
-    return frozenset(STATES) - ({"heading", "deviation"} if method == "pf" else set())
+    return frozenset() if form == "literal" else METHODS[method].estimates
 
 
 def _keys(text: str) -> tuple[str, ...]:

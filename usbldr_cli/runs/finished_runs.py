@@ -37,7 +37,7 @@ def read_runs(folders: Sequence[Path]) -> list[ComparisonRow]:
 
 
 def _row(folder: Path) -> ComparisonRow:
-    from usbldr.filters.replay.run import SAMPLING_FILTERS
+    from usbldr.filters.replay.methods import METHODS
 
     file = folder / REPORT
     try:
@@ -64,7 +64,8 @@ def _row(folder: Path) -> ComparisonRow:
         trace = folder if (folder / "track.tum").is_file() and (folder / "truth.tum").is_file() else None
         outcome = JobResult(numbers, tuple(report["warnings"]), scored_against=judged, trace=trace)
         method = str(report["filter"])
-        return ComparisonRow(judged.log, method, method, (int(report["seed"]),), (outcome,), method in SAMPLING_FILTERS)
+        draws = method in METHODS and METHODS[method].draws
+        return ComparisonRow(judged.log, method, method, (int(report["seed"]),), (outcome,), draws)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
         raise LogError(f"{file}: is not a report of usbldr replay, or not a whole one ({err!r})") from err
 

@@ -61,24 +61,18 @@ class _FinishedJob(NamedTuple):
 
 def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
-    from usbldr.filters.replay.run import (
-        FILTERS,
-        FILTERS_WITH_FORMS,
-        GATED,
-        GUARDABLE,
-        SAMPLING_FILTERS,
-        SMOOTHER_TRANSFORMS,
-    )
+    from usbldr.filters.replay.methods import FILTERS_WITH_FORMS, METHODS
 
+    able = METHODS[method]
     return replace(
         choices,
-        particles=choices.particles if method in SAMPLING_FILTERS else 2,
-        gate=choices.gate if method in GATED else None,
-        guard=choices.guard if method in GUARDABLE else None,
+        particles=choices.particles if able.draws else 2,
+        gate=choices.gate if able.takes_gate else None,
+        guard=choices.guard if able.multiple_hypotheses else None,
         form=choices.form if method in FILTERS_WITH_FORMS else "mixture",
-        smooth=choices.smooth and method in SMOOTHER_TRANSFORMS,
-        tune=choices.tune and method in FILTERS,
-        dr_from=choices.dr_from if method == "dr" else "start",
+        smooth=choices.smooth and able.smoother_transform is not None,
+        tune=choices.tune and able.is_filter,
+        dr_from=choices.dr_from if able.anchored else "start",
     )
 
 
@@ -188,14 +182,15 @@ def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: 
 
 
 def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:
+    from usbldr.filters.replay.methods import METHODS
     from usbldr.io.read import require
-    from usbldr_cli.runs.score_run import required_sensors, score
+    from usbldr_cli.runs.score_run import score
 
-    require(source.log, required_sensors(method))
+    require(source.log, METHODS[method].sensors)
     log, dive_timeline = choices.with_assumptions(source.log, source.dive_timeline, method), source.dive_timeline
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
-    anchor = choices.anchor(log, dive_timeline) if method == "dr" else None
+    anchor = choices.anchor(log, dive_timeline) if METHODS[method].anchored else None
     trajectory, report = score(method, log, dive_timeline, choices, anchor, shown=False)
     assert report is not None  # there is a truth
     judged = ScoringContext(
@@ -219,9 +214,9 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
 
 def _key(source: _Source, method: str, choices: RunChoices) -> str:
     """Return the digest of all that a result depends on; a method without chance does not depend on the seed."""
-    from usbldr.filters.replay.run import SAMPLING_FILTERS
+    from usbldr.filters.replay.methods import METHODS
 
-    settled = asdict(choices) | ({} if method in SAMPLING_FILTERS else {"seed": None})
+    settled = asdict(choices) | ({} if METHODS[method].draws else {"seed": None})
     said = json.dumps([source.digest, source.log.path.name, method, settled, _code()], sort_keys=True)
     return hashlib.sha256(said.encode()).hexdigest()[:32]
 

@@ -11,15 +11,10 @@ from usbldr.filters.errors import LogError
 from usbldr_cli.options.run_options import RunChoices
 
 if TYPE_CHECKING:
-    from usbldr.filters.replay.methods import Anchor
+    from usbldr.filters.replay.dead_reckoning import Anchor
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
     from usbldr.io.reports.report_json import ScoredTrack
-
-
-def required_sensors(method: str) -> tuple[str, ...]:
-    """Return the sensors that a method cannot do without."""
-    return ("dvl", "compass", "usbl") if method in ("usbl", "nudge") else ("dvl", "compass")
 
 
 def score(
@@ -30,25 +25,22 @@ def score(
     ``shown``: with a progress bar while stderr is a terminal.
     """
     from usbldr.filters.evaluation.evaluation import evaluate
-    from usbldr.filters.replay.methods import track
+    from usbldr.filters.replay.methods import method_named
     from usbldr.filters.replay.position_fixes import require_gps
     from usbldr.filters.replay.prior import NO_START_TEXT, starting_fixes
-    from usbldr.filters.replay.run import FILTERS
+    from usbldr.filters.replay.run import run
     from usbldr.io.reports.report_json import ScoredTrack
 
+    able = method_named(method)
     aid = log.assumptions.aid
     require_gps(dive_timeline, aid, str(log.path))
-    if (
-        method in FILTERS
-        and log.assumptions.start is None
-        and not len(starting_fixes(dive_timeline, log.assumptions)[0])
-    ):
+    if able.is_filter and log.assumptions.start is None and not len(starting_fixes(dive_timeline, log.assumptions)[0]):
         raise LogError(f"{log.path}: {NO_START_TEXT}")
     with _bar(method, len(dive_timeline.time_s), shown) as progress:
-        trajectory = track(method, dive_timeline, log.assumptions, choices.settings, anchor, progress)
+        trajectory = run(method, dive_timeline, log.assumptions, choices.settings, progress, anchor)
     if log.truth is None:
         return ScoredTrack(trajectory, None)
-    at = None if method == "usbl" else dive_timeline.time_s[dive_timeline.slow]
+    at = None if able.scored_at_fixes else dive_timeline.time_s[dive_timeline.slow]
     return ScoredTrack(trajectory, evaluate(trajectory, log.truth, choices.window(log), choices.align, at, aid))
 
 

@@ -10,7 +10,8 @@ from usbldr.filters.bounds.dive_bounds import dive_bounds, true_states
 from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
-from usbldr.filters.replay.run import FilterSettings, run
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.scenario import Accuracy, Leg, Scenario, Timing
 from usbldr.filters.simulation.simulate import simulate

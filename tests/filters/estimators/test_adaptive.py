@@ -16,7 +16,7 @@ from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sensors import DirectState, Measurement
 from usbldr.filters.models.sigma_points import MomentTransform, linearised, unscented
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.run import FILTERS, FilterSettings
+from usbldr.filters.replay.methods import METHODS, FilterSettings
 
 QUIET = (1e-4, 1e-6)
 ONE = Gaussian().modes(np.eye(1))
@@ -140,4 +140,6 @@ def test_the_table_pairs_ukf_and_ekf_with_their_factors(
 ) -> None:
     motion = VehicleMotion(StateLayout(), ProcessNoise())
 
-    assert FILTERS[name](motion, FilterSettings()) == KalmanFilter(motion, rule, moment_matched, factor)
+    build = METHODS[name].build
+    assert build is not None
+    assert build(motion, FilterSettings()) == KalmanFilter(motion, rule, moment_matched, factor)

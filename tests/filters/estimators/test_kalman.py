@@ -19,7 +19,7 @@ from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.run import FILTERS, FilterSettings
+from usbldr.filters.replay.methods import METHODS, FilterSettings
 
 Q = (0.05, 0.02)
 run = functools.partial(estimates, seed=None)
@@ -158,7 +158,7 @@ def test_every_filter_in_the_table_steps() -> None:
     fix = Measurement(
         np.ones(2), UsblFix(StateLayout(), -0.1), Contamination().modes(np.eye(2)), "usbl", "position", 0, 0.1
     )
-    for name, build in FILTERS.items():
+    for name, build in ((name, method.build) for name, method in METHODS.items() if method.build):
         estimator = build(VehicleMotion(StateLayout(), ProcessNoise()), replace(FilterSettings(), particles=20))
         belief = estimator.step(estimator.start(prior), Step(1, 0.0, 0.2, (fix,)), lambda: np.random.default_rng(0))
         estimate = estimator.estimate(belief)

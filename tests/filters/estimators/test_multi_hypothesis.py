@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 
 from timelines import five_hz
+from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise
+from usbldr.filters.models.sigma_points import cubature
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.late_fixes import by_validity
+from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.run import FILTERS, FilterSettings, run
+from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Reacquisition, Timeline
 from usbldr.io.scenarios.library import find_scenario
@@ -84,7 +87,9 @@ def replayed(
     """Run a filter over the dive, by itself or guarded."""
     assumed = Assumptions(process=process, usbl=usbl)
     motion = VehicleMotion(StateLayout(), process)
-    estimator = FILTERS[name](motion, FilterSettings(particles=20, gate=gate))
+    build = METHODS[name].build
+    assert build is not None
+    estimator = build(motion, FilterSettings(particles=20, gate=gate))
     estimator = MultiHypothesisFilter(estimator, motion) if guarded else estimator
     known = list(
         by_validity(
@@ -246,7 +251,7 @@ def test_estimates_repeat_when_a_step_is_run_again() -> None:
     line, _ = dive(2, 5, 50.0)
     assumed = Assumptions(process=UNSURE)
     motion = VehicleMotion(StateLayout(), UNSURE)
-    guard = MultiHypothesisFilter(FILTERS["cpf"](motion, FilterSettings(particles=20)), motion)
+    guard = MultiHypothesisFilter(CubatureParticleFilter(motion, cubature, 20), motion)
     readings = StepSource(line, assumed, StateLayout())
     belief = guard.start(prior(line, assumed, StateLayout()))
     for k in range(SILENT[1] * RATE_HZ + 8):

@@ -12,7 +12,8 @@ from usbldr.filters.estimators.mode_updates import collapse, moment_matched
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
-from usbldr.filters.replay.run import SMOOTHER_TRANSFORMS, FilterSettings, run
+from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.run import run
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
@@ -142,4 +143,4 @@ def test_only_what_is_near_a_gaussian_is_smoothed() -> None:
     for name, form in (("pf", "mixture"), ("cpf", "literal")):
         with pytest.raises(UsageError, match=f"{name} is too far from a Gaussian"):
             run(name, line, log.assumptions, FilterSettings(form=form, smooth=True))
-    assert "pf" not in SMOOTHER_TRANSFORMS
+    assert METHODS["pf"].smoother_transform is None

@@ -7,7 +7,8 @@ import pytest
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
-from usbldr.filters.replay.run import FilterSettings, run
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log

@@ -10,7 +10,8 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions
-from usbldr.filters.replay.run import FILTERS, FilterSettings, run
+from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Timeline, Trajectory
 from usbldr_cli.main import cli
 from weaving import SD_M, Faults, weaving_dive
@@ -28,7 +29,7 @@ def position_cov_m2(track: Trajectory) -> Array:
 
 
 # a bootstrap particle filter has to hit the first heading and velocity by chance, fixes or not (assumptions.Start)
-@pytest.mark.parametrize("method", [name for name in FILTERS if name != "pf"])
+@pytest.mark.parametrize("method", [name for name, method in METHODS.items() if method.is_filter and name != "pf"])
 def test_every_filter_estimates_from_the_start_on_where_the_first_fix_comes_after_a_minute(method: str) -> None:
     whole = weaving_dive(Faults(), seconds=90)
     track = run(

@@ -12,8 +12,9 @@ from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, Start
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.position_fixes import DEFAULT_GPS_SD_M, gps_fixes, require_gps
-from usbldr.filters.replay.run import FILTERS, FilterSettings, run
+from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.types import Array, Indices, Timeline, Trajectory, Truth
 
@@ -42,7 +43,7 @@ def elsewhere(line: Timeline) -> Indices:
     return np.flatnonzero(~inside)
 
 
-@pytest.mark.parametrize("name", [*FILTERS])
+@pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.is_filter])
 def test_gps_outside_the_windows_changes_no_bit_and_inside_it_changes_the_track(name: str) -> None:
     line, settings = timeline(), FilterSettings(particles=200)
     outside, within = line.gps_m.copy(), line.gps_m.copy()

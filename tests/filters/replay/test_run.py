@@ -12,9 +12,9 @@ from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseF
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.methods import find_anchor
-from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.run import FILTERS, FilterSettings, run
+from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.prior import find_anchor, prior
+from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.types import Timeline
 from weaving import Faults, weaving_dive
@@ -110,7 +110,9 @@ def test_time_passes_from_epoch_to_epoch_and_not_in_the_first_step() -> None:
     assert all(a[1] == b[0] for a, b in itertools.pairwise(spans))
 
 
-@pytest.mark.parametrize("name", [name for name in FILTERS if name != "pf"])  # which has to hit the start by chance
+@pytest.mark.parametrize(
+    "name", [name for name, method in METHODS.items() if method.is_filter and name != "pf"]
+)  # which has to hit the start by chance
 def test_every_filter_follows_a_clean_track(name: str) -> None:
     line = timeline(30.0, tuple(np.arange(0.0, 30.0) + 0.05))
     track = run(name, line, Assumptions(), FilterSettings(particles=50))

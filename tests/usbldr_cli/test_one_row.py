@@ -1,0 +1,87 @@
+"""A filter of one's own is one row of METHODS: every command then knows it."""
+
+import contextlib
+import json
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import commands
+from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step
+from usbldr.filters.models.states import POSITION
+from usbldr.filters.replay.methods import METHODS, Method
+from usbldr_cli.figures.style import colour
+from usbldr_cli.runs import jobs
+from usbldr_cli.runs.job_store import JobStore
+
+DIVE = str(Path(__file__).resolve().parents[2] / "sample_logs" / "paper.mcap")
+
+
+@dataclass(frozen=True)
+class LastFix:
+    """Holds the position of the last fix."""
+
+    def start(self, prior: Prior) -> Prior:
+        return prior
+
+    def step(self, belief: Prior, step: Step, make_rng: MakeRng) -> Prior:
+        mean = belief.mean.copy()
+        for measurement in step.measurements:
+            if measurement.sensor == "usbl":
+                mean[POSITION[("east", "north").index(measurement.axis)]] = measurement.z[0]
+        return Prior(mean, belief.cov)
+
+    def estimate(self, belief: Prior) -> Estimate:
+        return Estimate(belief.mean, belief.cov, (), 1.0, float("nan"))
+
+
+@pytest.fixture
+def own(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = Method("last-fix", "the last fix, held", lambda *_: LastFix(), draws=True, takes_gate=True, colour="#123456")
+    monkeypatch.setitem(METHODS, row.name, row)
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the jobs of a comparison here: a process of their own would not have the row."""
+
+    def submit(unit: jobs.Job, kept: JobStore | None) -> Future:
+        done: Future = Future()
+        done.set_result(jobs._run(unit, kept))
+        return done
+
+    monkeypatch.setattr(jobs, "_workers", lambda count: contextlib.nullcontext(submit))
+
+
+@pytest.mark.usefixtures("own")
+def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(tmp_path: Path) -> None:
+    done = commands.run("replay", DIVE, "-f", "last-fix", "--calibrate", "none", "-o", str(tmp_path / "run"))
+
+    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    raw_m = report["baselines"]["usbl"]["metrics"]["mean_horizontal_m"]
+    assert done.exit_code == 0, done.output
+    assert report["filter"] == "last-fix"
+    assert raw_m < report["metrics"]["mean_horizontal_m"] < raw_m + 0.6  # fixes each 0.5 s at 1 m/s: up to 0.5 m late
+    assert (tmp_path / "run" / "track.png").stat().st_size > 10_000
+    assert colour("last-fix smoothed") == "#123456"
+
+
+@pytest.mark.usefixtures("own")
+def test_help_and_refusals_know_a_filter_that_is_one_row() -> None:
+    told = commands.run("replay", "--help").output
+
+    assert "the last fix, held" in told
+    assert " ".join(told.split()).count("pf-wekf, last-fix") == 1  # those that draw
+    refused = commands.run("replay", DIVE, "-f", "last-fix", "--smooth")
+    assert "last-fix is too far from a Gaussian" in str(refused.exception)
+    assert "ukf, last-fix" in str(commands.run("replay", DIVE, "-f", "cpf", "--gate", "0.9").exception)
+
+
+@pytest.mark.usefixtures("own", "in_this_process")
+def test_compare_runs_a_filter_that_is_one_row_once_a_seed() -> None:
+    done = commands.run("compare", DIVE, "--filters", "dr,last-fix", "--seeds", "2", "--calibrate", "none", "--json")
+
+    rows = json.loads(done.output)["rows"]
+    assert [(row["filter"], row["seeds"]) for row in rows] == [("dr", 1), ("last-fix", 2)]

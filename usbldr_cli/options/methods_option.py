@@ -1,0 +1,31 @@
+"""Help texts that the table of methods fills in, once they are printed."""
+
+from typing import Any
+
+import click
+
+
+class MethodsOption(click.Option):
+    """``{methods}`` in its help becomes the names of the methods with a certain field of Method."""
+
+    def __init__(self, *args: Any, having: str, **given: Any) -> None:
+        super().__init__(*args, **given)
+        self.having = having
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Return the option and its help."""
+        from usbldr.filters.replay.methods import methods_that
+
+        record = super().get_help_record(ctx)
+        return record and (record[0], record[1].replace("{methods}", methods_that(lambda m: getattr(m, self.having))))
+
+
+class MethodsCommand(click.Command):
+    """A command whose help ends in the list of methods."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each method's name and description."""
+        from usbldr.filters.replay.methods import METHODS
+
+        with formatter.section("Filters"):
+            formatter.write_dl([(method.name, method.description) for method in METHODS.values()])
