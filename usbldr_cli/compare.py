@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr_cli.options.log_options import inputs, is_simulated, open_log, selection_options
+from usbldr_cli.options.log_options import inputs, open_log, selection_options
 from usbldr_cli.options.methods_option import MethodsCommand
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
@@ -51,6 +51,7 @@ def compare(
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
     """
+    from usbldr.io.session import is_simulated
     from usbldr_cli.runs.compare_directory import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
 
@@ -111,7 +112,7 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     """Return the names in a list of filters; refuse what none of them takes."""
     from usbldr.filters.replay.methods import FILTERS_WITH_FORMS, METHODS, methods_that
 
-    choices.overrides()  # refuses what no run could take
+    choices.settings()  # refuses what no run could take
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
     unknown = [name for name in names if name not in METHODS]
     if unknown or not names:
@@ -175,6 +176,7 @@ def _run(
 def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Job]":
     """Return the units of one method on one log, by seed."""
     from usbldr.filters.replay.methods import METHODS
+    from usbldr.io.session import is_simulated
     from usbldr_cli.runs.jobs import Job
 
     once = not is_simulated(log) and not METHODS[method].draws

@@ -33,7 +33,7 @@ def export(output: Path | None, form: str | None, start: str | None, end: str | 
     from usbldr.io.writers.write_log import log_format_of
 
     log_format_of(output, form)
-    log, _ = open_log(**where)
+    log = open_log(**where)
     lost = [finding for finding in log.findings if finding.lost_data]
     from_s = -math.inf if start is None else seconds_of_log("--start", start, log.start_ns)
     to_s = math.inf if end is None else seconds_of_log("--end", end, log.start_ns)

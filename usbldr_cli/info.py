@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError
-from usbldr_cli.options.log_options import is_simulated, open_log, read_request, selection_options
+from usbldr_cli.options.log_options import open_log, read_request, selection_options
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
@@ -40,10 +40,11 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: An
 
 
 def _survey(log: str, selection: dict[str, Any]) -> "Survey":
+    from usbldr.io.session import is_simulated
     from usbldr.io.survey import survey, survey_of
 
     if is_simulated(log):
-        return survey_of(open_log(log, seed=0, **selection)[0])
+        return survey_of(open_log(log, **selection))
     return survey(Path(log), read_request(**selection))
 
 

@@ -3,7 +3,8 @@
 import json
 import math
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,6 @@ from usbldr_cli.options.log_options import inputs, log_options, open_log
 from usbldr_cli.options.methods_option import MethodsCommand
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.runs.score_run import score
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeaveOneOut
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
     from usbldr.io.reports.report_json import Run, ScoredTrack
+    from usbldr.io.session import RunSettings
 
 MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
 
@@ -75,6 +76,7 @@ def replay(
     from usbldr.io.inputs import output_conflict
     from usbldr.io.read import require
     from usbldr.io.reports.run_directory import run_directory
+    from usbldr.io.session import resolve
     from usbldr.io.timeline import timeline
 
     chosen = method_named(method)
@@ -82,7 +84,7 @@ def replay(
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file is not None and (option, file) != ("--json", "-"):
             refuse_file(option, Path(file), force, read, output)
-    log, content = open_log(seed=choices.seed, **where)
+    log = open_log(seed=choices.seed, **where)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
@@ -91,7 +93,8 @@ def replay(
     require(log, chosen.sensors)
     _refuse_for_tracks(chosen, choices)
     dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
-    log = choices.with_assumptions(log, dive_timeline, method)
+    settings = choices.settings(log.start_ns)
+    log = replace(log, assumptions=resolve(log, dive_timeline, method, settings))
     doubts = convention_warnings(log, dive_timeline)
     for finding in doubts:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
@@ -105,9 +108,9 @@ def replay(
     if what := output_conflict(target, read, inside=False):
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
-        run = _run(method, log, dive_timeline, choices, content)
+        run = _run(method, log, dive_timeline, choices, settings)
         if leave_one_out is not None:
-            run = _with_left_out(method, run, choices, leave_one_out)
+            run = _with_left_out(method, run, settings, leave_one_out)
         _write(folder, run)
         if write_calibration is not None:
             _write_calibration(Path(write_calibration), run)
@@ -150,33 +153,41 @@ def _refuse_without_shifts(method: "Method", choices: RunChoices, dive_timeline:
         raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
 
 
-def _run(
-    method: str, log: "Log", dive_timeline: "Timeline", choices: RunChoices, content: dict[str, object] | None
-) -> "Run":
+def _run(method: str, log: "Log", dive_timeline: "Timeline", choices: RunChoices, settings: "RunSettings") -> "Run":
     """Make the track and those that people do without a filter, and judge all of them alike."""
     from usbldr.io.reports.report_json import Run
+    from usbldr.io.session import reference_tracks
+    from usbldr.io.settings.validation import read_document
 
-    anchor = choices.anchor(log, dive_timeline)
-    possible = {"usbl": len(dive_timeline.fix_time_s) > 0, "dr": anchor is not None}
-    others = [name for name, there in possible.items() if there and name != method]
-    scored = score(method, log, dive_timeline, choices, anchor)
-    baselines: list[ScoredTrack] = []
-    for name in others:
-        with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
-            baselines.append(score(name, log, dive_timeline, choices, anchor))
-    return Run(log, dive_timeline, scored, tuple(baselines), choices.order, choices.seed, asdict(choices), content)
+    references = reference_tracks(log, dive_timeline, method, settings, log.assumptions)
+    scored = _score(method, log, dive_timeline, settings)
+    content = None if log.configuration is None else read_document(log.configuration)
+    return Run(log, dive_timeline, scored, references, choices.order, choices.seed, asdict(choices), content)
 
 
-def _with_left_out(method: str, run: "Run", choices: RunChoices, count: int) -> "Run":
+def _score(method: str, log: "Log", dive_timeline: "Timeline", settings: "RunSettings") -> "ScoredTrack":
+    """Make a track and take its errors, with a progress bar on stderr while it is a terminal."""
+    from usbldr.io.session import score
+
+    with _bar(method, len(dive_timeline.time_s)) as progress:
+        return score(log, dive_timeline, method, settings, log.assumptions, progress)
+
+
+@contextmanager
+def _bar(label: str, total: int) -> "Generator[Callable[[int, int], None]]":
+    with click.progressbar(length=total, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
+        yield lambda done, _: bar.update(done - bar.pos)
+
+
+def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int) -> "Run":
     """Return the run with what it would have been without each of the most influential fixes."""
     from usbldr.filters.evaluation.influence import compare_without, most_influential, without_fix
 
     log, dive_timeline, (whole, report) = run.log, run.timeline, run.scored
-    anchor = choices.anchor(log, dive_timeline)
     found: list[LeaveOneOut] = []
     for fix in most_influential(whole, count):
         try:
-            other = score(method, log, without_fix(dive_timeline, fix.row), choices, anchor)
+            other = _score(method, log, without_fix(dive_timeline, fix.row), settings)
         except LogError as err:
             raise LogError(f"--leave-one-out, without the fix at {fix.time_s:.1f} s: {err}") from err
         change_m = math.nan

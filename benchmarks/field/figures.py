@@ -56,7 +56,7 @@ def online_run(case: Case, change: str, folder: Path) -> Run:
     scored: list[ScoredTrack] = []
     for method in (way.method, "usbl", "dr"):
         anchor = find_anchor("start", line, assumptions, None)
-        made = run(method, line, assumptions, way.choices(0).settings, anchor=anchor)
+        made = run(method, line, assumptions, way.choices(0).settings(), anchor=anchor)
         times_s = None if method == "usbl" else line.time_s[line.slow]
         scored.append(ScoredTrack(made, evaluate(made, truth, definition.window, definition.align, times_s)))
     titled_by = given.log.path.with_name(", USBL ".join(filter(None, (given.log.path.name, change))))

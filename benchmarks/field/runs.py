@@ -28,6 +28,7 @@ from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.replay.prior import find_anchor
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Trajectory
+from usbldr.io.session import resolve
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 from usbldr_cli.runs.jobs import THREADS, relevant_choices
@@ -74,7 +75,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult
             return [one for one in kept if one is not None]
         anchor = find_anchor("start", line, assumptions, None)
         with constants(prior, CHANGES[cell.change].starting):
-            made = run(cell.way.method, line, assumptions, _choices(cell, seed).settings, anchor=anchor)
+            made = run(cell.way.method, line, assumptions, _choices(cell, seed).settings(), anchor=anchor)
         return [
             JobStore(store).write(name, *_judged(case, k, made, given, line, assumptions))
             for k, name in enumerate(names)
@@ -89,7 +90,7 @@ def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, As
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
     with constants(observability, change.observing), constants(prior, change.starting):
-        assumptions = _choices(cell, seed).with_assumptions(before, line, cell.way.method).assumptions
+        assumptions = resolve(before, line, cell.way.method, _choices(cell, seed).settings())
     return line, change.after(assumptions, line)
 
 
@@ -137,7 +138,7 @@ def refusals(made: Trajectory) -> dict[str, float]:
 
 def _key(line: Timeline, given: Dive, assumptions: Assumptions, cell: Cell, seed: int) -> str:
     """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
-    settings, starting = _choices(cell, seed).settings, cell.change if CHANGES[cell.change].starting else ""
+    settings, starting = _choices(cell, seed).settings(), cell.change if CHANGES[cell.change].starting else ""
     parts = (line, given.truth, replace(assumptions, observed=()), cell.way.method, settings, starting)
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 

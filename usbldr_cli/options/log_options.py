@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import LogError, UsageError
-
 if TYPE_CHECKING:
     from usbldr.io.log import Log
     from usbldr.io.opening import Request
@@ -61,44 +59,18 @@ def read_request(
     )
 
 
-def open_log(log: str, seed: int = 0, **selection: Any) -> "tuple[Log, dict[str, object] | None]":
-    """Read LOG, a file or folder or else a scenario; return it and what its configuration says.
+def open_log(log: str, seed: int = 0, **selection: Any) -> "Log":
+    """Read LOG, a file or folder or else a scenario; ``selection`` are the values of selection_options."""
+    from usbldr.io import session
 
-    ``selection`` are the values of selection_options; raises LogError and UsageError.
-    """
-    from usbldr.io.read import read_log
-
-    asked = read_request(**selection)
-    if is_simulated(log):
-        return _scenario(log, seed, any(selection.values())), None
-    found = read_log(Path(log), asked)
-    if found.configuration is None:
-        return found, None
-    from usbldr.io.settings.validation import read_document
-
-    return found, read_document(found.configuration)
-
-
-def is_simulated(log: str) -> bool:
-    """Tell whether LOG is no log but a scenario: a file NAME.toml, or what is no file or folder at all."""
-    return not Path(log).exists() or (Path(log).suffix == ".toml" and Path(log).is_file())
+    return session.open_log(log, read_request(**selection), seed)
 
 
 def inputs(log: str, **selection: Any) -> tuple[Path, ...]:
     """Return what open_log reads, LOG first: nothing may be written there. A scenario that is shipped is no file."""
     from usbldr.io.inputs import input_files
+    from usbldr.io.session import is_simulated
 
     if not is_simulated(log):
         return input_files(Path(log), read_request(**selection))
     return (Path(log),) if Path(log).exists() else ()
-
-
-def _scenario(name: str, seed: int, selected: bool) -> "Log":
-    from usbldr.io.scenarios.library import find_scenario, scenario_names
-    from usbldr.io.scenarios.simulated_log import simulated_log
-
-    if not Path(name).exists() and name not in scenario_names():
-        raise LogError(f"{name}: no such file or folder, nor a scenario (scenarios: {', '.join(scenario_names())})")
-    if selected:
-        raise UsageError(f"{name}: a scenario takes no --config, no topics, no --truth and no --with")
-    return simulated_log(find_scenario(name), seed)

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +13,7 @@ from usbldr.filters.errors import UsageError
 from usbldr_cli.options.methods_option import MethodsOption
 
 if TYPE_CHECKING:
-    from usbldr.filters.evaluation.evaluation import Window
-    from usbldr.filters.replay.dead_reckoning import Anchor
-    from usbldr.filters.replay.methods import FilterSettings
-    from usbldr.filters.types import Timeline
-    from usbldr.io.log import Log
-
-ANCHORS = ("start", "first-fix", "first-gps", "first-truth")
+    from usbldr.io.session import RunSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,79 +38,40 @@ class RunChoices:
     tune: bool = False
     guard: bool | None = None
 
-    @property
-    def settings(self) -> "FilterSettings":
-        """The filter's share."""
-        from usbldr.filters.replay.methods import FilterSettings
+    def settings(self, start_ns: int | None = None) -> "RunSettings":
+        """Return the choices in values; the window only with the absolute time of the log's start, ns since 1970.
 
-        return FilterSettings(self.particles, self.gate, self.seed, self.form, self.smooth, self.order, self.guard)
-
-    def overrides(self) -> dict[str, object]:
-        """Return the fields of Assumptions that the options state."""
+        Raises UsageError for a text that means nothing.
+        """
+        from usbldr.filters.evaluation.evaluation import Window
+        from usbldr.io.session import RunSettings
         from usbldr_cli.options.aid_option import aid_windows
         from usbldr_cli.options.noise_option import noise_family
 
-        stated: dict[str, object] = dict(noise_family(text) for text in self.noise)
-        if self.aid is not None:
-            stated["aid"] = aid_windows(self.aid)
-        if self.calibrate is not None:
-            stated["calibrate"] = _keys(self.calibrate)
-        return stated
+        return RunSettings(
+            particles=self.particles,
+            gate=self.gate,
+            seed=self.seed,
+            form=self.form,
+            smooth=self.smooth,
+            order=self.order,
+            guard=self.guard,
+            calibrate=None if self.calibrate is None else _keys(self.calibrate),
+            noise=dict(noise_family(text) for text in self.noise),
+            aid=None if self.aid is None else aid_windows(self.aid),
+            tune=self.tune,
+            dr_from=_place(self.dr_from),
+            window=Window() if start_ns is None else Window(*self._window(start_ns)),
+            align=self.align,
+        )
 
-    def with_assumptions(self, log: "Log", dive_timeline: "Timeline", method: str) -> "Log":
-        """Return the log with the assumptions that the user states, or that the log itself tells.
-
-        Where nobody asked for the errors of sensors, a method that cannot carry one goes without.
-        """
-        from usbldr.filters.identification.observability import identify
-        from usbldr.filters.identification.tuning import tune
-        from usbldr.filters.models.calibration import AUTO
-
-        assumptions = replace(log.assumptions, **self.overrides())
-        able = _estimable_errors(method, self.form)
-        if assumptions.calibrate == (AUTO,) and not able:
-            assumptions = replace(assumptions, calibrate=())
-        if assumptions.calibrate == (AUTO,):
-            assumptions = identify(dive_timeline, assumptions)
-            if self.calibrate is None:
-                kept = tuple(key for key in assumptions.calibrate if key in able)
-                assumptions = replace(assumptions, calibrate=kept)
-        if self.tune:
-            assumptions = tune(dive_timeline, assumptions).assumptions
-        return replace(log, assumptions=assumptions)
-
-    def window(self, log: "Log") -> "Window":
-        """Return the truth rows to score against, in seconds of the log."""
-        from usbldr.filters.evaluation.evaluation import Window
-
-        start = -math.inf if self.start is None else seconds_of_log("--start", self.start, log.start_ns)
-        end = math.inf if self.end is None else seconds_of_log("--end", self.end, log.start_ns)
+    def _window(self, start_ns: int) -> tuple[float, float]:
+        """Return the first and last second of the log that --start and --end leave."""
+        start = -math.inf if self.start is None else seconds_of_log("--start", self.start, start_ns)
+        end = math.inf if self.end is None else seconds_of_log("--end", self.end, start_ns)
         if not start < end:
             raise UsageError(f"--start {self.start} does not lie before --end {self.end}")
-        return Window(start, end)
-
-    def anchor(self, log: "Log", timeline: "Timeline") -> "Anchor | None":
-        """Return where dead reckoning starts."""
-        import numpy as np
-
-        from usbldr.filters.replay.dead_reckoning import Anchor
-        from usbldr.filters.replay.prior import find_anchor
-        from usbldr.io.geodesy import to_plane
-
-        if self.dr_from in ANCHORS:
-            return find_anchor(self.dr_from, timeline, log.assumptions, log.truth)
-        try:
-            lat_deg, lon_deg = (float(part) for part in self.dr_from.split(","))
-        except ValueError as err:
-            raise UsageError(
-                f"--dr-from {self.dr_from} is neither LAT,LON in degrees nor one of {', '.join(ANCHORS)}"
-            ) from err
-        if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 360):
-            raise UsageError(f"--dr-from {self.dr_from} is no place: latitude within 90, longitude within 360 degrees")
-        if log.origin is None:
-            raise UsageError("--dr-from LAT,LON needs an origin: state [map] origin_lat_deg, origin_lon_deg")
-        position_m = np.concatenate(to_plane(log.origin, np.array([lat_deg]), np.array([lon_deg])))
-        return Anchor(position_m, 0.0, f"{lat_deg:g}, {lon_deg:g}")
+        return start, end
 
 
 def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -215,13 +170,6 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return packed
 
 
-def _estimable_errors(method: str, form: str) -> frozenset[str]:
-    """Return the errors of sensors that a method can estimate beside the track."""
-    from usbldr.filters.replay.methods import METHODS
-
-    return frozenset() if form == "literal" else METHODS[method].estimates
-
-
 def _keys(text: str) -> tuple[str, ...]:
     """Return the keys of --calibrate in their own order."""
     from usbldr.filters.models.calibration import AUTO, STATES, layout_for
@@ -233,6 +181,15 @@ def _keys(text: str) -> tuple[str, ...]:
         return (AUTO,)
     layout_for(keys)
     return tuple(key for key in STATES if key in keys)
+
+
+def _place(text: str) -> str | tuple[float, float]:
+    """Return what --dr-from names: a word, or latitude and longitude in degrees."""
+    lat_deg, comma, lon_deg = text.partition(",")
+    try:
+        return (float(lat_deg), float(lon_deg)) if comma else text
+    except ValueError:
+        return text
 
 
 def seconds_of_log(option: str, text: str, start_ns: int) -> float:

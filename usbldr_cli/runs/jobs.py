@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from usbldr.filters.errors import LogError, UsbldrError
-from usbldr_cli.options.log_options import is_simulated
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 
@@ -48,6 +47,8 @@ class Job:
     @property
     def simulated(self) -> bool:
         """Whether each seed is a dive of its own."""
+        from usbldr.io.session import is_simulated
+
         return is_simulated(self.log)
 
 
@@ -176,7 +177,7 @@ def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: 
     from usbldr.io.timeline import timeline
     from usbldr_cli.options.log_options import open_log
 
-    found, _ = open_log(log, seed, **dict(selection))
+    found = open_log(log, seed, **dict(selection))
     dive_timeline = timeline(found, fast_hz, slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))
 
@@ -184,15 +185,15 @@ def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: 
 def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:
     from usbldr.filters.replay.methods import METHODS
     from usbldr.io.read import require
-    from usbldr_cli.runs.score_run import score
+    from usbldr.io.session import evaluate, replay, resolve
 
     require(source.log, METHODS[method].sensors)
-    log, dive_timeline = choices.with_assumptions(source.log, source.dive_timeline, method), source.dive_timeline
+    dive_timeline, settings = source.dive_timeline, choices.settings(source.log.start_ns)
+    log = replace(source.log, assumptions=resolve(source.log, dive_timeline, method, settings))
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
-    anchor = choices.anchor(log, dive_timeline) if METHODS[method].anchored else None
-    trajectory, report = score(method, log, dive_timeline, choices, anchor, shown=False)
-    assert report is not None  # there is a truth
+    trajectory = replay(log, dive_timeline, method, settings, log.assumptions)
+    report = evaluate(log, dive_timeline, trajectory, settings)
     judged = ScoringContext(
         log=log.path.name,
         log_format=log.format,

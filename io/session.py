@@ -1,0 +1,181 @@
+"""A dive from log to errors, as functions on values: what the commands ``replay`` and ``compare`` call.
+
+    log = open_log("dive.mcap")
+    grid = timeline(log)
+    track = replay(log, grid, "cpf")
+    report = evaluate(log, grid, track)
+
+One ``RunSettings`` for `replay` and `evaluate` stands for the options of the command line.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.evaluation.evaluation import ErrorReport, Window
+from usbldr.filters.evaluation.evaluation import evaluate as evaluate_track
+from usbldr.filters.identification.observability import identify
+from usbldr.filters.identification.tuning import tune
+from usbldr.filters.models.calibration import AUTO
+from usbldr.filters.models.noise import NoiseFamily
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.replay.dead_reckoning import Anchor
+from usbldr.filters.replay.methods import FilterSettings, method_named
+from usbldr.filters.replay.position_fixes import require_gps
+from usbldr.filters.replay.prior import NO_START_TEXT, find_anchor, starting_fixes
+from usbldr.filters.replay.run import run
+from usbldr.filters.types import Timeline, Trajectory
+from usbldr.filters.windows import TimeWindow
+from usbldr.io.geodesy import to_plane
+from usbldr.io.log import Log
+from usbldr.io.opening import DEFAULT_REQUEST, Request
+from usbldr.io.read import read_log, require
+from usbldr.io.reports.report_json import ScoredTrack
+from usbldr.io.scenarios.library import find_scenario, scenario_names
+from usbldr.io.scenarios.simulated_log import simulated_log
+
+ANCHORS = ("start", "first-fix", "first-gps", "first-truth")
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings(FilterSettings):
+    """What the user decides about a run, beside the log and its configuration; the defaults are the commands'."""
+
+    calibrate: tuple[str, ...] | None = None  # keys of calibration.STATES, or ("auto",); None: as configured, else auto
+    noise: Mapping[str, NoiseFamily] = field(default_factory=dict[str, NoiseFamily])  # by sensor, over the configured
+    aid: tuple[TimeWindow, ...] | None = None  # in which GPS fixes are measurements, seconds; None: as configured
+    tune: bool = False  # estimate the noise of DVL and USBL from the log
+    dr_from: str | tuple[float, float] = "start"  # where ``dr`` starts: one of ANCHORS, or latitude, longitude, degrees
+    window: Window = Window()  # truth rows to score against, seconds of the log
+    align: str = "none"  # "first" or "rigid": moves the track onto the truth before scoring
+
+
+def is_simulated(log: str | Path) -> bool:
+    """Tell whether LOG is no log but a scenario: a file NAME.toml, or what is no file or folder at all."""
+    return not Path(log).exists() or (Path(log).suffix == ".toml" and Path(log).is_file())
+
+
+def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0) -> Log:
+    """Read a log file or folder, or simulate a scenario by its name or file with a seed.
+
+    Raises LogError for what cannot be read, UsageError where request, configuration and log do not fit together.
+    """
+    if not is_simulated(log):
+        return read_log(Path(log), request)
+    if not Path(log).exists() and str(log) not in scenario_names():
+        raise LogError(f"{log}: no such file or folder, nor a scenario (scenarios: {', '.join(scenario_names())})")
+    if request != DEFAULT_REQUEST:
+        raise UsageError(f"{log}: a scenario takes no --config, no topics, no --truth and no --with")
+    return simulated_log(find_scenario(str(log)), seed)
+
+
+def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Assumptions:
+    """Return what a method assumes on a log: as configured, as the settings say, and as the log itself tells.
+
+    Where nobody asked for the errors of sensors, a method that cannot carry one goes without.
+    """
+    assumptions = replace(log.assumptions, **settings.noise)
+    if settings.aid is not None:
+        assumptions = replace(assumptions, aid=settings.aid)
+    if settings.calibrate is not None:
+        assumptions = replace(assumptions, calibrate=settings.calibrate)
+    able = _estimable_errors(method, settings)
+    if assumptions.calibrate == (AUTO,) and not able:
+        assumptions = replace(assumptions, calibrate=())
+    if assumptions.calibrate == (AUTO,):
+        assumptions = identify(timeline, assumptions)
+        if settings.calibrate is None:
+            assumptions = replace(assumptions, calibrate=tuple(key for key in assumptions.calibrate if key in able))
+    return tune(timeline, assumptions).assumptions if settings.tune else assumptions
+
+
+def _estimable_errors(method: str, settings: RunSettings) -> frozenset[str]:
+    """Return the errors of sensors that a method can estimate beside the track."""
+    return frozenset() if settings.form == "literal" else method_named(method).estimates
+
+
+def replay(
+    log: Log,
+    timeline: Timeline,
+    method: str = "cpf",
+    settings: RunSettings = RunSettings(),
+    assumptions: Assumptions | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Trajectory:
+    """Run a method of METHODS over a log and return its track.
+
+    ``assumptions`` are those of `resolve`, which is called without them. ``progress`` hears how many epochs of how many
+    are done. Raises LogError where the log lacks a sensor or a start, UsageError for settings that do not fit the
+    method.
+    """
+    able = method_named(method)
+    require(log, able.sensors)
+    told = resolve(log, timeline, method, settings) if assumptions is None else assumptions
+    require_gps(timeline, told.aid, str(log.path))
+    if able.is_filter and told.start is None and not len(starting_fixes(timeline, told)[0]):
+        raise LogError(f"{log.path}: {NO_START_TEXT}")
+    anchor = find_start(replace(log, assumptions=told), timeline, settings.dr_from) if able.anchored else None
+    return run(method, timeline, told, settings, progress, anchor)
+
+
+def find_start(log: Log, timeline: Timeline, dr_from: str | tuple[float, float]) -> Anchor | None:
+    """Return where dead reckoning starts, None where the log has no such thing.
+
+    Raises UsageError for a place that is none, or without an origin to place it by.
+    """
+    if isinstance(dr_from, str):
+        if dr_from not in ANCHORS:
+            raise UsageError(f"--dr-from {dr_from} is neither LAT,LON in degrees nor one of {', '.join(ANCHORS)}")
+        return find_anchor(dr_from, timeline, log.assumptions, log.truth)
+    lat_deg, lon_deg = dr_from
+    if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 360):
+        raise UsageError(
+            f"--dr-from {lat_deg:g},{lon_deg:g} is no place: latitude within 90, longitude within 360 degrees"
+        )
+    if log.origin is None:
+        raise UsageError("--dr-from LAT,LON needs an origin: state [map] origin_lat_deg, origin_lon_deg")
+    position_m = np.concatenate(to_plane(log.origin, np.array([lat_deg]), np.array([lon_deg])))
+    return Anchor(position_m, 0.0, f"{lat_deg:g}, {lon_deg:g}")
+
+
+def evaluate(log: Log, timeline: Timeline, track: Trajectory, settings: RunSettings = RunSettings()) -> ErrorReport:
+    """Take the errors of a track against the log's truth, as `settings` say.
+
+    A track on the epochs of the timeline is scored on its slow grid, any other at its own stamps; nothing is scored
+    where GPS aided. Raises LogError without a truth, or where no epoch can be compared with it.
+    """
+    if log.truth is None:
+        raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
+    at_s = timeline.time_s[timeline.slow] if np.array_equal(track.time_s, timeline.time_s) else None
+    aid = log.assumptions.aid if settings.aid is None else settings.aid
+    return evaluate_track(track, log.truth, settings.window, settings.align, at_s, aid)
+
+
+def score(
+    log: Log,
+    timeline: Timeline,
+    method: str = "cpf",
+    settings: RunSettings = RunSettings(),
+    assumptions: Assumptions | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> ScoredTrack:
+    """Replay a log and take the errors of the track, if the log has a truth (see `replay` and `evaluate`)."""
+    made = replay(log, timeline, method, settings, assumptions, progress)
+    return ScoredTrack(made, None if log.truth is None else evaluate(log, timeline, made, settings))
+
+
+def reference_tracks(
+    log: Log, timeline: Timeline, method: str, settings: RunSettings, assumptions: Assumptions
+) -> tuple[ScoredTrack, ...]:
+    """Return raw fixes and dead reckoning, scored as the method's own track is, those that the log allows."""
+    anchor = find_start(replace(log, assumptions=assumptions), timeline, settings.dr_from)
+    possible = {"usbl": len(timeline.fix_time_s) > 0, "dr": anchor is not None}
+    found: list[ScoredTrack] = []
+    for name, there in possible.items():
+        with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
+            found += [score(log, timeline, name, settings, assumptions)] if there and name != method else []
+    return tuple(found)
