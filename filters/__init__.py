@@ -9,3 +9,52 @@ Conventions, stated once for the whole package:
 * time: float seconds since the log's start; angles: radians; standard deviations: one sigma, per axis;
 * banks of Gaussians carry the particle index last: means (n, N), covariances (n, n, N).
 """
+
+from typing import TYPE_CHECKING
+
+from usbldr.filters.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from usbldr.filters.errors import CheckError, LogError, UsageError, UsbldrError
+    from usbldr.filters.evaluation.evaluation import ErrorReport, Window
+    from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
+    from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
+    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.run import FilterSettings
+    from usbldr.filters.types import Outage, OutageRecovery, Reacquisition, Timeline, Trajectory, Truth, Update
+
+__all__ = [
+    "METHODS",
+    "Assumptions",
+    "CheckError",
+    "Contamination",
+    "ErrorReport",
+    "FilterSettings",
+    "Gaussian",
+    "LogError",
+    "Mixture",
+    "Outage",
+    "OutageRecovery",
+    "ProcessNoise",
+    "Reacquisition",
+    "SensorErrors",
+    "Start",
+    "StudentT",
+    "Timeline",
+    "Trajectory",
+    "Truth",
+    "Update",
+    "UsageError",
+    "UsbldrError",
+    "Window",
+]
+_HOMES = {
+    "errors": ("CheckError", "LogError", "UsageError", "UsbldrError"),
+    "evaluation.evaluation": ("ErrorReport", "Window"),
+    "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),
+    "models.parameters": ("Assumptions", "ProcessNoise", "SensorErrors", "Start"),
+    "replay.methods": ("METHODS",),
+    "replay.run": ("FilterSettings",),
+    "types": ("Outage", "OutageRecovery", "Reacquisition", "Timeline", "Trajectory", "Truth", "Update"),
+}
+__getattr__ = lazy_exports(__name__, _HOMES)

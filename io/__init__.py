@@ -4,3 +4,36 @@ Here every convention of a log is turned into the one of usbldr (see usbldr.filt
 forward, up velocities in m/s; heading in degrees clockwise from true north; time in seconds since the log's start.
 Integer nanoseconds and foreign frames never get past a reader.
 """
+
+from typing import TYPE_CHECKING
+
+from usbldr.filters.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from usbldr.io.log import Finding, Log, Origin, Provenance
+    from usbldr.io.opening import Request
+    from usbldr.io.reports.report_json import ScoredTrack
+    from usbldr.io.session import RunSettings, evaluate, open_log, reference_tracks, replay, resolve, score
+
+__all__ = [
+    "Finding",
+    "Log",
+    "Origin",
+    "Provenance",
+    "Request",
+    "RunSettings",
+    "ScoredTrack",
+    "evaluate",
+    "open_log",
+    "reference_tracks",
+    "replay",
+    "resolve",
+    "score",
+]
+_HOMES = {
+    "log": ("Finding", "Log", "Origin", "Provenance"),
+    "opening": ("Request",),
+    "reports.report_json": ("ScoredTrack",),
+    "session": ("RunSettings", "evaluate", "open_log", "reference_tracks", "replay", "resolve", "score"),
+}
+__getattr__ = lazy_exports(__name__, _HOMES)

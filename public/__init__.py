@@ -1,13 +1,30 @@
 """Replay logs of underwater vehicles through navigation filters, and take the errors against the truth.
 
-The public face of the package: every name of ``__all__`` is described in docs/api.md, with types, units and frames.
-Importing this package is cheap, because each name is imported when it is first used.
+Every name of ``__all__`` is described in docs/api.md, with types, units and frames. Importing this package is cheap:
+each name is imported when it is first used.
 """
 
-from usbldr.filters.lazy_exports import lazy_exports
+import importlib
+from typing import TYPE_CHECKING
 
-_HOMES: dict[str, str] = {}
+from usbldr import filters, io
+
+if TYPE_CHECKING:
+    from usbldr.filters import *  # noqa: F403
+    from usbldr.io import *  # noqa: F403
+    from usbldr.io.timeline import timeline
 
 __version__ = "0.1.0"
-__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
-__getattr__ = lazy_exports(__name__, _HOMES)
+__all__ = ["__version__", "timeline"]
+__all__ += filters.__all__
+__all__ += io.__all__
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first asked for."""
+    if name == "timeline":  # a module of io has this name, so io cannot export it
+        return importlib.import_module("usbldr.io.timeline").timeline
+    for package in (filters, io):
+        if name in package.__all__:
+            return getattr(package, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

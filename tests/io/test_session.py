@@ -1,0 +1,92 @@
+"""A session in Python gives the numbers of the command line, to the last bit."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import usbldr
+from usbldr_cli.main import cli
+
+LOGS = Path(__file__).resolve().parents[2] / "sample_logs"
+OF_THE_CLOCK = ("filter_time_s", "real_time_factor")
+
+
+def numbers(metrics: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the metrics that apply, but for those that a clock tells."""
+    return {name: value for name, value in metrics.items() if value is not None and name not in OF_THE_CLOCK}
+
+
+def reported(tmp_path: Path, log: Path, *options: str) -> dict[str, float]:
+    """Return the metrics of a run of the command line."""
+    folder = tmp_path / "run"
+    done = CliRunner().invoke(cli, ["replay", str(log), *options, "-o", str(folder)], catch_exceptions=False)
+    assert done.exit_code == 0
+    return numbers(json.loads((folder / "report.json").read_text(encoding="utf-8"))["metrics"])
+
+
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize(("name", "method"), [("paper.mcap", "cpf"), ("lawnmower.mcap", "adf")])
+def test_six_lines_give_the_numbers_of_the_command(tmp_path: Path, name: str, method: str) -> None:
+    log = usbldr.open_log(LOGS / name)
+    timeline = usbldr.timeline(log)
+    track = usbldr.replay(log, timeline, method)
+    report = usbldr.evaluate(log, timeline, track)
+
+    assert numbers(report.metrics) == reported(tmp_path, LOGS / name, "--filter", method)
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
+    settings = usbldr.RunSettings(
+        calibrate=("scale",),
+        noise={"usbl": usbldr.StudentT(4.0)},
+        aid=((0.0, 60.0),),
+        order="arrival",
+        window=usbldr.Window(100.0, 500.0),
+        align="first",
+    )
+    options = "--calibrate scale --noise usbl=student-t:4 --aid gps@0:60 --order arrival --start 100 --end 500"
+
+    log = usbldr.open_log(LOGS / "paper.mcap")
+    timeline = usbldr.timeline(log)
+    track = usbldr.replay(log, timeline, "adf", settings)
+    report = usbldr.evaluate(log, timeline, track, settings)
+
+    told = reported(tmp_path, LOGS / "paper.mcap", "--filter", "adf", *options.split(), "--align", "first")
+    assert numbers(report.metrics) == told
+
+
+def test_dead_reckoning_starts_where_the_settings_say() -> None:
+    log = usbldr.open_log(LOGS / "paper.mcap")
+    timeline = usbldr.timeline(log)
+    assert log.origin is not None
+    place = (log.origin.lat_deg, log.origin.lon_deg)
+
+    track = usbldr.replay(log, timeline, "dr", usbldr.RunSettings(dr_from=place))
+
+    assert track.position_m[0] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("dr_from", "said"),
+    [("home", "--dr-from home is neither LAT,LON in degrees nor one of start"), ((91.0, 0.0), "is no place")],
+)
+def test_a_start_that_is_none_is_refused(dr_from: str | tuple[float, float], said: str) -> None:
+    log = usbldr.open_log("paper")
+
+    with pytest.raises(usbldr.UsageError, match=said):
+        usbldr.replay(log, usbldr.timeline(log), "dr", usbldr.RunSettings(dr_from=dr_from))
+
+
+def test_a_log_without_truth_can_be_replayed_but_not_scored() -> None:
+    log = usbldr.open_log(LOGS / "lawnmower.mcap", usbldr.Request(truth="none"))
+    timeline = usbldr.timeline(log)
+
+    scored = usbldr.score(log, timeline, "dr")
+
+    assert scored.report is None
+    with pytest.raises(usbldr.LogError, match="no truth to measure errors against"):
+        usbldr.evaluate(log, timeline, scored.trajectory)
