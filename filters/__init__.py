@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from usbldr.filters.evaluation.evaluation import ErrorReport, Window
     from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
     from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
-    from usbldr.filters.replay.methods import METHODS
-    from usbldr.filters.replay.run import FilterSettings
+    from usbldr.filters.replay.methods import METHODS, FilterSettings, Method
     from usbldr.filters.types import Outage, OutageRecovery, Reacquisition, Timeline, Trajectory, Truth, Update
 
 __all__ = [
@@ -32,6 +31,7 @@ __all__ = [
     "FilterSettings",
     "Gaussian",
     "LogError",
+    "Method",
     "Mixture",
     "Outage",
     "OutageRecovery",
@@ -53,8 +53,7 @@ _HOMES = {
     "evaluation.evaluation": ("ErrorReport", "Window"),
     "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),
     "models.parameters": ("Assumptions", "ProcessNoise", "SensorErrors", "Start"),
-    "replay.methods": ("METHODS",),
-    "replay.run": ("FilterSettings",),
+    "replay.methods": ("METHODS", "FilterSettings", "Method"),
     "types": ("Outage", "OutageRecovery", "Reacquisition", "Timeline", "Trajectory", "Truth", "Update"),
 }
 __getattr__ = lazy_exports(__name__, _HOMES)
