@@ -16,7 +16,6 @@ from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
-from usbldr.filters.types import Update
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
 from usbldr_cli.main import cli
