@@ -11,10 +11,9 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 from checkout import FIELD_CONFIGURATIONS
-from usbldr_cli.main import cli
+from commands import output_of
 
 UIB_WINDOW = ["--truth", "csv/graph_vertices_455.txt", "--start", "4", "--end", "1084", "--align", "first"]
 
@@ -24,8 +23,7 @@ def replay(field_logs: Path, folder: Path, name: str, *options: str) -> dict:
     target = folder / "-".join([name, *options]).replace("/", "")[:80]
     log = str(field_logs / name / f"{name}.mcap")
     config = str(FIELD_CONFIGURATIONS / f"{name}.toml")
-    done = CliRunner().invoke(cli, ["replay", log, "--config", config, "--output", str(target), *options])
-    assert done.exit_code == 0, done.output
+    output_of("replay", log, "--config", config, "--output", target, *options)
     return json.loads((target / "report.json").read_text()) | {"folder": target}
 
 

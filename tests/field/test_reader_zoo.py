@@ -6,12 +6,11 @@ import time
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from mcap.reader import make_reader
 
+from commands import output_of, run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.formats.detect import open_log
-from usbldr_cli.main import cli
 
 # file -> exit code, messages counted (the collection's expected.json), and words that the page must hold
 ZOO: dict[str, tuple[int, int | None, str]] = {
@@ -59,7 +58,7 @@ def test_info_says_of_each_odd_file_what_it_is(zoo: Path, tmp_path: Path, name: 
     before = sorted(str(file) for file in tmp_path.rglob("*"))
     code, count, words = ZOO[name]
 
-    result = CliRunner().invoke(cli, ["info", str(path), "--config", "none"], standalone_mode=False)
+    result = run("info", path, "--config", "none")
     told = str(result.exception) if code else result.stdout
 
     assert words in told
@@ -69,7 +68,7 @@ def test_info_says_of_each_odd_file_what_it_is(zoo: Path, tmp_path: Path, name: 
     else:
         assert result.return_value == code
         assert len(told.splitlines()) < 70
-        described = json.loads(CliRunner().invoke(cli, ["info", str(path), "--json"]).stdout)["logs"][0]
+        described = json.loads(output_of("info", path, "--json"))["logs"][0]
         assert sum(topic["messages"] for topic in described["topics"]) == count
     assert sorted(str(file) for file in tmp_path.rglob("*")) == before
 
@@ -78,7 +77,7 @@ def test_info_says_of_each_odd_file_what_it_is(zoo: Path, tmp_path: Path, name: 
 def test_replay_refuses_each_odd_file_in_one_sentence(zoo: Path, tmp_path: Path, name: str) -> None:
     asked = ["replay", str(zoo / name), "--filter", "adf", "--output", str(tmp_path / "run")]
 
-    result = CliRunner().invoke(cli, asked, standalone_mode=False)
+    result = run(*asked)
 
     assert isinstance(result.exception, UsbldrError), result.exception
     assert result.exception.exit_code == 3
@@ -87,7 +86,7 @@ def test_replay_refuses_each_odd_file_in_one_sentence(zoo: Path, tmp_path: Path,
 
 
 def test_info_says_which_sensor_a_replay_would_miss(zoo: Path) -> None:
-    result = CliRunner().invoke(cli, ["info", str(zoo / "29_test1.bag")], standalone_mode=False)
+    result = run("info", zoo / "29_test1.bag")
 
     assert result.return_value == 0
     assert "not to be replayed as it stands: no dvl data (sensors in this log: compass, gps)" in result.stdout

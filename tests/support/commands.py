@@ -28,3 +28,12 @@ def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:
     """Return code -> finding of the doctor."""
     found = json.loads(run("doctor", log, "--json", *options).output)["findings"]
     return {one["code"]: one for one in found}
+
+
+def output_of(*arguments: object) -> str:
+    """Return what a command that succeeds prints on stdout; a fault is raised."""
+    done = run(*arguments)
+    if done.exception is not None:
+        raise done.exception
+    assert done.return_value in (None, 0), done.output
+    return done.stdout

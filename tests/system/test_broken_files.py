@@ -5,12 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
+from commands import run
 from recordings import short_dive, write_bag, write_csv, write_mcap, write_rosbag2
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.read import read_log
-from usbldr_cli.main import cli
 
 HEADER = "time_ns,starboard_mps,forward_mps\n"
 WRITERS: dict[str, Callable[[Path], Path]] = {
@@ -48,7 +47,7 @@ def test_an_empty_or_foreign_file_is_exit_3_and_one_sentence(tmp_path: Path, kin
     before = sorted(tmp_path.rglob("*"))
 
     for command in (["info", str(file)], ["export", str(file), "-o", str(tmp_path / "new.bag")]):
-        done = CliRunner().invoke(cli, command, standalone_mode=False)
+        done = run(*command)
 
         assert isinstance(done.exception, LogError)
         assert str(done.exception).startswith(f"{file}: ")
@@ -60,7 +59,7 @@ def test_an_empty_or_foreign_file_is_exit_3_and_one_sentence(tmp_path: Path, kin
 def test_a_topic_that_is_not_there_is_named_with_those_that_are(tmp_path: Path, kind: str) -> None:
     file = WRITERS[kind](tmp_path)
 
-    done = CliRunner().invoke(cli, ["replay", str(file), "--dvl", "/dvll"], standalone_mode=False)
+    done = run("replay", file, "--dvl", "/dvll")
 
     assert str(done.exception) == (
         f"{file}: no topic /dvll for the dvl; did you mean /dvl? (topics in this log: /dvl, /imu, /usbl)"

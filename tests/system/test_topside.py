@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pymap3d
 import pytest
-from click.testing import CliRunner
 
+from commands import output_of
 from recordings import SECOND, T0, Row, sentence, twist, write_mcap, yaw
 from usbldr.io.read import Request, read_log
-from usbldr_cli.main import cli
 
 ARM = (2.0, -14.0)  # starboard, forward of the antenna: the head
 DELAY_S = 2  # a fix comes out 1.5 s after it was true
@@ -101,11 +100,8 @@ def test_fixes_of_a_ship_that_turns_lie_on_the_vehicles_way(dive: Path) -> None:
 
 def test_the_dive_is_replayed_from_both_files(dive: Path) -> None:
     """Nobody told where the vehicle started; the ship's receiver is neither its GPS nor its truth."""
-    arguments = ["replay", str(dive), "--filter", "ekf", "--output", str(dive.parent / "run"), "--quiet"]
+    output_of("replay", dive, "--filter", "ekf", "--output", dive.parent / "run", "--quiet")
 
-    done = CliRunner().invoke(cli, arguments)
-
-    assert done.exit_code == 0, done.output
     track = np.genfromtxt(dive.parent / "run" / "track_5hz.csv", delimiter=",", names=True)
     late = track["time_s"] > 30
     away = np.hypot(track["east_m"] - 30.0, track["north_m"] - track["time_s"])[late]

@@ -10,16 +10,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-import click
 import pytest
-from click.testing import CliRunner
 
+from commands import output_of, run
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
-from usbldr_cli.compare import compare
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.replay import replay
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.jobs import Job, relevant_choices, run_jobs
 
@@ -50,17 +47,8 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def compared(dive: Path) -> Path:
     out = dive.parent / "compared"
-    call(compare, dive, "--filters", "ckf,pf,usbl", "--seeds", 3, "--jobs", 2, "-N", 10, "-o", out)
+    output_of("compare", dive, "--filters", "ckf,pf,usbl", "--seeds", 3, "--jobs", 2, "-N", 10, "-o", out)
     return out
-
-
-def call(command: click.Command, *arguments: object) -> str:
-    """Run a command as `usbldr` does and return what it printed on stdout; a fault is raised."""
-    found = CliRunner().invoke(command, [str(a) for a in arguments], standalone_mode=False)
-    if found.exception is not None:
-        raise found.exception
-    assert found.return_value in (None, 0)
-    return found.stdout
 
 
 def content(out: Path) -> Any:
@@ -89,7 +77,7 @@ def test_the_folder_holds_tables_pictures_and_units_and_nothing_else(compared: P
 
 
 def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tmp_path: Path) -> None:
-    call(replay, dive, "--filter", "ckf", "-o", tmp_path / "run")
+    output_of("replay", dive, "--filter", "ckf", "-o", tmp_path / "run")
 
     metrics = json.loads((tmp_path / "run" / "report.json").read_text())["metrics"]
 
@@ -142,22 +130,22 @@ def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Pa
     out, seeds = tmp_path / "out", 5
     asked = [*("--filters", "cpf", "--seeds", str(seeds), "--jobs", "2", "-N", "150")]
     command = [sys.executable, "-c", "from usbldr_cli.main import main; main()", "compare", str(dive), *asked]
-    with subprocess.Popen([*command, "-o", str(out)], stderr=subprocess.PIPE, text=True) as run:
-        while run.poll() is None and not list(out.glob("units/*.json")):
+    with subprocess.Popen([*command, "-o", str(out)], stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not list(out.glob("units/*.json")):
             time.sleep(0.01)
-        os.kill(run.pid, signal.SIGINT)
-        assert run.stderr is not None
-        said = run.stderr.read()
+        os.kill(process.pid, signal.SIGINT)
+        assert process.stderr is not None
+        said = process.stderr.read()
 
-    assert run.returncode == 130
+    assert process.returncode == 130
     assert said.strip() == "usbldr: interrupted"
     assert [path.name for path in out.iterdir()] == ["units"]
     finished = list(out.glob("units/*.json"))
     assert 0 < len(finished) < seeds
     assert not list(out.glob("units/.*"))
 
-    again = CliRunner().invoke(compare, [str(dive), *asked, "-o", str(out)], standalone_mode=False)
-    fresh = json.loads(call(compare, dive, *asked, "--json"))
+    again = run("compare", dive, *asked, "-o", out)
+    fresh = json.loads(output_of("compare", dive, *asked, "--json"))
 
     assert f"{len(finished)} of {seeds} runs were finished already" in again.stderr
     assert without_time(content(out)["rows"]) == without_time(fresh["rows"])
@@ -183,21 +171,21 @@ def test_a_changed_log_is_run_anew(tmp_path: Path) -> None:
 
 def test_another_comparison_is_replaced_only_by_force_and_a_foreign_folder_never(compared: Path, dive: Path) -> None:
     with pytest.raises(UsageError, match="holds another comparison"):
-        call(compare, dive, "--filters", "usbl", "-o", compared)
+        output_of("compare", dive, "--filters", "usbl", "-o", compared)
 
     foreign = compared.parent / "foreign"
     foreign.mkdir()
     (foreign / "thesis.tex").write_text("dear")
     with pytest.raises(UsageError, match=r"holds thesis\.tex, which no comparison wrote"):
-        call(compare, dive, "--filters", "usbl", "-o", foreign, "--force")
+        output_of("compare", dive, "--filters", "usbl", "-o", foreign, "--force")
     assert [path.name for path in foreign.iterdir()] == ["thesis.tex"]
 
 
 def test_finished_runs_are_compared_as_they_are(dive: Path, tmp_path: Path) -> None:
     for name in ("ckf", "usbl"):
-        call(replay, dive, "--filter", name, "-o", tmp_path / name)
+        output_of("replay", dive, "--filter", name, "-o", tmp_path / name)
 
-    told = json.loads(call(compare, tmp_path / "ckf", tmp_path / "usbl", "--json"))
+    told = json.loads(output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "--json"))
 
     for row in told["rows"]:
         report = json.loads((tmp_path / row["filter"] / "report.json").read_text())
@@ -205,22 +193,22 @@ def test_finished_runs_are_compared_as_they_are(dive: Path, tmp_path: Path) -> N
     ckf, usbl = (row["mean_horizontal_m"] for row in told["rows"])
     assert told["rows"][1]["mean_horizontal_m_difference"] == usbl - ckf
 
-    call(compare, tmp_path / "ckf", tmp_path / "usbl", "-o", tmp_path / "out")
+    output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "-o", tmp_path / "out")
     assert (tmp_path / "out" / "errors.png").stat().st_size > 10_000
 
 
 def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: Path) -> None:
-    call(replay, dive, "--filter", "usbl", "-o", tmp_path / "whole")
-    call(replay, dive, "--filter", "dr", "--start", "10", "-o", tmp_path / "late")
+    output_of("replay", dive, "--filter", "usbl", "-o", tmp_path / "whole")
+    output_of("replay", dive, "--filter", "dr", "--start", "10", "-o", tmp_path / "late")
 
     with pytest.raises(UsageError, match="usbl has window start to end, dr has 10 s to end"):
-        call(compare, tmp_path / "whole", tmp_path / "late")
+        output_of("compare", tmp_path / "whole", tmp_path / "late")
     with pytest.raises(UsageError, match="cannot be mixed"):
-        call(compare, tmp_path / "whole", dive)
+        output_of("compare", tmp_path / "whole", dive)
 
     (tmp_path / "whole" / "report.json").write_text("{}")
     with pytest.raises(LogError, match=r"report\.json: is not a report of usbldr replay"):
-        call(compare, tmp_path / "whole")
+        output_of("compare", tmp_path / "whole")
 
 
 @pytest.mark.parametrize(
@@ -241,26 +229,26 @@ def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: 
 )
 def test_what_does_not_fit_together_is_told_before_anything_runs(arguments: tuple[str, ...], said: str) -> None:
     with pytest.raises(UsageError) as fault:
-        call(compare, *arguments)
+        output_of("compare", *arguments)
 
     assert said in str(fault.value)
 
 
 def test_a_misspelt_log_is_told_before_anything_runs(dive: Path) -> None:
     with pytest.raises(LogError, match="papr: no such file or folder, nor a scenario"):
-        call(compare, dive, "papr", "--calibrate", "none")
+        output_of("compare", dive, "papr", "--calibrate", "none")
 
 
 def test_where_nothing_came_out_the_fault_is_the_commands(dive: Path) -> None:
     with pytest.raises(UsageError, match="--start 20 does not lie before --end 10"):
-        call(compare, dive, "--filters", "usbl", "--start", "20", "--end", "10")
+        output_of("compare", dive, "--filters", "usbl", "--start", "20", "--end", "10")
 
 
 def test_one_failed_method_leaves_the_others_their_numbers(dive: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = [str(dive), "--filters", "dr,usbl", "--usbl", "none", "-o", str(out)]
 
-    found = CliRunner().invoke(compare, arguments, standalone_mode=False)
+    found = run("compare", *arguments)
 
     assert found.return_value == LogError.exit_code
     dr, usbl = content(out)["rows"]

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 from checkout import FIELD_CONFIGURATIONS
+from commands import output_of
+from commands import run as call
 from recordings import T0, short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.replay.run import run
@@ -17,7 +18,6 @@ from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
 from usbldr.io.writers.export import cut_log, export
-from usbldr_cli.main import cli
 
 NAMES = ["out.mcap", "out.bag", "out.db3", "out_db3", "out"]
 CONFIGURATION = """
@@ -246,7 +246,7 @@ def test_an_input_is_never_replaced_by_the_folder_that_holds_it_nor_written_into
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
 
     for out in (log, *places.values(), tmp_path):
-        done = CliRunner().invoke(cli, [*asked, str(out)], standalone_mode=False)
+        done = call(*asked, out)
         assert isinstance(done.exception, UsageError), out
         assert str(done.exception).startswith(f"{out}: "), out
         assert "is the log" in str(done.exception) or "which is read here" in str(done.exception), out
@@ -285,7 +285,7 @@ def test_the_command_writes_and_says_what(tmp_path: Path) -> None:
     log, out = write_mcap(tmp_path / "dive.mcap", short_dive()), tmp_path / "cut"
     asked = ["export", str(log), "-o", str(out), "--format", "rosbag2", "--start", "2", "--end", "2020-09-13T12:26:45Z"]
 
-    done, again = (CliRunner().invoke(cli, asked, standalone_mode=False) for _ in range(2))
+    done, again = (call(*asked) for _ in range(2))
 
     assert done.stdout == f"{out}: records: 4 dvl, 4 compass, 4 usbl\n{out}/usbldr.toml: noise, start and conventions\n"
     assert sorted(f.name for f in out.iterdir()) == ["cut.db3", "metadata.yaml", "usbldr.toml"]
@@ -297,9 +297,7 @@ def test_an_export_of_a_damaged_log_is_written_and_said_to_be_partial(tmp_path: 
     whole = write_mcap(tmp_path / "whole.mcap", short_dive() * 20, chunk_size=512).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
 
-    done = CliRunner().invoke(
-        cli, ["export", str(tmp_path / "cut.mcap"), "-o", str(tmp_path / "new.bag")], standalone_mode=False
-    )
+    done = call("export", tmp_path / "cut.mcap", "-o", tmp_path / "new.bag")
 
     assert done.return_value == 3
     assert "TRUNCATED: the file is cut or broken" in done.stdout
@@ -310,12 +308,10 @@ def test_an_export_may_have_the_name_of_its_scenario(tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
 
     for out in ("paper.mcap", "paper"):
-        done = CliRunner().invoke(cli, ["export", "paper", "-o", out, "--end", "20"])
-        assert done.exit_code == 0, done.output
+        output_of("export", "paper", "-o", out, "--end", 20)
 
 
 def test_a_scenario_can_be_exported(tmp_path: Path) -> None:
-    done = CliRunner().invoke(cli, ["export", "paper", "-o", str(tmp_path / "paper.bag"), "--end", "20"])
+    output_of("export", "paper", "-o", tmp_path / "paper.bag", "--end", 20)
 
-    assert done.exit_code == 0, done.output
     assert len(read_log(tmp_path / "paper.bag").tables["dvl"]) == 101

@@ -4,11 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
+from commands import run as call
 from recordings import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.info import info
 
 PAGE = """\
 {folder}/dive.mcap: MCAP, 34 messages, 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:50.000Z (10.0 s)
@@ -54,7 +53,9 @@ and origin_lon_deg under [map], or head under [usbl] if they are offsets from it
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    done = CliRunner().invoke(info, [str(a) for a in arguments], standalone_mode=False, catch_exceptions=False)
+    done = call("info", *arguments)
+    if done.exception is not None:
+        raise done.exception
     return (done.return_value or 0), done.stdout
 
 

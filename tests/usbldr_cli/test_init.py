@@ -6,19 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
 
-from commands import findings
+from commands import findings, run
 from curved import curved_dive, in_radians
 from recordings import SECOND, T0, point, write_mcap
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.main import cli
 
 MIRRORED: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED", "gravity": -9.8}
-
-
-def run(*arguments: str) -> Result:
-    return CliRunner().invoke(cli, arguments, standalone_mode=False)
 
 
 @pytest.fixture(scope="module")

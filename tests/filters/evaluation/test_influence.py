@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
+from commands import output_of
+from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.influence import compare_without, influences, most_influential, without_fix
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
@@ -18,7 +19,6 @@ from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
-from usbldr_cli.main import cli
 from weaving import Faults, weaving_dive
 
 ASSUMED = Assumptions(usbl=Gaussian(), start=Start(2.0, 0.0, 3.0))
@@ -93,9 +93,9 @@ def test_leaving_out_another_fix_changes_neither_the_timeline_nor_its_other_fixe
     assert len(shorter.fix_cov_m2) == len(before) - 1
 
 
-def replayed(log: Path, method: str, *options: str) -> tuple[Result, Path]:
+def replayed(log: Path, method: str, *options: str) -> tuple[str, Path]:
     folder = log.parent / f"run-{log.name}"
-    return CliRunner().invoke(cli, ["replay", str(log), "-f", method, "-N", "20", "-o", str(folder), *options]), folder
+    return output_of("replay", log, "-f", method, "-N", "20", "-o", folder, *options), folder
 
 
 def track(folder: Path) -> np.ndarray:
@@ -112,17 +112,15 @@ def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method
     scenario = replace(find_scenario("square"), duration_s=60.0)
     for name in ("dive", "shorter"):
         write_scenario(scenario, 3, tmp_path / name)
-    done, folder = replayed(tmp_path / "dive", method, "--leave-one-out", "2")
-    assert done.exit_code == 0, done.output
+    _, folder = replayed(tmp_path / "dive", method, "--leave-one-out", "2")
     told = report(folder)["leave_one_out"]
     first = told[0]
     records = (tmp_path / "shorter" / "usbl.csv").read_text().splitlines(keepends=True)
     del records[1 + first["fix"]["row"]]
     (tmp_path / "shorter" / "usbl.csv").write_text("".join(records))
 
-    done, other = replayed(tmp_path / "shorter", method)
+    _, other = replayed(tmp_path / "shorter", method)
 
-    assert done.exit_code == 0, done.output
     shift_m = np.hypot(*(track(folder) - track(other)).T)
     assert first["largest_shift_m"] == pytest.approx(shift_m.max(), abs=2e-3)
     assert first["mean_shift_m"] == pytest.approx(shift_m.mean(), abs=1e-3)
@@ -135,9 +133,9 @@ def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method
 def test_terminal_and_report_show_the_largest_effect_first(tmp_path: Path) -> None:
     write_scenario(replace(find_scenario("square"), duration_s=60.0), 3, tmp_path / "dive")
 
-    done, folder = replayed(tmp_path / "dive", "adf", "--leave-one-out", "5")
+    printed, folder = replayed(tmp_path / "dive", "adf", "--leave-one-out", "5")
 
-    lines = done.output.splitlines()
+    lines = printed.splitlines()
     head = next(k for k, line in enumerate(lines) if line.startswith("without fix"))
     shifts = [float(line.split()[2]) for line in lines[head + 1 : head + 6]]
     assert shifts == sorted(shifts, reverse=True)
@@ -150,7 +148,6 @@ def test_terminal_and_report_show_the_largest_effect_first(tmp_path: Path) -> No
 def test_a_method_that_tells_of_no_shift_cannot_leave_one_out(tmp_path: Path, method: str) -> None:
     write_scenario(replace(find_scenario("square"), duration_s=20.0), 3, tmp_path / "dive")
 
-    done, folder = replayed(tmp_path / "dive", method, "--leave-one-out", "1")
-
-    assert f"{method} does not tell what each fix did to it" in str(done.exception)
-    assert not folder.exists()
+    with pytest.raises(UsbldrError, match=f"{method} does not tell what each fix did to it"):
+        replayed(tmp_path / "dive", method, "--leave-one-out", "1")
+    assert not (tmp_path / "run-dive").exists()

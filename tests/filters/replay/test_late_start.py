@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from commands import output_of
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.noise import Gaussian
@@ -13,7 +13,6 @@ from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Timeline, Trajectory
-from usbldr_cli.main import cli
 from weaving import SD_M, Faults, weaving_dive
 
 
@@ -69,18 +68,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "[vehicle]\neast_m = 300.0\nnorth_m = -200.0\n",
         encoding="utf-8",
     )
-    arguments = ["simulate", str(folder / "short.toml"), "-o", str(folder / "dive.mcap")]
-    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
-    assert done.exception is None
+    output_of("simulate", folder / "short.toml", "-o", folder / "dive.mcap")
     return folder / "dive.mcap"
 
 
-def replayed(log: Path, *options: str) -> object:
-    arguments = ["replay", str(log), "--usbl", "none", "--force", "-q", "-o", str(log.with_name("run")), *options]
-    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
-    if done.exception is not None:
-        raise done.exception
-    return done.output
+def replayed(log: Path, *options: str) -> str:
+    return output_of("replay", log, "--usbl", "none", "--force", "-q", "-o", log.with_name("run"), *options)
 
 
 def test_without_usbl_it_is_said_what_to_state(log: Path) -> None:
@@ -103,6 +96,6 @@ def test_without_usbl_a_stated_start_or_gps_at_the_surface_will_do(log: Path) ->
     started.write_text(f"{own}\n[start]\neast_m = 300.0\nnorth_m = -200.0\nsd_m = 1.0\n", encoding="utf-8")
 
     for options in (("--config", str(started)), ("--aid", "gps@0:10")):
-        said = str(replayed(log, "-f", "adf", *options))
+        said = replayed(log, "-f", "adf", *options)
         assert said.startswith("adf 0.")  # metres
-    assert str(replayed(log, "-f", "dr", "--dr-from", "first-gps")).startswith("dr 0.")
+    assert replayed(log, "-f", "dr", "--dr-from", "first-gps").startswith("dr 0.")

@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from commands import run
 from recordings import SECOND, T0
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.definitions import SHIPPED, with_folders
 from usbldr.io.decoding.known_messages import KNOWN
 from usbldr.io.formats.db3_log import Db3Log
 from usbldr.io.formats.mcap_log import McapLog
-from usbldr_cli.main import cli
 
 BEAM = "int64 id\nfloat64 velocity\nfloat64 distance\nfloat64 rssi\nfloat64 nsd\nbool valid\n"
 START = "std_msgs/Header header\nfloat64 time\ngeometry_msgs/Vector3 velocity\nfloat64 fom\n"
@@ -137,9 +136,9 @@ def test_a_folder_of_definitions_makes_messages_readable(own: Path, folder: str)
 def test_the_option_for_it_stands_in_every_command_that_takes_a_log(own: Path) -> None:
     log = str(own / "own")
 
-    without = CliRunner().invoke(cli, ["info", log])
-    with_it = CliRunner().invoke(cli, ["info", log, "--msg-path", str(own / "src")])
-    wrong = CliRunner().invoke(cli, ["info", log, "--msg-path", str(own / "gone")], standalone_mode=False)
+    without = run("info", log)
+    with_it = run("info", log, "--msg-path", own / "src")
+    wrong = run("info", log, "--msg-path", own / "gone")
 
     assert "our_msgs/msg/Compass; --msg-path DIR names a folder with our_msgs/msg/Compass.msg" in without.output
     assert "--msg-path" not in with_it.output

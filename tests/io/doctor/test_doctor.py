@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from commands import findings, run
 from curved import curved_dive, in_radians
@@ -16,7 +15,6 @@ from recordings import SECOND, T0, Row, point, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.read import Request, read_log
-from usbldr_cli.main import cli
 
 
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
@@ -46,7 +44,7 @@ def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) ->
     log = write_mcap(tmp_path / "dive.mcap", curved_dive(imu="NED", gps=True))
     options = ["--filter", "dr", "--output", str(tmp_path / "run")]
 
-    done = CliRunner().invoke(cli, ["replay", str(log), *options], standalone_mode=False)
+    done = run("replay", log, *options)
 
     assert done.return_value == 0
     assert "but NED fits: with axes FLU, convention NED, frame ENU" in done.stderr
@@ -332,7 +330,7 @@ def test_of_two_units_that_are_near_the_nearest_is_named(tmp_path: Path, times: 
 
 def drafted_for(log: Path) -> Path:
     drafted = log.parent / "drafted.toml"
-    CliRunner().invoke(cli, ["init", str(log), "--output", str(drafted)], standalone_mode=False)
+    run("init", log, "--output", drafted)
     return drafted
 
 
@@ -394,7 +392,7 @@ def late(rows: list[Row], topic: str, by_s: float) -> list[Row]:
 def replayed(log: Path, *options: str) -> str:
     """Return what replay says on stderr."""
     target = str(log.with_name("run"))
-    return CliRunner().invoke(cli, ["replay", str(log), "-f", "dr", "-q", "--force", "-o", target, *options]).stderr
+    return run("replay", log, "-f", "dr", "-q", "--force", "-o", target, *options).stderr
 
 
 @pytest.mark.parametrize("ahead_s", [18.0, -18.0, 37.0])

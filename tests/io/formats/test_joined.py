@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
+from commands import output_of
 from recordings import T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.opening import Request
 from usbldr.io.read import read_log
-from usbldr_cli.main import cli
 
 VEHICLE, SHIP = ("/dvl", "/imu"), ("/usbl",)
 
@@ -126,8 +125,6 @@ def test_info_takes_files_with_the_log(tmp_path: Path) -> None:
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
     ship = write_bag(tmp_path / "ship.bag", of(SHIP))
 
-    result = CliRunner().invoke(cli, ["info", str(vehicle), "--with", str(ship), "--json"])
-
-    described = json.loads(result.stdout)["logs"][0]
+    described = json.loads(output_of("info", vehicle, "--with", ship, "--json"))["logs"][0]
     assert described["fault"] is None
     assert list(described["sensors"]) == ["dvl", "compass", "usbl"]

@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from commands import output_of
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.conventions.compass import without_deviation
 from usbldr.io.read import read_log
 from usbldr.io.reports.calibration_config import calibrated_configuration
 from usbldr.io.timeline import timeline
-from usbldr_cli.main import cli
 
 SCENARIO = """\
 schema = 1
@@ -62,23 +61,18 @@ NAMES = {
 }
 
 
-def command(*arguments: str) -> None:
-    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
-    assert done.exception is None, done.exception
-
-
 def simulated(folder: Path, section: str, wrong: dict[str, float]) -> Path:
     """Write a dive with one thing wrong."""
     stated = {"usbl": ["accuracy = { sd_m = 0.2 }"]}
     stated.setdefault(section, []).extend(f"{key} = {value}" for key, value in wrong.items())
     sections = "".join(f"\n[{name}]\n" + "\n".join(keys) + "\n" for name, keys in stated.items())
     (folder / "wrong.toml").write_text(SCENARIO + sections, encoding="utf-8")
-    command("simulate", str(folder / "wrong.toml"), "-o", str(folder / "dive.mcap"))
+    output_of("simulate", folder / "wrong.toml", "-o", folder / "dive.mcap")
     return folder / "dive.mcap"
 
 
 def calibrated(log: Path, key: str, run: Path, *options: str) -> dict[str, Any]:
-    command("replay", str(log), "-f", "adf", "--calibrate", key, "-o", str(run), "-q", *options)
+    output_of("replay", str(log), "-f", "adf", "--calibrate", key, "-o", str(run), "-q", *options)
     return json.loads((run / "report.json").read_text(encoding="utf-8"))["calibration"]
 
 
@@ -187,12 +181,11 @@ def test_without_an_error_to_write_it_says_so_before_it_runs(
     dive: Path, tmp_path: Path, options: tuple[str, ...], sentence: str
 ) -> None:
     file, run = tmp_path / "next.toml", tmp_path / "run"
-    arguments = ["replay", str(dive), *options, "--write-calibration", str(file), "-o", str(run)]
 
-    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+    with pytest.raises(UsageError) as refused:
+        output_of("replay", dive, *options, "--write-calibration", file, "-o", run)
 
-    assert isinstance(done.exception, UsageError)
-    assert sentence in str(done.exception)
+    assert sentence in str(refused.value)
     assert not file.exists()
     assert not run.exists()
 
@@ -200,18 +193,9 @@ def test_without_an_error_to_write_it_says_so_before_it_runs(
 def test_no_file_is_overwritten_without_force(dive: Path, tmp_path: Path) -> None:
     file = tmp_path / "next.toml"
     file.write_text("mine", encoding="utf-8")
-    arguments = [
-        "replay",
-        str(dive),
-        "--calibrate",
-        "scale",
-        "--write-calibration",
-        str(file),
-        "-o",
-        str(tmp_path / "r"),
-    ]
 
-    done = CliRunner().invoke(cli, arguments, standalone_mode=False)
+    with pytest.raises(UsageError) as refused:
+        output_of("replay", dive, "--calibrate", "scale", "--write-calibration", file, "-o", tmp_path / "r")
 
-    assert str(done.exception) == f"{file} exists already: choose another file for --write-calibration, or --force"
+    assert str(refused.value) == f"{file} exists already: choose another file for --write-calibration, or --force"
     assert file.read_text(encoding="utf-8") == "mine"

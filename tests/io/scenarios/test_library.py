@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import get_args, get_type_hints
 
 import pytest
-from click.testing import CliRunner
 
 from checkout import ROOT
+from commands import output_of, run
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.models.parameters import ProcessNoise, Start
@@ -31,7 +31,6 @@ from usbldr.filters.simulation.scenario import (
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.scenarios.library import find_scenario, read_scenario, scenario_names
 from usbldr.io.scenarios.sections import ScenarioFile
-from usbldr_cli.main import cli
 
 EVERYTHING = """
 schema = 1
@@ -289,17 +288,15 @@ def test_every_shipped_scenario_reads_and_says_what_it_is_about() -> None:
 def test_a_file_is_a_scenario_wherever_a_log_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     _file(tmp_path, 'schema = 1\nlike = "paper"\nabout = "a short one"\nduration_s = 20.0\n', "short.toml")
-    run = CliRunner().invoke
 
-    written = run(cli, ["simulate", "short.toml", "-o", "short.mcap", "--seed", "3"])
-    compared = run(cli, ["compare", "short.toml", "--filters", "ekf,usbl", "--seeds", "2", "--jobs", "1"])
-    replayed = run(cli, ["replay", "short.toml", "--filter", "ekf", "--seed", "3", "--quiet", "--output", "a"])
-    from_file = run(cli, ["replay", "short.mcap", "--filter", "ekf", "--quiet", "--output", "b"])
+    written = output_of("simulate", "short.toml", "-o", "short.mcap", "--seed", 3)
+    compared = output_of("compare", "short.toml", "--filters", "ekf,usbl", "--seeds", 2, "--jobs", 1)
+    replayed = output_of("replay", "short.toml", "--filter", "ekf", "--seed", 3, "--quiet", "--output", "a")
+    from_file = output_of("replay", "short.mcap", "--filter", "ekf", "--quiet", "--output", "b")
 
-    assert (written.exit_code, compared.exit_code, replayed.exit_code) == (0, 0, 0), compared.output + replayed.output
-    assert written.output.startswith("short.mcap: scenario short, seed 3, 20 s, records: 101 dvl, 101 compass, 21 usbl")
-    assert "each seed is a dive of its own" in compared.output
-    assert replayed.output.splitlines()[0] == from_file.output.splitlines()[0]
+    assert written.startswith("short.mcap: scenario short, seed 3, 20 s, records: 101 dvl, 101 compass, 21 usbl")
+    assert "each seed is a dive of its own" in compared
+    assert replayed.splitlines()[0] == from_file.splitlines()[0]
 
 
 def test_what_is_no_scenario_is_answered_with_the_names() -> None:
@@ -344,6 +341,6 @@ def test_the_doctor_examines_a_scenario_of_a_file_like_a_shipped_one(tmp_path: P
     mine = tmp_path / "paper.toml"
     mine.write_text('schema = 1\nlike = "paper"\nabout = "mine"\n', encoding="utf-8")
 
-    own, shipped = (CliRunner().invoke(cli, ["doctor", name, "--json"]) for name in (str(mine), "paper"))
+    own, shipped = (run("doctor", name, "--json") for name in (mine, "paper"))
 
-    assert (own.exit_code, own.output) == (shipped.exit_code, shipped.output)
+    assert (own.return_value, own.output) == (shipped.return_value, shipped.output)

@@ -5,11 +5,10 @@ import math
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from checkout import SAMPLES
+from commands import output_of
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.main import cli
 from usbldr_cli.options.aid_option import aid_windows
 
 SAMPLE = SAMPLES / "lawnmower.mcap"
@@ -42,7 +41,7 @@ def test_what_is_no_window_is_refused_in_one_sentence(text: str, told: str) -> N
 
 def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    told = _usbldr("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@30:60,500:520", "-o", str(folder))
+    told = output_of("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@30:60,500:520", "-o", str(folder))
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
 
     sentence = "GPS fixes used as measurements from 30 to 60, 500 to 520 s of the log"
@@ -59,31 +58,26 @@ def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(t
 
 def test_compare_says_it_too_and_refuses_to_set_it_beside_a_run_without(tmp_path: Path) -> None:
     aided, alone = tmp_path / "aided", tmp_path / "alone"
-    told = _usbldr("compare", str(SAMPLE), "--filters", "dr,ekf", "--aid", "gps@500:520", "--jobs", "1")
+    told = output_of("compare", str(SAMPLE), "--filters", "dr,ekf", "--aid", "gps@500:520", "--jobs", "1")
     for folder, more in ((aided, ("--aid", "gps@500:520")), (alone, ())):
-        _usbldr("replay", str(SAMPLE), "--filter", "ekf", "-o", str(folder), *more)
+        output_of("replay", str(SAMPLE), "--filter", "ekf", "-o", str(folder), *more)
 
     assert "from 500 to 520 s of the log" in " ".join(told.split())
     with pytest.raises(UsageError, match=r"has aid 500 to 520 s, .* has none"):
-        _usbldr("compare", str(aided), str(alone))
+        output_of("compare", str(aided), str(alone))
 
 
 def test_a_track_without_a_filter_cannot_be_aided(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="dr is no filter, so there is nothing to aid"):
-        _usbldr("replay", str(SAMPLE), "--filter", "dr", "--aid", "gps@0:60", "-o", str(tmp_path / "run"))
+        output_of("replay", str(SAMPLE), "--filter", "dr", "--aid", "gps@0:60", "-o", str(tmp_path / "run"))
     with pytest.raises(UsageError, match="--aid is for filters, and none of them is compared"):
-        _usbldr("compare", str(SAMPLE), "--filters", "dr,usbl", "--aid", "gps@0:60")
+        output_of("compare", str(SAMPLE), "--filters", "dr,usbl", "--aid", "gps@0:60")
 
 
 def test_a_log_without_gps_there_leaves_no_run_directory(tmp_path: Path) -> None:
     folder = tmp_path / "run"
 
     with pytest.raises(LogError, match=r"lawnmower.mcap: no GPS fix to aid a filter from 2000 to 2060 s of the log"):
-        _usbldr("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@2000:2060", "-o", str(folder))
+        output_of("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@2000:2060", "-o", str(folder))
 
     assert not folder.exists()
-
-
-def _usbldr(*arguments: str) -> str:
-    """Run the command in this process; faults are raised as what they are."""
-    return CliRunner().invoke(cli, arguments, catch_exceptions=False, standalone_mode=False).output

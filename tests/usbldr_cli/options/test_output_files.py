@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
 import usbldr_cli.compare
 import usbldr_cli.replay
 import usbldr_cli.runs.jobs
 from checkout import SAMPLES
+from commands import run
 from usbldr.filters.errors import UsageError
-from usbldr_cli.main import cli
 from usbldr_cli.options.output_files import refuse_file, write_file
 
 ROW = """\
@@ -49,7 +48,7 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def refusal(*arguments: object) -> str:
-    done = CliRunner().invoke(cli, [str(a) for a in arguments], standalone_mode=False)
+    done = run(*arguments)
     assert isinstance(done.exception, UsageError), (arguments, done.exception, done.output)
     return str(done.exception)
 
@@ -123,7 +122,7 @@ def test_nothing_is_written_into_the_folder_of_a_log_but_its_configuration(tmp_p
     shutil.copytree(SAMPLES / "lawnmower_csv", folder)
 
     said = refusal("replay", folder, "-o", tmp_path / "run", "--json", folder / "dvl.csv", "--force")
-    done = CliRunner().invoke(cli, ["init", str(folder), "--force"], standalone_mode=False)
+    done = run("init", folder, "--force")
 
     assert said == f"{folder / 'dvl.csv'} lies in {folder}, which is read here: choose another file for --json"
     assert done.exception is None

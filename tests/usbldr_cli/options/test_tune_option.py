@@ -7,16 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from checkout import SAMPLES
+from commands import output_of, run
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.io.reports.tuned_config import tuned_toml
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.settings.configuration import assumptions, parse_configuration, read_configuration
 from usbldr.io.writers.export import export
-from usbldr_cli.main import cli
 
 SAMPLE = SAMPLES / "lawnmower.mcap"
 STATES = "scale,heading,usbl-bias"
@@ -25,7 +24,7 @@ STATES = "scale,heading,usbl-bias"
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     folder = tmp_path_factory.mktemp("tuned") / "run"
-    return folder, _usbldr("replay", str(SAMPLE), "-f", "ekf", "--calibrate", STATES, "--tune", "-o", str(folder))
+    return folder, output_of("replay", str(SAMPLE), "-f", "ekf", "--calibrate", STATES, "--tune", "-o", str(folder))
 
 
 def test_a_tuned_replay_tells_what_was_found_in_table_report_and_configuration(tuned: tuple[Path, str]) -> None:
@@ -52,14 +51,14 @@ def test_a_tuned_replay_tells_what_was_found_in_table_report_and_configuration(t
 def test_without_a_truth_the_same_is_found(tuned: tuple[Path, str], tmp_path: Path) -> None:
     folder, _ = tuned
     blind = tmp_path / "blind"
-    _usbldr("replay", str(SAMPLE), "-f", "ekf", "--calibrate", STATES, "--tune", "--truth", "none", "-o", str(blind))
+    output_of("replay", str(SAMPLE), "-f", "ekf", "--calibrate", STATES, "--tune", "--truth", "none", "-o", str(blind))
 
     assert (blind / "tuned.toml").read_text(encoding="utf-8") == (folder / "tuned.toml").read_text(encoding="utf-8")
 
 
 def test_compare_tunes_filters_and_leaves_tracks_alone(tmp_path: Path) -> None:
     plain, tuned = (
-        json.loads(_usbldr("compare", str(SAMPLE), "-f", "dr,ekf", "-j", "1", "--json", *more))
+        json.loads(output_of("compare", str(SAMPLE), "-f", "dr,ekf", "-j", "1", "--json", *more))
         for more in ([], ["--tune"])
     )
     (dr, ekf), (same_dr, tuned_ekf) = plain["rows"], tuned["rows"]
@@ -71,9 +70,9 @@ def test_compare_tunes_filters_and_leaves_tracks_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", [("replay", "-f", "dr"), ("compare", "-f", "dr,usbl")])
 def test_what_is_no_filter_is_not_tuned(command: tuple[str, ...]) -> None:
     name, *options = command
-    run = CliRunner().invoke(cli, [name, str(SAMPLE), *options, "--tune"], standalone_mode=False)
+    done = run(name, SAMPLE, *options, "--tune")
 
-    assert "tune" in str(run.exception)
+    assert "tune" in str(done.exception)
 
 
 def test_the_scales_of_a_configuration_come_back_from_an_export(tmp_path: Path) -> None:
@@ -93,9 +92,3 @@ def test_the_configuration_states_all_that_differs_from_the_defaults() -> None:
     text = tuned_toml(replace(log, assumptions=found))
 
     assert assumptions(parse_configuration(tomllib.loads(text), Path("tuned.toml"))) == found
-
-
-def _usbldr(*arguments: str) -> str:
-    run = CliRunner().invoke(cli, arguments, catch_exceptions=False)
-    assert run.exit_code == 0, run.output
-    return run.stdout
