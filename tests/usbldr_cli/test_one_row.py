@@ -12,6 +12,7 @@ import commands
 from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step
 from usbldr.filters.models.states import POSITION
 from usbldr.filters.replay.methods import METHODS, Method
+from usbldr_cli.figures.run_figures import write_figures
 from usbldr_cli.figures.style import colour
 from usbldr_cli.runs import jobs
 from usbldr_cli.runs.job_store import JobStore
@@ -30,7 +31,7 @@ class LastFix:
         mean = belief.mean.copy()
         for measurement in step.measurements:
             if measurement.sensor == "usbl":
-                mean[POSITION[("east", "north").index(measurement.axis)]] = measurement.z[0]
+                mean[POSITION] = measurement.z
         return Prior(mean, belief.cov)
 
     def estimate(self, belief: Prior) -> Estimate:
@@ -56,7 +57,10 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("own")
-def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(tmp_path: Path) -> None:
+def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("usbldr_cli.figures.run_figures.write_figures", write_figures)
     done = commands.run("replay", DIVE, "-f", "last-fix", "--calibrate", "none", "-o", str(tmp_path / "run"))
 
     report = json.loads((tmp_path / "run" / "report.json").read_text())
