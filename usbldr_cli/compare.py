@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import inputs, open_log, selection_options
-from usbldr_cli.options.methods_option import MethodsCommand
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
@@ -20,17 +20,23 @@ if TYPE_CHECKING:
     from usbldr_cli.runs.seed_table import ComparisonRow
 
 
-@click.command(cls=MethodsCommand)
+@click.command(cls=GroupedCommand)
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True)
 @selection_options
-@click.option("--filters", "-f", metavar="LIST", help="As in dr,ekf,ckf,cpf.  [default: dr,usbl,ekf,adf,cpf]")
-@click.option("--seeds", type=click.IntRange(min=1), default=5, show_default=True, help="Runs of each: --seed and up.")
-@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Runs at a time.  [default: one for each core]")
+@click.option("--filters", "-f", metavar="LIST", help="Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]")
+@click.option(
+    "--seeds", type=click.IntRange(min=1), default=5, show_default=True, metavar="N", help="Runs of each method."
+)
+@click.option(
+    "--jobs", "-j", metavar="N", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]"
+)
 @run_options
-@click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, pictures and finished runs.")
-@click.option("--force", is_flag=True, help="Replace the tables of another comparison in that folder.")
-@click.option("--json", "json_to", is_flag=False, flag_value="-", help="Table as JSON: to a file, or alone to stdout.")
-@click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
+@click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
+@click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
+@click.option(
+    "--json", "json_to", is_flag=False, flag_value="-", help="Write the table as JSON, to a file or to stdout."
+)
+@click.option("--quiet", "-q", is_flag=True, help="Print the last sentence only.")
 def compare(
     logs: tuple[str, ...],
     filters: str | None,
@@ -45,8 +51,8 @@ def compare(
 ) -> int:
     """Run several filters over each LOG and tabulate their errors, with standard errors over seeds.
 
-    LOG is a file, a folder or a scenario; of a scenario each seed is a dive of its own. Where every LOG is a run
-    directory of replay, nothing is run. Interrupted, the same command with the same --output goes on where it was.
+    LOG is a file, a folder, a scenario (each seed is a dive of its own) or a run directory of replay. Repeat an
+    interrupted command with the same --output, and it continues.
 
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import inputs, log_options, open_log
-from usbldr_cli.options.methods_option import MethodsCommand
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
 
 
-@click.command(cls=MethodsCommand)
+@click.command(cls=GroupedCommand)
 @log_options
 @click.option(
     "--filter",
@@ -37,21 +37,23 @@ MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
     default="cpf",
     show_default=True,
     metavar="NAME",
-    help="See Filters below.",
+    help="Method, see Filters below.",
 )
 @run_options
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
-@click.option("--force", is_flag=True, help="Replace a run directory that is there already.")
-@click.option("--json", "json_to", is_flag=False, flag_value="-", help="Report as JSON: to a file, or alone to stdout.")
-@click.option("--write-calibration", metavar="FILE", help="Configuration for the next dive, with the errors found.")
+@click.option("--force", is_flag=True, help="Replace an existing run directory.")
+@click.option(
+    "--json", "json_to", is_flag=False, flag_value="-", help="Write the report as JSON, to a file or to stdout."
+)
+@click.option("--write-calibration", metavar="FILE", help="Write the sensor errors found as a configuration.")
 @click.option(
     "--leave-one-out",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Run again without each of the N fixes that moved the track most: N times the time.",
+    help="Repeat the run without each of the N most influential fixes.",
 )
-@click.option("--strict", is_flag=True, help="Write nothing when a part of LOG could not be read.")
-@click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
+@click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
+@click.option("--quiet", "-q", is_flag=True, help="Print the last sentence only.")
 def replay(
     method: str,
     choices: RunChoices,
@@ -64,9 +66,9 @@ def replay(
     quiet: bool,
     **where: Any,
 ) -> int:
-    """Run a filter over LOG and report how far east and north it lies from the truth.
+    """Run a filter over LOG and report its east and north errors against the truth.
 
-    Prints the table of errors and writes a run directory with report.md, report.json, tables, tracks and pictures.
+    Prints a table and writes a run directory with reports, tables, tracks and figures.
 
     \b
     $ usbldr replay dive.mcap --filter cpf

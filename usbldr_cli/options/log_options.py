@@ -12,21 +12,21 @@ if TYPE_CHECKING:
 
 ROLE_HELP = {
     "dvl": "Topic of the DVL.",
-    "compass": "Topic of the heading.",
+    "compass": "Topic of the compass.",
     "usbl": "Topic of the USBL.",
     "gps": "Topic of the GPS.",
-    "depth": 'Topic of the depth. "none" leaves a sensor out.',
+    "depth": 'Topic of the depth; "none" leaves a sensor out.',
 }
 
 
 def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --config, one option for each sensor, --truth, --with and --msg-path."""
     options = (
-        click.option("--config", metavar="FILE", help='Configuration. "none": not even the one beside LOG.'),
+        click.option("--config", metavar="FILE", help='Configuration file; "none" ignores the one beside LOG.'),
         *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
-        click.option("--truth", metavar="FILE|TOPIC", help='What to measure errors against, "none" for nothing.'),
-        click.option("--with", "joined", metavar="FILE", multiple=True, help="Another file of the same dive."),
-        click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg files that LOG does not carry."),
+        click.option("--truth", metavar="FILE|TOPIC", help='Reference track; "none" for no scoring.'),
+        click.option("--with", "joined", metavar="FILE", multiple=True, help="Further file of the same dive."),
+        click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg definitions that LOG lacks."),
     )
     for option in reversed(options):
         command = option(command)

@@ -18,14 +18,3 @@ class MethodsOption(click.Option):
 
         record = super().get_help_record(ctx)
         return record and (record[0], record[1].replace("{methods}", methods_that(lambda m: getattr(m, self.having))))
-
-
-class MethodsCommand(click.Command):
-    """A command whose help ends in the list of methods."""
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write each method's name and description."""
-        from usbldr.filters.replay.methods import METHODS
-
-        with formatter.section("Filters"):
-            formatter.write_dl([(method.name, method.description) for method in METHODS.values()])

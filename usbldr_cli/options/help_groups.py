@@ -1,0 +1,61 @@
+"""Help of a command with many options: titled groups, the common options on one screen, all of them on request."""
+
+from typing import Any
+
+import click
+
+COMMON = {
+    "Log": ("config", "truth", "joined"),
+    "Filter": ("method", "filters", "particles", "calibrate", "tune", "smooth", "seed", "seeds"),
+    "Scoring": (
+        "start",
+        "end",
+        "align",
+    ),
+    "Output": ("output", "force", "json_to", "quiet", "jobs"),
+}
+RARE = {
+    "Log": ("dvl", "compass", "usbl", "gps", "depth", "msg_path", "strict"),
+    "Filter": ("noise", "gate", "guard", "form", "order", "aid", "fast_hz"),
+    "Scoring": ("slow_hz", "dr_from", "leave_one_out"),
+    "Output": ("write_calibration",),
+}
+"""The parameters of each group, in the order in which help lists them."""
+SHOW_ALL = "usbldr.help_all"  # key of the context
+
+
+class GroupedCommand(click.Command):
+    """A command whose ``--help`` shows the common options, ``--help-all`` every option; the filters come last."""
+
+    def __init__(self, *args: Any, **given: Any) -> None:
+        super().__init__(*args, **given, context_settings={"max_content_width": 100})
+        self.params.append(
+            click.Option(
+                ["--help-all"], is_flag=True, is_eager=True, expose_value=False, callback=_show_all, help="All options."
+            )
+        )
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options of each group."""
+        options = {param.name: param for param in self.get_params(ctx) if isinstance(param, click.Option)}
+        for title, names in COMMON.items():
+            shown = (*names, *RARE[title]) if SHOW_ALL in ctx.meta else names
+            records = [options[name].get_help_record(ctx) for name in shown if name in options]
+            with formatter.section(title):
+                formatter.write_dl([record for record in records if record is not None])
+        more = "" if SHOW_ALL in ctx.meta else f"\n{ctx.command_path} --help-all lists every option."
+        formatter.write(more + "\n" if more else "")
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each method's name and description."""
+        from usbldr.filters.replay.methods import METHODS
+
+        with formatter.section("Filters"):
+            formatter.write_dl([(method.name, method.description) for method in METHODS.values()])
+
+
+def _show_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+    if asked:
+        ctx.meta[SHOW_ALL] = True
+        click.echo(ctx.get_help())
+        ctx.exit()
