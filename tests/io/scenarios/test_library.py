@@ -322,7 +322,7 @@ def test_the_files_that_the_documentation_shows_are_scenarios(tmp_path: Path) ->
 def test_the_documentation_has_every_scenario_and_every_key() -> None:
     text = _documented()
 
-    listed = set(re.findall(r"^\| `([a-z-]+)` \|", text.split("## A file")[0], re.MULTILINE))
+    listed = set(re.findall(r"^\| `([a-z-]+)` \|", text.split("## A scenario file")[0], re.MULTILINE))
     assert listed == set(scenario_names())
     named = set(re.findall(r"[a-z_]+", text))
     sections = {name: part for name, part in get_type_hints(ScenarioFile).items() if name not in ("process", "start")}
