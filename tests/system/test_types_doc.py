@@ -24,7 +24,7 @@ define(
 def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = DOC[DOC.index("## A new type") : DOC.index("## A new sentence")]
     (shown,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    layout = eval(shown, {"Layout": MessageLayout})
+    layout = eval(shown, {"MessageLayout": MessageLayout})
     monkeypatch.setattr(registry, "LAYOUTS", {**registry.LAYOUTS, "dvl": (layout,)})
     values = {"header.stamp": T0, "speed.forward": 150.0, "speed.port": -20.0, "status": 1, "sigma": 2.0}
     rows = [(T0 + k, "/acme", "acme_msgs/msg/BottomLock", {**values, "status": 1 - k}) for k in range(2)]
