@@ -9,6 +9,10 @@ from recordings import Row, write_csv, write_mcap
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 
+MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
+HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
+METRES_A_DEGREE = 111132.95  # of latitude at 45 degrees
+
 
 def logged(folder: Path, rows: Iterable[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
     """Read the rows from dive.mcap; topics: role -> topic."""

@@ -20,6 +20,7 @@ from rosbags.typesys.store import Typestore
 SECOND = 1_000_000_000
 T0 = 1_600_000_000 * SECOND  # 2020-09-13T12:26:40Z
 
+HEADER = "std_msgs/Header header\n"
 MARINE_DVL = """\
 std_msgs/Header header
 uint8 velocity_mode
@@ -176,9 +177,13 @@ def twist(time_ns: int, x: float, y: float, z: float = 0.0, topic: str = "/dvl")
 
 def yaw(time_ns: int, yaw_deg: float, topic: str = "/imu") -> Row:
     """An Imu turned by yaw_deg about its z axis."""
+    return time_ns, topic, IMU, {"header.stamp": time_ns} | turned("orientation", yaw_deg)
+
+
+def turned(prefix: str, yaw_deg: float) -> dict[str, float]:
+    """Return the fields of a quaternion that turns about z."""
     half = np.radians(yaw_deg) / 2
-    values = {"header.stamp": time_ns, "orientation.z": float(np.sin(half)), "orientation.w": float(np.cos(half))}
-    return time_ns, topic, IMU, values
+    return {f"{prefix}.z": float(np.sin(half)), f"{prefix}.w": float(np.cos(half))}
 
 
 def point(time_ns: int, x: float, y: float, z: float = 0.0, delay_s: float = 0.0, topic: str = "/usbl") -> Row:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from logs import codes, logged, logged_nmea
+from logs import HEAD, MAP, METRES_A_DEGREE, codes, logged, logged_nmea
 from recordings import (
     DVL,
     FIX,
+    HEADER,
     POINT,
     POSE_COVARIANCE,
     SECOND,
@@ -28,7 +29,6 @@ from recordings import (
 from usbldr.filters.errors import UsageError
 from usbldr.io.read import read_log
 
-HEADER = "std_msgs/Header header\n"
 define(
     {
         "some_foxglove_msgs/msg/LocationFix": "float64 latitude\nfloat64 longitude\n",
@@ -36,9 +36,6 @@ define(
     }
 )
 define({"gps_only_msgs/msg/GPSFix": HEADER + "float64 latitude\nfloat64 longitude\nfloat64 track\nfloat64 err_horz\n"})
-MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
-HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
-METRES_A_DEGREE = 111132.95  # of latitude at 45 degrees
 
 
 def cola2(k: int, age_s: float) -> Row:

@@ -7,14 +7,12 @@ import numpy as np
 import pymap3d
 import pytest
 
-from logs import codes, covariance, logged, logged_csv, places
+from logs import MAP, codes, covariance, logged, logged_csv, places
 from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.usbl_head import TimeSeries
 from usbldr.io.read import Request
 from usbldr.io.survey import survey
-
-MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 
 
 def ship(time_ns: int, east_m: float, north_m: float) -> Row:

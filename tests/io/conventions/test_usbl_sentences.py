@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import logged_nmea, places
+from logs import HEAD, logged_nmea, places
 from recordings import sentence
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 
-HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
 LAKE = "[map]\norigin_lat_deg = 44.986266\norigin_lon_deg = -93.5761859\n"
 METRES_A_DEGREE = 111132.95 - 559.85 * math.cos(2 * math.radians(44.986))  # of latitude there, by the usual series
 

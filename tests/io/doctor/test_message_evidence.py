@@ -7,10 +7,9 @@ import pytest
 
 from commands import findings
 from curved import curved_dive
-from recordings import SECOND, T0, Row, define, write_mcap
+from recordings import HEADER, SECOND, T0, Row, define, write_mcap
 
 DEPTH_M = 12.0
-HEADER = "std_msgs/Header header\n"
 TYPES = {
     "seatrac_of_doctor/msg/ModemRec": HEADER
     + "uint8 src_id\nbool includes_position\nint16 position_easting\nint16 position_northing\nint16 position_depth\n",

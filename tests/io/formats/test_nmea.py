@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import codes, logged_nmea
+from logs import MAP, codes, logged_nmea
 from recordings import SECOND, T0, sentence, write_mcap
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
@@ -17,7 +17,6 @@ from usbldr.io.read import Request, read_log
 
 STRING = "std_msgs/msg/String"
 DAY = 86_400 * SECOND
-MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 
 
 # recorded sentences of a HiPAP, a Ranger 2 and two GAPS with their own checksums

@@ -10,12 +10,11 @@ import pandas as pd
 import pytest
 
 from logs import logged
-from recordings import IMU, ODOMETRY, SECOND, T0, Row, define, fix
+from recordings import HEADER, IMU, ODOMETRY, SECOND, T0, Row, define, fix, turned
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.declination import declination
 from usbldr.io.log import Log, Origin
 
-HEADER = "std_msgs/Header header\n"
 TYPES = {
     "compass_msgs/msg/Azimuth": HEADER
     + "float64 azimuth\nfloat64 variance\nuint8 unit\nuint8 orientation\nuint8 reference\n",
@@ -47,11 +46,6 @@ def row(kind: str, values: Mapping[str, Any], after_s: int = 0) -> Row:
 def heading(log: Log) -> list[float]:
     table: pd.DataFrame = log.tables["compass"]
     return [float(value) for value in table["heading_deg"]]
-
-
-def turned(prefix: str, yaw_deg: float) -> dict[str, float]:
-    half = math.radians(yaw_deg) / 2
-    return {f"{prefix}.z": math.sin(half), f"{prefix}.w": math.cos(half)}
 
 
 SOUTH_EAST_BY_TYPE: dict[str, Mapping[str, Any]] = {

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from logs import logged
-from recordings import HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp
+from recordings import HEADER, HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 
-HEADER = "std_msgs/Header header\n"
 PLACE = "float64 latitude\nfloat64 longitude\n"
 COVARIANCE = "float64[9] position_covariance\nuint8 position_covariance_type\n"
 TYPES = {

@@ -7,12 +7,11 @@ from typing import Any
 
 import pytest
 
-from logs import logged
-from recordings import ODOMETRY, POINT, POSE, POSE_COVARIANCE, T0, Row, define
+from logs import MAP, METRES_A_DEGREE, logged
+from recordings import HEADER, ODOMETRY, POINT, POSE, POSE_COVARIANCE, T0, Row, define, turned
 from usbldr.io.log import Log
 
 FLOAT32 = "std_msgs/msg/Float32"
-HEADER = "std_msgs/Header header\n"
 USBLLONG = HEADER + "float64 current_time\nfloat64 measurement_time\nint32 remote_address\nfloat32 accuracy\n"
 SEATRAC = "uint8 source_id\nbool position_valid\nbool position_filter_error\n" + "".join(
     f"float32 position_{axis}\n" for axis in ("easting", "northing", "depth")
@@ -35,8 +34,6 @@ define(
         "srv_modem/msg/AcousticModemUSBLLONG": USBLLONG + "".join(f"float32 {axis}\n" for axis in "XYZNED"),
     }
 )
-MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
-METRES_A_DEGREE = 111132.95  # of latitude at 45 degrees
 
 
 def logged_one(tmp_path: Path, kind: str, values: Mapping[str, Any], topic: str, role: str = "", toml: str = "") -> Log:
@@ -46,11 +43,6 @@ def logged_one(tmp_path: Path, kind: str, values: Mapping[str, Any], topic: str,
 
 
 STAMPED = {ODOMETRY, POINT, POSE, POSE_COVARIANCE}
-
-
-def turned(prefix: str, yaw_deg: float) -> dict[str, float]:
-    half = math.radians(yaw_deg) / 2
-    return {f"{prefix}.z": math.sin(half), f"{prefix}.w": math.cos(half)}
 
 
 HEADED: dict[str, Mapping[str, Any]] = {  # south-east: 45 degrees to the right of east

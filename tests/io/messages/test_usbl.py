@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from logs import codes, logged, places
-from recordings import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, yaw
+from logs import HEAD, MAP, codes, logged, places
+from recordings import FIX, HEADER, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, yaw
 from usbldr.filters.errors import LogError, UsageError
 
-HEADER = "std_msgs/Header header\n"
 USBLLONG = "float64 current_time\nfloat64 measurement_time\nint32 remote_address\n"
 QUALITY = "float32 propagation_time\nint32 rssi\nint32 integrity\nfloat32 accuracy\n"
 SEATRAC = "int32 position_easting\nint32 position_northing\nint32 position_depth\n"
@@ -54,8 +53,6 @@ TYPES = {
     "labust_msgs/msg/AcousticModemRange": HEADER + "float32 range_m\nuint8 id\n",
 }
 define(TYPES)
-HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
-MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 
 
 def row(kind: str, values: Mapping[str, Any], seconds: float = 0.0, topic: str = "/usbl") -> Row:
