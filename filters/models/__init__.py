@@ -3,6 +3,7 @@
     states       which states there are and where each stands in the vector: psi, u, v, r, x, y, then calibration states
     motion       x_k = f(x_{k-1}) + w: eq. (4) of the paper, as increments of a few rows
     sensors      z = h(x) + v for DVL, compass and position fixes, with Jacobians; one Measurement of k scalars
+    quantities   how each number of the model is stated: key with unit, limits, the sensor error it belongs to
     noise        v as a mixture of Gaussian modes: the families and their modes
     sigma_points how mean and covariance pass through a function: linearised, cubature, unscented
     parameters   process noise, noise families, lever arms, start: what a run is given

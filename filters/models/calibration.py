@@ -4,7 +4,6 @@ Inside, angles are counter-clockwise radians; at the border they are clockwise d
 error is the sensor's: positive means that it reads too much. The equations stand in sensors.py.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -12,43 +11,20 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.parameters import SensorErrors
+from usbldr.filters.models.quantities import ReportedQuantity, sensor_errors_of
 from usbldr.filters.models.states import MOTION_STATES, StateLayout
 from usbldr.filters.types import Trajectory, Vector
 
-STATES: Mapping[str, tuple[str, ...]] = {
-    "scale": ("dvl_scale",),
-    "misalignment": ("dvl_mount",),
-    "heading": ("heading_bias",),
-    "deviation": ("deviation_sin", "deviation_cos"),
-    "latency": ("usbl_latency",),
-    "usbl-bias": ("usbl_bias_east", "usbl_bias_north"),
-}
+SENSOR_ERRORS = sensor_errors_of(SensorErrors)
+STATES: Mapping[str, tuple[str, ...]] = {error.key: tuple(error.states) for error in SENSOR_ERRORS.values()}
 """The keys of --calibrate and the states that each adds."""
 AUTO = "auto"
 """Asks for those that the log can tell: observability.py answers before a filter runs."""
-
-
 MAX_SIGMA_RATIO = 0.8  # of the sigma before: what stays wider has hardly been observed
 
 
-class ReportedQuantity(NamedTuple):
-    """How a state is told to people."""
-
-    name: str  # with its unit
-    unit: str
-    factor: float  # from the state to that unit
-
-
-DEGREES = math.degrees(1.0)  # fixed: in a radian
 REPORTED_QUANTITIES: Mapping[str, ReportedQuantity] = {
-    "dvl_scale": ReportedQuantity("dvl_scale", "", 1.0),
-    "dvl_mount": ReportedQuantity("dvl_mount_deg", "deg", -DEGREES),
-    "heading_bias": ReportedQuantity("heading_bias_deg", "deg", -DEGREES),
-    "deviation_sin": ReportedQuantity("deviation_sin_deg", "deg", DEGREES),  # of the heading: H + A sin H + B cos H
-    "deviation_cos": ReportedQuantity("deviation_cos_deg", "deg", -DEGREES),
-    "usbl_latency": ReportedQuantity("usbl_latency_s", "s", 1.0),
-    "usbl_bias_east": ReportedQuantity("usbl_bias_east_m", "m", 1.0),
-    "usbl_bias_north": ReportedQuantity("usbl_bias_north_m", "m", 1.0),
+    state: reported for error in SENSOR_ERRORS.values() for state, reported in error.states.items()
 }
 
 
@@ -76,16 +52,7 @@ def layout_for(calibrate: Sequence[str]) -> StateLayout:
 
 def prior_sd(errors: SensorErrors) -> Mapping[str, float]:
     """Return each state's 1-sigma before anything is measured; all means are 0."""
-    return {
-        "dvl_scale": errors.scale,
-        "dvl_mount": errors.misalignment_rad,
-        "heading_bias": errors.heading_rad,
-        "deviation_sin": errors.deviation_rad,
-        "deviation_cos": errors.deviation_rad,
-        "usbl_latency": errors.latency_s,
-        "usbl_bias_east": errors.usbl_bias_m,
-        "usbl_bias_north": errors.usbl_bias_m,
-    }
+    return {state: getattr(errors, field) for field, error in SENSOR_ERRORS.items() for state in error.states}
 
 
 def assumed_sd(errors: SensorErrors) -> Mapping[str, float]:
@@ -103,7 +70,7 @@ def estimated_errors(trajectory: Trajectory) -> tuple[EstimatedError, ...]:
     told: list[EstimatedError] = []
     for row, state in enumerate(trajectory.names):
         if state in REPORTED_QUANTITIES:
-            name, unit, factor = REPORTED_QUANTITIES[state]
+            name, unit, factor, *_ = REPORTED_QUANTITIES[state]
             sd = abs(factor) * np.sqrt(np.maximum(trajectory.cov[:, row, row], 0.0))
             told.append(EstimatedError(name, unit, factor * trajectory.mean[:, row] + 0.0, sd))  # no -0.0
     return tuple(told)

@@ -7,10 +7,11 @@ drawn with probability shares[j] and is N(0, cov[j]); mode 0 is the nominal one.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
+from usbldr.filters.models.quantities import SHARE, Limits, Quantity
 from usbldr.filters.types import Array, Vector
 
 
@@ -76,8 +77,10 @@ class Gaussian:
 class Mixture:
     """N(0, R) with probability 1 - share, N(0, variance_ratio R) with probability share: eq. (23) of the paper."""
 
-    share: float = 0.30  # eq. (23) of the paper
-    variance_ratio: float = 10.0  # eq. (23) of the paper
+    share: Annotated[float, Quantity("share", SHARE)] = 0.30  # eq. (23) of the paper
+    variance_ratio: Annotated[float, Quantity("variance_ratio", Limits(1.0, 1e9, above=True))] = (
+        10.0  # eq. (23) of the paper
+    )
     per_scalar: bool = True
 
     def modes(self, R: Array) -> Noise:
@@ -89,8 +92,10 @@ class Mixture:
 class Contamination:
     """N(0, R), or with probability share a gross error of its own size, R + sd^2 I, in the sensor's unit."""
 
-    share: float = 0.05  # by judgement: about twice as many as on uib_field, 13 of 591 fixes
-    sd: float = 10.0  # [of the sensor] by judgement: between the scatter of fixes and 31 m, the worst on uib_field
+    # by judgement: about twice as many as on uib_field, 13 of 591 fixes
+    share: Annotated[float, Quantity("share", SHARE)] = 0.05
+    # [of the sensor] by judgement: between the scatter of fixes and 31 m, the worst on uib_field
+    sd: Annotated[float, Quantity("sd_{unit}")] = 10.0
     per_scalar: bool = False
 
     def modes(self, R: Array) -> Noise:
@@ -107,7 +112,8 @@ class StudentT:
     is about the 5.6th percentile of the precision; the few per cent beyond are cut.
     """
 
-    dof: float = 4.0  # [degrees of freedom] the usual choice: tails are heavy, and the variance is finite
+    # [degrees of freedom] the usual choice: tails are heavy, and the variance is finite
+    dof: Annotated[float, Quantity("dof", Limits(2.0, 1e6))] = 4.0
     per_scalar: bool = False
 
     def modes(self, R: Array) -> Noise:
@@ -116,6 +122,15 @@ class StudentT:
         order = np.argsort(np.abs(middles - 0.5), kind="stable")
         precision = np.array([chi_square_quantile(p, self.dof) / self.dof for p in middles[order]])
         return Noise(np.full(9, 1 / 9), R / precision[:, None, None], self.per_scalar)
+
+
+FAMILIES: dict[str, type[Any]] = {
+    "gaussian": Gaussian,
+    "mixture": Mixture,
+    "student-t": StudentT,
+    "contamination": Contamination,
+}
+"""Each kind of noise that can be stated, a frozen dataclass whose numbers are Quantity; a new one needs one row."""
 
 
 class BankNoise:

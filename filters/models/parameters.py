@@ -5,11 +5,22 @@ The defaults are the generic ones that serve every log; a configuration or a sce
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
+from usbldr.filters.models.quantities import (
+    METRES,
+    SD,
+    SECONDS,
+    SPREAD,
+    Limits,
+    Quantity,
+    ReportedQuantity,
+    SensorError,
+)
 from usbldr.filters.windows import TimeWindow
 
+DEGREES = math.degrees(1.0)  # fixed: in a radian
 LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's reference point, metres
 
 
@@ -17,25 +28,78 @@ LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's
 class ProcessNoise:
     """Random walks of the motion model: 1-sigma after one second."""
 
-    position_m: float = 0.02  # [m/√s] by judgement: what velocity and yaw do not explain
-    yaw_rad: float = 0.002  # [rad/√s] small: the turn rate moves the yaw
-    velocity_mps: float = 0.05  # [m/s/√s] thrust and current; learnt from cruising it would refuse manoeuvres
-    turn_rate_radps: float = 0.1  # [rad/s/√s] by judgement: a turn begins and ends within seconds
-    uncalibrated_m: float = 0.0  # beside position_m where no state explains the DVL's scale: that error drifts, too
+    # [m/√s] by judgement: what velocity and yaw do not explain
+    position_m: Annotated[float, Quantity("position_m", SPREAD["m"])] = 0.02
+    # [rad/√s] small: the turn rate moves the yaw
+    yaw_rad: Annotated[float, Quantity("heading_deg", SPREAD["deg"])] = 0.002
+    # [m/s/√s] thrust and current; learnt from cruising it would refuse manoeuvres
+    velocity_mps: Annotated[float, Quantity("velocity_mps", SPREAD["mps"])] = 0.05
+    # [rad/s/√s] by judgement: a turn begins and ends within seconds
+    turn_rate_radps: Annotated[float, Quantity("turn_rate_dps", SPREAD["deg"])] = 0.1
+    # beside position_m where no state explains the DVL's scale: that error drifts, too
+    uncalibrated_m: Annotated[float, Quantity("uncalibrated_m", SPREAD["m"])] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
     """How large a sensor's constant errors may be before a filter estimates them: 1-sigma, and how they wander."""
 
-    scale: float = 0.01  # makers of DVLs state 0.2 to 1 %
-    misalignment_rad: float = math.radians(5.0)  # of a mounting that was set by eye
-    heading_rad: float = math.radians(5.0)  # of a compass that was never compensated
-    heading_walk_rad: float = math.radians(0.02)  # [rad/√s] 1.2 degrees after an hour
-    deviation_rad: float = math.radians(2.0)  # amplitude of the sine, and of the cosine
-    latency_s: float = 0.3  # sound takes 0.2 s for 300 m, and drivers as long
-    usbl_bias_m: float = 0.3  # in the long run, each axis
-    usbl_bias_s: float = 60.0  # time constant
+    # makers of DVLs state 0.2 to 1 %
+    scale: Annotated[
+        float,
+        Quantity("scale_sd", Limits(1e-6, 1.0)),
+        SensorError("scale", {"dvl_scale": ReportedQuantity("dvl_scale", "", 1.0, "dvl", "scale_error", 5)}),
+    ] = 0.01
+    # of a mounting that was set by eye
+    misalignment_rad: Annotated[
+        float,
+        Quantity("mount_sd_deg", SD["deg"]),
+        SensorError(
+            "misalignment", {"dvl_mount": ReportedQuantity("dvl_mount_deg", "deg", -DEGREES, "dvl", "mount_deg")}
+        ),
+    ] = math.radians(5.0)
+    # of a compass that was never compensated
+    heading_rad: Annotated[
+        float,
+        Quantity("heading_sd_deg", SD["deg"]),
+        SensorError(
+            "heading", {"heading_bias": ReportedQuantity("heading_bias_deg", "deg", -DEGREES, "compass", "bias_deg")}
+        ),
+    ] = math.radians(5.0)
+    # [rad/√s] 1.2 degrees after an hour
+    heading_walk_rad: Annotated[float, Quantity("heading_walk_deg", SPREAD["deg"])] = math.radians(0.02)
+    # amplitude of the sine, and of the cosine, of the heading: it reads H + A sin H + B cos H
+    deviation_rad: Annotated[
+        float,
+        Quantity("deviation_sd_deg", SD["deg"]),
+        SensorError(
+            "deviation",
+            {
+                "deviation_sin": ReportedQuantity("deviation_sin_deg", "deg", DEGREES, "compass", "deviation_sin_deg"),
+                "deviation_cos": ReportedQuantity("deviation_cos_deg", "deg", -DEGREES, "compass", "deviation_cos_deg"),
+            },
+        ),
+    ] = math.radians(2.0)
+    # sound takes 0.2 s for 300 m, and drivers as long
+    latency_s: Annotated[
+        float,
+        Quantity("latency_sd_s", Limits(1e-6, 600.0)),
+        SensorError("latency", {"usbl_latency": ReportedQuantity("usbl_latency_s", "s", 1.0, "usbl", "latency_s")}),
+    ] = 0.3
+    # in the long run, each axis
+    usbl_bias_m: Annotated[
+        float,
+        Quantity("usbl_bias_sd_m", SD["m"]),
+        SensorError(
+            "usbl-bias",
+            {
+                "usbl_bias_east": ReportedQuantity("usbl_bias_east_m", "m", 1.0),
+                "usbl_bias_north": ReportedQuantity("usbl_bias_north_m", "m", 1.0),
+            },
+        ),
+    ] = 0.3
+    # time constant
+    usbl_bias_s: Annotated[float, Quantity("usbl_bias_time_s", SECONDS)] = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +110,15 @@ class Start:
     may be. A bootstrap particle filter has to hit the start by chance, and is lost where they are wide.
     """
 
-    east_m: float
-    north_m: float
-    sd_m: float
-    sd_yaw_rad: float = math.radians(5.0)  # as heading_rad of SensorErrors
-    sd_mps: float = 0.5  # a vehicle does 1 to 2 m/s
-    sd_radps: float = math.radians(3.0)  # of a vehicle that is hardly turning
+    east_m: Annotated[float, Quantity("east_m", METRES)]
+    north_m: Annotated[float, Quantity("north_m", METRES)]
+    sd_m: Annotated[float, Quantity("sd_m", SD["m"])]
+    # as heading_rad of SensorErrors
+    sd_yaw_rad: Annotated[float, Quantity("heading_sd_deg", SD["deg"])] = math.radians(5.0)
+    # a vehicle does 1 to 2 m/s
+    sd_mps: Annotated[float, Quantity("velocity_sd_mps", SD["mps"])] = 0.5
+    # of a vehicle that is hardly turning
+    sd_radps: Annotated[float, Quantity("turn_rate_sd_dps", SD["deg"])] = math.radians(3.0)
 
 
 UNKNOWN_START = Start(math.nan, math.nan, math.nan)

@@ -4,45 +4,21 @@ The file stays as its author wrote it but for those lines. Signs and units are t
 clockwise, an error is positive where the sensor reads too much.
 """
 
-import operator
 import tomllib
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import tomlkit
 from tomlkit.items import InlineTable
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, assumed_sd, estimated_errors
+from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, REPORTED_QUANTITIES, assumed_sd, estimated_errors
 from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
 from usbldr.io.settings.configuration import parse_configuration
 from usbldr.io.settings.validation import read_text
 
-
-def _scales(stated: float, found: float) -> float:
-    """Return the scale error of a DVL whose readings err by the one after the other was taken off."""
-    return (1 + stated) * (1 + found) - 1
-
-
-class ErrorKey(NamedTuple):
-    """Where an error is stated, and how one that is found adds to one that was stated."""
-
-    section: str
-    key: str
-    digits: int
-    added: Callable[[float, float], float] = operator.add
-
-
-KEYS: Mapping[str, ErrorKey] = {
-    "dvl_scale": ErrorKey("dvl", "scale_error", 5, _scales),
-    "dvl_mount_deg": ErrorKey("dvl", "mount_deg", 3),
-    "heading_bias_deg": ErrorKey("compass", "bias_deg", 3),
-    "deviation_sin_deg": ErrorKey("compass", "deviation_sin_deg", 3),
-    "deviation_cos_deg": ErrorKey("compass", "deviation_cos_deg", 3),
-    "usbl_latency_s": ErrorKey("usbl", "latency_s", 3),
-}
+KEYS = {reported.name: reported for reported in REPORTED_QUANTITIES.values() if reported.key}
 """By the name that an error has at the border; a USBL bias that wanders is no property of the sensor."""
 
 
@@ -66,7 +42,7 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
             continue
         section = document.setdefault(place.section, tomlkit.table())
         before = float(section.get(place.key, 0.0))
-        number = tomlkit.item(round(place.added(before, value), place.digits))
+        number = tomlkit.item(round(_sum(before, value, place.unit), place.digits))
         if not isinstance(section, InlineTable):  # which has no room for a comment
             number.comment(f"{before:g} stated, {value:+.{place.digits}f} +- {sd:.{place.digits}f} found")
             number.trivia.comment_ws = "  "
@@ -74,6 +50,11 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
     text = "\n".join(title) + "\n" + _without_start(document)
     parse_configuration(tomllib.loads(text), log.configuration or Path("usbldr.toml"))
     return text
+
+
+def _sum(stated: float, found: float, unit: str) -> float:
+    """Return both errors together, ``found`` once the stated one was taken off; shares of a reading multiply."""
+    return stated + found if unit else (1 + stated) * (1 + found) - 1
 
 
 def _without_start(document: Any) -> str:

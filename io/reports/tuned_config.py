@@ -1,10 +1,11 @@
 """What --tune found, for people and as the sections of a configuration that say the same."""
 
+import json
 from collections.abc import Mapping
 
 from usbldr.filters.models.parameters import Assumptions, TunedParameter
 from usbldr.io.log import Log
-from usbldr.io.settings.toml_text import noise_text, toml_text
+from usbldr.io.settings.toml_text import noise_text, stated, toml_text
 
 TUNED = "tuned.toml"  # in a run directory
 
@@ -28,15 +29,12 @@ def tuned_toml(log: Log) -> str:
 
 
 def _sections(found: Assumptions) -> Mapping[str, Mapping[str, str]]:
-    errors = found.errors
-    calibrate = {"states": str(list(found.calibrate)).replace("'", '"')}
-    if "latency" in found.calibrate:
-        calibrate["latency_sd_s"] = repr(errors.latency_s)
-    if "usbl-bias" in found.calibrate:
-        calibrate |= {"usbl_bias_sd_m": repr(errors.usbl_bias_m), "usbl_bias_time_s": repr(errors.usbl_bias_s)}
+    process, sizes = stated(found.process), stated(found.errors)
+    asked = {"latency": ("latency_sd_s",), "usbl-bias": ("usbl_bias_sd_m", "usbl_bias_time_s")}
     return {
         "dvl": {"sd_scale": repr(found.dvl_sd_scale)},
-        "usbl": {"sd_scale": repr(found.usbl_sd_scale), "noise": noise_text(found.usbl, "m")},
-        "process": {"velocity_mps": repr(found.process.velocity_mps)},
-        "calibrate": calibrate,
+        "usbl": {"sd_scale": repr(found.usbl_sd_scale), "noise": noise_text(found.usbl, "usbl")},
+        "process": {"velocity_mps": process["velocity_mps"]},
+        "calibrate": {"states": json.dumps(found.calibrate)}
+        | {key: sizes[key] for error, keys in asked.items() if error in found.calibrate for key in keys},
     }

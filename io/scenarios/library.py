@@ -8,6 +8,7 @@ from pathlib import Path
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Gaussian, NoiseFamily
+from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.simulation.scenario import (
     Accuracy,
     AcousticHead,
@@ -33,12 +34,7 @@ from usbldr.io.scenarios.sections import (
     SensorSection,
     UsblSensor,
 )
-from usbldr.io.settings.configuration import (
-    noise_family_of,
-    process_noise,
-    start_of_section,
-)
-from usbldr.io.settings.noise_sections import CompassNoise, DvlNoise, UsblNoise
+from usbldr.io.settings.noise_sections import Section, noise_family_of, start_of, stated_model
 from usbldr.io.settings.validation import checked, read_document
 
 FOLDER = Path(__file__).parent
@@ -81,8 +77,8 @@ def read_scenario(file: Path) -> Scenario:
         depth_m=vehicle.depth_m,
         current_mps=(stated.current.east_mps, stated.current.north_mps),
         drawn=drawn and RandomWalkMotion(drawn.step_s, drawn.dvl_scale_sd, math.radians(drawn.dvl_mount_sd_deg)),
-        process=process_noise(stated.process),
-        start=stated.start and start_of_section(stated.start),
+        process=stated_model(ProcessNoise(), stated.process),
+        start=stated.start and start_of(stated.start),
     )
 
 
@@ -108,12 +104,12 @@ def _yaw(clockwise_deg: float) -> float:
     return -math.radians(clockwise_deg)
 
 
-def _noise(stated: DvlNoise | CompassNoise | UsblNoise | None) -> NoiseFamily:
-    return noise_family_of(stated, Gaussian())
+def _noise(stated: Section | None, sensor: str) -> NoiseFamily:
+    return noise_family_of(stated, Gaussian(), sensor)
 
 
-def _told(stated: DvlNoise | CompassNoise | UsblNoise | None) -> NoiseFamily | None:
-    return None if stated is None else _noise(stated)
+def _told(stated: Section | None, sensor: str) -> NoiseFamily | None:
+    return None if stated is None else _noise(stated, sensor)
 
 
 def _timing(stated: SensorSection) -> Timing:
@@ -140,7 +136,7 @@ def _dvl(stated: DvlSensor) -> Dvl:
     return Dvl(
         stated.rate_hz,
         stated.sd_mps,
-        _noise(stated.noise),
+        _noise(stated.noise, "dvl"),
         scale_error=stated.scale_error,
         misalignment_rad=_yaw(stated.mount_deg),
         bias_mps=stated.bias_mps,
@@ -150,7 +146,7 @@ def _dvl(stated: DvlSensor) -> Dvl:
         outliers=_outliers(stated.outlier_mps, stated),
         timing=_timing(stated),
         told_sd_mps=stated.told_sd_mps,
-        told_noise=_told(stated.told_noise),
+        told_noise=_told(stated.told_noise, "dvl"),
     )
 
 
@@ -160,14 +156,14 @@ def _compass(stated: CompassSensor) -> Compass:
     return Compass(
         stated.rate_hz,
         math.radians(stated.sd_deg),
-        _noise(stated.noise),
+        _noise(stated.noise, "compass"),
         bias_rad=_yaw(stated.bias_deg),
         deviation_rad=(math.radians(stated.deviation_sin_deg), _yaw(stated.deviation_cos_deg)),
         correlated=_correlated(math.radians(stated.correlated_sd_deg), stated),
         outliers=_outliers((math.radians(stated.outlier_deg[0]), math.radians(stated.outlier_deg[1])), stated),
         timing=_timing(stated),
         told_sd_rad=None if told_sd is None else math.radians(told_sd),
-        told_noise=_told(stated.told_noise),
+        told_noise=_told(stated.told_noise, "compass"),
     )
 
 
@@ -175,7 +171,7 @@ def _usbl(stated: UsblSensor) -> Usbl:
     return Usbl(
         stated.rate_hz,
         _accuracy(stated.accuracy),
-        _noise(stated.noise),
+        _noise(stated.noise, "usbl"),
         head=AcousticHead(stated.head.east_m, stated.head.north_m, stated.head.depth_m),
         inverted=stated.inverted,
         scale_error=stated.scale_error,
@@ -187,7 +183,7 @@ def _usbl(stated: UsblSensor) -> Usbl:
         multipath=stated.multipath and _multipath(stated.multipath),
         timing=_timing(stated),
         told_accuracy=stated.told_accuracy and _accuracy(stated.told_accuracy),
-        told_noise=_told(stated.told_noise),
+        told_noise=_told(stated.told_noise, "usbl"),
     )
 
 
@@ -206,7 +202,7 @@ def _gps(stated: GpsSensor) -> Gps:
     return Gps(
         stated.rate_hz,
         stated.sd_m,
-        _noise(stated.noise),
+        _noise(stated.noise, "gps"),
         lever_m=stated.lever_arm_m,
         bias_m=stated.bias_m,
         correlated=_correlated(stated.correlated_sd_m, stated),

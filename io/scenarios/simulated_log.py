@@ -21,7 +21,7 @@ from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.conventions.usbl_covariance import with_variance_floor
 from usbldr.io.log import COLUMNS, Log, Origin, Provenance
 from usbldr.io.reader import Column
-from usbldr.io.settings.toml_text import noise_text, shortest_degrees, toml_text
+from usbldr.io.settings.toml_text import noise_text, shortest_degrees, stated, toml_text
 from usbldr.io.writers.write_log import WRITTEN_BY
 
 Quantity = TypeVar("Quantity")
@@ -80,39 +80,27 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
         "map": {"origin_lat_deg": f"{ORIGIN.lat_deg!r}", "origin_lon_deg": f"{ORIGIN.lon_deg!r}"},
         "dvl": {
             "sd_mps": repr(_assumed(dvl.told_sd_mps, dvl.sd_mps)),
-            "noise": noise_text(_assumed(dvl.told_noise, dvl.noise), "mps"),
+            "noise": noise_text(_assumed(dvl.told_noise, dvl.noise), "dvl"),
             **_lever(dvl.lever_m),
         },
         "compass": {
             "sd_deg": repr(shortest_degrees(_assumed(compass.told_sd_rad, compass.sd_rad))),
-            "noise": noise_text(_assumed(compass.told_noise, compass.noise), "deg"),
+            "noise": noise_text(_assumed(compass.told_noise, compass.noise), "compass"),
         },
         "usbl": {
             "sd_m": repr(accuracy.sd_m) if accuracy.constant else '"message"',
-            "noise": noise_text(_assumed(usbl.told_noise, usbl.noise), "m"),
+            "noise": noise_text(_assumed(usbl.told_noise, usbl.noise), "usbl"),
             **_lever(usbl.lever_m),
         },
         "gps": _lever(scenario.gps.lever_m),
         "truth": {"kind": '"simulated"'},
-        "process": {
-            "position_m": f"{process.position_m!r}",
-            "heading_deg": f"{shortest_degrees(process.yaw_rad)!r}",
-            "velocity_mps": f"{process.velocity_mps!r}",
-            "turn_rate_dps": f"{shortest_degrees(process.turn_rate_radps)!r}",
-            **({"uncalibrated_m": f"{process.uncalibrated_m!r}"} if process.uncalibrated_m else {}),
-        },
+        "process": stated(process),
         "calibrate": {"states": "[]"},
     }
+    if not process.uncalibrated_m:
+        del sections["process"]["uncalibrated_m"]
     if scenario.start is not None:
-        start = scenario.start
-        sections["start"] = {
-            "east_m": f"{start.east_m!r}",
-            "north_m": f"{start.north_m!r}",
-            "sd_m": f"{start.sd_m!r}",
-            "heading_sd_deg": f"{shortest_degrees(start.sd_yaw_rad)!r}",
-            "velocity_sd_mps": f"{start.sd_mps!r}",
-            "turn_rate_sd_dps": f"{shortest_degrees(start.sd_radps)!r}",
-        }
+        sections["start"] = stated(scenario.start)
     title = (
         f"{WRITTEN_BY} simulate {scenario.name} --seed {seed}",
         "What a careful user knows: noise, start and conventions; never a true bias, scale or latency.",

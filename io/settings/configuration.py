@@ -3,28 +3,12 @@
 The sections themselves stand in sensor_sections.py.
 """
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.calibration import AUTO, STATES
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
-from usbldr.io.settings.noise_sections import (
-    CalibrateSection,
-    CompassContamination,
-    CompassNoise,
-    DvlContamination,
-    DvlNoise,
-    GaussianNoise,
-    MixtureNoise,
-    ProcessSection,
-    StartSection,
-    StudentNoise,
-    UsblContamination,
-    UsblNoise,
-)
+from usbldr.filters.models.parameters import Assumptions
+from usbldr.io.settings.noise_sections import calibrated_keys, noise_family_of, start_of, stated_model
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.validation import checked, read_document
 
@@ -69,86 +53,17 @@ def assumptions(configuration: Configuration) -> Assumptions:
     start, default = configuration.start, Assumptions()
     return replace(
         default,
-        process=process_noise(configuration.process),
-        dvl=noise_family_of(configuration.dvl.noise, default.dvl),
-        compass=noise_family_of(configuration.compass.noise, default.compass),
-        usbl=noise_family_of(configuration.usbl.noise, default.usbl),
-        gps=noise_family_of(configuration.gps.noise, default.gps),
+        process=stated_model(default.process, configuration.process),
+        dvl=noise_family_of(configuration.dvl.noise, default.dvl, "dvl"),
+        compass=noise_family_of(configuration.compass.noise, default.compass, "compass"),
+        usbl=noise_family_of(configuration.usbl.noise, default.usbl, "usbl"),
+        gps=noise_family_of(configuration.gps.noise, default.gps, "gps"),
         dvl_lever_m=configuration.dvl.lever_arm_m,
         usbl_lever_m=configuration.usbl.lever_arm_m,
         gps_lever_m=configuration.gps.lever_arm_m,
-        start=start_of_section(start) if start else None,
-        calibrate=_calibrated(configuration.calibrate),
-        errors=sensor_errors(configuration.calibrate),
+        start=start_of(start) if start else None,
+        calibrate=calibrated_keys(configuration.calibrate),
+        errors=stated_model(default.errors, configuration.calibrate),
         dvl_sd_scale=configuration.dvl.sd_scale,
         usbl_sd_scale=configuration.usbl.sd_scale,
     )
-
-
-def process_noise(stated: ProcessSection) -> ProcessNoise:
-    """Return the random walks that a section states, usbldr's defaults for the rest."""
-    walks = {
-        "position_m": stated.position_m,
-        "yaw_rad": _radians(stated.heading_deg),
-        "velocity_mps": stated.velocity_mps,
-        "turn_rate_radps": _radians(stated.turn_rate_dps),
-        "uncalibrated_m": stated.uncalibrated_m,
-    }
-    return replace(ProcessNoise(), **{name: walk for name, walk in walks.items() if walk is not None})
-
-
-def _calibrated(stated: CalibrateSection) -> tuple[str, ...]:
-    """Return the keys in their own order, or AUTO alone."""
-    return (AUTO,) if stated.states == AUTO else tuple(key for key in STATES if key in stated.states)
-
-
-def sensor_errors(stated: CalibrateSection) -> SensorErrors:
-    """Return how large the sensors' errors may be: what a section states, usbldr's defaults for the rest."""
-    sizes = {
-        "scale": stated.scale_sd,
-        "misalignment_rad": _radians(stated.mount_sd_deg),
-        "heading_rad": _radians(stated.heading_sd_deg),
-        "heading_walk_rad": _radians(stated.heading_walk_deg),
-        "deviation_rad": _radians(stated.deviation_sd_deg),
-        "latency_s": stated.latency_sd_s,
-        "usbl_bias_m": stated.usbl_bias_sd_m,
-        "usbl_bias_s": stated.usbl_bias_time_s,
-    }
-    return replace(SensorErrors(), **{name: size for name, size in sizes.items() if size is not None})
-
-
-def start_of_section(stated: StartSection) -> Start:
-    """Return the start that a section states."""
-    return Start(
-        stated.east_m,
-        stated.north_m,
-        stated.sd_m,
-        math.radians(stated.heading_sd_deg),
-        stated.velocity_sd_mps,
-        math.radians(stated.turn_rate_sd_dps),
-    )
-
-
-def _radians(angle_deg: float | None) -> float | None:
-    return None if angle_deg is None else math.radians(angle_deg)
-
-
-def noise_family_of(noise: DvlNoise | CompassNoise | UsblNoise | None, default: NoiseFamily) -> NoiseFamily:
-    """Return the noise family that a section states; ``per`` is the family's own unless stated."""
-    chosen: Gaussian | Mixture | StudentT | Contamination
-    match noise:
-        case None:
-            return default
-        case GaussianNoise():
-            chosen = Gaussian()
-        case MixtureNoise():
-            chosen = Mixture(noise.share, noise.variance_ratio)
-        case StudentNoise():
-            chosen = StudentT(noise.dof)
-        case DvlContamination():
-            chosen = Contamination(noise.share, noise.sd_mps)
-        case CompassContamination():
-            chosen = Contamination(noise.share, math.radians(noise.sd_deg))
-        case UsblContamination():
-            chosen = Contamination(noise.share, noise.sd_m)
-    return chosen if noise.per is None else replace(chosen, per_scalar=noise.per == "scalar")

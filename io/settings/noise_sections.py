@@ -1,114 +1,85 @@
-"""The sections of usbldr.toml that state the model, as types: how sensors err, how the vehicle moves, where it starts.
+"""The sections of usbldr.toml that state the model: how sensors err, how the vehicle moves, where it starts.
 
-Scenarios have the same ones. docs/configuration.md explains each key.
+They are made from the declarations in usbldr.filters.models; scenarios have the same ones. docs/configuration.md
+explains each key.
 """
 
-from typing import Annotated, Literal, TypeAlias
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypeVar, Union, cast
 
-from msgspec import Meta, Struct
+from msgspec import Struct, defstruct
 
-from usbldr.io.settings.limits import (
-    Gap,
-    Metres,
-    SdDegrees,
-    SdMetres,
-    SdSpeed,
-    Share,
-    SpreadDegrees,
-    SpreadMetres,
-    SpreadSpeed,
-    VarianceRatio,
-)
+from usbldr.filters.models.calibration import AUTO, STATES
+from usbldr.filters.models.noise import FAMILIES, NoiseFamily
+from usbldr.filters.models.parameters import UNKNOWN_START, ProcessNoise, SensorErrors, Start
+from usbldr.filters.models.quantities import SENSOR_UNITS, quantities
+from usbldr.io.settings.limits import meta
 
-Per: TypeAlias = Literal["scalar", "record"]
+Model = TypeVar("Model")
 
 
 class Section(Struct, frozen=True):
     """A table of the file. A key that is not listed is refused."""
 
 
-class GaussianNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="gaussian"):
-    """N(0, R)."""
-
-    per: Per | None = None
-
-
-class MixtureNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="mixture"):
-    """N(0, R), with probability ``share`` N(0, variance_ratio R)."""
-
-    share: Share = 0.30
-    variance_ratio: VarianceRatio = 10.0
-    per: Per | None = None
+def section_of(owner: type, sensor: str = "", kind: str | None = None, **others: tuple[Any, Any]) -> type[Section]:
+    """Return the section that states a declared dataclass; ``others``: more keys, each a type and a default."""
+    keys: list[Any] = []
+    for quantity in quantities(owner, sensor).values():
+        number: Any = Annotated[float, meta(quantity.limits)]
+        keys.append((quantity.key, number) if quantity.required else (quantity.key, number | None, None))
+    keys += [(name, *stated) for name, stated in others.items()]
+    name, bases, field = f"{owner.__name__}Section", (Section,), "kind" if kind else None
+    made = defstruct(name, keys, bases=bases, frozen=True, kw_only=True, tag=kind, tag_field=field)
+    return cast("type[Section]", made)
 
 
-class StudentNoise(Section, frozen=True, kw_only=True, tag_field="kind", tag="student-t"):
-    """Student's t."""
-
-    dof: Annotated[float, Meta(ge=2, le=1e6)] = 4.0  # below 2 the tails have no variance to match
-    per: Per | None = None
-
-
-class DvlContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
-    """N(0, R), with probability ``share`` a gross error."""
-
-    share: Share = 0.05
-    sd_mps: SdSpeed
-    per: Per | None = None
+def stated_model(usual: Model, stated: Section, sensor: str = "") -> Model:
+    """Return what a section states, ``usual`` for the rest, in the units of the model."""
+    declared = quantities(type(usual), sensor)
+    values = {name: getattr(stated, quantity.key) for name, quantity in declared.items()}
+    given = {name: declared[name].to_model(value) for name, value in values.items() if value is not None}
+    known: Any = usual
+    return replace(known, **given)
 
 
-class CompassContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
-    """N(0, R), with probability ``share`` a gross error."""
-
-    share: Share = 0.05
-    sd_deg: SdDegrees
-    per: Per | None = None
-
-
-class UsblContamination(Section, frozen=True, kw_only=True, tag_field="kind", tag="contamination"):
-    """N(0, R), with probability ``share`` a gross error."""
-
-    share: Share = 0.05
-    sd_m: SdMetres = 10.0
-    per: Per | None = None
+def noise_family_of(noise: Section | None, default: NoiseFamily, sensor: str) -> NoiseFamily:
+    """Return the noise family that a sensor's section states; ``per`` is the family's own unless stated."""
+    if noise is None:
+        return default
+    chosen = stated_model(FAMILIES[str(noise.__struct_config__.tag)](), noise, sensor)
+    per = getattr(noise, "per")  # noqa: B009
+    return chosen if per is None else replace(chosen, per_scalar=per == "scalar")
 
 
-DvlNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | DvlContamination
-CompassNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | CompassContamination
-UsblNoise: TypeAlias = GaussianNoise | MixtureNoise | StudentNoise | UsblContamination
+def start_of(stated: Section) -> Start:
+    """Return the start that a section states."""
+    return stated_model(UNKNOWN_START, stated)
 
 
-class ProcessSection(Section, frozen=True, kw_only=True):
-    """Random walks of the motion model: 1-sigma after one second."""
-
-    position_m: SpreadMetres | None = None
-    heading_deg: SpreadDegrees | None = None
-    velocity_mps: SpreadSpeed | None = None
-    turn_rate_dps: SpreadDegrees | None = None
-    uncalibrated_m: SpreadMetres | None = None
+def calibrated_keys(stated: Section) -> tuple[str, ...]:
+    """Return the keys of the errors to estimate in their own order, or AUTO alone."""
+    states = getattr(stated, "states")  # noqa: B009
+    return (AUTO,) if states == AUTO else tuple(key for key in STATES if key in states)
 
 
-class CalibrateSection(Section, frozen=True, kw_only=True):
-    """Which errors of sensors are estimated, and their 1-sigma before anything is measured."""
+PER = (Literal["scalar", "record"] | None, None)
+NOISES: Mapping[str, Any] = {
+    sensor: Union[tuple(section_of(family, sensor, kind, per=PER) for kind, family in FAMILIES.items())]  # noqa: UP007
+    for sensor in SENSOR_UNITS
+}
+"""The sections that a sensor's noise may be."""
 
-    states: (
-        Literal["auto"] | tuple[Literal["scale", "misalignment", "heading", "deviation", "latency", "usbl-bias"], ...]
-    ) = "auto"
-    scale_sd: Annotated[float, Meta(ge=1e-6, le=1)] | None = None
-    mount_sd_deg: SdDegrees | None = None
-    heading_sd_deg: SdDegrees | None = None
-    heading_walk_deg: SpreadDegrees | None = None  # after one second
-    deviation_sd_deg: SdDegrees | None = None
-    latency_sd_s: Annotated[float, Meta(ge=1e-6, le=600)] | None = None
-    usbl_bias_sd_m: SdMetres | None = None
-    usbl_bias_time_s: Gap | None = None
-
-
-class StartSection(Section, frozen=True, kw_only=True):
-    """Where the vehicle is known to start, and how far off the first heading and velocity may be."""
-
-    east_m: Metres
-    north_m: Metres
-    sd_m: SdMetres
-    heading_sd_deg: SdDegrees = 5.0
-    velocity_sd_mps: SdSpeed = 0.5
-    turn_rate_sd_dps: SdDegrees = 3.0
+if TYPE_CHECKING:
+    DvlNoise: TypeAlias = Section
+    CompassNoise: TypeAlias = Section
+    UsblNoise: TypeAlias = Section
+    ProcessSection: TypeAlias = Section
+    CalibrateSection: TypeAlias = Section
+    StartSection: TypeAlias = Section
+else:
+    DvlNoise, CompassNoise, UsblNoise = NOISES["dvl"], NOISES["compass"], NOISES["usbl"]
+    ProcessSection = section_of(ProcessNoise)
+    CalibrateSection = section_of(SensorErrors, states=(Literal["auto"] | tuple[Literal[tuple(STATES)], ...], "auto"))
+    StartSection = section_of(Start)

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
+from usbldr.filters.models.noise import FAMILIES, NoiseFamily
+from usbldr.filters.models.quantities import quantities
 
 
 def toml_text(
@@ -24,18 +25,20 @@ def shortest_degrees(angle_rad: float) -> float:
     return next((deg for deg in candidates if math.radians(deg) == angle_rad), candidates[-1])
 
 
-def noise_text(family: NoiseFamily, unit: str) -> str:
-    """Return the family as a TOML value."""
-    match family:
-        case Gaussian():
-            keys = 'kind = "gaussian"'
-        case Mixture():
-            keys = f'kind = "mixture", share = {family.share!r}, variance_ratio = {family.variance_ratio!r}'
-        case Contamination():
-            sd = shortest_degrees(family.sd) if unit == "deg" else family.sd
-            keys = f'kind = "contamination", share = {family.share!r}, sd_{unit} = {sd!r}'
-        case StudentT():
-            keys = f'kind = "student-t", dof = {family.dof!r}'
-        case _:
-            raise TypeError(f"no TOML form for the noise {family!r}")
-    return f'{{ {keys}, per = "{"scalar" if family.per_scalar else "record"}" }}'
+def stated(value: object, sensor: str = "") -> dict[str, str]:
+    """Return the quantities of a declared dataclass as keys and TOML values; ``sensor``: whose unit some have."""
+    numbers = {quantity: getattr(value, name) for name, quantity in quantities(type(value), sensor).items()}
+    return {one.key: repr(shortest_degrees(number) if one.angle else number) for one, number in numbers.items()}
+
+
+def changed(value: object, usual: object) -> dict[str, str]:
+    """Return the quantities of a value that are not the usual ones, as keys and TOML values."""
+    known = stated(usual)
+    return {key: text for key, text in stated(value).items() if text != known[key]}
+
+
+def noise_text(family: NoiseFamily, sensor: str) -> str:
+    """Return a sensor's noise family as a TOML value."""
+    (kind,) = (kind for kind, known in FAMILIES.items() if known is type(family))
+    numbers = "".join(f"{key} = {text}, " for key, text in stated(family, sensor).items())
+    return f'{{ kind = "{kind}", {numbers}per = "{"scalar" if family.per_scalar else "record"}" }}'

@@ -15,13 +15,13 @@ import pandas as pd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.noise import NoiseFamily
-from usbldr.filters.models.parameters import ProcessNoise, SensorErrors
+from usbldr.filters.models.parameters import LeverArm, ProcessNoise, SensorErrors
 from usbldr.filters.types import Truth
 from usbldr.io.inputs import refuse_inputs
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.settings.configuration import configuration_places, read_configuration
-from usbldr.io.settings.toml_text import noise_text, shortest_degrees, toml_text
+from usbldr.io.settings.toml_text import changed, noise_text, stated, toml_text
 from usbldr.io.writers.write_log import (
     WRITTEN_BY,
     configuration_place,
@@ -114,14 +114,16 @@ def _restamped(log: Log, latencies: Mapping[str, float]) -> Log:
 def _configuration(
     log: Log, written: Log, conventions: Mapping[str, Mapping[str, str]], latencies: Mapping[str, float]
 ) -> str:
-    known, process = log.assumptions, log.assumptions.process
+    known = log.assumptions
     sections: dict[str, dict[str, str]] = {}
     if log.origin is not None:
         sections["map"] = {"origin_lat_deg": repr(log.origin.lat_deg), "origin_lon_deg": repr(log.origin.lon_deg)}
-    sections["dvl"] = _of_sensor(known.dvl, "mps", known.dvl_sd_scale) | {"lever_arm_m": str(list(known.dvl_lever_m))}
-    sections["compass"] = _of_sensor(known.compass, "deg")
-    sections["usbl"] = _of_sensor(known.usbl, "m", known.usbl_sd_scale) | {"lever_arm_m": str(list(known.usbl_lever_m))}
-    sections["gps"] = _of_sensor(known.gps, "m") | {"lever_arm_m": str(list(known.gps_lever_m))}
+    sections["dvl"] = _of_sensor(known.dvl, "dvl", known.dvl_sd_scale) | _lever(known.dvl_lever_m)
+    sections["compass"] = _of_sensor(known.compass, "compass")
+    sections["usbl"] = _of_sensor(known.usbl, "usbl", known.usbl_sd_scale) | {
+        "lever_arm_m": str(list(known.usbl_lever_m))
+    }
+    sections["gps"] = _of_sensor(known.gps, "gps") | _lever(known.gps_lever_m)
     sections["depth"] = {}
     for sensor, latency_s in latencies.items():
         sections[sensor] |= {"latency_s": repr(latency_s)}
@@ -132,27 +134,11 @@ def _configuration(
             sections["truth"] |= {"topic": '"/truth"'}
         if "truth" not in written.tables and (skipped := _skipped(log)):
             sections["truth"] |= {"skip_rows": str(skipped)}
-    default = ProcessNoise()
-    walks = {
-        "position_m": (process.position_m, default.position_m, process.position_m),
-        "heading_deg": (process.yaw_rad, default.yaw_rad, shortest_degrees(process.yaw_rad)),
-        "velocity_mps": (process.velocity_mps, default.velocity_mps, process.velocity_mps),
-        "turn_rate_dps": (process.turn_rate_radps, default.turn_rate_radps, shortest_degrees(process.turn_rate_radps)),
-        "uncalibrated_m": (process.uncalibrated_m, default.uncalibrated_m, process.uncalibrated_m),
-    }
     states = '"auto"' if known.calibrate == (AUTO,) else json.dumps(known.calibrate)
-    sections["calibrate"] = {"states": states} | _sizes(known.errors)
-    sections["process"] = {key: repr(value) for key, (own, usual, value) in walks.items() if own != usual}
-    start = known.start
-    if start is not None and not math.isnan(start.east_m):
-        sections["start"] = {
-            "east_m": repr(start.east_m),
-            "north_m": repr(start.north_m),
-            "sd_m": repr(start.sd_m),
-            "heading_sd_deg": repr(shortest_degrees(start.sd_yaw_rad)),
-            "velocity_sd_mps": repr(start.sd_mps),
-            "turn_rate_sd_dps": repr(shortest_degrees(start.sd_radps)),
-        }
+    sections["calibrate"] = {"states": states} | changed(known.errors, SensorErrors())
+    sections["process"] = changed(known.process, ProcessNoise())
+    if known.start is not None and not math.isnan(known.start.east_m):
+        sections["start"] = stated(known.start)
     title = (
         f"{WRITTEN_BY} export {log.path.name}",
         "Mounts, offsets and signs of the original have been applied to the records.",
@@ -169,25 +155,9 @@ def _skipped(log: Log) -> int:
     return int(same.argmax())
 
 
-def _sizes(errors: SensorErrors) -> dict[str, str]:
-    """Return the sizes of errors that are not the usual ones, by their keys under [calibrate]."""
-    default = SensorErrors()
-    sizes = {
-        "scale_sd": (errors.scale, default.scale, errors.scale),
-        "mount_sd_deg": (errors.misalignment_rad, default.misalignment_rad, shortest_degrees(errors.misalignment_rad)),
-        "heading_sd_deg": (errors.heading_rad, default.heading_rad, shortest_degrees(errors.heading_rad)),
-        "heading_walk_deg": (
-            errors.heading_walk_rad,
-            default.heading_walk_rad,
-            shortest_degrees(errors.heading_walk_rad),
-        ),
-        "deviation_sd_deg": (errors.deviation_rad, default.deviation_rad, shortest_degrees(errors.deviation_rad)),
-        "latency_sd_s": (errors.latency_s, default.latency_s, errors.latency_s),
-        "usbl_bias_sd_m": (errors.usbl_bias_m, default.usbl_bias_m, errors.usbl_bias_m),
-        "usbl_bias_time_s": (errors.usbl_bias_s, default.usbl_bias_s, errors.usbl_bias_s),
-    }
-    return {key: repr(value) for key, (own, usual, value) in sizes.items() if own != usual}
+def _of_sensor(noise: NoiseFamily, sensor: str, sd_scale: float = 1.0) -> dict[str, str]:
+    return {"noise": noise_text(noise, sensor)} | ({"sd_scale": repr(sd_scale)} if sd_scale != 1 else {})
 
 
-def _of_sensor(noise: NoiseFamily, unit: str, sd_scale: float = 1.0) -> dict[str, str]:
-    return {"noise": noise_text(noise, unit)} | ({"sd_scale": repr(sd_scale)} if sd_scale != 1 else {})
+def _lever(arm_m: LeverArm) -> dict[str, str]:
+    return {"lever_arm_m": str(list(arm_m))}

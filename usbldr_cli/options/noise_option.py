@@ -1,56 +1,31 @@
 """The option --noise: how a sensor errs, as SENSOR=KIND[:NUMBER...][:scalar|record]."""
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
-
-Family = Gaussian | Mixture | StudentT | Contamination
-
-SENSORS = ("dvl", "compass", "usbl", "gps")
-KINDS: Mapping[str, tuple[Callable[..., Family], tuple[str, ...]]] = {
-    "gaussian": (Gaussian, ()),
-    "mixture": (Mixture, ("share", "variance ratio")),
-    "student-t": (StudentT, ("degrees of freedom",)),
-    "contamination": (Contamination, ("share", "sd")),
-}
-"""Each family with the numbers that may follow; sd is in m/s, degrees or m."""
-
-
-BOUNDS = {"share": (0.0, 1.0), "variance ratio": (0.0, 1e9), "degrees of freedom": (2.0, 1e6), "sd": (0.0, 1e6)}
+from usbldr.filters.models.noise import FAMILIES, Gaussian, NoiseFamily
+from usbldr.filters.models.quantities import SENSOR_UNITS, quantities
+from usbldr.io.settings.noise_sections import NOISES, noise_family_of
+from usbldr.io.settings.validation import checked
 
 
 def noise_family(text: str) -> tuple[str, NoiseFamily]:
-    """Return sensor and family; raise UsageError for what is neither."""
+    """Return sensor and family, whose numbers are those of usbldr.toml in order; raise UsageError for what is none."""
     sensor, _, said = text.partition("=")
     kind, *words = said.split(":")
-    if sensor not in SENSORS or kind not in KINDS:
-        raise UsageError(
-            f"--noise {text}: write SENSOR=KIND with a sensor of {', '.join(SENSORS)} and a kind of {', '.join(KINDS)}"
-        )
+    if sensor not in SENSOR_UNITS or kind not in FAMILIES:
+        kinds = f"a sensor of {', '.join(SENSOR_UNITS)} and a kind of {', '.join(FAMILIES)}"
+        raise UsageError(f"--noise {text}: write SENSOR=KIND with {kinds}")
     per = words.pop() if words and words[-1] in ("scalar", "record") else None
-    family, names = KINDS[kind]
-    if len(words) > len(names):
-        raise UsageError(f"--noise {text}: {kind} takes {_listed(names)}, then scalar or record, and no more")
-    numbers = [_number(text, name, word) for name, word in zip(names, words, strict=False)]
-    if sensor == "compass" and len(numbers) == 2 and kind == "contamination":
-        numbers[1] = math.radians(numbers[1])
-    made = family(*numbers)
-    return sensor, made if per is None else replace(made, per_scalar=per == "scalar")
+    keys = [quantity.key for quantity in quantities(FAMILIES[kind], sensor).values()]
+    if len(words) > len(keys):
+        takes = ", ".join(keys) or "no number"
+        raise UsageError(f"--noise {text}: {kind} takes {takes}, then scalar or record, and no more")
+    numbers = {key: _number(text, key, word) for key, word in zip(keys, words, strict=False)}
+    section = checked({"kind": kind, **numbers, "per": per}, NOISES[sensor], f"--noise {text}")
+    return sensor, noise_family_of(section, Gaussian(), sensor)
 
 
-def _number(text: str, name: str, word: str) -> float:
-    least, most = BOUNDS[name]
+def _number(text: str, key: str, word: str) -> float:
     try:
-        value = float(word)
+        return float(word)
     except ValueError as err:
-        raise UsageError(f"--noise {text}: {word!r} is no number for the {name}") from err
-    if not least < value < most:
-        raise UsageError(f"--noise {text}: the {name} has to be above {least:g} and below {most:g}")
-    return value
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return ", ".join(names) or "no number"
+        raise UsageError(f"--noise {text}: {word!r} is no number for {key}") from err

@@ -31,10 +31,13 @@ def test_a_kind_with_its_numbers_is_a_family(text: str, means: tuple) -> None:
         ("depth=gaussian", "write SENSOR=KIND with a sensor of dvl, compass, usbl, gps"),
         ("usbl", "write SENSOR=KIND"),
         ("usbl=gaussian:1", "gaussian takes no number"),
-        ("usbl=mixture:1.2", "the share has to be above 0 and below 1"),
-        ("usbl=student-t:2", "the degrees of freedom has to be above 2"),
-        ("usbl=student-t:nan", "the degrees of freedom has to be above 2"),
-        ("usbl=mixture:x", "'x' is no number for the share"),
+        ("usbl=mixture:1.2", "share: expected number <= 0.999999999"),
+        ("usbl=mixture:0.1:1", "variance_ratio: expected number > 1.0"),
+        ("usbl=student-t:1.9", "dof: expected number >= 2.0"),
+        ("usbl=student-t:nan", "dof = nan is no finite number"),
+        ("usbl=mixture:x", "'x' is no number for share"),
+        ("dvl=contamination:0.1", "lacks the key sd_mps"),
+        ("usbl=contamination:0.1:1:2", "contamination takes share, sd_m, then scalar or record, and no more"),
     ],
 )
 def test_what_is_no_noise_is_a_sentence(text: str, said: str) -> None:
