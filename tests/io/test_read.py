@@ -4,9 +4,8 @@ import hashlib
 from pathlib import Path
 
 import pytest
-from mcap.writer import Writer
 
-from recordings import HEADING, SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, yaw
+from recordings import HEADING, SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import COLUMNS
 from usbldr.io.read import Request, read_log, require
@@ -175,14 +174,9 @@ def test_a_log_time_beyond_all_calendars_costs_only_its_message(tmp_path: Path) 
 
 
 def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Path) -> None:
-    file = tmp_path / "dive.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("foxglove.LocationFix", "jsonschema", b"{}")
-        channel = writer.register_channel("/gps/fix", "json", schema)
-        writer.add_message(channel, T0, b"{}", T0)
-        writer.finish()
+    file = write_payloads(
+        tmp_path / "dive.mcap", "/gps/fix", "json", ("foxglove.LocationFix", "jsonschema", b"{}"), [b"{}"]
+    )
 
     assert dict(read_log(file).tables) == {}
 

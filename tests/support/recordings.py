@@ -69,6 +69,10 @@ define(EXTRA)
 Row = tuple[int, str, str, Mapping[str, Any]]  # log time, topic, type, values by field path
 
 
+Schema = tuple[str, str, bytes]  # name, encoding and text of a definition
+FLOAT64: Schema = ("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+
+
 def stamp(time_ns: int) -> Any:
     return ROS2.types["builtin_interfaces/msg/Time"](*divmod(time_ns, SECOND))
 
@@ -132,6 +136,18 @@ def write_mcap(
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
             data = bytes(ROS2.serialize_cdr(message(type_name, values), type_name))
             writer.add_message(channels[topic], log_ns, data, log_ns)
+        writer.finish()
+    return file
+
+
+def write_payloads(file: Path, topic: str, encoding: str, schema: Schema, payloads: Iterable[bytes]) -> Path:
+    """Write one channel of an MCAP file, byte for byte, a message a second."""
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        number = writer.register_channel(topic, encoding, writer.register_schema(*schema))
+        for k, data in enumerate(payloads):
+            writer.add_message(number, T0 + k * SECOND, data, T0 + k * SECOND)
         writer.finish()
     return file
 

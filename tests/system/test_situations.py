@@ -5,10 +5,10 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from checkout import ROOT
-from recordings import SECOND, T0, short_dive, twist, write_bag, write_mcap
+from recordings import FLOAT64, SECOND, T0, short_dive, twist, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.formats.mcap_log import McapLog
@@ -84,14 +84,7 @@ def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> No
 
 
 def test_a_sensor_without_one_readable_message_is_an_error_with_the_reason(tmp_path: Path) -> None:
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
-        channel = writer.register_channel("/compass_hdg", "cdr", schema)
-        writer.add_message(channel, T0, b"\0\7\0\0" + bytes(8), T0)
-        writer.finish()
+    file = write_payloads(tmp_path / "a.mcap", "/compass_hdg", "cdr", FLOAT64, [b"\0\7\0\0" + bytes(8)])
 
     with pytest.raises(LogError) as fault:
         read_log(file)

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from commands import run
-from recordings import SECOND, T0
+from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.definitions import SHIPPED, with_folders
 from usbldr.io.decoding.known_messages import KNOWN
@@ -72,16 +71,10 @@ def test_so_it_is_in_an_mcap_file(tmp_path: Path) -> None:
     with sqlite3.connect(undefined_dvl(tmp_path / "a", OF_2024)) as database:
         rows = database.execute("SELECT timestamp, data FROM messages").fetchall()
     database.close()
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = McapWriter(stream)
-        writer.start()
-        schema = writer.register_schema("dvl_msgs/msg/DVL", "ros2msg", b"")
-        channel = writer.register_channel("/dvl/data", "cdr", schema)
-        for time_ns, data in rows:
-            writer.add_message(channel, time_ns, data, time_ns)
-        writer.finish()
+    schema = ("dvl_msgs/msg/DVL", "ros2msg", b"")
+    file = write_payloads(tmp_path / "a.mcap", "/dvl/data", "cdr", schema, [data for _, data in rows])
 
-    dvl = McapLog(tmp_path / "a.mcap").read({"/dvl/data": ["velocity.x"]})["/dvl/data"]
+    dvl = McapLog(file).read({"/dvl/data": ["velocity.x"]})["/dvl/data"]
 
     np.testing.assert_array_equal(dvl.columns["velocity.x"], np.arange(10.0))
 
@@ -198,14 +191,9 @@ def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
         + struct.pack("<3d?xxxI", 1.0, 2.0, 3.0, True, 4)
         + b"one\0"
     )
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = McapWriter(stream)
-        writer.start()
-        schema = writer.register_schema("our_msgs/msg/Fix", "ros2idl", definition.encode())
-        channel = writer.register_channel("/fix", "cdr", schema)
-        writer.add_message(channel, T0, data, T0)
-        writer.finish()
+    file = write_payloads(
+        tmp_path / "a.mcap", "/fix", "cdr", ("our_msgs/msg/Fix", "ros2idl", definition.encode()), [data]
+    )
 
     paths = ["header.stamp", "header.frame_id", "position.1", "valid", "name"]
     read = McapLog(file).read({"/fix": paths})["/fix"]
@@ -216,13 +204,7 @@ def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
 
 
 def test_a_schema_without_text_is_read_by_what_is_known_of_its_type(tmp_path: Path) -> None:
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = McapWriter(stream)
-        writer.start()
-        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"")
-        channel = writer.register_channel("/heading", "cdr", schema)
-        writer.add_message(channel, T0, b"\0\1\0\0" + struct.pack("<d", 12.5), T0)
-        writer.finish()
+    schema = ("std_msgs/msg/Float64", "ros2msg", b"")
+    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", schema, [b"\0\1\0\0" + struct.pack("<d", 12.5)])
 
     assert McapLog(file).read({"/heading": ["data"]})["/heading"].columns["data"].tolist() == [12.5]

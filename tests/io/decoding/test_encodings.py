@@ -15,7 +15,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import Writer
 
-from recordings import SECOND, T0
+from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
@@ -102,15 +102,7 @@ JSON: Channel = ("foxglove.LocationFix", "json", "jsonschema", json.dumps(SCHEMA
 
 def write(file: Path, channel: Channel, payloads: Iterable[bytes], topic: str = "location") -> Path:
     name, encoding, schema_encoding, definition = channel
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema(name, schema_encoding, definition)
-        number = writer.register_channel(topic, encoding, schema)
-        for k, data in enumerate(payloads):
-            writer.add_message(number, T0 + k * SECOND, data, T0 + k * SECOND)
-        writer.finish()
-    return file
+    return write_payloads(file, topic, encoding, (name, schema_encoding, definition), payloads)
 
 
 def in_protobuf(time_ns: int, values: Mapping[str, Any]) -> bytes:

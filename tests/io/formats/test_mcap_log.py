@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
-from recordings import SECOND, T0, TWIST, Row, point, short_dive, twist, write_mcap, yaw
+from recordings import FLOAT64, SECOND, T0, TWIST, Row, point, short_dive, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.mcap_log import McapLog
 
@@ -216,16 +216,8 @@ def test_a_flipped_bit_costs_one_chunk(tmp_path: Path, compression: CompressionT
 
 
 def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -> None:
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
-        channel = writer.register_channel("/heading", "cdr", schema)
-        good = b"\0\1\0\0" + struct.pack("<d", 12.5)
-        for k, data in enumerate((good, good[:7], good, b"")):
-            writer.add_message(channel, T0 + k, data, T0 + k)
-        writer.finish()
+    good = b"\0\1\0\0" + struct.pack("<d", 12.5)
+    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, (good, good[:7], good, b""))
     log = McapLog(file)
 
     heading = log.read({"/heading": ["data"]})["/heading"]
@@ -238,15 +230,8 @@ def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -
 
 @pytest.mark.parametrize(("byte", "name"), [(3, "PL_CDR"), (7, "XCDR2"), (11, "XCDR2")])
 def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str) -> None:
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
-        channel = writer.register_channel("/heading", "cdr", schema)
-        for k, first in enumerate((1, byte)):
-            writer.add_message(channel, T0 + k, bytes([0, first, 0, 0]) + struct.pack("<d", 12.5), T0 + k)
-        writer.finish()
+    payloads = [bytes([0, first, 0, 0]) + struct.pack("<d", 12.5) for first in (1, byte)]
+    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, payloads)
     log = McapLog(file)
 
     assert len(log.read({"/heading": ["data"]})["/heading"].received_ns) == 1
@@ -279,14 +264,9 @@ def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
 
 
 def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_path: Path) -> None:
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("foxglove.LocationFix", "flatbuffer", b"{}")
-        channel = writer.register_channel("/fix", "flatbuffer", schema)
-        writer.add_message(channel, T0, b"{}", T0)
-        writer.finish()
+    file = write_payloads(
+        tmp_path / "a.mcap", "/fix", "flatbuffer", ("foxglove.LocationFix", "flatbuffer", b"{}"), [b"{}"]
+    )
     log = McapLog(file)
 
     (topic,) = log.topics()
