@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from usbldr.filters.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from usbldr.filters.bounds.dive_bounds import PositionBound
     from usbldr.filters.errors import CheckError, LogError, UsageError, UsbldrError
     from usbldr.filters.evaluation.evaluation import ErrorReport, Window
     from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
@@ -35,6 +36,7 @@ __all__ = [
     "Mixture",
     "Outage",
     "OutageRecovery",
+    "PositionBound",
     "ProcessNoise",
     "Reacquisition",
     "SensorErrors",
@@ -49,6 +51,7 @@ __all__ = [
     "Window",
 ]
 _HOMES = {
+    "bounds.dive_bounds": ("PositionBound",),
     "errors": ("CheckError", "LogError", "UsageError", "UsbldrError"),
     "evaluation.evaluation": ("ErrorReport", "Window"),
     "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from usbldr.io.log import Finding, Log, Origin, Provenance
     from usbldr.io.opening import Request
     from usbldr.io.reports.report_json import ScoredTrack
-    from usbldr.io.session import RunSettings, evaluate, open_log, reference_tracks, replay, resolve, score
+    from usbldr.io.session import RunSettings, bound, evaluate, open_log, reference_tracks, replay, resolve, score
 
 __all__ = [
     "Finding",
@@ -23,6 +23,7 @@ __all__ = [
     "Request",
     "RunSettings",
     "ScoredTrack",
+    "bound",
     "evaluate",
     "open_log",
     "reference_tracks",
@@ -34,6 +35,6 @@ _HOMES = {
     "log": ("Finding", "Log", "Origin", "Provenance"),
     "opening": ("Request",),
     "reports.report_json": ("ScoredTrack",),
-    "session": ("RunSettings", "evaluate", "open_log", "reference_tracks", "replay", "resolve", "score"),
+    "session": ("RunSettings", "bound", "evaluate", "open_log", "reference_tracks", "replay", "resolve", "score"),
 }
 __getattr__ = lazy_exports(__name__, _HOMES)

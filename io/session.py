@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from usbldr.filters.bounds.dive_bounds import PositionBound, position_bound
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.evaluation.evaluation import ErrorReport, Window
 from usbldr.filters.evaluation.evaluation import evaluate as evaluate_track
@@ -28,6 +29,7 @@ from usbldr.filters.replay.methods import FilterSettings, method_named
 from usbldr.filters.replay.position_fixes import require_gps
 from usbldr.filters.replay.prior import NO_START_TEXT, find_anchor, starting_fixes
 from usbldr.filters.replay.run import run
+from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.filters.windows import TimeWindow
 from usbldr.io.geodesy import to_plane
@@ -179,3 +181,14 @@ def reference_tracks(
         with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
             found += [score(log, timeline, name, settings, assumptions)] if there and name != method else []
     return tuple(found)
+
+
+def bound(scenario: str | Path, timeline: Timeline, assumptions: Assumptions, seed: int = 0) -> PositionBound:
+    """Return the posterior Cramer-Rao bound of the position on a scenario's dive: the least sigma of any filter.
+
+    The timeline is that of ``open_log(scenario, seed=seed)``, the assumptions those that the filters are told. Raises
+    UsageError for a recorded log, whose true states nobody knows, and for assumptions that have no bound.
+    """
+    if not is_simulated(scenario):
+        raise UsageError(f"--bound: {scenario} is a recorded log; the bound needs the true states of a scenario")
+    return position_bound(simulate(find_scenario(str(scenario)), seed), timeline, assumptions)

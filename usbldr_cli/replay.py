@@ -19,6 +19,7 @@ from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeaveOneOut
+    from usbldr.filters.models.parameters import Assumptions
     from usbldr.filters.replay.methods import Method
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
@@ -52,6 +53,7 @@ MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
     metavar="N",
     help="Repeat the run without each of the N most influential fixes.",
 )
+@click.option("--bound", is_flag=True, help="Of a scenario: add the least error that any filter could have.")
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print the last sentence only.")
 def replay(
@@ -62,6 +64,7 @@ def replay(
     json_to: str | None,
     write_calibration: str | None,
     leave_one_out: int | None,
+    bound: bool,
     strict: bool,
     quiet: bool,
     **where: Any,
@@ -78,7 +81,7 @@ def replay(
     from usbldr.io.inputs import output_conflict
     from usbldr.io.read import require
     from usbldr.io.reports.run_directory import run_directory
-    from usbldr.io.session import resolve
+    from usbldr.io.session import is_simulated, resolve
     from usbldr.io.timeline import timeline
 
     chosen = method_named(method)
@@ -86,6 +89,8 @@ def replay(
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file is not None and (option, file) != ("--json", "-"):
             refuse_file(option, Path(file), force, read, output)
+    if bound and not is_simulated(where["log"]):
+        raise UsageError(f"--bound: {where['log']} is a recorded log; the bound needs the true states of a scenario")
     log = open_log(seed=choices.seed, **where)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:
@@ -95,7 +100,7 @@ def replay(
     require(log, chosen.sensors)
     _refuse_for_tracks(chosen, choices)
     dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
-    settings = choices.settings(log.start_ns)
+    settings, configured = choices.settings(log.start_ns), log.assumptions
     log = replace(log, assumptions=resolve(log, dive_timeline, method, settings))
     doubts = convention_warnings(log, dive_timeline)
     for finding in doubts:
@@ -111,6 +116,8 @@ def replay(
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
         run = _run(method, log, dive_timeline, choices, settings)
+        if bound:
+            run = _with_bound(where["log"], run, configured)
         if leave_one_out is not None:
             run = _with_left_out(method, run, settings, leave_one_out)
         _write(folder, run)
@@ -179,6 +186,15 @@ def _score(method: str, log: "Log", dive_timeline: "Timeline", settings: "RunSet
 def _bar(label: str, total: int) -> "Generator[Callable[[int, int], None]]":
     with click.progressbar(length=total, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
         yield lambda done, _: bar.update(done - bar.pos)
+
+
+def _with_bound(scenario: str, run: "Run", configured: "Assumptions") -> "Run":
+    """Return the run with the bound for the noise that the scenario tells and the states that the run estimated."""
+    from usbldr.io.session import bound
+
+    used = run.log.assumptions
+    told = replace(configured, calibrate=used.calibrate, aid=used.aid)
+    return replace(run, bound=bound(scenario, run.timeline, told, run.seed))
 
 
 def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int) -> "Run":

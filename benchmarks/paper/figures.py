@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 from PIL import Image
 
-from paper.bounds import OF_SIGMA, Limits
 from paper.runs import COUNTS, GATED, SHARES, SWEPT, Rows, Way, few, shared
+from usbldr.filters.bounds.dive_bounds import OF_SIGMA, PositionBound
 from usbldr.filters.evaluation.consistency import CONFIDENCE, DOF, nees
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.models.calibration import EstimatedError, estimated_errors
@@ -34,7 +34,7 @@ FIRST, OTHERS = {"lw": 1.8, "alpha": 1.0}, {"lw": 0.8, "alpha": 0.6}  # dives of
 MARKS = {"cpf": "o", "upf": "D", "pf": "s", "adf": "^", "ekf": "v"}
 
 
-def write_figures(folder: Path, rows: Rows, sweeps: Path, seeds: int, limits: Mapping[str, Limits]) -> None:
+def write_figures(folder: Path, rows: Rows, sweeps: Path, seeds: int, limits: Mapping[str, PositionBound]) -> None:
     """Draw every picture into a folder; ``limits`` are those of paper-drawn and of paper, with the scale state."""
     folder.mkdir(parents=True, exist_ok=True)
     with in_style():
@@ -182,7 +182,7 @@ def scale_over_time(seed: int) -> tuple[Vector, EstimatedError]:
     return track.time_s, next(one for one in estimated_errors(track) if one.name == "dvl_scale")
 
 
-def _bound(rows: Rows, limits: Mapping[str, Limits]) -> Figure:
+def _bound(rows: Rows, limits: Mapping[str, PositionBound]) -> Figure:
     """Draw the error over time beside the least one: where it is a bound, and where it may be beaten."""
     told = "adf + scale; |error| averaged over dives and 20 s; bound: mean |error| of the least sigma, .798 of it"
     figure = titled_figure("Error over time and the Cramér-Rao bound", told, 11, 7)

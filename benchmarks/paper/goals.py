@@ -5,9 +5,9 @@ import time
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from paper.bounds import Limits
 from paper.runs import Cell, Rows, Way
 from paper.tables import AXES, command, errors, over, times
+from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.replay.run import run
 from usbldr.io.reports.report_text import Table
@@ -43,7 +43,7 @@ class Goal(NamedTuple):
         return f"{'met' if self.met else '**not met**'}{close}"
 
 
-def goals(rows: Rows, limit: Limits, times_s: Mapping[Way, float]) -> list[Goal]:
+def goals(rows: Rows, limit: PositionBound, times_s: Mapping[Way, float]) -> list[Goal]:
     """Return every goal; ``limit`` is the bound on `paper-drawn` with the scale state, ``times_s`` are of `timed`."""
     cpf, drawn = ("paper", Way("cpf", "scale")), ("paper-drawn", Way("adf", "scale"))
     both, smoother = ("paper", Way("cpf", "scale,misalignment")), Way("adf", "scale", smooth=True)
@@ -98,7 +98,7 @@ def _error(what: str, rows: Rows, cell: Cell, most: tuple[float, float]) -> Goal
     return _goal(what, stated, errors(rows[cell]), excess, rows, cell)
 
 
-def _efficiency(what: str, rows: Rows, cell: Cell, limit: Limits) -> Goal:
+def _efficiency(what: str, rows: Rows, cell: Cell, limit: PositionBound) -> Goal:
     found = [over(rows[cell], axis, bound) for axis, bound in zip(AXES, limit.filter_m, strict=True)]
     excess = max((abs(ratio - 1) - 0.05) / (se or math.nan) for ratio, se in found)
     told = " / ".join(f"{ratio:.3f} ± {se or math.nan:.3f}" for ratio, se in found)

@@ -18,9 +18,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper, field and
 
 from paper import goals as paper_goals
 from paper import tables
-from paper.bounds import Limits, limits
+from paper.bounds import limits
 from paper.figures import write_figures
 from paper.runs import STATES, Rows, Way, plan, run_plan, write_sweeps
+from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.scenarios.library import find_scenario
@@ -79,9 +80,9 @@ def document(
     sweeps: Path,
     seeds: int,
     goals: list[paper_goals.Goal],
-    of_drawn: Limits,
-    of_paper: Mapping[str, Limits],
-    of_range: Limits,
+    of_drawn: PositionBound,
+    of_paper: Mapping[str, PositionBound],
+    of_range: PositionBound,
 ) -> str:
     """Return docs/studies/paper.md: the text with every table and number in its place."""
     parts = {
@@ -114,7 +115,7 @@ def filled(text: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"{{(\w+)}}", lambda found: parts[found.group(1)], text)
 
 
-def summary(rows: Rows, goals: list[paper_goals.Goal], of_drawn: Limits) -> str:
+def summary(rows: Rows, goals: list[paper_goals.Goal], of_drawn: PositionBound) -> str:
     """Return what the study found, in sentences whose numbers and verdicts are those measured."""
     cpf, scale, smoothed = (
         tables.errors(rows["paper", way]) for way in (Way("cpf"), Way("cpf", "scale"), Way("adf", "scale", smooth=True))

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from paper import runs
-from paper.bounds import Limits
 from paper.runs import Cell, Rows, Way, drifting, shared
+from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import consistency_text
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.io.reports.report_text import Table
@@ -37,7 +37,7 @@ def filters(rows: Rows) -> str:
     return _made(Table("|east|/|north|, m", heads, tuple(body)), "filters", rows, ("paper", Way("cpf", "scale")))
 
 
-def drawn(rows: Rows, limit: Limits) -> str:
+def drawn(rows: Rows, limit: PositionBound) -> str:
     """Return errors over the bound where the filters' model is true."""
     ways = (Way("adf", "scale"), Way("cpf", "scale"), Way("ekf", "scale"), Way("ekf", "scale", gate=0.99))
     body = []
@@ -52,7 +52,7 @@ def drawn(rows: Rows, limit: Limits) -> str:
     return _made(Table("paper-drawn, + scale", heads, tuple(body)), "drawn", rows, ("paper-drawn", ways[0]))
 
 
-def assumed(rows: Rows, limits: Mapping[str, Limits]) -> str:
+def assumed(rows: Rows, limits: Mapping[str, PositionBound]) -> str:
     """Return the bounds on `paper` for the Q that the filters assume, without any efficiency."""
     body = []
     for calibrate, limit in limits.items():
@@ -64,7 +64,7 @@ def assumed(rows: Rows, limits: Mapping[str, Limits]) -> str:
     return _made(Table("paper", heads, tuple(body)), "assumed", rows, ("paper", Way("adf", "scale", smooth=True)))
 
 
-def least(limit: Limits) -> str:
+def least(limit: PositionBound) -> str:
     """Return a bound in words, east before north."""
     forward, smoothed = ("/".join(map(in_metres, one)) for one in (limit.filter_m, limit.smoother_m))
     return f"{forward} m for any filter, {smoothed} m for any smoother"

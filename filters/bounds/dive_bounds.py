@@ -5,6 +5,9 @@ local bound of docs/studies/bounds.md, and the errors of a good filter come to i
 the process noise that the filters assume, and may be beaten.
 """
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
 from usbldr.filters.bounds.pcrlb import Bounds, bounds
@@ -16,6 +19,34 @@ from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.simulate import SimulatedDive
 from usbldr.filters.types import Array, Timeline, Vector
+
+OF_SIGMA = math.sqrt(2 / math.pi)  # fixed: the mean absolute error of a Gaussian
+
+
+class PositionBound(NamedTuple):
+    """The least sigma of east and north at the M epochs at which errors are taken."""
+
+    time_s: Vector  # (M,)
+    filter_sd_m: Array  # (M, 2)
+    smoother_sd_m: Array  # (M, 2)
+
+    @property
+    def filter_m(self) -> list[float]:
+        """The least mean |east| and |north| of a filter."""
+        return (OF_SIGMA * self.filter_sd_m.mean(axis=0)).tolist()
+
+    @property
+    def smoother_m(self) -> list[float]:
+        """The least mean |east| and |north| of a smoother."""
+        return (OF_SIGMA * self.smoother_sd_m.mean(axis=0)).tolist()
+
+
+def position_bound(simulated: SimulatedDive, timeline: Timeline, assumptions: Assumptions) -> PositionBound:
+    """Return the posterior Cramer-Rao bound of the position on the slow grid (see `dive_bounds`)."""
+    rows = layout_for(assumptions.calibrate).rows("x", "y")
+    covariances = dive_bounds(simulated, timeline, assumptions)
+    filter_sd_m, smoother_sd_m = (np.sqrt(cov[timeline.slow][:, rows, rows]) for cov in covariances)
+    return PositionBound(timeline.time_s[timeline.slow], filter_sd_m, smoother_sd_m)
 
 
 def dive_bounds(simulated: SimulatedDive, timeline: Timeline, assumptions: Assumptions) -> Bounds:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import DOF, consistency_text
 from usbldr.filters.evaluation.evaluation import ErrorReport
 from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influences, most_influential
@@ -48,6 +49,7 @@ class Run:
     options: Mapping[str, object] = field(default_factory=dict[str, object])  # as the user gave them
     configuration: Mapping[str, object] | None = None  # content of the configuration file
     without_fixes: tuple[LeaveOneOut, ...] = ()  # runs without one fix, where the user asked for them
+    bound: PositionBound | None = None  # of a scenario, if the user asked for it
 
     @property
     def filter(self) -> str:
@@ -204,9 +206,17 @@ def report_content(run: Run) -> dict[str, Any]:
         "truth": _truth(run.truth),
         **_judged(report),
         "baselines": {other.trajectory.filter: _judged(other.report) for other in run.reference_tracks},
+        **({} if run.bound is None else {"bound": _bound(run.bound)}),
         "warnings": run.warnings,
         "verdict": run.verdict,
     }
+
+
+def _bound(bound: PositionBound) -> dict[str, Any]:
+    """Return the least mean errors that any filter, or smoother, could have."""
+    names = ("mean_abs_east_m", "mean_abs_north_m")
+    found = {"filter": bound.filter_m, "smoother": bound.smoother_m}
+    return {name: dict(zip(names, errors_m, strict=True)) for name, errors_m in found.items()}
 
 
 def _influence(fix: Influence) -> dict[str, Any]:

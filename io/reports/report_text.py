@@ -97,7 +97,7 @@ def error_table(report: ErrorReport) -> Table:
 
 
 def method_table(run: Run) -> Table:
-    """Return the method beside doing without: raw fixes and dead reckoning."""
+    """Return the method beside raw fixes and dead reckoning, and the bound of any filter and any smoother."""
     heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "covered")
     names = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m", "rmse_horizontal_m", "median_horizontal_m")
     rows: list[tuple[str, ...]] = []
@@ -108,6 +108,9 @@ def method_table(run: Run) -> Table:
         numbers = [metres(report, name) for name in (*names, "p95_horizontal_m", "max_horizontal_m")]
         share = f"{100 * report.metrics['coverage']:.0f} %"
         rows.append((report.filter, *numbers, f"{report.matching.matched}", share))
+    if run.bound is not None:
+        for name, errors_m in (("bound", run.bound.filter_m), ("smoother bound", run.bound.smoother_m)):
+            rows.append((name, *(f"{error_m:z.3f}" for error_m in errors_m), *[""] * (len(heads) - 2)))
     return Table("mean error in m", heads, tuple(rows))
 
 

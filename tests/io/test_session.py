@@ -27,7 +27,6 @@ def reported(tmp_path: Path, log: Path, *options: str) -> dict[str, float]:
     return numbers(json.loads((folder / "report.json").read_text(encoding="utf-8"))["metrics"])
 
 
-@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(("name", "method"), [("paper.mcap", "cpf"), ("lawnmower.mcap", "adf")])
 def test_six_lines_give_the_numbers_of_the_command(tmp_path: Path, name: str, method: str) -> None:
     log = usbldr.open_log(LOGS / name)
@@ -38,7 +37,6 @@ def test_six_lines_give_the_numbers_of_the_command(tmp_path: Path, name: str, me
     assert numbers(report.metrics) == reported(tmp_path, LOGS / name, "--filter", method)
 
 
-@pytest.mark.usefixtures("without_pictures")
 def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
     settings = usbldr.RunSettings(
         calibrate=("scale",),

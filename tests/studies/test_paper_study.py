@@ -12,9 +12,9 @@ from paper import figures as paper_figures
 from paper import goals as paper_goals
 from paper import study
 from paper import tables as paper_tables
-from paper.bounds import Limits, limits
+from paper.bounds import limits
 from paper.runs import LATE, SHARES, STATES, UNSEEN, Rows, Way, plan, shared, write_sweeps
-from usbldr.filters.bounds.dive_bounds import dive_bounds
+from usbldr.filters.bounds.dive_bounds import PositionBound, dive_bounds
 from usbldr.filters.models.calibration import EstimatedError
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.replay.methods import METHODS
@@ -28,7 +28,7 @@ from usbldr_cli.runs.job_store import JobResult, JobStore, Trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 LIMIT, OF_PAPER, OF_RANGE = (
-    Limits(np.arange(60.0), np.tile(filter_sd_m, (60, 1)), np.tile(smoother_sd_m, (60, 1)))
+    PositionBound(np.arange(60.0), np.tile(filter_sd_m, (60, 1)), np.tile(smoother_sd_m, (60, 1)))
     for filter_sd_m, smoother_sd_m in (((0.15, 0.15), (0.1, 0.1)), ((0.7, 0.6), (0.5, 0.4)), ((0.3, 0.25), (0.2, 0.05)))
 )
 

@@ -7,11 +7,7 @@ import click
 COMMON = {
     "Log": ("config", "truth", "joined"),
     "Filter": ("method", "filters", "particles", "calibrate", "tune", "smooth", "seed", "seeds"),
-    "Scoring": (
-        "start",
-        "end",
-        "align",
-    ),
+    "Scoring": ("start", "end", "align", "bound"),
     "Output": ("output", "force", "json_to", "quiet", "jobs"),
 }
 RARE = {
