@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.frames import rotation
 from usbldr.filters.types import Array
 
 ALIGNMENTS: Mapping[str, str] = {
@@ -25,8 +26,7 @@ class Alignment(NamedTuple):
     @property
     def matrix(self) -> Array:
         """The rotation, (2, 2)."""
-        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
-        return np.array([[c, -s], [s, c]])
+        return rotation(self.rotation_rad)
 
     def points(self, position_m: Array) -> Array:
         """Move points, (T, 2)."""

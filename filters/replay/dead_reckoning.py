@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.filters.frames import rotated
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
 
 
@@ -85,9 +86,7 @@ def displacement_m(timeline: Timeline) -> Array:
 
 def velocity_mps(timeline: Timeline) -> Array:
     """Return V_E and V_N of eq. (1) at all epochs, (K, 2)."""
-    u, v = timeline.dr_mps.T
-    c, s = np.cos(timeline.dr_yaw_rad), np.sin(timeline.dr_yaw_rad)
-    return np.column_stack([u * c - v * s, u * s + v * c])
+    return rotated(timeline.dr_yaw_rad, timeline.dr_mps)
 
 
 def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from usbldr.filters.evaluation.consistency import nees
+from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.models.parameters import Assumptions
@@ -82,9 +83,7 @@ def outage_recoveries(
 
 def _displacement_m(x: Array, time_s: Vector) -> Array:
     """Return how far the velocity of the states, (n, K), leads from the first of the epochs, (2, K)."""
-    psi, u, v = x[:3]
-    c, s = np.cos(psi), np.sin(psi)
-    V = np.stack([u * c - v * s, u * s + v * c])
+    V = rotated(x[0], x[1:3].T).T
     steps = (V[:, 1:] + V[:, :-1]) / 2 * np.diff(time_s)
     return np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
 

@@ -10,6 +10,7 @@ from typing import Any, cast
 import pygeomag  # pyright: ignore[reportMissingTypeStubs]
 
 from usbldr.filters.errors import UsageError
+from usbldr.filters.frames import wrapped
 from usbldr.io.log import Origin
 
 FIRST_YEAR, LAST_YEAR = 2010, 2029  # of the coefficients that pygeomag brings
@@ -29,7 +30,7 @@ def declination(place: Origin, time_ns: int) -> tuple[float, str]:
     begin, end = (datetime(moment.year + k, 1, 1, tzinfo=UTC) for k in (0, 1))
     year = moment.year + (moment - begin) / (end - begin)
     model = cast("Any", pygeomag.GeoMag(base_year=moment))  # pyright: ignore[reportArgumentType]
-    longitude = (place.lon_deg + 180.0) % 360.0 - 180.0
+    longitude = wrapped(place.lon_deg, 180.0)
     value = float(model.calculate(glat=place.lat_deg, glon=longitude, alt=0.0, time=year).d)
     where = f"{place.lat_deg:.2f}, {longitude:.2f} ({place.source})"
     return value, f"{model.model} at {where} on {moment:%Y-%m-%d}"

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError
+from usbldr.filters.frames import rotated
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.conventions.timestamps import Times, times_of
@@ -108,10 +109,8 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
         instrument[axis] = sign * to_mps * raw.number(name) / (1.0 + section.scale_error)
     if section.scale_error:
         said.append(f"scale error {section.scale_error:g} taken off (configuration)")
-    mount = np.radians(section.mount_deg)
     said.append(f"mount {section.mount_deg:g} deg ({'configuration' if section.mount_deg else 'default'})")
-    starboard = instrument[0] * np.cos(mount) + instrument[1] * np.sin(mount)
-    forward = -instrument[0] * np.sin(mount) + instrument[1] * np.cos(mount)
+    starboard, forward = rotated(-np.radians(section.mount_deg), instrument[:2].T).T
 
     if section.min_good_beams is not None and "good_beams" not in raw.values:
         raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")

@@ -6,6 +6,7 @@ the heading that turned the line of sight.
 
 import numpy as np
 
+from usbldr.filters.frames import rotation
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.positions import message_covariance
 from usbldr.io.conventions.usbl_head import UsblReference
@@ -51,8 +52,7 @@ def stated_covariance(raw: RawRecords, frame: str, axes: Array, turn_deg: Vector
     ``axes`` (2, 2) are starboard and forward of x and y in a body frame; ``turn_deg`` (n,) is how far forward, or the
     frame's north, is turned clockwise from north.
     """
-    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
-    turn = np.stack([c, s, -s, c], axis=-1).reshape(-1, 2, 2) @ axes
+    turn = rotation(-np.radians(turn_deg)) @ axes
     return turn @ message_covariance(raw, frame) @ turn.transpose(0, 2, 1)
 
 

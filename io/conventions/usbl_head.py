@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from usbldr.filters.frames import rotated
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.conventions import positions
 from usbldr.io.conventions.compass import OF_HEAD
@@ -66,9 +67,7 @@ class CarrierHeading:
 
 def rotated_clockwise(vector_m: Array, angle_deg: Vector) -> Array:
     """Turn vectors of starboard and forward, or of east and north, (n, 2), by angles, (n,)."""
-    angle = np.radians(angle_deg)
-    c, s = np.cos(angle), np.sin(angle)
-    return np.column_stack([vector_m[:, 0] * c + vector_m[:, 1] * s, vector_m[:, 1] * c - vector_m[:, 0] * s])
+    return rotated(-np.radians(angle_deg), vector_m)
 
 
 @dataclass(frozen=True, slots=True)

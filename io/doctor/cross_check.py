@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.dr_usbl_fit import GROSS_SIGMAS, SEGMENT_S, DrUsblFit, fit_sensor_errors
 from usbldr.filters.types import Timeline
 from usbldr.io.doctor.findings import GradedFinding, graded_finding
@@ -179,8 +180,8 @@ def _heading_offset_findings(log: Log, verdict: InterpretationResult) -> list[Gr
     said = f"{turned} to lie on the fixes{reading}"
     if far:
         said += (
-            f"; state mount_deg = {wrapped_deg(mount + offset):.1f} under [dvl] if the DVL is mounted so, or bias_deg "
-            f"= {wrapped_deg(bias - offset):.1f} under [compass] if the heading errs"
+            f"; state mount_deg = {wrapped(mount + offset, 180.0):.1f} under [dvl] if the DVL is mounted so, or "
+            f"bias_deg = {wrapped(bias - offset, 180.0):.1f} under [compass] if the heading errs"
         )
     found = graded_finding(code if far else "HEADING-CHECKED", f"{topic}: {said}", topic, None, offset, "deg")
     return [found]
@@ -259,8 +260,3 @@ def _fix_noise_findings(log: Log, timeline: Timeline, c: DrUsblFit) -> list[Grad
         )
         found.append(graded_finding("USBL-NOISE", text, usbl, None, c.sd_m, "m"))
     return found
-
-
-def wrapped_deg(angle_deg: float) -> float:
-    """Return the angle between -180 and 180 degrees."""
-    return (angle_deg + 180.0) % 360.0 - 180.0

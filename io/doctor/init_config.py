@@ -14,11 +14,11 @@ from typing import TypeAlias
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.filters.frames import wrapped
 from usbldr.io.doctor.cross_check import (
     heading_offset_is_significant,
     latency_is_significant,
     scale_is_significant,
-    wrapped_deg,
 )
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
@@ -149,7 +149,7 @@ def _dvl(found: Examination, log: Log) -> list[ConfigLine]:
     lines = [_convention(log, verdict, "dvl", "axes"), unit]
     if verdict and heading_offset_is_significant(verdict):
         said = f"fitted to the fixes, +-{max(verdict.offset_sd_deg, 0.1):.1f}; the heading may err instead (bias_deg)"
-        lines.append((f"mount_deg = {wrapped_deg(verdict.best.offset_deg):.1f}", said))
+        lines.append((f"mount_deg = {wrapped(verdict.best.offset_deg, 180.0):.1f}", said))
     else:
         lines.append(("mount_deg = 0.0", _no_offset(verdict)))
     c = found.sensor_check.calibration if found.sensor_check else None

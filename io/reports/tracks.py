@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.evaluation.consistency import sigmas
+from usbldr.filters.frames import heading_deg
 from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.types import Array, Indices, Trajectory, Truth, Vector
 from usbldr.io.geodesy import to_geodetic
@@ -53,7 +54,7 @@ def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
             "sd_east_m": sd[:, 0],
             "sd_north_m": sd[:, 1],
             "cov_en_m2": unknown if cov is None else cov[:, 0, 1],
-            "heading_deg": unknown if psi is None else np.degrees(-psi) % 360,
+            "heading_deg": unknown if psi is None else heading_deg(psi),
             "starboard_mps": unknown if u is None else u,
             "forward_mps": unknown if v is None else v,
             "lat_deg": lat,

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pymap3d  # pyright: ignore[reportMissingTypeStubs]
 
+from usbldr.filters.frames import heading_deg
 from usbldr.filters.models.parameters import Assumptions, LeverArm
 from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
@@ -122,7 +123,7 @@ def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]
     columns: dict[str, tuple[Column | float, ...]] = {
         "dvl": (*dive.dvl.value.T, 0.0, _assumed(dvl.told_sd_mps, dvl.sd_mps), dive.dvl.valid),
         "compass": (
-            _heading_deg(dive.compass.value[:, 0]),
+            heading_deg(dive.compass.value[:, 0]),
             shortest_degrees(_assumed(compass.told_sd_rad, compass.sd_rad)),
         ),
         "usbl": (*dive.usbl.value.T, cov_m2[:, 0, 0], cov_m2[:, 0, 1], cov_m2[:, 1, 1]),
@@ -155,10 +156,6 @@ def _at_sea_level(position_m: Array) -> tuple[Vector, Vector]:
         up = up - height
         lat, lon, height = to_geodetic(east, north, up, ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0)
     return lat, lon
-
-
-def _heading_deg(yaw_rad: Vector) -> Vector:
-    return np.degrees(-yaw_rad) % 360.0
 
 
 def _digest(tables: Mapping[str, pd.DataFrame]) -> str:
