@@ -40,7 +40,7 @@ class Change:
     """How a run departs from one with the defaults."""
 
     records: Callable[[Timeline], Timeline] = _same_line
-    before: Callable[[Assumptions, Timeline], Assumptions] = _same  # the log is asked what it can tell
+    before: Callable[[Assumptions, Timeline], Assumptions] = _same  # identification from the log
     after: Callable[[Assumptions, Timeline], Assumptions] = _same
     observing: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of observability.py meanwhile
     options: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of RunChoices
@@ -93,12 +93,12 @@ def _ablations() -> Iterator[tuple[str, Change]]:
         "DR_WALK_FACTORS": (1.0,),
         "USBL_SD_FACTORS": (),
     }
-    yield "noise not asked of the log", Change(observing=as_assumed)
-    yield "DVL not heard for itself", Change(observing={"_with_dvl_noise": lambda line, assumptions: assumptions})
+    yield "noise not estimated from the log", Change(observing=as_assumed)
+    yield "DVL noise not estimated", Change(observing={"_with_dvl_noise": lambda line, assumptions: assumptions})
     yield "without guard", Change(options={"guard": False})
-    yield "every state by its default", Change(after=_everything)
+    yield "all states estimated", Change(after=_everything)
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
-    yield "start at the plain median", Change(before=_plain_start)
+    yield "start at the median fix", Change(before=_plain_start)
 
 
 def _records() -> Iterator[tuple[str, Change]]:
@@ -156,11 +156,11 @@ def _sensitivity() -> Iterator[tuple[str, Change]]:
             value = tuple(m if m == 1 else factor * m for m in getattr(observability, name))
             yield f"observability.{name} {label}", Change(observing={name: value})
         yield (
-            f"observability.STRONG {label}",
+            f"observability.MIN_LOG_BAYES_FACTOR {label}",
             Change(observing={"MIN_LOG_BAYES_FACTOR": observability.MIN_LOG_BAYES_FACTOR + math.log(factor)}),
         )
-    yield f"observability.SHARED {HALF}", Change(observing={"CORRELATED_VARIANCE_SHARES": COARSE})
-    yield f"observability.SHARED {TWICE}", Change(observing={"CORRELATED_VARIANCE_SHARES": FINE})
+    yield f"observability.CORRELATED_VARIANCE_SHARES {HALF}", Change(observing={"CORRELATED_VARIANCE_SHARES": COARSE})
+    yield f"observability.CORRELATED_VARIANCE_SHARES {TWICE}", Change(observing={"CORRELATED_VARIANCE_SHARES": FINE})
 
 
 ABLATIONS: Mapping[str, Change] = dict(_ablations())

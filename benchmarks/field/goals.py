@@ -1,4 +1,4 @@
-"""The goals of the field study: what was to be reached, what was measured, and whether it was. Metres."""
+"""The goals of the field study: the goal, the measured value, and whether it is met. Metres."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -40,20 +40,20 @@ def _of(case: Case, rows: Rows) -> Iterator[Goal]:
             yield _error(f"{name}, stretch", rows[name, ONLINE, ""], stretch)
         yield _consistent("uib_field B", rows["uib_field B", ONLINE, ""], 3.5)
         tuned, plain = rows["uib_field B", ONLINE, "tuned"], rows["uib_field B", ONLINE, ""]
-        yield _error("uib_field B, noise tuned on the log: no worse", tuned, _value(plain))
-        yield _consistent("uib_field B, noise tuned on the log", tuned, 3.0)
+        yield _error("uib_field B, `--tune`: not worse", tuned, _value(plain))
+        yield _consistent("uib_field B, `--tune`", tuned, 3.0)
     elif case.name == "uib_simulation":
         yield _error(case.name, rows[case.name, ONLINE, ""], 0.34)
     elif case.name == "stpere_marina":
         yield _error(case.name, rows[case.name, ONLINE, ""], 0.95)
         yield _error(f"{case.name}, smoothed", rows[case.name, SMOOTHED, ""], 0.64)
-        yield _error(f"{case.name}, USBL cut twice", rows[case.name, ONLINE, "cut"], 2.5)
-        yield _error(f"{case.name}, USBL cut twice, smoothed", rows[case.name, SMOOTHED, "cut"], 1.1)
+        yield _error(f"{case.name}, two USBL outages", rows[case.name, ONLINE, "cut"], 2.5)
+        yield _error(f"{case.name}, two USBL outages, smoothed", rows[case.name, SMOOTHED, "cut"], 1.1)
     elif case.name == "paper":
         row = rows[case.name, BEST, ""]
         pair = [_value(row, f"mean_abs_{axis}_m") for axis in ("east", "north")]
         told = "/".join(f"{value:.3f}" for value in pair)
-        yield Goal("paper, filters told nothing", "0.26/0.27 per axis", told, pair[0] <= 0.26 and pair[1] <= 0.27)
+        yield Goal("paper, generic defaults", "0.26/0.27 per axis", told, pair[0] <= 0.26 and pair[1] <= 0.27)
     if not case.held_back:
         yield from thinned_goals(case, rows)
     yield from particle_goals(case, rows)
@@ -66,7 +66,7 @@ def thinned_goals(case: Case, rows: Rows) -> Iterator[Goal]:
     for change in thinned_names():
         row = rows[name, way, change]
         error, size, refused = _value(row), _value(row, NEES), worst(row, "refused_at_the_end")
-        told = f"{error:.2f} m (dr {dr:.2f} m), NEES {size:.2f}, {refused:.0f} refused at the end"
+        told = f"{error:.2f} m (dr {dr:.2f} m), NEES {size:.2f}, {refused:.0f} rejected at the end"
         met = error < dr and size <= MOST_NEES_THINNED and refused < LOCKED_OUT
         goal = f"better than dr, NEES at most {MOST_NEES_THINNED:g}, no lock-out"
         yield Goal(f"{name}, {change}", goal, told, met)

@@ -3,8 +3,8 @@
     python benchmarks/field/study.py
 
 The logs are third-party: USBLDR_FIELD_LOGS names their folder. Finished runs are kept in a folder and used again. The
-logs that are held back are left alone unless they are asked for: they judge the defaults, so nobody looks before those
-are settled.
+logs that are held back are run only with --held-back: they judge the defaults, so they are not used before those
+are frozen.
 """
 
 import argparse
@@ -33,13 +33,13 @@ from usbldr.io.reports.run_directory import write_atomically
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = Path(__file__).with_name("text.md")
-NOT_RUN = "*Not run: `make field` runs it.*"
+NOT_RUN = "*Not run yet: `make field` runs it.*"
 CAPTIONS = {
-    "track": "The track of `adf` against the truth, with the fixes; right: where it errs most",
-    "errors": "Its east and north errors with its own 2-sigma band",
-    "calibration": "The errors of the sensors as it came to know them, with their 2-sigma band",
-    "innovations": "What was measured less what was predicted, and NIS of each sensor",
-    "consistency": "NEES over time, and its distribution beside the right one",
+    "track": "Track of `adf` with truth and fixes; right: around the largest error",
+    "errors": "East and north errors with the filter's own 2-sigma band",
+    "calibration": "Estimated sensor errors with their 2-sigma band",
+    "innovations": "Innovations, and NIS of each sensor",
+    "consistency": "NEES over time, and its distribution beside the expected one",
 }
 
 
@@ -80,7 +80,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--without-sensitivity", dest="sensitivity", action="store_false", help="two thirds of the time"
     )
-    parser.add_argument("--held-back", action="store_true", help="the logs that judge the settled defaults, too")
+    parser.add_argument("--held-back", action="store_true", help="also the logs that judge the frozen defaults")
     return parser.parse_args()
 
 
@@ -114,7 +114,7 @@ def document(
         "thinned": tables.thinned(shown, rows),
         "ablation": tables.ablation(shown, rows),
         "sensitivity": tables.sensitivity(shown, rows) if sensitive else NOT_RUN,
-        "touchiest": touchiest(shown, rows) if sensitive else "",
+        "largest_changes": largest_changes(shown, rows) if sensitive else "",
         "held_back": held_back(cases, rows, drawn, agreed),
         "pictures": gallery(shown, drawn),
     }
@@ -124,8 +124,8 @@ def document(
 def summary(goals: Sequence[field_goals.Goal]) -> str:
     """Say how many goals were met, and name those that were not."""
     missed = [f"{goal.what} ({goal.measured}, goal {goal.goal})" for goal in goals if not goal.met]
-    told = f"{len(goals) - len(missed)} of the {len(goals)} goals below are met."
-    return f"{told} Not met: {'; '.join(missed)}." if missed else told
+    met = f"{len(goals) - len(missed)} of the {len(goals)} goals below are met."
+    return f"{met} Not met: {'; '.join(missed)}." if missed else met
 
 
 def sections(cases: Sequence[Case], rows: Rows) -> str:
@@ -133,19 +133,21 @@ def sections(cases: Sequence[Case], rows: Rows) -> str:
     return "\n\n".join(f"### {case.name}\n\n*{case.truth}.*\n\n{tables.main(case, rows)}" for case in cases)
 
 
-def touchiest(cases: Sequence[Case], rows: Rows) -> str:
+def largest_changes(cases: Sequence[Case], rows: Rows) -> str:
     """Say which defaults move a log's error by more than 5 %."""
-    found = [f"`{change}` on {name} ({percent:+.0f} %)" for change, name, percent in tables.touchiest(cases, rows)]
-    return "More than 5 % are moved by: " + ", ".join(found) + "." if found else "None moves any log by more than 5 %."
+    changes = [f"`{key}` on {name} ({percent:+.0f} %)" for key, name, percent in tables.largest_changes(cases, rows)]
+    if not changes:
+        return "None changes the error of any log by more than 5 %."
+    return f"These change the error of a log by more than 5 %: {', '.join(changes)}."
 
 
 def held_back(
     cases: Sequence[Case], rows: Rows, drawn: dict[str, list[str]], agreed: Mapping[str, Mapping[str, Likeness]]
 ) -> str:
-    """Return the tables and pictures of the logs that were held back, or say that they still are."""
+    """Return the tables and pictures of the logs that were held back, or say that they were not run."""
     shown = [case for case in cases if case.held_back]
     if not shown:
-        return "*Held back still: `make field HELD_BACK=--held-back` runs them.*"
+        return "*Not run: `make field HELD_BACK=--held-back` runs the held-back logs.*"
     goals = field_goals.goals(rows, shown)
     parts = (
         field_goals.table(goals),

@@ -24,7 +24,7 @@ from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency
 from usbldr_cli.tables.compare_table import piped
 
-HEADS = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "sigmas")
+HEADS = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "consistency")
 NO_CHANGE = "·"  # the log does not use what was changed
 
 
@@ -65,7 +65,7 @@ def _size(row: ComparisonRow) -> tuple[str, str]:
 
 
 def claimed(cases: Sequence[Case], rows: Rows) -> str:
-    """Return the errors beside those that the filter's own covariance claims."""
+    """Return the errors beside those that the filter's own covariance implies."""
     body: list[tuple[str, ...]] = []
     for case in cases:
         for name in case.scored:
@@ -92,22 +92,22 @@ def agreed(found: Mapping[str, Mapping[str, Likeness]]) -> str:
         for name, likenesses in found.items()
         for source, one in likenesses.items()
     ]
-    heads = ("against DR", "ahead by", "at median speed", "length ratio", "turned clockwise")
+    heads = ("against DR", "ahead by", "at median speed", "length ratio", "rotated clockwise")
     return piped(Table("log", heads, tuple(body)))
 
 
 def _lead(one: Likeness) -> tuple[str, str]:
     if math.isnan(one.lead_s):
-        return "not told", ""
+        return "not observable", ""
     return f"{one.lead_s:+.2f} s", f"{one.lead_m:+.2f} m"
 
 
 def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, Likeness]]) -> str:
-    """Return what `auto` made of each log, the errors of the sensors at its end, and what plain lengths say of one."""
+    """Return the sensor errors that `auto` estimated in each log, and the scale from plain lengths."""
     found = [rows[case.scored[0], replace(BEST, order=online(case)), ""] for case in cases]
     body = [(key, *(_state(key, row) for row in found)) for key in CANDIDATE_KEYS]
     by_length = (f"{1 / agreed[case.name]['fixes'].ratio - 1:.3g}" for case in cases)
-    body.append(("(scale by the lengths of moves)", *by_length))
+    body.append(("(scale from lengths of displacements)", *by_length))
     return piped(Table("state", tuple(case.name for case in cases), tuple(body)))
 
 
@@ -116,12 +116,12 @@ def _state(key: str, row: ComparisonRow) -> str:
     if first is None or f"verdict_{key}" not in first.metrics:
         return ""
     verdict = VERDICTS[round(first.metrics[f"verdict_{key}"])]
-    told = [
+    estimates = [
         f"{first.metrics[f'found_{name}']:.3g} ± {first.metrics[f'found_sd_{name}']:.2g} {unit}".strip()
         for name, unit, *_ in (REPORTED_QUANTITIES[state] for state in STATES[key])
         if f"found_{name}" in first.metrics
     ]
-    return f"{'; '.join(told) or verdict} (sigma to {100 * first.metrics[f'narrowed_{key}']:.0f} %)"
+    return f"{'; '.join(estimates) or verdict} (sigma {100 * first.metrics[f'narrowed_{key}']:.0f} % of prior)"
 
 
 def cut(rows: Rows) -> str:
@@ -134,7 +134,7 @@ def cut(rows: Rows) -> str:
 
 
 def thinned(cases: Sequence[Case], rows: Rows) -> str:
-    """Return the filters where fixes are rare: error, NEES, and the longest row of fixes that were refused."""
+    """Return the filters with rare fixes: error, NEES, and the longest run of rejected fixes."""
     body: list[tuple[str, ...]] = []
     for case in cases:
         name = case.scored[-1]
@@ -143,7 +143,7 @@ def thinned(cases: Sequence[Case], rows: Rows) -> str:
             cells = [_rare(rows[name, way, change]) for way in thinned_ways(case)]
             body.append((f"{name}, {change}", whole, *cells))
     heads = ("dr", *(titled(way) for way in thinned_ways(cases[0])))
-    return piped(Table("m; NEES; refused in a row", heads, tuple(body)))
+    return piped(Table("m; NEES; rejected in a row", heads, tuple(body)))
 
 
 def _rare(row: ComparisonRow) -> str:
@@ -153,14 +153,14 @@ def _rare(row: ComparisonRow) -> str:
 
 
 def ablation(cases: Sequence[Case], rows: Rows) -> str:
-    """Return what the error grows by when a feature is taken away."""
+    """Return the increase of the error if a feature is removed."""
     features = (
-        ("(all of them)", lambda way: (way, "")),
-        ("one wide Gaussian for the fixes", lambda way: (replace(way, method="ckf"), "")),
-        ("a gate instead of the likelihood", lambda way: (replace(way, method="ckf", gate=0.99), "")),
-        ("no state (--calibrate none)", lambda way: (replace(way, calibrate="none"), "")),
+        ("(none)", lambda way: (way, "")),
+        ("mixture noise (Gaussian instead)", lambda way: (replace(way, method="ckf"), "")),
+        ("mixture noise (gate instead)", lambda way: (replace(way, method="ckf", gate=0.99), "")),
+        ("all states (--calibrate none)", lambda way: (replace(way, calibrate="none"), "")),
         *((name, lambda way, name=name: (way, name)) for name in ABLATIONS),
-        ("(added: noise tuned on the log)", lambda way: (way, "tuned")),
+        ("(added: `--tune`)", lambda way: (way, "tuned")),
     )
     body = []
     for label, changed in features:
@@ -168,9 +168,9 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
         for case in cases:
             name, way = case.scored[-1], replace(BEST, order=online(case))
             whole, less = rows[name, way, ""], rows[name, *changed(way)]
-            cells.append(metres(whole.mean(HORIZONTAL)) if label == "(all of them)" else lost(less, whole))
+            cells.append(metres(whole.mean(HORIZONTAL)) if label == "(none)" else lost(less, whole))
         body.append((label, *cells))
-    return piped(Table("taken away", tuple(case.scored[-1] for case in cases), tuple(body)))
+    return piped(Table("feature removed", tuple(case.scored[-1] for case in cases), tuple(body)))
 
 
 def lost(less: ComparisonRow, whole: ComparisonRow) -> str:
@@ -183,7 +183,7 @@ def lost(less: ComparisonRow, whole: ComparisonRow) -> str:
 
 
 def sensitivity(cases: Sequence[Case], rows: Rows) -> str:
-    """Return by how many per cent the error changes with each default halved and doubled, the touchiest first."""
+    """Return by how many per cent the error changes with each default halved and doubled, the largest change first."""
     names = list(dict.fromkeys(name.rsplit(" ", 1)[0] for name in SENSITIVITY))
     found = {name: [[percent(case, f"{name} {label}", rows) for label in FACTORS] for case in cases] for name in names}
     names.sort(key=lambda name: -max(abs(value or 0.0) for pair in found[name] for value in pair))
@@ -192,7 +192,7 @@ def sensitivity(cases: Sequence[Case], rows: Rows) -> str:
     return piped(Table(f"{HALF} / {TWICE}", heads, tuple(body)))
 
 
-def touchiest(cases: Sequence[Case], rows: Rows) -> Iterator[tuple[str, str, float]]:
+def largest_changes(cases: Sequence[Case], rows: Rows) -> Iterator[tuple[str, str, float]]:
     """Yield each default that moves a log's error by more than 5 %: its change, the log and the per cent."""
     for change in SENSITIVITY:
         for case in cases:

@@ -68,7 +68,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--runs", type=Path, default=ROOT / "paper-runs", help="folder of finished runs")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "studies", help="folder of paper.md and paper/")
-    parser.add_argument("--without-unseen", dest="unseen", action="store_false", help="leave that dive unseen")
+    parser.add_argument("--without-unseen", dest="unseen", action="store_false", help="without the unseen dive")
     asked = parser.parse_args()
     if asked.seeds < 2:
         parser.error("--seeds: standard errors need 2 dives or more")
@@ -126,8 +126,8 @@ def summary(rows: Rows, goals: list[paper_goals.Goal], of_drawn: PositionBound) 
     not_met = f"; not met: {', '.join(missed)}" if missed else ""
     return f"""\
 - `cpf` with the paper's six states: {cpf} m. The paper reports .31/.30.
-- With the DVL's scale as a state: {scale} m; looking back with a smoother: {smoothed} m.
-- Where the model is true, `adf` errs by {ratio[0]:.2f}/{ratio[1]:.2f} times the least that is possible.
+- With the DVL's scale as a state: {scale} m; with a smoother: {smoothed} m.
+- If the model is true, the error of `adf` is {ratio[0]:.2f}/{ratio[1]:.2f} times the Cramér-Rao bound.
 - {one_gaussian(rows)}
 - {len(goals) - len(missed)} of the {len(goals)} goals below are met{not_met}."""
 
@@ -137,7 +137,7 @@ def ranking(rows: Rows) -> str:
     pf, upf, cpf = (rows["paper", Way(name)] for name in ("pf", "upf", "cpf"))
     return (
         f"The paper has PF .61/.59, UPF .37/.41, CPF .31/.30. Here PF has {tables.errors(pf)}, "
-        f"UPF {tables.errors(upf)}, CPF {tables.errors(cpf)}; UPF less CPF over the same dives: "
+        f"UPF {tables.errors(upf)}, CPF {tables.errors(cpf)}; UPF minus CPF over the same dives: "
         f"{apart(upf, cpf)[0]} horizontally."
     )
 
@@ -149,8 +149,9 @@ def one_gaussian(rows: Rows) -> str:
         gap, significant = apart(rows["paper", Way("adf", calibrate)], rows["paper", Way("cpf", calibrate)])
         sentences.append(f"{gap} ({'significant' if significant else 'not significant'}) with {states}")
     return (
-        "`adf`, a single Gaussian with the same likelihood and no particles, less `cpf`, mean horizontal error over "
-        f"the same dives: {', '.join(sentences)}. The likelihood and the states buy the accuracy, not the particles."
+        "`adf` (one Gaussian with the same likelihood, no particles) minus `cpf`, mean horizontal error over "
+        f"the same dives: {', '.join(sentences)}. The accuracy comes from the likelihood and the states, not from the "
+        "particles."
     )
 
 

@@ -60,7 +60,7 @@ def assumed(rows: Rows, limits: Mapping[str, PositionBound]) -> str:
         bounds = (f"{in_metres(one[0])}/{in_metres(one[1])}" for one in (limit.filter_m, limit.smoother_m))
         least, least_smoothed = bounds
         body.append((runs.STATES[calibrate], errors(forward), least, errors(smoothed), least_smoothed))
-    heads = ("adf, m", "for the assumed Q, may be beaten", "adf --smooth, m", "for the assumed Q, may be beaten")
+    heads = ("adf, m", "bound for the assumed Q", "adf --smooth, m", "bound for the assumed Q")
     return _made(Table("paper", heads, tuple(body)), "assumed", rows, ("paper", Way("adf", "scale", smooth=True)))
 
 
@@ -81,12 +81,12 @@ def delays(rows: Rows) -> str:
     """Return what late fixes and late stamps cost."""
     cpf, adf, online = Way("cpf", "scale"), Way("adf", "scale"), Way("adf", "scale", order="arrival")
     asked: tuple[tuple[str, str, Way, str], ...] = (
-        ("fixes arrive 1 s late, their stamps are right", "delay", cpf, "paper"),
+        ("fixes arrive 1 s late, with correct stamps", "delay", cpf, "paper"),
         ("the same", "delay", adf, "paper"),
         ("the same, each epoch as the vehicle could have known it", "delay", online, "paper"),
-        ("stamps are 1 s late, nobody knows", runs.LATE, adf, "paper"),
+        ("stamps are 1 s late, not modelled", runs.LATE, adf, "paper"),
         ("nothing is late", "square", adf, ""),
-        ("stamps are 0.8 s late, nobody knows", "latency", adf, "square"),
+        ("stamps are 0.8 s late, not modelled", "latency", adf, "square"),
         ("the same, the latency as a state", "latency", Way("adf", "scale,latency"), "square"),
     )
     body = []
@@ -113,7 +113,7 @@ def outliers(rows: Rows, sweeps: Path) -> str:
 
 
 def drift(rows: Rows, sweeps: Path) -> str:
-    """Return the error against the process noise that six states are told in place of the scale."""
+    """Return the error against the process noise that six states assume instead of the scale."""
     ways = (Way("cpf"), Way("adf"))
     found = {f"{size:g} m/√s": [rows[drifting(sweeps, size), way] for way in ways] for size in runs.DRIFTS}
     table = _sweep("assumed drift", ("cpf, 6 states", "adf, 6 states"), found, with_nees=True)
@@ -139,22 +139,22 @@ def lake(rows: Rows) -> str:
 
 
 def unseen(rows: Rows) -> str:
-    """Return the dive that no default was chosen on."""
+    """Return the dive on which no default was chosen."""
     cells = [cell for cell in rows if cell[0] == runs.UNSEEN]
     if not cells:
-        return "*Not run: `make paper` runs it.*"
+        return "*Not run yet: `make paper` runs it.*"
     order = [*runs.UNFILTERED, *runs.ON_UNSEEN]
     cells.sort(key=lambda cell: (cell[1].calibrate != "none", order.index(replace(cell[1], calibrate="none"))))
     return plain("unseen", cells, rows, "unseen")
 
 
 def features(rows: Rows) -> str:
-    """Return what one change buys: differences over the same dives."""
+    """Return the effect of each change: differences over the same dives."""
     gated, scale, both = runs.GATED, "scale", "scale,misalignment"
     pairs: tuple[tuple[str, str, Way, Way], ...] = (
-        ("a gate instead of one wide Gaussian", "paper", Way("ekf"), gated),
-        ("the mixture's own likelihood instead of one wide Gaussian", "paper", Way("ekf"), Way("adf")),
-        ("the mixture's own likelihood instead of a gate", "paper", gated, Way("adf")),
+        ("a gate instead of one Gaussian", "paper", Way("ekf"), gated),
+        ("the mixture likelihood instead of one Gaussian", "paper", Way("ekf"), Way("adf")),
+        ("the mixture likelihood instead of a gate", "paper", gated, Way("adf")),
         ("cubature points instead of a Jacobian", "paper", Way("ekf"), Way("ckf")),
         ("unscented points instead of cubature points", "paper", Way("cpf"), Way("upf")),
         ("100 particles over noise modes instead of one Gaussian", "paper", Way("adf"), Way("cpf")),
@@ -162,8 +162,8 @@ def features(rows: Rows) -> str:
         ("a fading factor", "paper", Way("ukf"), Way("afukf")),
         ("an adapted predicted covariance", "paper", Way("ekf"), Way("aekf")),
         ("the DVL's scale as a state", "paper", Way("adf"), Way("adf", scale)),
-        ("the DVL's misalignment as a state, with nothing to find", "paper", Way("adf", scale), Way("adf", both)),
-        ("looking back: the smoother", "paper", Way("adf", scale), Way("adf", scale, smooth=True)),
+        ("the DVL's misalignment as a state, which is zero here", "paper", Way("adf", scale), Way("adf", both)),
+        ("the smoother", "paper", Way("adf", scale), Way("adf", scale, smooth=True)),
         ("the latency of the stamps as a state", "latency", Way("adf", scale), Way("adf", "scale,latency")),
         ("scale and misalignment as states", "lake", Way("adf"), Way("adf", both)),
         ("scale and heading bias as states", "lake", Way("adf"), Way("adf", "scale,heading")),
@@ -181,7 +181,7 @@ def features(rows: Rows) -> str:
         seeds = str(min(len(mine.seeds), len(other.seeds)))
         body.append((what, log, _titled(before), _titled(after), size, f"{percent:+.0f} %{sign}", seeds))
     heads = ("scenario", "from", "to", "horizontal error, m", "", "seeds")
-    return _made(Table("what is added", heads, tuple(body)), "features", rows, ("paper", Way("adf", "scale")))
+    return _made(Table("change", heads, tuple(body)), "features", rows, ("paper", Way("adf", "scale")))
 
 
 def plain(
@@ -233,10 +233,10 @@ def times(row: ComparisonRow, other: ComparisonRow) -> float:
 
 def nees_text(row: ComparisonRow) -> str:
     """Return the mean NEES and whether it is what it should be."""
-    told = {name: value for name, value in row_metrics(row).items() if value is not None}
-    if "nees_mean" not in told:
+    known = {name: value for name, value in row_metrics(row).items() if value is not None}
+    if "nees_mean" not in known:
         return ""
-    return f"{_mean(row, 'nees_mean', 2)}, {consistency_text(told)}"
+    return f"{_mean(row, 'nees_mean', 2)}, {consistency_text(known)}"
 
 
 def _lost(row: ComparisonRow) -> float:
@@ -246,7 +246,7 @@ def _lost(row: ComparisonRow) -> float:
 def _made(table: Table, function: str, rows: Rows, example: Cell) -> str:
     """Return the table and a line that says what made it."""
     again = command(*example, len(rows[example].seeds))
-    text = f"*Made by `{function}` of `benchmarks/paper/tables.py`. One row again: `{again}`.*"
+    text = f"*Made by `{function}` of `benchmarks/paper/tables.py`. To repeat a row: `{again}`.*"
     return f"{piped(table)}\n\n{text}"
 
 
@@ -278,5 +278,5 @@ def in_metres(value: float) -> str:
 
 def _alike(values: Iterable[object]) -> str:
     """Return the value that all share, or every one."""
-    told = [str(value) for value in values]
-    return told[0] if len({*told}) == 1 else "; ".join(told)
+    texts = [str(value) for value in values]
+    return texts[0] if len({*texts}) == 1 else "; ".join(texts)

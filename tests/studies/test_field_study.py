@@ -93,13 +93,13 @@ def test_the_document_lacks_no_run_and_leaves_none_unused(rows: AskedRows) -> No
     assert {key for key in rows if key[2] == ""} <= rows.looked_at | {key for key in rows if key[1].method == "ckf"}
 
 
-def test_without_leave_nothing_of_the_held_back_logs_is_run_or_told(rows: AskedRows) -> None:
+def test_held_back_logs_are_neither_run_nor_shown_by_default(rows: AskedRows) -> None:
     text = document(SHOWN, rows)
 
     held_back = {case.name for case in CASES.values() if case.held_back}
     assert len(held_back) == 3
     assert not {name for name, _, _ in rows.looked_at} & held_back
-    assert "Held back still" in text
+    assert "runs the held-back logs" in text
     assert not {cell.case for cell in plan(SHOWN)} & held_back
 
 
@@ -196,7 +196,7 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
     given = replace(Assumptions(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
     usual = prior.prior(line, given, StateLayout())
     for name, change in CHANGES.items():
-        if name in ("", "tuned", "without guard", "every state by its default"):
+        if name in ("", "tuned", "without guard", "all states estimated"):
             continue
         changed_line = change.records(line) if name != "cut" else None
         told = change.after(change.before(given, line), line)
@@ -207,34 +207,34 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
         assert changed_line is not line or told != given or asked or starts, name
 
 
-def test_noise_that_is_not_asked_of_the_log_has_one_story_alone() -> None:
-    with constants(observability, ABLATIONS["noise not asked of the log"].observing):
-        stories = observability._noise_models(Assumptions(), Assumptions(), 1.0)
+def test_noise_that_is_not_estimated_from_the_log_has_one_model() -> None:
+    with constants(observability, ABLATIONS["noise not estimated from the log"].observing):
+        models = observability._noise_models(Assumptions(), Assumptions(), 1.0)
 
-    assert stories == [observability._NoiseModel(Assumptions())]
+    assert models == [observability._NoiseModel(Assumptions())]
 
 
-def test_a_dvl_that_is_not_heard_for_itself_keeps_what_it_states() -> None:
+def test_a_dvl_whose_noise_is_not_estimated_keeps_its_stated_sigma() -> None:
     line = weaving_dive(Faults())
-    boasting = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
-    with constants(observability, ABLATIONS["DVL not heard for itself"].observing):
-        deaf = observability.identify(boasting, Assumptions())
+    overstated = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
+    with constants(observability, ABLATIONS["DVL noise not estimated"].observing):
+        stated = observability.identify(overstated, Assumptions())
 
-    assert (deaf.dvl_sd_scale, deaf.process) == (1.0, ProcessNoise())
-    assert observability.identify(boasting, Assumptions()).dvl_sd_scale > 1
+    assert (stated.dvl_sd_scale, stated.process) == (1.0, ProcessNoise())
+    assert observability.identify(overstated, Assumptions()).dvl_sd_scale > 1
 
 
-def test_where_fixes_are_rare_the_dvls_own_records_keep_the_track(tmp_path: Path) -> None:
-    """A dive of the paper by one fix in 60 s; a DVL that is trusted as it states makes outliers of true fixes."""
+def test_with_rare_fixes_the_noise_of_the_dvls_records_keeps_the_track(tmp_path: Path) -> None:
+    """A dive of the paper by one fix in 60 s; with the DVL's stated sigma inliers are rejected."""
     cell = Cell("paper", BEST, "one fix in 60 s")
 
-    (heard,) = run_task(cell, 3, tmp_path, tmp_path)
-    with constants(observability, ABLATIONS["DVL not heard for itself"].observing):
-        (deaf,) = run_task(cell, 3, tmp_path, tmp_path)
+    (estimated,) = run_task(cell, 3, tmp_path, tmp_path)
+    with constants(observability, ABLATIONS["DVL noise not estimated"].observing):
+        (stated,) = run_task(cell, 3, tmp_path, tmp_path)
 
-    assert heard.metrics["mean_horizontal_m"] < 0.3 * deaf.metrics["mean_horizontal_m"]
-    assert heard.metrics["refused_in_a_row"] <= 2
-    assert deaf.metrics["refused_in_a_row"] > 10
+    assert estimated.metrics["mean_horizontal_m"] < 0.3 * stated.metrics["mean_horizontal_m"]
+    assert estimated.metrics["refused_in_a_row"] <= 2
+    assert stated.metrics["refused_in_a_row"] > 10
 
 
 def test_a_constant_is_another_only_for_a_while() -> None:
