@@ -3,11 +3,26 @@
 The sentence says which file or topic, what is wrong, and what to do.
 """
 
+from pathlib import Path
+
 
 class UsbldrError(Exception):
     """A fault that the user is told in one sentence, without a traceback."""
 
     exit_code = 1
+
+    def __init__(self, text: str, *, path: Path | str | None = None, topic: str = "") -> None:
+        """Take the sentence, without the file or folder that it begins with, and the topic that is at fault."""
+        super().__init__(text)
+        self.text, self.path, self.topic = text, path, topic
+
+    def __str__(self) -> str:
+        """Return the sentence as a user gets it."""
+        return self.text if self.path is None else f"{self.path}: {self.text}"
+
+    def text_beside(self, path: Path) -> str:
+        """Return the sentence for a place that has already named ``path``."""
+        return self.text if self.path == path else str(self)
 
 
 class CheckError(UsbldrError):

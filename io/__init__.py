@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING
 from usbldr.filters.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from usbldr.io.log import Finding, Log, Origin, Provenance
+    from usbldr.io.findings import Finding
+    from usbldr.io.geodesy import Origin
+    from usbldr.io.log import Log
     from usbldr.io.opening import Request
+    from usbldr.io.provenance import Convention, Provenance
     from usbldr.io.reports.report_json import ScoredTrack
     from usbldr.io.session import RunSettings, bound, evaluate, open_log, reference_tracks, replay, resolve, score
 
 __all__ = [
+    "Convention",
     "Finding",
     "Log",
     "Origin",
@@ -32,8 +36,11 @@ __all__ = [
     "score",
 ]
 _HOMES = {
-    "log": ("Finding", "Log", "Origin", "Provenance"),
+    "findings": ("Finding",),
+    "geodesy": ("Origin",),
+    "log": ("Log",),
     "opening": ("Request",),
+    "provenance": ("Convention", "Provenance"),
     "reports.report_json": ("ScoredTrack",),
     "session": ("RunSettings", "bound", "evaluate", "open_log", "reference_tracks", "replay", "resolve", "score"),
 }

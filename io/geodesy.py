@@ -4,16 +4,25 @@ Everything is taken at height 0: over 10 km the plane leaves the sphere by 8 m, 
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 import pymap3d  # pyright: ignore[reportMissingTypeStubs]
 
 from usbldr.filters.types import Vector
-from usbldr.io.log import Origin
 
 _forward = cast("Callable[..., Any]", pymap3d.geodetic2enu)  # pyright: ignore[reportUnknownMemberType]
 _backward = cast("Callable[..., Any]", pymap3d.enu2geodetic)  # pyright: ignore[reportUnknownMemberType]
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """The point that the local plane touches."""
+
+    lat_deg: float
+    lon_deg: float
+    source: str  # "[map]", "usbl head", "first gps fix"
 
 
 def to_plane(origin: Origin, lat_deg: Vector, lon_deg: Vector) -> tuple[Vector, Vector]:

@@ -8,6 +8,11 @@ import pandas as pd
 
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Truth
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin
+from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import NO_CONVENTION, Convention, Provenance
+from usbldr.io.settings.sensor_sections import Configuration
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "dvl": ("time_s", "received_s", "starboard_mps", "forward_mps", "up_mps", "sd_mps", "valid"),
@@ -17,36 +22,6 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "depth": ("time_s", "received_s", "depth_m"),
 }
 """Columns of each sensor's table; float64 but for ``valid`` (bool); sorted by time_s; NaN = unknown."""
-
-
-@dataclass(frozen=True, slots=True)
-class Origin:
-    """The point that the local plane touches."""
-
-    lat_deg: float
-    lon_deg: float
-    source: str  # "[map]", "usbl head", "first gps fix"
-
-
-@dataclass(frozen=True, slots=True)
-class Provenance:
-    """Which records a sensor's table was made of, and by which conventions."""
-
-    topic: str
-    type: str
-    chosen_by: str  # "configuration", "option", "type and name"
-    conventions: tuple[str, ...]  # short sentences, one each: "axes FRD (by type)", "mount 135 deg (configuration)"
-    messages: int  # in the file
-    used: int
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """Something a user ought to know of this log."""
-
-    code: str  # stable, for machines: "DVL-INVALID", "OUT-OF-ORDER", "TRUNCATED"
-    text: str  # one sentence
-    lost_data: bool = False  # part of the input could not be read: exit code 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +38,13 @@ class Log:
     origin: Origin | None = None
     truth: Truth | None = None
     configuration: Path | None = None  # which usbldr.toml was read
-    findings: tuple[Finding, ...] = field(default=())
+    settings: Configuration = Configuration()  # what it says
+    findings: tuple[Finding, ...] = ()
+    raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if they were asked for
+
+    def convention(self, role: str, key: str) -> Convention:
+        """Return by which convention a sensor was read, NO_CONVENTION if nothing says it."""
+        return self.provenance[role].convention(key) if role in self.provenance else NO_CONVENTION
 
 
 def missing_sensor_text(log: Log, role: str) -> str:

@@ -48,7 +48,7 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     Raises LogError for what cannot be read, UsageError for a configuration that makes no sense.
     """
     if not path.exists():
-        raise LogError(f"{path}: no such file or folder")
+        raise LogError("no such file or folder", path=path)
     file = find_configuration(path, request.configuration)
     configuration = read_configuration(file) if file else Configuration()
     folder = path.resolve().parent

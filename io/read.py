@@ -22,10 +22,13 @@ from usbldr.io.conventions.timestamps import sorted_by_time
 from usbldr.io.conventions.truth import find_truth_file, read_truth_file, truth_from_table
 from usbldr.io.conventions.usbl import FixContext, usbl
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, ship_choices, time_series
-from usbldr.io.log import COLUMNS, Finding, Log, Origin, Provenance, missing_sensor_text
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin
+from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
 from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic, topic_named
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
+from usbldr.io.provenance import Provenance
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.settings.configuration import assumptions
 from usbldr.io.settings.sensor_sections import Configuration, GpsSection
@@ -44,7 +47,7 @@ def require(log: Log, roles: Sequence[str]) -> None:
     """Raise LogError that says what is there if the log lacks one of the sensors."""
     for role in roles:
         if role not in log.tables:
-            raise LogError(f"{log.path}: {missing_sensor_text(log, role)}")
+            raise LogError(missing_sensor_text(log, role), path=log.path)
 
 
 def configured_topics(configuration: Configuration) -> dict[str, str]:
@@ -61,8 +64,12 @@ def roles_of(path: Path, topics: Sequence[TopicInfo], request: Request, configur
     return choose_roles(path, others, request.topics, stated)
 
 
-def read(opened: OpenedLog, request: Request) -> Log:
-    """Read an opened log (see `read_log`)."""
+def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[str]] | None = None) -> Log:
+    """Read an opened log (see `read_log`).
+
+    With ``raw_fields`` (role -> fields), the log keeps the records of its roles as their messages have them, and with
+    them these fields if the messages have them.
+    """
     reader, configuration = opened.reader, opened.configuration
     path, topics = reader.path, reader.topics()
     if not any(topic.count or topic.problem for topic in topics):
@@ -76,13 +83,14 @@ def read(opened: OpenedLog, request: Request) -> Log:
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
     choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
     _refuse_truth_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
-    raws, moved = align_clocks(_raws(reader, choices), _timed_by_log(configuration))
+    as_logged = _raws(reader, choices, raw_fields or {})
+    raws, moved = align_clocks(as_logged, _timed_by_log(configuration))
 
     origin = _origin(configuration, raws)
     try:
         made, findings = _converted(configuration, raws, origin, source.chosen_by)
     except SettingError as err:
-        raise UsageError(f"{opened.file or path}: {err}") from err
+        raise UsageError(err.text, path=opened.file or path) from err
     tables: dict[str, pd.DataFrame] = {}
     for role, sensor in made.items():
         tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
@@ -123,7 +131,9 @@ def read(opened: OpenedLog, request: Request) -> Log:
         origin=origin,
         truth=truth,
         configuration=opened.file,
+        settings=configuration,
         findings=(*reader.findings(), *roles.findings, *moved, *findings),
+        raws={} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES},
     )
 
 
@@ -132,8 +142,8 @@ def _without_messages(reader: Reader) -> LogError:
     unread = [f"{topic.name}: {topic.problem}" for topic in reader.topics() if topic.problem]
     if unread and not lost:
         more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
-        return LogError(f"{reader.path}: no topic can be read: {unread[0]}{more}")
-    return LogError(f"{reader.path}: holds no messages" + (f" ({lost})" if lost else ""))
+        return LogError(f"no topic can be read: {unread[0]}{more}", path=reader.path)
+    return LogError("holds no messages" + (f" ({lost})" if lost else ""), path=reader.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,12 +167,12 @@ def _truth_source(
         if file is not None:
             return TruthSource(file, chosen_by="option")
         if find_topic(topics, option) is None:
-            raise LogError(f"{path}: truth {option} is neither a file here or beside the log nor a topic of it")
+            raise LogError(f"truth {option} is neither a file here or beside the log nor a topic of it", path=path)
         return TruthSource(topic=topic_named(path, topics, "truth", option, "option"), chosen_by="option")
     if section.file is not None:
         file = find_truth_file(section.file, path, from_option=False)
         if file is None:
-            raise LogError(f"{path.resolve().parent / section.file}: no such truth file ([truth] file)")
+            raise LogError("no such truth file ([truth] file)", path=path.resolve().parent / section.file)
         return TruthSource(file)
     if section.topic is not None:
         return TruthSource(topic=topic_named(path, topics, "truth", section.topic, "configuration"))
@@ -179,28 +189,34 @@ def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, TopicChoice], judg
     for role in ("dvl", "compass", "usbl", SHIP, SHIP_HEADING):
         if role in choices and choices[role].topic.name == choices[judge].topic.name:
             raise UsageError(
-                f"{path}: {choices[role].topic.name} cannot be the {role} and the truth at once: "
-                'name another --truth, or "none"'
+                f"{choices[role].topic.name} cannot be the {role} and the truth at once: "
+                'name another --truth, or "none"',
+                path=path,
             )
 
 
-def wanted_fields(choices: Mapping[str, TopicChoice]) -> dict[str, list[str]]:
-    """Return topic -> the field paths that its roles want, each once."""
+def _raws(
+    reader: Reader, choices: Mapping[str, TopicChoice], more_fields: Mapping[str, Sequence[str]]
+) -> dict[str, RawRecords]:
+    """Read the topics chosen, each once; ``more_fields`` (role -> fields) become quantities of their own names."""
+    paths = {
+        role: wanted_paths(choice.topic, choice.layout)
+        | {path: path for path in more_fields.get(role, ()) if choice.topic.has(path)}
+        for role, choice in choices.items()
+    }
     wanted: dict[str, list[str]] = {}
-    for choice in choices.values():
-        paths = wanted.setdefault(choice.topic.name, [])
-        paths += [p for p in wanted_paths(choice.topic, choice.layout).values() if p not in paths]
-    return wanted
-
-
-def _raws(reader: Reader, choices: Mapping[str, TopicChoice]) -> dict[str, RawRecords]:
-    """Read the topics chosen, each once."""
-    records = reader.read(wanted_fields(choices))
+    for role, choice in choices.items():
+        of_topic = wanted.setdefault(choice.topic.name, [])
+        of_topic += [p for p in paths[role].values() if p not in of_topic]
+    records = reader.read(wanted)
     for role, choice in choices.items():
         if not len(records[choice.topic.name].received_ns):
             why = "; ".join(finding.text for finding in reader.findings()) or "none fits its definition"
-            raise LogError(f"{reader.path}: no message of {choice.topic.name} ({role}) could be read: {why}")
-    return {role: raw_records(reader.path, c.topic, c.layout, records[c.topic.name]) for role, c in choices.items()}
+            raise LogError(f"no message of {choice.topic.name} ({role}) could be read: {why}", path=reader.path)
+    return {
+        role: raw_records(reader.path, choice.topic, choice.layout, records[choice.topic.name], paths[role])
+        for role, choice in choices.items()
+    }
 
 
 def _timed_by_log(configuration: Configuration) -> frozenset[str]:
@@ -238,7 +254,7 @@ def _converted(
         try:
             depth = dvl_depth.depth(raws["depth"], configuration.depth)
         except LogError as err:
-            depth = Finding("DEPTH-INVALID", str(err))
+            depth = Finding("DEPTH-INVALID", str(err), err.topic)
         if isinstance(depth, Finding):
             findings.append(depth)
         else:
@@ -250,7 +266,7 @@ def _converted(
         try:
             made["gps"] = positions.gps(raws["gps"], configuration.gps, origin)
         except LogError as err:
-            findings.append(Finding("GPS-INVALID", str(err)))
+            findings.append(Finding("GPS-INVALID", str(err), err.topic))
     if "truth" in raws:
         made["truth"] = positions.gps(raws["truth"], _truth_section(configuration, raws, truth_by), origin)
     return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
@@ -287,7 +303,7 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
         said = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
         hint = 'if a clock is wrong, try time = "log" or state latency_s'
-        raise LogError(f"{path}: the sensors do not overlap in time: {said}; {hint}")
+        raise LogError(f"the sensors do not overlap in time: {said}; {hint}", path=path)
 
 
 def _kind(source: TruthSource) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 
 Nanoseconds: TypeAlias = NDArray[np.int64]  # (n,) since 1970, never through float64
 Column: TypeAlias = NDArray[Any]  # (n,) int64, float64, bool or str, as the message has it

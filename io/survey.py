@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.log import Finding, Log
+from usbldr.io.findings import Finding
+from usbldr.io.log import Log
 from usbldr.io.opening import Request, open_configured
 from usbldr.io.read import read, require, roles_of
 from usbldr.io.reader import TopicInfo
@@ -42,7 +43,7 @@ def survey(path: Path, request: Request) -> Survey:
         if roles:
             require(log, ("dvl", "compass"))  # without fixes there is still dead reckoning
     except UsbldrError as err:
-        fault = str(err).removeprefix(f"{path}: ")
+        fault = err.text_beside(path)
     return Survey(
         path=path,
         format=reader.format,

@@ -39,7 +39,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
 
     last_s = max(t_d[-1], t_c[-1], *t_f[-1:])
     if last_s > LONGEST_LOG_S:
-        raise LogError(f"{log.path}: stamps span {last_s / 86400:.0f} days; one of them must be wrong")
+        raise LogError(f"stamps span {last_s / 86400:.0f} days; one of them must be wrong", path=log.path)
     ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
     ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it
     count = 1 + int(max(ends))
@@ -93,7 +93,7 @@ def _dvl(log: Log) -> tuple[Vector, Array, Vector]:
     velocity = table[["starboard_mps", "forward_mps"]].to_numpy(dtype=float)
     good = table["valid"].to_numpy(dtype=bool) & np.isfinite(velocity).all(axis=1)
     if not good.any():
-        raise LogError(f"{log.path}: none of the {len(table)} dvl records is valid")
+        raise LogError(f"none of the {len(table)} dvl records is valid", path=log.path)
     known = table["sd_mps"].to_numpy(dtype=float)[good]
     t, values = _one_per_stamp(table["time_s"].to_numpy(dtype=float)[good], np.column_stack([velocity[good], known]))
     velocity, sd = values[:, :2], values[:, 2]
@@ -110,7 +110,7 @@ def _compass(log: Log) -> tuple[Vector, Vector, Vector]:
     heading = table["heading_deg"].to_numpy(dtype=float)
     good = np.isfinite(heading)
     if not good.any():
-        raise LogError(f"{log.path}: none of the {len(table)} compass records has a heading")
+        raise LogError(f"none of the {len(table)} compass records has a heading", path=log.path)
     sd = table["sd_deg"].to_numpy(dtype=float)[good]
     sd = np.radians(np.where(sd > 0, sd, COMPASS_SD_DEG))
     wrapped: Vector = -np.radians(heading[good])
@@ -142,7 +142,7 @@ def _gps(log: Log) -> Array:
 
 def _sorted(log: Log, sensor: str) -> pd.DataFrame:
     if sensor not in log.tables or log.tables[sensor].empty:
-        raise LogError(f"{log.path}: {missing_sensor_text(log, sensor)}")
+        raise LogError(missing_sensor_text(log, sensor), path=log.path)
     table = log.tables[sensor]
     return table[np.isfinite(table["time_s"])].sort_values("time_s", kind="stable")
 

@@ -39,12 +39,12 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
 def _text(found: "Examination") -> str:
     """Return the page for a terminal: one finding a line, errors first."""
     lines = [f"{found.path}: {found.format}", f"configuration: {found.configuration or 'none'}", ""]
-    lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.graded_findings]
-    counts = {level: sum(d.level == level for d in found.graded_findings) for level in ("error", "warning", "info")}
+    lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.findings]
+    counts = {level: sum(d.level == level for d in found.findings) for level in ("error", "warning", "info")}
     total = ", ".join(
         f"{n} {name if n == 1 else names}" for n, name, names in zip(counts.values(), *NAMES, strict=True)
     )
-    return "\n".join([*lines, *([""] if found.graded_findings else []), total])
+    return "\n".join([*lines, *([""] if found.findings else []), total])
 
 
 NAMES = (("error", "warning", "remark"), ("errors", "warnings", "remarks"))
@@ -59,5 +59,5 @@ def _described(found: "Examination") -> dict[str, Any]:
         "configuration": str(found.configuration) if found.configuration else None,
         "start_ns": found.log.start_ns if found.log else None,
         "healthy": found.healthy,
-        "findings": [asdict(d) for d in found.graded_findings],
+        "findings": [{k: v for k, v in asdict(f).items() if k != "lost_data"} for f in found.findings],
     }

@@ -50,6 +50,7 @@ def _survey(log: str, selection: dict[str, Any]) -> "Survey":
 
 def _text(found: "Survey", all_topics: bool) -> str:
     """Return the page for a terminal."""
+    from usbldr.io.provenance import convention_text
     from usbldr.io.reader import utc
 
     total = sum(topic.count for topic in found.topics)
@@ -64,7 +65,7 @@ def _text(found: "Survey", all_topics: bool) -> str:
     if found.log is not None and found.log.tables:
         for role, p in found.log.provenance.items():
             lines += ["", f"{role}: {p.topic} ({p.chosen_by}), {p.used} of {p.messages} records used"]
-            lines += [f"  {sentence}" for sentence in p.conventions]
+            lines += [f"  {convention_text(c)}" for c in p.conventions]
         lines += ["", *_truth(found.log)]
     if found.findings:
         lines += ["", *(f"{finding.code}: {finding.text}" for finding in found.findings)]
@@ -125,6 +126,8 @@ def _described(found: "Survey") -> dict[str, Any]:
     """Return what JSON says: the same as the page, times in nanoseconds since 1970 where they are absolute."""
     from dataclasses import asdict
 
+    from usbldr.io.provenance import provenance_values
+
     log = found.log
     truth = log.truth if log else None
     return {
@@ -149,7 +152,7 @@ def _described(found: "Survey") -> dict[str, Any]:
             }
             for topic in found.topics
         ],
-        "sensors": {role: asdict(p) for role, p in log.provenance.items()} if log else {},
+        "sensors": {role: provenance_values(p) for role, p in log.provenance.items()} if log else {},
         "truth": {"source": truth.source, "kind": truth.kind, "rows": len(truth.time_s)} if truth else None,
         "findings": [asdict(finding) for finding in found.findings],
         "fault": found.fault or None,

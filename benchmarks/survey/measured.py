@@ -31,8 +31,8 @@ from survey.errors import (
 )
 from survey.expected import OURS
 from usbldr.io.formats.mcap_log import McapLog
-from usbldr.io.geodesy import to_geodetic, to_plane
-from usbldr.io.log import Log, Origin
+from usbldr.io.geodesy import Origin, to_geodetic, to_plane
+from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
 
 SAME_CLOCK_NS = 1800 * 1_000_000_000  # time zones are whole hours apart, or half ones
@@ -35,7 +35,7 @@ def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tupl
             f"{raw.topic.name}: its stamps are of another clock than the log's and other sensors'; "
             f"moved by {shift / 1e9:.3f} s, the least delay from stamp to log"
         )
-        findings.append(Finding("CLOCK-SHIFTED", text))
+        findings.append(Finding("CLOCK-SHIFTED", text, raw.topic.name))
     return moved, findings
 
 

@@ -1,4 +1,4 @@
-"""Headings of any kind as degrees clockwise from true north, and a sentence for every convention chosen.
+"""Headings of any kind as degrees clockwise from true north, and every convention chosen.
 
 A heading that counts from magnetic north has the declination added: a stated one, or that of the World Magnetic Model.
 An error of the compass that the configuration states is subtracted.
@@ -14,8 +14,11 @@ from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.log import Finding, Origin
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin
+from usbldr.io.messages.compass import BY_RANGE, PER_RECORD
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import CompassSection
 
 COMPASS_SD_DEG = 0.3  # where nobody says
@@ -48,19 +51,23 @@ def compass(
     declination is asked for that nobody can know.
     """
     times = times_of(raw, section.time, section.latency_s)
-    heading, causes, said, findings = _clockwise(raw, section, keys)
+    heading, causes, chosen, findings = _clockwise(raw, section, keys)
     good, invalid = valid_mask(raw, causes, "compass", "left out")
-    added, more_said, more = _declination(raw, section, place, int(times.time_ns[good][0]), keys)
-    said, findings = [*said, *more_said], [*findings, *more, *invalid, *_constant(raw, heading[good])]
+    added, more_chosen, more = _declination(raw, section, place, int(times.time_ns[good][0]), keys)
+    chosen, findings = [*chosen, *more_chosen], [*findings, *more, *invalid, *_constant(raw, heading[good])]
     heading = heading - section.bias_deg + added
-    said += [f"bias {section.bias_deg:g} deg subtracted (configuration)"] if section.bias_deg else []
+    chosen += [Convention("bias_deg", section.bias_deg, "configuration", "deg")] if section.bias_deg else []
     A, B = section.deviation_sin_deg, section.deviation_cos_deg
     if A or B:
         heading = without_deviation(heading, A, B)
-        said.append(f"deviation {A:g} sin H {B:+g} cos H deg subtracted (configuration)")
-    sd, sd_said = _sd_deg(raw, section)
+        chosen += [
+            Convention(key, value, "configuration", "deg")
+            for key, value in (("deviation_sin_deg", A), ("deviation_cos_deg", B))
+            if value
+        ]
+    sd, sd_chosen = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
-    return keep_valid(converted_table(raw, times, columns, [*said, sd_said], findings), good)
+    return keep_valid(converted_table(raw, times, columns, [*chosen, sd_chosen], findings), good)
 
 
 def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
@@ -74,37 +81,41 @@ def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
 
 def _clockwise(
     raw: RawRecords, section: CompassSection, keys: KeyTexts
-) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
+) -> tuple[Vector, dict[str, Mask], list[Convention], list[Finding]]:
     """Return headings clockwise from whatever north, degrees (n,); by cause which are invalid; what was assumed."""
     settled = "angle" in raw.values and "convention" in {*raw.layout.defaults, *raw.layout.fixed}
     by_frame = "NED" if named_ned(raw.frame_id) and not settled else None
     convention, who, findings = chosen_convention(raw, "convention", section.convention or by_frame, "ENU")
-    who = f'by frame_id "{raw.frame_id}"' if by_frame and not section.convention else who
-    said = [f"convention {convention} ({who})"]
+    if by_frame and not section.convention:
+        chosen = [Convention("convention", convention, "frame_id", note=raw.frame_id)]
+    else:
+        chosen = [Convention("convention", convention, "records" if convention == PER_RECORD else who)]
     if section.unit is not None and "angle" not in raw.values:
         text = f"{raw.topic.name}: unit of the configuration is not used; it tells no plain angles"
-        findings = [*findings, Finding("KEY-UNUSED", text)]
+        findings = [*findings, Finding("KEY-UNUSED", text, raw.topic.name)]
     if "field_x" in raw.values:
-        return _magnetometer(raw, convention, said, findings)
+        return _magnetometer(raw, convention, chosen, findings)
     if "angle" not in raw.values:
         yaw, causes = _yaw_deg(raw)
-        return (90.0 - yaw if convention == "ENU" else yaw), causes, said, findings
+        return (90.0 - yaw if convention == "ENU" else yaw), causes, chosen, findings
     unit, unit_who, more = chosen_convention(raw, "unit", section.unit, "deg")
+    unit_note = ""
     angle, findings = raw.number("angle"), [*findings, *more]
     largest = float(np.max(np.abs(angle[np.isfinite(angle)]), initial=0.0))
-    if unit == "by range":
-        unit, unit_who = ("deg" if largest > 7.0 else "rad"), f"by its values, up to {largest:.3g}"
-    in_degrees = raw.number("unit_code") == DEGREES if unit.startswith("as") else np.full(len(angle), unit == "deg")
-    from_east = raw.number("sense_code") != CLOCKWISE if convention.startswith("as") else convention == "ENU"
+    if unit == BY_RANGE:
+        unit, unit_who, unit_note = ("deg" if largest > 7.0 else "rad"), "values", f"up to {largest:.3g}"
+    in_degrees = raw.number("unit_code") == DEGREES if unit == PER_RECORD else np.full(len(angle), unit == "deg")
+    from_east = raw.number("sense_code") != CLOCKWISE if convention == PER_RECORD else convention == "ENU"
     angle = np.where(in_degrees, angle, np.degrees(angle))
     if unit_who == "default" and largest < 6.3:
         text = f"{raw.topic.name}: no value is above 6.3; if they are radians, {keys.radians}"
-        findings = [*findings, Finding("HEADING-UNIT", text)]
+        findings = [*findings, Finding("HEADING-UNIT", text, raw.topic.name)]
     causes = {
         "not a number": ~np.isfinite(angle),
         "from the north of a UTM grid": raw.number("north_code") == UTM_GRID,
     }
-    return np.where(from_east, 90.0 - angle, angle), causes, [*said, f"unit {unit} ({unit_who})"], findings
+    chosen.append(Convention("unit", unit, "records" if unit == PER_RECORD else unit_who, note=unit_note))
+    return np.where(from_east, 90.0 - angle, angle), causes, chosen, findings
 
 
 def _yaw_deg(raw: RawRecords) -> tuple[Vector, dict[str, Mask]]:
@@ -121,14 +132,15 @@ def _yaw_deg(raw: RawRecords) -> tuple[Vector, dict[str, Mask]]:
 
 
 def _magnetometer(
-    raw: RawRecords, convention: str, said: list[str], findings: list[Finding]
-) -> tuple[Vector, dict[str, Mask], list[str], list[Finding]]:
+    raw: RawRecords, convention: str, chosen: list[Convention], findings: list[Finding]
+) -> tuple[Vector, dict[str, Mask], list[Convention], list[Finding]]:
     """Return the heading of a level magnetometer: x forward, y to port (ENU) or to starboard (NED)."""
     forward, y = raw.number("field_x"), raw.number("field_y")
     port = y if convention == "ENU" else -y
     text = f"{raw.topic.name}: headings of a magnetometer, neither levelled nor calibrated against the vehicle's iron"
     causes = {"not a number": ~np.isfinite(forward + port), "no horizontal field": (forward == 0) & (port == 0)}
-    return np.degrees(np.arctan2(port, forward)), causes, said, [*findings, Finding("HEADING-MAGNETOMETER", text)]
+    findings = [*findings, Finding("HEADING-MAGNETOMETER", text, raw.topic.name)]
+    return np.degrees(np.arctan2(port, forward)), causes, chosen, findings
 
 
 def _magnetic(raw: RawRecords) -> Mask | None:
@@ -142,16 +154,16 @@ def _magnetic(raw: RawRecords) -> Mask | None:
 
 def _declination(
     raw: RawRecords, section: CompassSection, place: Origin | None, time_ns: int, keys: KeyTexts
-) -> tuple[Vector, list[str], list[Finding]]:
+) -> tuple[Vector, list[Convention], list[Finding]]:
     """Return the degrees to add to each record, (n,), how they came about, and what a user ought to know."""
     magnetic, stated_deg = _magnetic(raw), section.declination_deg
     nothing = np.zeros(len(raw.received_ns))
     if magnetic is not None and not magnetic.any():
         if not stated_deg:
-            return nothing, ["from true north (by its records)"], []
+            return nothing, [Convention("north", "true", "records")], []
         key = keys.declination.split()[0]
         text = f"{raw.topic.name}: {key} of the configuration is not used; its records count from true north"
-        return nothing, ["from true north (by its records)"], [Finding("KEY-UNUSED", text)]
+        return nothing, [Convention("north", "true", "records")], [Finding("KEY-UNUSED", text, raw.topic.name)]
     if stated_deg is None and magnetic is None:
         if not MAGNETIC_NAME.search(raw.topic.name.lower()):
             return nothing, [], []
@@ -159,16 +171,16 @@ def _declination(
             f"{raw.topic.name}: taken for headings from true north, but its name says magnetic; state "
             f'{keys.declination}: "auto" or a number, 0 if they are true'
         )
-        return nothing, [], [Finding("HEADING-MAGNETIC", text)]
+        return nothing, [], [Finding("HEADING-MAGNETIC", text, raw.topic.name)]
     if isinstance(stated_deg, float):
-        value, how = stated_deg, "configuration"
+        value, who, how = stated_deg, "configuration", ""
     elif place is not None:
         from usbldr.io.conventions.declination import declination  # loads the model
 
         try:
-            value, how = declination(place, time_ns)
+            (value, how), who = declination(place, time_ns), "model"
         except UsageError as err:
-            raise UsageError(f"{raw.log}: {raw.topic.name}: {err}") from err
+            raise UsageError(f"{raw.topic.name}: {err}", path=raw.log, topic=raw.topic.name) from err
     elif stated_deg == "auto":
         raise SettingError(
             f'{keys.declination} = "auto": no position is known; '
@@ -179,16 +191,19 @@ def _declination(
             f"{raw.topic.name}: headings are magnetic by their own account and stay so, for no position is known; "
             f"state {keys.declination}, or origin_lat_deg and origin_lon_deg under [map]"
         )
-        return nothing, ["from magnetic north (by its records)"], [Finding("HEADING-MAGNETIC", text)]
-    whom = "" if magnetic is None or magnetic.all() else f" to {np.sum(magnetic)} magnetic records"
-    said = [f"declination {value:{'g' if how == 'configuration' else '.2f'}} deg added{whom} ({how})"] if value else []
-    return np.where(True if magnetic is None else magnetic, value, 0.0), said, []
+        finding = Finding("HEADING-MAGNETIC", text, raw.topic.name)
+        return nothing, [Convention("north", "magnetic", "records")], [finding]
+    some = [] if magnetic is None or magnetic.all() else [f"to {np.sum(magnetic)} magnetic records"]
+    note = ", ".join([how, *some] if how else some)
+    chosen = [Convention("declination_deg", value, who, "deg", note)] if value else []
+    return np.where(True if magnetic is None else magnetic, value, 0.0), chosen, []
 
 
-def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, str]:
-    """Return the 1-sigma of each record, degrees (n,), and where it comes from."""
+def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, Convention]:
+    """Return the 1-sigma of each record, degrees (n,), and who chose it."""
     if isinstance(section.sd_deg, float):
-        return np.full(len(raw.received_ns), section.sd_deg), f"sd {section.sd_deg:g} deg (configuration)"
+        chosen = Convention("sd_deg", section.sd_deg, "configuration", "deg")
+        return np.full(len(raw.received_ns), section.sd_deg), chosen
     sd = raw.number("sd_deg")
     if section.sd_deg == "message":
         in_degrees = raw.number("unit_code") == DEGREES
@@ -202,14 +217,14 @@ def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, str]:
             sd = np.where(np.isfinite(sd), sd, np.sqrt(np.where(variance > 0, variance, np.nan)))
     known = np.isfinite(sd)
     if not known.any():
-        return np.full(len(sd), COMPASS_SD_DEG), f"sd {COMPASS_SD_DEG:g} deg (default)"
-    who = "configuration" if section.sd_deg else "by column names"
-    said = f"sd of the records, median {np.nanmedian(sd):.3g} deg ({who})"
-    return np.where(known, sd, COMPASS_SD_DEG), said
+        return np.full(len(sd), COMPASS_SD_DEG), Convention("sd_deg", COMPASS_SD_DEG, "default", "deg")
+    who: ChosenBy = "configuration" if section.sd_deg else "column names"
+    chosen = Convention("sd_deg", float(np.nanmedian(sd)), who, "deg", "median of the records")
+    return np.where(known, sd, COMPASS_SD_DEG), chosen
 
 
 def _constant(raw: RawRecords, heading: Vector) -> list[Finding]:
     if len(heading) < MIN_CONSTANT_RECORDS or np.any(heading != heading[0]):
         return []
     text = f"{raw.topic.name}: all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; does it measure any?"
-    return [Finding("HEADING-CONSTANT", text)]
+    return [Finding("HEADING-CONSTANT", text, raw.topic.name)]

@@ -11,7 +11,7 @@ import pygeomag  # pyright: ignore[reportMissingTypeStubs]
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.frames import wrapped
-from usbldr.io.log import Origin
+from usbldr.io.geodesy import Origin
 
 FIRST_YEAR, LAST_YEAR = 2010, 2029  # of the coefficients that pygeomag brings
 

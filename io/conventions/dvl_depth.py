@@ -1,9 +1,9 @@
-"""DVL and depth in the axes, units and signs of usbldr, and a sentence for every convention chosen.
+"""DVL and depth in the axes, units and signs of usbldr, and every convention chosen.
 
 An error of a sensor that the configuration states is subtracted here. Angles are degrees clockwise.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,15 +14,17 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.conventions.timestamps import Times, times_of
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # fixed: sea water
 SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
+ESTIMATED = "estimated from the records"  # by the timeline
 ANY_COLUMNS = "docs/configuration.md#any-columns"
 IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
 MAX_DEPTH_M = 12_000.0  # no sea is deeper
@@ -42,32 +44,38 @@ class ConvertedTable:
     """A sensor's table in the making: the canonical columns, with times.TIMES in place of time_s and received_s."""
 
     table: pd.DataFrame  # in order of arrival
-    conventions: tuple[str, ...]
+    conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...]
 
 
-def chosen_convention(raw: RawRecords, key: str, value: str | None, default: str) -> tuple[str, str, list[Finding]]:
+def chosen_convention(
+    raw: RawRecords, key: str, value: str | None, default: str
+) -> tuple[str, ChosenBy, list[Finding]]:
     """Return a key's value, who chose it, and a finding where the configuration asks for what the log rules out."""
     if key in raw.layout.fixed:
         fixed = raw.layout.fixed[key]
         if value in (None, fixed):
-            return fixed, "by column names", []
+            return fixed, "column names", []
         text = f'{raw.topic.name}: {key} = "{value}" of the configuration is not used; its columns say {fixed}'
         text += f"; name them by columns to read them otherwise ({ANY_COLUMNS})"
-        return fixed, "by column names", [Finding("KEY-UNUSED", text)]
+        return fixed, "column names", [Finding("KEY-UNUSED", text, raw.topic.name)]
     if value is not None:
         return value, "configuration", []
     if key in raw.layout.defaults:
-        return raw.layout.defaults[key], "by type", []
+        return raw.layout.defaults[key], "type", []
     return default, "default", []
 
 
 def converted_table(
-    raw: RawRecords, times: Times, columns: Mapping[str, Vector | Mask], said: list[str], findings: list[Finding]
+    raw: RawRecords,
+    times: Times,
+    columns: Mapping[str, Vector | Mask],
+    chosen: Sequence[Convention],
+    findings: Sequence[Finding],
 ) -> ConvertedTable:
     """Put times and columns into one table, times' conventions last."""
     table = pd.DataFrame(times.columns() | dict(columns))
-    return ConvertedTable(table, (*said, *times.conventions), (*findings, *times.findings))
+    return ConvertedTable(table, (*chosen, *times.conventions), (*findings, *times.findings))
 
 
 def valid_mask(
@@ -87,9 +95,13 @@ def valid_mask(
         return good, []
     parts = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
     if bad == len(good):
-        raise LogError(f"{raw.log}: all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}")
+        raise LogError(
+            f"all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}",
+            path=raw.log,
+            topic=raw.topic.name,
+        )
     text = f"{raw.topic.name}: {bad} of {len(good)} records are invalid and {verdict} ({parts})"
-    return good, [Finding(f"{sensor.upper()}-INVALID", text)]
+    return good, [Finding(f"{sensor.upper()}-INVALID", text, raw.topic.name)]
 
 
 def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
@@ -99,32 +111,39 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     """
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
     axes, who, findings = chosen_convention(raw, "axes", section.axes, by_frame)
-    who = f'by frame_id "{raw.frame_id}"' if who == "default" else who
+    by_default = who == "default"
     unit, unit_who, more = chosen_convention(raw, "unit", section.unit, "m/s")
     to_mps = MPS_PER_UNIT[unit]
-    said = [f"axes {axes} ({who})", f"unit {unit} ({unit_who})"]
+    chosen = [
+        Convention("axes", axes, "frame_id" if by_default else who, note=raw.frame_id if by_default else ""),
+        Convention("unit", unit, unit_who),
+    ]
 
     instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
     for name, (axis, sign) in zip("xyz", axis_signs(axes), strict=True):
         instrument[axis] = sign * to_mps * raw.number(name) / (1.0 + section.scale_error)
     if section.scale_error:
-        said.append(f"scale error {section.scale_error:g} taken off (configuration)")
-    said.append(f"mount {section.mount_deg:g} deg ({'configuration' if section.mount_deg else 'default'})")
+        chosen.append(Convention("scale_error", section.scale_error, "configuration"))
+    chosen.append(
+        Convention("mount_deg", section.mount_deg, "configuration" if section.mount_deg else "default", "deg")
+    )
     starboard, forward = rotated(-np.radians(section.mount_deg), instrument[:2].T).T
 
     if section.min_good_beams is not None and "good_beams" not in raw.values:
         raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
-    free = section.unit is None or unit_who == "by column names"
-    own = IN_MILLIMETRES if unit_who == "by column names" else ""
+    free = section.unit is None or unit_who == "column names"
+    own = IN_MILLIMETRES if unit_who == "column names" else ""
     valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
     if unit_who == "default" and in_millimetres(raw, causes):
         fast = int(np.sum(causes[TOO_FAST]))
         raise LogError(
-            f"{raw.log}: {fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
-            'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not'
+            f"{fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
+            'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not',
+            path=raw.log,
+            topic=raw.topic.name,
         )
-    sd, sd_said = _dvl_sd(raw, section, to_mps)
+    sd, sd_chosen = _dvl_sd(raw, section, to_mps)
     columns: dict[str, Vector | Mask] = {
         "starboard_mps": starboard,
         "forward_mps": forward,
@@ -133,23 +152,24 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
         "valid": valid,
     }
     times = times_of(raw, section.time, section.latency_s)
-    return converted_table(raw, times, columns, [*said, sd_said], [*findings, *more, *invalid])
+    return converted_table(raw, times, columns, [*chosen, sd_chosen], [*findings, *more, *invalid])
 
 
-def _dvl_sd(raw: RawRecords, section: DvlSection, to_mps: float) -> tuple[Vector, str]:
-    """Return the 1-sigma of each record, (n,), NaN where unknown."""
+def _dvl_sd(raw: RawRecords, section: DvlSection, to_mps: float) -> tuple[Vector, Convention]:
+    """Return the 1-sigma of each record, (n,), NaN if unknown, and who chose it."""
     own = "sd_mps" in raw.layout.optional.values()
     if isinstance(section.sd_mps, float):
-        return np.full(len(raw.received_ns), section.sd_mps), f"sd {section.sd_mps:g} m/s (configuration)"
+        chosen = Convention("sd_mps", section.sd_mps, "configuration", "m/s")
+        return np.full(len(raw.received_ns), section.sd_mps), chosen
     if section.sd_mps is None and not own:
-        return np.full(len(raw.received_ns), np.nan), "sd to be estimated from the records (default)"
-    who = "by column names" if own else "configuration"
+        return np.full(len(raw.received_ns), np.nan), Convention("sd_mps", ESTIMATED, "default")
+    who: ChosenBy = "column names" if own else "configuration"
     covariance = np.fmax(raw.number("covariance"), raw.number("own_covariance"))  # a type has one of them at most
     sd = np.sqrt(np.where(covariance > 0, covariance, np.nan))
     sd = to_mps * np.where(np.isfinite(sd), sd, np.where(raw.number("sd") > 0, raw.number("sd"), np.nan))
     if not np.isfinite(sd).any():
-        return sd, f"sd of the messages ({who}), which is unknown: to be estimated from the records"
-    return sd, f"sd of the messages, median {np.nanmedian(sd):.3g} m/s ({who})"
+        return sd, Convention("sd_mps", ESTIMATED, who, note="the messages state none")
+    return sd, Convention("sd_mps", float(np.nanmedian(sd)), who, "m/s", "median of the messages")
 
 
 def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
@@ -158,15 +178,16 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
     Raises LogError where all are invalid.
     """
     unit, who, findings = chosen_convention(raw, "unit", section.unit, "m")
-    said = [f"unit {unit} ({who})"]
+    chosen = [Convention("unit", unit, who)]
     if "pressure" in raw.values:
         if unit == "m":
             raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
         pressure = raw.number("pressure") * PASCALS_PER_UNIT[unit]
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
-        said.append(f"surface {surface:g} Pa ({'default' if section.surface_pa is None else 'configuration'})")
+        surface_who = "default" if section.surface_pa is None else "configuration"
+        chosen.append(Convention("surface_pa", surface, surface_who, "Pa"))
         if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
-            return Finding("DEPTH-UNIT", f"{raw.topic.name}: not used as depth: {fault} under [depth]")
+            return Finding("DEPTH-UNIT", f"{raw.topic.name}: not used as depth: {fault} under [depth]", raw.topic.name)
         value = (pressure - surface) / WATER_PA_PER_M
         _refuse(section.positive, "positive", "pressures", raw)
     else:
@@ -176,9 +197,11 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         if unit != "m":
             raise SettingError(f'[depth] unit = "{unit}": {raw.topic.name} holds depths in m')
         sign, sign_who, more = chosen_convention(raw, "positive", section.positive, usual)
-        sign_who = f'by frame_id "{raw.frame_id}"' if height and sign_who == "default" else sign_who
+        by_frame = height and sign_who == "default"
         value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
-        said.append(f"positive {sign} ({sign_who})")
+        chosen.append(
+            Convention("positive", sign, "frame_id" if by_frame else sign_who, note=raw.frame_id if by_frame else "")
+        )
         findings = [*findings, *more]
         middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
         if middle < -IN_THE_AIR_M:
@@ -186,11 +209,11 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
                 f"{raw.topic.name}: a median depth of {middle:.1f} m, above the water; "
                 f'if it counts the other way, state positive = "{"up" if sign == "down" else "down"}" under [depth]'
             )
-            findings.append(Finding("DEPTH-SIGN", text))
+            findings.append(Finding("DEPTH-SIGN", text, raw.topic.name))
     causes = {"not a number": ~np.isfinite(value), f"beyond {MAX_DEPTH_M / 1000:.0f} km": np.abs(value) > MAX_DEPTH_M}
     good, invalid = valid_mask(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
-    return keep_valid(converted_table(raw, times, {"depth_m": value}, said, [*findings, *invalid]), good)
+    return keep_valid(converted_table(raw, times, {"depth_m": value}, chosen, [*findings, *invalid]), good)
 
 
 def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:

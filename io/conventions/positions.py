@@ -10,9 +10,9 @@ from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, valid_mask
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.geodesy import to_geodetic, to_plane
-from usbldr.io.log import Origin
+from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import GpsSection
 
 UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
@@ -70,8 +70,10 @@ def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector
         return (y, x) if frame == "NED" else (x, y)
     if origin is None:
         raise LogError(
-            f"{raw.log}: {raw.topic.name} holds latitudes and longitudes, but the plane has no origin; "
-            "state origin_lat_deg and origin_lon_deg under [map]"
+            f"{raw.topic.name} holds latitudes and longitudes, but the plane has no origin; "
+            "state origin_lat_deg and origin_lon_deg under [map]",
+            path=raw.log,
+            topic=raw.topic.name,
         )
     return to_plane(origin, x, y)
 
@@ -122,15 +124,17 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     east, north = on_plane(raw, frame, origin)
     covariance = message_covariance(raw, frame)
     sd = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
-    sd_said = "sd of the messages" if np.isfinite(sd).any() else "sd unknown"
+    sd_chosen = Convention("sd_m", "unknown", "records")
     if isinstance(section.sd_m, float):
-        sd, sd_said = np.full(len(sd), section.sd_m), f"sd {section.sd_m:g} m (configuration)"
+        sd, sd_chosen = np.full(len(sd), section.sd_m), Convention("sd_m", section.sd_m, "configuration", "m")
+    elif np.isfinite(sd).any():
+        sd_chosen = Convention("sd_m", float(np.nanmedian(sd)), "records", "m", "median")
     lat, lon = geodetic(raw)
     if origin is not None and not np.isfinite(lat).any():
         lat, lon = to_geodetic(origin, east, north)
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
     times = times_of(raw, section.time, section.latency_s)
-    made = converted_table(raw, times, columns, [f"frame {frame} ({who})", sd_said], [*findings, *invalid])
+    made = converted_table(raw, times, columns, [Convention("frame", frame, who), sd_chosen], [*findings, *invalid])
     return ConvertedTable(made.table[good].reset_index(drop=True), made.conventions, made.findings)
 
 

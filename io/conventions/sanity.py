@@ -7,7 +7,9 @@ import pandas as pd
 
 from usbldr.filters.types import Truth
 from usbldr.io.conventions import positions
-from usbldr.io.log import Finding, Origin, Provenance
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin
+from usbldr.io.provenance import Provenance
 
 MAX_SEPARATION_M = 50_000.0  # no dive goes so far, nor does a plane that touches the earth hold
 
@@ -21,7 +23,8 @@ def truth_overlap_findings(truth: Truth | None, tables: Mapping[str, pd.DataFram
     if truth.time_s[-1] >= first_s and truth.time_s[0] <= last_s:
         return []
     span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s, the sensors {first_s:.1f} to {last_s:.1f} s"
-    return [Finding("TRUTH-APART", f"{truth.source}: truth and sensors do not overlap in time: it covers {span}")]
+    text = f"{truth.source}: truth and sensors do not overlap in time: it covers {span}"
+    return [Finding("TRUTH-APART", text, truth.source)]
 
 
 def position_findings(
@@ -36,12 +39,12 @@ def position_findings(
     where = " and ".join(places)
     if len(places) == 2 and (far_m := float(np.hypot(*np.subtract(*places.values())))) > MAX_SEPARATION_M:
         told = "latitude and longitude exchanged, radians for degrees, or the [map] or head of another place"
-        return [Finding("PLACES-APART", f"{where} lie {far_m / 1000:.0f} km apart: {told}")]
+        return [Finding("PLACES-APART", f"{where} lie {far_m / 1000:.0f} km apart: {told}", where)]
     far_m = max((float(np.hypot(*place)) for place in places.values()), default=0.0)
     if origin is None or far_m < MAX_SEPARATION_M:
         return []
     text = f"{where}: {far_m / 1000:.0f} km from the map's origin ({origin.source}), where the plane is no map any more"
-    return [Finding("PLACES-APART", f"{text}: state the [map] of this dive")]
+    return [Finding("PLACES-APART", f"{text}: state the [map] of this dive", where)]
 
 
 def truth_underwater_findings(
@@ -52,11 +55,11 @@ def truth_underwater_findings(
         return []
     depth_m = positions.depths_of(tables["gps"], tables["depth"], "time_ns")
     text = positions.underwater_text(truth.source, depth_m)
-    return [Finding("GPS-UNDERWATER", text)] if text else []
+    return [Finding("GPS-UNDERWATER", text, truth.source)] if text else []
 
 
 def repeated_fix_findings(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:
     """Say where a receiver repeats its last fix."""
-    degrees = "lat_deg" in table and any(said.startswith("frame latlon") for said in of.conventions)
+    degrees = "lat_deg" in table and of.convention("frame").value == "latlon"
     text = positions.repeated_fix_text(of.topic, table, start_ns) if degrees else ""
-    return [Finding("GPS-REPEATED", text)] if text else []
+    return [Finding("GPS-REPEATED", text, of.topic)] if text else []

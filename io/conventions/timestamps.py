@@ -6,10 +6,12 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.types import Vector
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import Convention
 from usbldr.io.reader import Nanoseconds
 
+LOG_TIME = "log time"  # by what records are timed that have no stamp of their own
 TIMES = ("time_ns", "received_ns", "stamp_ns")
 """Columns of a table in the making: time of validity, arrival, and the stamp before latency was taken off."""
 
@@ -21,7 +23,7 @@ class Times:
     time_ns: Nanoseconds  # (n,) of validity
     received_ns: Nanoseconds  # (n,) max(time of validity, log time)
     stamp_ns: Nanoseconds  # (n,) as stamped
-    conventions: tuple[str, ...]
+    conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...]
 
     def columns(self) -> dict[str, Nanoseconds]:
@@ -31,23 +33,23 @@ class Times:
 
 def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
     """Time the records: by header unless there is none or the configuration wants log time; latency is subtracted."""
-    name, said, findings = raw.topic.name, list[str](), list[Finding]()
+    name, made, findings = raw.topic.name, list[Convention](), list[Finding]()
     if raw.stamp_ns is None:
         stamp = raw.received_ns
-        said.append("timed by log time (its type has no header)")
-        findings.append(Finding("NO-HEADER", f"{name}: its type has no header, so it is timed by log time"))
+        made.append(Convention("time", LOG_TIME, "type", note="it has no header"))
+        findings.append(Finding("NO-HEADER", f"{name}: its type has no header, so it is timed by log time", name))
     elif clock == "log":
         stamp = raw.received_ns
-        said.append("timed by log time (configuration)")
+        made.append(Convention("time", LOG_TIME, "configuration"))
     else:
         own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
         unset = (raw.stamp_ns == 0) & (not own)
         stamp = np.where(unset, raw.received_ns, raw.stamp_ns)
         stamps = "time_ns" if own else "header stamp" if raw.layout.stamp == "header.stamp" else raw.layout.stamp
-        said.append(f"timed by {stamps}" + (" (configuration)" if clock else ""))
+        made.append(Convention("time", stamps, "configuration" if clock else "type"))
         if unset.any():
             text = f"{name}: {unset.sum()} of {len(unset)} header stamps are zero; those records are timed by log time"
-            findings.append(Finding("ZERO-STAMP", text))
+            findings.append(Finding("ZERO-STAMP", text, name))
         age_ns = _age_ns(raw) if clock is None else None
         if age_ns is not None:
             what, longest_s = ("their age", 60) if "age_s" in raw.values else ("transmission minus validity", 5)
@@ -55,11 +57,11 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
             if known.any():
                 stamp = stamp - np.where(known, age_ns, 0)
                 median_s = float(np.median(age_ns[known])) / 1e9
-                said.append(f"stamps moved back by {what}, median {median_s:.3f} s (by type)")
+                made.append(Convention("age_s", median_s, "type", "s", f"median of {what}"))
     time = stamp - round(latency_s * 1e9)
     if latency_s:
-        said.append(f"latency {latency_s:g} s subtracted (configuration)")
-    return Times(time, np.maximum(time, raw.received_ns), stamp, tuple(said), tuple(findings))
+        made.append(Convention("latency_s", latency_s, "configuration", "s"))
+    return Times(time, np.maximum(time, raw.received_ns), stamp, tuple(made), tuple(findings))
 
 
 def _age_ns(raw: RawRecords) -> Nanoseconds | None:
@@ -93,20 +95,20 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
     if late:
         why = "fixes arrive late; sorted by stamp, arrival kept" if sensor == "usbl" else "sorted by stamp"
         text = f"{topic}: {late} of {len(time)} records are stamped earlier than the one before ({why})"
-        findings.append(Finding("OUT-OF-ORDER", text))
+        findings.append(Finding("OUT-OF-ORDER", text, topic))
     table = table.sort_values("time_ns", kind="stable", ignore_index=True)
 
     values = [column for column in table if column not in ("received_ns", "stamp_ns")]
     again = table.duplicated(subset=values)
     if again.any():
         text = f"{topic}: {again.sum()} of {len(table)} records repeat another's stamp and values and are left out"
-        findings.append(Finding("REPEATED", text))
+        findings.append(Finding("REPEATED", text, topic))
         table = table[~again].reset_index(drop=True)
     shared = table.duplicated(subset="time_ns")
     if shared.any():
         what = "all are kept" if sensor == "usbl" else "those of one stamp are averaged"
         text = f"{topic}: {shared.sum()} of {len(table)} records have another's stamp and other values; {what}"
-        findings.append(Finding("SAME-STAMP", text))
+        findings.append(Finding("SAME-STAMP", text, topic))
         if sensor != "usbl":
             table = _averaged(table)
     return table, findings

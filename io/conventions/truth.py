@@ -8,10 +8,11 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Truth, Vector
+from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain
 from usbldr.io.formats.csv_text import column, nanoseconds, numbers, read_texts, seconds
-from usbldr.io.geodesy import to_plane
-from usbldr.io.log import Finding, Origin, Provenance
+from usbldr.io.geodesy import Origin, to_plane
+from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.settings.sensor_sections import TruthSection
 
@@ -36,7 +37,7 @@ def truth_from_table(
     findings: list[Finding] = list(table.attrs.get(FINDINGS, ()))
     if again.any():
         text = f"{source}: {again.sum()} truth rows have the time of an earlier one and are left out"
-        findings.append(Finding("TRUTH-REPEATED", text))
+        findings.append(Finding("TRUTH-REPEATED", text, source))
         rows = rows[~again]
     if rows.empty:
         raise LogError(f"{source}: no truth row is left of {len(table)} (skip_rows = {section.skip_rows})")
@@ -68,16 +69,18 @@ def read_truth_file(
     x, y = (numbers(cells[axis], columns[axis], file, rows) for axis in "xy")
     sd = numbers(cells["sd_m"], columns["sd_m"], file, rows) if "sd_m" in cells else np.full(len(x), np.nan)
     east, north = _on_plane(file, frame, x, y, origin)
-    who = "by column names" if section.columns is None else "configuration" if section.frame else "default"
-    said = [f"frame {frame} ({who})", "columns " + ", ".join(f"{key} = {name}" for key, name in columns.items())]
-    said += [f"first {section.skip_rows} rows left out (configuration)"] if section.skip_rows else []
+    columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
+    who = columns_by if section.columns is None or section.frame else "default"
+    named = ", ".join(f"{key} = {name}" for key, name in columns.items())
+    chosen = [Convention("frame", frame, who), Convention("columns", named, columns_by)]
+    chosen += [Convention("skip_rows", section.skip_rows, "configuration")] if section.skip_rows else []
     read = {"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd}
     fill = {"time_ns": 0, "east_m": np.nan, "north_m": np.nan, "sd_m": np.nan}
     table = pd.DataFrame({name: np.insert(read[name], 0, [fill[name]] * rows.start) for name in read})
     if section.columns is None and section.frame not in (None, frame):
         text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns say {frame}'
         table.attrs[FINDINGS] = (Finding("KEY-UNUSED", text),)
-    return table, Provenance(file.name, "file", chosen_by, tuple(said), whole, len(rows))
+    return table, Provenance(file.name, "file", chosen_by, tuple(chosen), whole, len(rows))
 
 
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
@@ -86,7 +89,7 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
         columns = {str(key): plain(name) for key, name in section.columns.items()}
         times = [key for key in columns if key.startswith("time")]
         if len(times) != 1 or "x" not in columns or "y" not in columns:
-            raise UsageError(f"{file}: [truth] columns must name x, y and one of time_ns, time_unix_s, time_s")
+            raise UsageError("[truth] columns must name x, y and one of time_ns, time_unix_s, time_s", path=file)
         for name in columns.values():
             column(texts, name, file)
         return columns, section.frame or "ENU"
@@ -97,8 +100,9 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
         return own | {"x": "lat_deg", "y": "lon_deg"}, "latlon"
     example = '{ time_unix_s = "...", x = "...", y = "..." }'
     raise UsageError(
-        f"{file}: which columns hold time and position? State columns = {example} under [truth] "
-        f"(its columns: {', '.join(texts)})"
+        f"which columns hold time and position? State columns = {example} under [truth] "
+        f"(its columns: {', '.join(texts)})",
+        path=file,
     )
 
 
@@ -116,8 +120,9 @@ def _on_plane(file: Path, frame: str, x: Vector, y: Vector, origin: Origin | Non
     if frame == "latlon":
         if origin is None:
             raise LogError(
-                f"{file}: holds latitudes and longitudes, but the plane has no origin; "
-                "state origin_lat_deg and origin_lon_deg under [map]"
+                "holds latitudes and longitudes, but the plane has no origin; "
+                "state origin_lat_deg and origin_lon_deg under [map]",
+                path=file,
             )
         return to_plane(origin, x, y)
     return (y, x) if frame == "NED" else (x, y)

@@ -27,8 +27,10 @@ from usbldr.io.conventions.usbl_covariance import (
 )
 from usbldr.io.conventions.usbl_head import TimeSeries, UsblReference, rotated_clockwise, usbl_reference
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
-from usbldr.io.log import Finding, Origin
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} where the vehicle carries the head"
@@ -51,9 +53,10 @@ class PlacedFixes(NamedTuple):
     vertical_m: Vector  # (n,) the vertical part of the line of sight, NaN unknown
     stated_m2: Array  # (n, 2, 2) covariance by the messages, NaN unknown
     causes: Mapping[str, Mask]
-    said: list[str]
+    conventions: list[Convention]
     findings: list[Finding]
     relative_to_reference: bool = False  # counted from the head or beacon, not from the map
+    by_bow: bool = False  # counted from the bow of whoever carries the head
 
 
 def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: FixContext) -> ConvertedTable:
@@ -61,7 +64,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
 
     Raises LogError where none is left or where latitudes have no plane, UsageError where the section does not fit.
     """
-    raw, target_said, findings = records_of_target(raw, section.target)
+    raw, target, findings = records_of_target(raw, section.target)
     kind, kind_who, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind)
     times = times_of(raw, section.time, section.latency_s)
@@ -80,12 +83,12 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
             f"{raw.topic.name}: positions on a map whose origin nobody states; taken for the {origin.source}'s "
             "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if they are offsets from it)"
         )
-        findings.append(Finding("MAP-UNKNOWN", text))
+        findings.append(Finding("MAP-UNKNOWN", text, raw.topic.name))
 
     causes = {**sight.causes, **off_plane_causes(*sight.position_m.T)}
     good, invalid = valid_mask(raw, causes, "usbl", "left out")
     line = sight.position_m - (end.place_m if end else np.nan)
-    own, sd_said = sensor_covariance(section, sight.stated_m2, line, sight.vertical_m)
+    own, sd_chosen = sensor_covariance(section, sight.stated_m2, line, sight.vertical_m)
     R = with_variance_floor(
         own + reference_covariance(end, sight.turned_m) if end is not None and sight.relative_to_reference else own
     )
@@ -96,8 +99,9 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         "cov_en_m2": R[:, 0, 1],
         "cov_nn_m2": R[:, 1, 1],
     }
-    said = [*target_said, f"kind {kind} ({kind_who})", *sight.said, *(end.said if end else ()), sd_said]
-    return keep_valid(converted_table(raw, times, columns, said, [*findings, *invalid]), good)
+    chosen = [*target, Convention("kind", kind, kind_who), *sight.conventions]
+    chosen += [*(end.conventions if end else ()), *sd_chosen]
+    return keep_valid(converted_table(raw, times, columns, chosen, [*findings, *invalid]), good)
 
 
 def _by_latitude(raw: RawRecords, origin: Origin | None, drop_m: Vector) -> PlacedFixes:
@@ -114,32 +118,34 @@ def _by_position(
     frame, who, findings = chosen_convention(raw, "frame", section.frame, by_frame)
     relative, relative_who, more = chosen_convention(raw, "relative_to", section.relative_to, "head" if end else "map")
     relative = "head" if frame == "body" else relative
-    said = [
-        f"frame {frame} ({'by frame_id' if who == 'default' and by_frame == 'NED' else who})",
-        f"relative to the {relative} ({relative_who})",
-    ]
+    frame_chosen = Convention("frame", frame, who)
+    if who == "default" and by_frame == "NED":
+        frame_chosen = Convention("frame", frame, "frame_id", note=raw.frame_id)
+    chosen = [frame_chosen, Convention("relative_to", relative, relative_who)]
     findings = [*findings, *more]
     if relative == "head" and end is None:
-        raise LogError(f"{raw.log}: {raw.topic.name} tells positions relative to the head; {STATE_HEAD}")
+        raise LogError(
+            f"{raw.topic.name} tells positions relative to the head; {STATE_HEAD}", path=raw.log, topic=raw.topic.name
+        )
     if relative == "map" or end is None:
         position = np.column_stack(on_plane(raw, frame, origin))
         own = stated_covariance(raw, frame, np.eye(2), np.zeros(len(position)))
-        return PlacedFixes(position, np.zeros_like(position), drop_m, own, fix_causes(raw), said, findings)
+        return PlacedFixes(position, np.zeros_like(position), drop_m, own, fix_causes(raw), chosen, findings)
     axes = np.eye(2)
     if frame == "body":
-        offset, axes, more_said, more = _along_axes(raw, section)
-        said, findings = [*said, more_said], [*findings, *more]
+        offset, axes, axes_chosen, more = _along_axes(raw, section)
+        chosen, findings = [*chosen, axes_chosen], [*findings, *more]
     else:
         offset = np.column_stack(on_plane(raw, frame, origin))
-    turn, turn_said = _turn_deg(raw, section, end, frame)
-    said += [*turn_said, *_scaled(section)]
+    turn, turn_chosen = _turn_deg(raw, section, end, frame)
+    chosen += [*turn_chosen, *_scaled(section)]
     R = stated_covariance(raw, frame, axes, turn)
     drop = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
     offset = rotated_clockwise(offset, turn) * section.sound_speed_scale
-    return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), said, findings))
+    return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), chosen, findings))
 
 
-def _along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, str, list[Finding]]:
+def _along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, Convention, list[Finding]]:
     """Return starboard and forward of the instrument, (n, 2), and those two of its axes x and y, (2, 2)."""
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
     names, who, findings = chosen_convention(raw, "axes", section.axes, by_frame)
@@ -148,18 +154,25 @@ def _along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, st
         along[:, axis] = sign * raw.number(name)
         if name != "z":
             axes[axis, column] = sign
-    return along[:, :2], axes[:2], f"axes {names} ({who})", findings
+    return along[:, :2], axes[:2], Convention("axes", names, who), findings
 
 
-def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: str) -> tuple[Vector, list[str]]:
+def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: str) -> tuple[Vector, list[Convention]]:
     """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow."""
-    said = [f"mount {section.mount_deg:g} deg (configuration)"] if section.mount_deg else []
+    chosen = [Convention("mount_deg", section.mount_deg, "configuration", "deg")] if section.mount_deg else []
     if frame != "body":
-        return np.full(len(raw.received_ns), section.mount_deg), said
+        return np.full(len(raw.received_ns), section.mount_deg), chosen
     if not np.isfinite(end.carrier_heading.heading_deg).any():
         whom = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
-        raise LogError(f"{raw.log}: {raw.topic.name} counts from the bow of whoever carries the head: {whom}")
-    return end.carrier_heading.heading_deg + section.mount_deg, ["counted from the bow", *said]
+        raise LogError(
+            f"{raw.topic.name} counts from the bow of whoever carries the head: {whom}",
+            path=raw.log,
+            topic=raw.topic.name,
+        )
+    return end.carrier_heading.heading_deg + section.mount_deg, [
+        Convention("bearing_from", "bow", "configuration" if section.frame else "type"),
+        *chosen,
+    ]
 
 
 def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, drop_m: Vector) -> PlacedFixes:
@@ -168,7 +181,7 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     The vehicle's depth comes first, then the fix's own, then its elevation; without any the range is taken as it is.
     """
     if end is None:
-        raise LogError(f"{raw.log}: {raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
+        raise LogError(f"{raw.topic.name} holds ranges and bearings; {STATE_HEAD}", path=raw.log, topic=raw.topic.name)
     frame, _, findings = chosen_convention(raw, "frame", section.frame, "ENU")
     slant = raw.number("slant_range_m") * section.sound_speed_scale
     bearing, elevation = raw.number("bearing_deg"), np.radians(raw.number("elevation_deg"))
@@ -182,24 +195,28 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
         text = (
             f"{raw.topic.name}: {short} slant ranges are shorter than the depth below the head; taken as straight below"
         )
-        findings = [*findings, Finding("USBL-SHORT", text)]
+        findings = [*findings, Finding("USBL-SHORT", text, raw.topic.name)]
     counts = {
         "the vehicle's depth": np.isfinite(drop_m),
         "the fix's depth": ~np.isfinite(drop_m) & np.isfinite(own_drop),
         "the fix's elevation": ~np.isfinite(drop) & np.isfinite(elevation),
         "nothing (taken as horizontal)": ~np.isfinite(drop) & ~np.isfinite(elevation),
     }
-    parts = ", ".join(f"{np.sum(mask)} by {what}" for what, mask in counts.items() if np.any(mask))
-    turn, turn_said = _turn_deg(raw, section, end, frame)
-    said = [f"slant to horizontal range: {parts}", *turn_said, *_scaled(section)]
+    chosen = [
+        Convention("horizontal_range", what, "data", note=f"{np.sum(mask)} fixes")
+        for what, mask in counts.items()
+        if np.any(mask)
+    ]
+    turn, turn_chosen = _turn_deg(raw, section, end, frame)
+    chosen += [*turn_chosen, *_scaled(section)]
     offset = rotated_clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
     R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
-    return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), said, findings))
+    return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), chosen, findings))
 
 
-def _scaled(section: UsblSection) -> list[str]:
+def _scaled(section: UsblSection) -> list[Convention]:
     scale = section.sound_speed_scale
-    return [f"ranges times {scale:g} for the speed of sound (configuration)"] if scale != 1 else []
+    return [Convention("sound_speed_scale", scale, "configuration")] if scale != 1 else []
 
 
 def _from_end(end: UsblReference, frame: str, sight: PlacedFixes) -> PlacedFixes:
@@ -209,19 +226,24 @@ def _from_end(end: UsblReference, frame: str, sight: PlacedFixes) -> PlacedFixes
     if frame == "body":
         causes["without a heading at their time"] = ~np.isfinite(end.carrier_heading.heading_deg)
     turned = end.arm_m + (away if frame == "body" else 0.0)
-    return sight._replace(position_m=end.place_m + away, turned_m=turned, causes=causes, relative_to_reference=True)
+    return sight._replace(
+        position_m=end.place_m + away,
+        turned_m=turned,
+        causes=causes,
+        relative_to_reference=True,
+        by_bow=frame == "body",
+    )
 
 
 def _unused(raw: RawRecords, section: UsblSection, kind: str, sight: PlacedFixes) -> list[Finding]:
     """Say which keys of the configuration could not act."""
-    by_bow = "counted from the bow" in sight.said
     unused = {
-        "frame": kind != "position" and section.frame is not None and not by_bow,
+        "frame": kind != "position" and section.frame is not None and not sight.by_bow,
         "relative_to": kind != "position" and section.relative_to is not None,
-        "axes": section.axes is not None and not (by_bow and kind == "position"),
+        "axes": section.axes is not None and not (sight.by_bow and kind == "position"),
         "mount_deg": section.mount_deg != 0 and not sight.relative_to_reference,
         "sound_speed_scale": section.sound_speed_scale != 1 and not sight.relative_to_reference,
     }
     keys = [key for key, idle in unused.items() if idle]
     text = f"{raw.topic.name}: {' and '.join(keys)} of the configuration are not used; its kind is {kind}"
-    return [Finding("KEY-UNUSED", text)] if keys else []
+    return [Finding("KEY-UNUSED", text, raw.topic.name)] if keys else []

@@ -11,14 +11,17 @@ from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.positions import message_covariance
 from usbldr.io.conventions.usbl_head import UsblReference
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
 MIN_USBL_SD_M = 0.15  # no fix is trusted more: floor of the eigenvalues of a covariance
 DEFAULT_SD_M, DEFAULT_SD_REL = 1.0, 0.02  # 2 % of the slant range, at least 1 m
 
 
-def sensor_covariance(section: UsblSection, stated_m2: Array, line_m: Array, drop_m: Vector) -> tuple[Array, str]:
-    """Return the covariance of each fix, (n, 2, 2), and where it comes from.
+def sensor_covariance(
+    section: UsblSection, stated_m2: Array, line_m: Array, drop_m: Vector
+) -> tuple[Array, list[Convention]]:
+    """Return the covariance of each fix, (n, 2, 2), and who chose it.
 
     ``stated_m2`` (n, 2, 2) is that of the messages, NaN where they state none; ``line_m`` (n, 2) the horizontal line of
     sight, NaN without a known end, and ``drop_m`` (n,) its vertical part.
@@ -28,22 +31,32 @@ def sensor_covariance(section: UsblSection, stated_m2: Array, line_m: Array, dro
     if section.bearing_sd_deg is not None:
         range_m, rel = section.range_sd_m or 0.0, section.range_sd_rel or 0.0
         along, across = range_m**2 + (rel * slant) ** 2, (np.radians(section.bearing_sd_deg) * slant) ** 2
-        said = f"range sd {range_m:g} m and {100 * rel:g} %, bearing sd {section.bearing_sd_deg:g} deg (configuration)"
-        return _along_and_across(line_m, along, across), said
+        parts = (
+            ("range_sd_m", range_m, "m"),
+            ("range_sd_rel", 100 * rel, "%"),
+            ("bearing_sd_deg", section.bearing_sd_deg, "deg"),
+        )
+        chosen = [Convention(key, value, "configuration", unit) for key, value, unit in parts]
+        return _along_and_across(line_m, along, across), chosen
     if isinstance(section.sd_m, float):
-        return np.tile(np.eye(2) * section.sd_m**2, (count, 1, 1)), f"sd {section.sd_m:g} m (configuration)"
+        chosen = [Convention("sd_m", section.sd_m, "configuration", "m")]
+        return np.tile(np.eye(2) * section.sd_m**2, (count, 1, 1)), chosen
     known = np.isfinite(stated_m2[:, 0, 0])
     default = np.fmax(DEFAULT_SD_M, DEFAULT_SD_REL * slant)  # fmax: 1 m where there is no known end
     cov = np.where(known[:, None, None], stated_m2, np.eye(2) * (default**2)[:, None, None])
-    guess = f"{DEFAULT_SD_M:g} m"
+    guess = [Convention("sd_m", DEFAULT_SD_M, "default", "m")]
     if np.isfinite(line_m).any():
-        guess = f"{100 * DEFAULT_SD_REL:g} % of the slant range, at least {guess}"
-    who = "configuration" if section.sd_m == "message" else "default"
+        guess = [
+            Convention("sd_rel", 100 * DEFAULT_SD_REL, "default", "%"),
+            Convention("min_sd_m", DEFAULT_SD_M, "default", "m"),
+        ]
+    who: ChosenBy = "configuration" if section.sd_m == "message" else "default"
     if known.all():
-        return cov, f"covariance of the messages ({who})"
+        return cov, [Convention("covariance", "of the messages", who)]
     if known.any():
-        return cov, f"covariance of {np.sum(known)} of {count} messages ({who}), else sd {guess} (default)"
-    return cov, f"sd {guess} (default)" + (": the messages state none" if section.sd_m == "message" else "")
+        some = Convention("covariance", "of the messages", who, note=f"{np.sum(known)} of {count} state one")
+        return cov, [some, *guess]
+    return cov, guess
 
 
 def stated_covariance(raw: RawRecords, frame: str, axes: Array, turn_deg: Vector) -> Array:

@@ -17,10 +17,11 @@ from usbldr.io.conventions.compass import OF_HEAD
 from usbldr.io.conventions.compass import compass as compass_records
 from usbldr.io.conventions.dvl_depth import ConvertedTable
 from usbldr.io.conventions.timestamps import sorted_by_time
-from usbldr.io.geodesy import to_plane
-from usbldr.io.log import Finding, Origin
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.messages.roles import TopicChoice, topic_named
+from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSection, Head, UsblSection
 
@@ -61,7 +62,7 @@ class CarrierHeading:
 
     heading_deg: Vector  # (n,) NaN: not known
     sd_deg: Vector  # (n,)
-    said: tuple[str, ...] = ()
+    conventions: tuple[Convention, ...] = ()
     findings: tuple[Finding, ...] = ()
 
 
@@ -82,7 +83,7 @@ class UsblReference:
     sign: float  # 1: the offset points from here to the vehicle; -1: the vehicle's head measures the offset to here
     geodetic: bool  # known by latitude and longitude, so that it lies on the plane without doubt
     causes: Mapping[str, Mask]  # by cause which fixes cannot be placed
-    said: tuple[str, ...]
+    conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...] = ()
 
 
@@ -116,14 +117,16 @@ def usbl_reference(
         turning = CarrierHeading(
             np.full(len(time_ns), head.heading_deg), np.full(len(time_ns), section.heading_sd_deg or 0.0)
         )
-        turning = replace(turning, said=(f"head turned by {head.heading_deg:g} deg (configuration)",))
+        turned_by = Convention("heading_deg", head.heading_deg, "configuration", "deg", of="head")
+        turning = replace(turning, conventions=(turned_by,))
     else:
         gyro = raws.get(SHIP_HEADING)
         turned = compass_records(gyro, _gyro(head), origin, OF_HEAD) if gyro else None
         turning = _turning(turned, section, head.max_gap_s, time_ns)
         if turned is not None:
-            how = f"heading of the head by {raws[SHIP_HEADING].topic.name}: {'; '.join(turned.conventions)}"
-            turning = replace(turning, said=(how,), findings=turned.findings)
+            topic = Convention("topic", raws[SHIP_HEADING].topic.name, "configuration", of=SHIP_HEADING)
+            how = (topic, *(replace(c, of=SHIP_HEADING) for c in turned.conventions))
+            turning = replace(turning, conventions=how, findings=turned.findings)
     return _ship(head, turning, raws[SHIP], origin, time_ns) if SHIP in raws else _fixed(head, turning, origin)
 
 
@@ -139,7 +142,7 @@ def _beacon(beacon: Beacon, turning: CarrierHeading, origin: Origin | None) -> U
         sign=-1.0,
         geodetic=beacon.lat_deg is not None,
         causes={},
-        said=(f"head on the vehicle, beacon at {east:.2f} m east, {north:.2f} m north (configuration)",),
+        conventions=_place_conventions("beacon", east, north),
     )
 
 
@@ -156,7 +159,7 @@ def _fixed(head: Head, turning: CarrierHeading, origin: Origin | None) -> UsblRe
         sign=1.0,
         geodetic=head.lat_deg is not None,
         causes={},
-        said=(f"head at {east:.2f} m east, {north:.2f} m north (configuration)", *turning.said),
+        conventions=(*_place_conventions("head", east, north), *turning.conventions),
         findings=turning.findings,
     )
 
@@ -176,16 +179,16 @@ def _ship(
     causes: dict[str, Mask] = {f"without the ship's position within {head.max_gap_s:g} s": unknown}
     if any(head.lever_arm_m):
         causes[f"without the ship's heading within {head.max_gap_s:g} s"] = ~np.isfinite(turning.heading_deg)
-    who = "configuration" if head.sd_m is not None else "its messages" if np.isfinite(there[:, 2]).any() else "default"
-    said = (
-        f"head on the ship of {ship.topic.name}: {'; '.join(made.conventions)}",
-        f"ship's position sd {np.median(sd):.2g} m ({who})",
+    who: ChosenBy = (
+        "configuration" if head.sd_m is not None else "records" if np.isfinite(there[:, 2]).any() else "default"
     )
+    chosen = [
+        Convention("topic", ship.topic.name, "configuration", of=SHIP),
+        *(replace(c, of=SHIP) for c in made.conventions if c.key != "sd_m"),
+        Convention("sd_m", float(np.median(sd)), who, "m", of=SHIP),
+    ]
     if any(head.lever_arm_m):
-        said = (
-            *said,
-            f"head at {list(head.lever_arm_m)} m starboard, forward, up of the ship's antenna (configuration)",
-        )
+        chosen.append(Convention("lever_arm_m", str(list(head.lever_arm_m)), "configuration", "m", of="head"))
     return UsblReference(
         place_m=place,
         sd_m=sd,
@@ -195,7 +198,7 @@ def _ship(
         sign=1.0,
         geodetic="lat_deg" in ship.layout.required,
         causes=causes,
-        said=(*said, *turning.said),
+        conventions=(*chosen, *turning.conventions),
         findings=(*made.findings, *turning.findings),
     )
 
@@ -225,6 +228,12 @@ def _gyro(head: Head) -> CompassSection:
         bias_deg=head.heading_bias_deg,
         declination_deg=head.heading_declination_deg,
     )
+
+
+def _place_conventions(of: str, east_m: float, north_m: float) -> tuple[Convention, Convention]:
+    places = (("east_m", east_m), ("north_m", north_m))
+    east, north = (Convention(key, value, "configuration", "m", of=of) for key, value in places)
+    return east, north
 
 
 def _place(end: Head | Beacon, origin: Origin | None) -> tuple[float, float]:

@@ -10,8 +10,10 @@ from usbldr.filters.types import Mask
 from usbldr.io.conventions.clock_shift import least_delay_ns
 from usbldr.io.conventions.dvl_depth import chosen_convention
 from usbldr.io.conventions.positions import place_causes
-from usbldr.io.log import Finding, Origin
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
 FULL_FIX = 2  # fixed: of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
@@ -23,24 +25,28 @@ STALE_NS = 9_900 * 1_000_000_000  # fixed: COLA2 stamps a fix so long ago where 
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
 
 
-def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRecords, list[str], list[Finding]]:
+def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRecords, list[Convention], list[Finding]]:
     """Return the fixes of one target; raise UsageError where there are several and none or another is named."""
     if "target" not in raw.values:
         if target is None:
             return raw, [], []
         text = f"{raw.topic.name}: target of the configuration is not used; its records name none"
-        return raw, [], [Finding("KEY-UNUSED", text)]
+        return raw, [], [Finding("KEY-UNUSED", text, raw.topic.name)]
     told = _names(raw)
     names, counts = np.unique(told, return_counts=True)
     listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
     wanted = str(target) if target is not None else str(names[0]) if len(names) == 1 else None
     if wanted is None:
         say = "choose one with target under [usbl]"
-        raise UsageError(f"{raw.log}: {raw.topic.name} holds fixes of {len(names)} targets: {listed}; {say}")
+        raise UsageError(
+            f"{raw.topic.name} holds fixes of {len(names)} targets: {listed}; {say}", path=raw.log, topic=raw.topic.name
+        )
     if wanted not in names:
         raise SettingError(f"[usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
-    who = "configuration" if target is not None else "the only one"
-    return _rows(raw, told == wanted), [f"target {wanted} ({who})"], []
+    chosen = Convention("target", wanted, "configuration")
+    if target is None:
+        chosen = Convention("target", wanted, "data", note="the only one")
+    return _rows(raw, told == wanted), [chosen], []
 
 
 def _names(raw: RawRecords) -> NDArray[np.str_]:
@@ -59,7 +65,7 @@ def without_repeats(raw: RawRecords, kind: str) -> tuple[RawRecords, list[Findin
     if not again.any():
         return raw, []
     text = f"{raw.topic.name}: {again.sum()} of {len(again)} fixes repeat the one before to the last digit; left out"
-    return _rows(raw, ~again), [Finding("USBL-REPEATED", text)]
+    return _rows(raw, ~again), [Finding("USBL-REPEATED", text, raw.topic.name)]
 
 
 def _rows(raw: RawRecords, mask: Mask) -> RawRecords:
@@ -68,7 +74,7 @@ def _rows(raw: RawRecords, mask: Mask) -> RawRecords:
     return replace(raw, stamp_ns=stamp, received_ns=raw.received_ns[mask], values=values)
 
 
-def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tuple[str, str, list[Finding]]:
+def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tuple[str, ChosenBy, list[Finding]]:
     """Return the kind of the fixes and who chose it; refuse one that the records cannot have."""
     kind, who, findings = chosen_convention(raw, "kind", section.kind, "position")
     have = {"latlon"} if "lat_deg" in raw.layout.required else {"position", "latlon"}
@@ -88,7 +94,7 @@ def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) 
             f"{raw.topic.name}: x and y are taken for latitude and longitude, for such they may be; "
             'if they are metres, state kind = "position" under [usbl]'
         )
-        return "latlon", "by its values", [Finding("USBL-LATLON", text)]
+        return "latlon", "values", [Finding("USBL-LATLON", text, raw.topic.name)]
     return kind, who, findings
 
 

@@ -12,7 +12,7 @@ from usbldr.io.decoding.cdr import RosDecoder, from_idl, from_msg
 from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, concatenated, decode_one_by_one
 from usbldr.io.decoding.definitions import Definitions
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
 TopicType: TypeAlias = tuple[str, str]  # topic and type
@@ -177,12 +177,12 @@ def _unfit(stream: Stream, payloads: Sequence[bytes]) -> Finding:
     foreign = sorted({FOREIGN_CDR[head] for head in heads if head in FOREIGN_CDR}) if stream.encoding == "cdr" else []
     why = f": they are in {' and '.join(foreign)}, not in plain CDR" if foreign else ""
     text = f"{stream.topic}: {len(payloads)} messages do not fit the definition that the file gives for them{why}"
-    return Finding("UNDECODED", text, lost_data=True)
+    return Finding("UNDECODED", text, stream.topic, lost_data=True)
 
 
 def _decoder(log: Path, stream: Stream) -> Decoder:
     if isinstance(stream.decoder, str):
-        raise LogError(f"{log}: {stream.topic} cannot be read: {stream.decoder}")
+        raise LogError(f"{stream.topic} cannot be read: {stream.decoder}", path=log)
     return stream.decoder
 
 

@@ -61,7 +61,7 @@ def with_folders(folders: Sequence[str]) -> Definitions:
                 texts[name] = (file.read_text(encoding="utf-8"), *texts.get(name, ()))
                 parsed(texts[name][0], name)
             except (TypesysError, UnicodeDecodeError, OSError) as err:
-                raise UsageError(f"{file}: is no message definition ({' '.join(str(err).split())[:80]})") from err
+                raise UsageError(f"is no message definition ({' '.join(str(err).split())[:80]})", path=file) from err
     return Definitions(texts)
 
 

@@ -26,7 +26,7 @@ from usbldr.io.decoding.nmea_times import (
     time_of_day_ns,
     times_from_sentences,
 )
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
@@ -113,7 +113,8 @@ def find_sentences(
     found, wrong, silent = _scan_lines(lines, received_ns)
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
-    findings = _counted(source, rows, wrong + len(found) - len(rows), silent)
+    topic = "" if received_ns is None else source  # a file is none
+    findings = _counted(source, topic, rows, wrong + len(found) - len(rows), silent)
     if not rows:
         return SentenceSet({}, tuple(findings))
     time, midnight = np.array([row.time_of_day for row in rows]), np.array([row.midnight for row in rows])
@@ -189,16 +190,18 @@ def _received(
     return received, findings
 
 
-def _counted(source: str, rows: Sequence[_FoundSentence], wrong: int, silent: int) -> list[Finding]:
+def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int, silent: int) -> list[Finding]:
     total, unchecked = len(rows) + wrong, sum(not row.checked for row in rows)
     findings: list[Finding] = []
     if wrong:
         text = f"{source}: {wrong} of {total} sentences have a wrong checksum or are cut; left out"
-        findings.append(Finding("NMEA-CHECKSUM", text))
+        findings.append(Finding("NMEA-CHECKSUM", text, topic))
     if unchecked:
-        findings.append(Finding("NMEA-UNCHECKED", f"{source}: {unchecked} of {total} sentences have no checksum"))
+        findings.append(
+            Finding("NMEA-UNCHECKED", f"{source}: {unchecked} of {total} sentences have no checksum", topic)
+        )
     if silent:
-        findings.append(Finding("NMEA-OTHER", f"{source}: {silent} lines hold no NMEA sentence"))
+        findings.append(Finding("NMEA-OTHER", f"{source}: {silent} lines hold no NMEA sentence", topic))
     return findings
 
 
@@ -206,5 +209,7 @@ def undecoded_findings(undecoded: Mapping[str, int]) -> list[Finding]:
     """Say which topics had sentences with fields that are not what their kind has."""
     what = "sentences do not have the fields of their kind; left out"
     return [
-        Finding("UNDECODED", f"{topic}: {count} {what}", lost_data=True) for topic, count in undecoded.items() if count
+        Finding("UNDECODED", f"{topic}: {count} {what}", topic, lost_data=True)
+        for topic, count in undecoded.items()
+        if count
     ]

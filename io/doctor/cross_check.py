@@ -11,7 +11,6 @@ import numpy as np
 from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.dr_usbl_fit import GROSS_SIGMAS, SEGMENT_S, DrUsblFit, fit_sensor_errors
 from usbldr.filters.types import Timeline
-from usbldr.io.doctor.findings import GradedFinding, graded_finding
 from usbldr.io.doctor.gross_errors import (
     clock_offset_findings,
     correct_clock_offset,
@@ -25,19 +24,12 @@ from usbldr.io.doctor.interpretations import (
     Interpretation,
     InterpretationResult,
     compare_interpretations,
-    configuration_of,
     reinterpret,
     topic_of,
 )
-from usbldr.io.log import Finding, Log
-
-MIN_MOUNT_DEG = 3.0  # a smaller offset is the compass's business
-MIN_LATENCY_S = 0.3
-MIN_HEADING_DELAY_S = 0.3
-MIN_SCALE_ERROR_CLAIMED = 0.02
-SIGNIFICANCE_SIGMAS = 4.0  # an error is claimed beyond as many of its standard deviations
-MIN_OUTLIER_M = 3.0  # and no residual below is called gross
-
+from usbldr.io.doctor.thresholds import THRESHOLDS
+from usbldr.io.findings import Finding
+from usbldr.io.log import Log
 
 REPLAY_WARNING_CODES = (
     "DVL-AXES",
@@ -56,7 +48,7 @@ REPLAY_WARNING_CODES = (
 class CrossCheck:
     """What the sensors say of each other, in words and in numbers."""
 
-    graded_findings: tuple[GradedFinding, ...]
+    findings: tuple[Finding, ...]
     result: InterpretationResult | None = None  # None: too few fixes
     calibration: DrUsblFit | None = None  # by the verdict's best reading; None: nothing can be claimed
 
@@ -66,7 +58,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     verdict = compare_interpretations(log, timeline, sources)
     if verdict is None:
         text = "too few fixes beside valid dead reckoning to check conventions against the data"
-        return CrossCheck((graded_finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
+        return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
     times, verdict, timeline = correct_velocity_unit(log, timeline, verdict, sources)
     far_s, verdict, timeline = correct_clock_offset(log, timeline, verdict, sources)
     found = [
@@ -101,14 +93,14 @@ def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     ]
     found += clock_offset_findings(log, far_s + verdict.best.fit.latency_s) if far_s else ()
     found += velocity_unit_findings(log, times, verdict) if times != 1.0 else ()
-    return [Finding(d.code, d.text) for d in found if d.code in REPLAY_WARNING_CODES]
+    return [d for d in found if d.code in REPLAY_WARNING_CODES]
 
 
-def convention_findings(log: Log, verdict: InterpretationResult) -> list[GradedFinding]:
+def convention_findings(log: Log, verdict: InterpretationResult) -> list[Finding]:
     """Say where another reading of axes, yaw or map fits clearly better, and what cannot be told."""
     read, best = verdict.as_read, verdict.best
     found = [
-        graded_finding(
+        Finding(
             code,
             f"{topic}: {_interpretation_text(read, best, key, old, new, verdict)}",
             topic,
@@ -128,25 +120,25 @@ def convention_findings(log: Log, verdict: InterpretationResult) -> list[GradedF
     if verdict.contradicting and verdict.decided_by is not None:
         others = "; ".join(source.name for source in verdict.contradicting)
         text = f"sources disagree: {verdict.decided_by.name}; against it: {others}"
-        found.append(graded_finding("CONVENTION-CONTRADICTED", text, usbl))
+        found.append(Finding("CONVENTION-CONTRADICTED", text, usbl))
     if verdict.decided_by is None and verdict.mirror_image is not None:
         text = (
             f"{best.description} and its mirror image ({verdict.mirror_image.description}) fit the fixes equally well "
             f"({best.residual_m:.2f} m), and nothing in the log decides; state frame under [usbl] and convention under "
             "[compass]"
         )
-        found.append(graded_finding("CONVENTION-UNDECIDED", text, usbl, None, best.residual_m, "m"))
+        found.append(Finding("CONVENTION-UNDECIDED", text, usbl, None, best.residual_m, "m"))
     if not verdict.observable:
         fits = "; ".join(f"{r.description}: {r.residual_m:.2f} m" for r in verdict.plausible)
         text = f"the fixes do not tell readings apart that differ in more than a mirror image: {fits}"
-        found.append(graded_finding("CONVENTION-UNOBSERVABLE", text, usbl, None, read.residual_m, "m"))
+        found.append(Finding("CONVENTION-UNOBSERVABLE", text, usbl, None, read.residual_m, "m"))
     if best == read and verdict.decided_by is not None and verdict.observable:
         worse = next(r for r in verdict.interpretations if r.mirror_class != best.mirror_class)
         text = (
             f"{best.description} fits the fixes to {best.residual_m:.2f} m rms, the next other reading to "
             f"{worse.residual_m:.2f} m; the mirror image is ruled out by this: {verdict.decided_by.name}"
         )
-        found.append(graded_finding("CONVENTION-CHECKED", text, usbl, None, best.residual_m, "m"))
+        found.append(Finding("CONVENTION-CHECKED", text, usbl, None, best.residual_m, "m"))
     return found
 
 
@@ -164,12 +156,12 @@ def _interpretation_text(
     )
 
 
-def _heading_offset_findings(log: Log, verdict: InterpretationResult) -> list[GradedFinding]:
+def _heading_offset_findings(log: Log, verdict: InterpretationResult) -> list[Finding]:
     """Say by how much DVL and heading are turned against the map of the fixes."""
     best, offset, sd = verdict.best, verdict.best.offset_deg, verdict.offset_sd_deg
-    if not verdict.heading_sense_known or not sd < 10.0:
+    if not verdict.heading_sense_known or not sd < THRESHOLDS.max_offset_sd_deg:
         return []
-    settings = configuration_of(log)
+    settings = log.settings
     mount, bias = settings.dvl.mount_deg, settings.compass.bias_deg
     stated = mount != 0 or bias != 0
     code = "HEADING-BIAS" if stated else "DVL-MOUNT"
@@ -183,50 +175,53 @@ def _heading_offset_findings(log: Log, verdict: InterpretationResult) -> list[Gr
             f"; state mount_deg = {wrapped(mount + offset, 180.0):.1f} under [dvl] if the DVL is mounted so, or "
             f"bias_deg = {wrapped(bias - offset, 180.0):.1f} under [compass] if the heading errs"
         )
-    found = graded_finding(code if far else "HEADING-CHECKED", f"{topic}: {said}", topic, None, offset, "deg")
+    found = Finding(code if far else "HEADING-CHECKED", f"{topic}: {said}", topic, None, offset, "deg")
     return [found]
 
 
 def latency_is_significant(c: DrUsblFit) -> bool:
     """Tell whether a latency of the fixes is beyond doubt."""
-    return abs(c.latency_s) > max(MIN_LATENCY_S, SIGNIFICANCE_SIGMAS * c.latency_sd_s)
+    return abs(c.latency_s) > max(THRESHOLDS.min_latency_s, THRESHOLDS.significance_sigmas * c.latency_sd_s)
 
 
 def scale_is_significant(c: DrUsblFit) -> bool:
     """Tell whether a scale error of the DVL is beyond doubt."""
-    return abs(c.scale) > max(MIN_SCALE_ERROR_CLAIMED, SIGNIFICANCE_SIGMAS * c.scale_sd)
+    return abs(c.scale) > max(THRESHOLDS.min_scale_error, THRESHOLDS.significance_sigmas * c.scale_sd)
 
 
 def heading_offset_is_significant(verdict: InterpretationResult) -> bool:
     """Tell whether DVL and heading are turned against the fixes beyond doubt."""
-    sure = verdict.heading_sense_known and verdict.offset_sd_deg < 10.0
-    return sure and abs(verdict.best.offset_deg) > max(MIN_MOUNT_DEG, 2 * verdict.offset_sd_deg)
+    sure = verdict.heading_sense_known and verdict.offset_sd_deg < THRESHOLDS.max_offset_sd_deg
+    return sure and abs(verdict.best.offset_deg) > max(
+        THRESHOLDS.min_offset_deg, THRESHOLDS.offset_sigmas * verdict.offset_sd_deg
+    )
 
 
-def _delays(log: Log, c: DrUsblFit) -> list[GradedFinding]:
-    found: list[GradedFinding] = []
+def _delays(log: Log, c: DrUsblFit) -> list[Finding]:
+    found: list[Finding] = []
     usbl, compass = topic_of(log, "usbl"), topic_of(log, "compass")
     if latency_is_significant(c):
-        stated = configuration_of(log).usbl.latency_s
+        stated = log.settings.usbl.latency_s
         text = (
             f"{usbl}: fixes fit dead reckoning best where their stamps lie {delay_text(c.latency_s)} the time at "
             f"which they were true (+-{c.latency_sd_s:.2f} s), by the DVL's clock; if that is so, state latency_s = "
             f"{stated + c.latency_s:.2f} under [usbl]; a transponder ahead or astern of the vehicle's "
             "middle looks alike (lever_arm_m)"
         )
-        found.append(graded_finding("USBL-LATENCY", text, usbl, None, c.latency_s, "s"))
-    clear = abs(c.heading_delay_s) > max(MIN_HEADING_DELAY_S, SIGNIFICANCE_SIGMAS * c.heading_delay_sd_s)
-    if clear and c.sd_m < 0.97 * c.sd_without_delay_m:
+        found.append(Finding("USBL-LATENCY", text, usbl, None, c.latency_s, "s"))
+    least_s = max(THRESHOLDS.min_heading_delay_s, THRESHOLDS.significance_sigmas * c.heading_delay_sd_s)
+    better = c.sd_m < THRESHOLDS.max_delayed_residual_ratio * c.sd_without_delay_m
+    if abs(c.heading_delay_s) > least_s and better:
         text = (
             f"{compass}: headings fit DVL and fixes better where their stamps lie {delay_text(c.heading_delay_s)} the "
             f"DVL's (+-{c.heading_delay_sd_s:.2f} s): a delay, or a DVL that sits ahead or astern of the vehicle's "
             "middle (lever_arm_m under [dvl]); part of it may be the fixes' latency"
         )
-        found.append(graded_finding("HEADING-DELAY", text, compass, None, c.heading_delay_s, "s"))
+        found.append(Finding("HEADING-DELAY", text, compass, None, c.heading_delay_s, "s"))
     return found
 
 
-def _scale(log: Log, c: DrUsblFit) -> list[GradedFinding]:
+def _scale(log: Log, c: DrUsblFit) -> list[Finding]:
     if not scale_is_significant(c):
         return []
     dvl = topic_of(log, "dvl")
@@ -234,29 +229,29 @@ def _scale(log: Log, c: DrUsblFit) -> list[GradedFinding]:
         f"{dvl}: reads {100 * c.scale:+.1f} % of the distance between fixes too much (+-{100 * c.scale_sd:.1f} %); "
         f"if the fixes are right, state scale_error = {c.scale:.3f} under [dvl]"
     )
-    return [graded_finding("DVL-SCALE", text, dvl, None, 100 * c.scale, "%")]
+    return [Finding("DVL-SCALE", text, dvl, None, 100 * c.scale, "%")]
 
 
-def _fix_noise_findings(log: Log, timeline: Timeline, c: DrUsblFit) -> list[GradedFinding]:
+def _fix_noise_findings(log: Log, timeline: Timeline, c: DrUsblFit) -> list[Finding]:
     """Count the gross fixes, and compare the scatter of the others with what they claim."""
-    found: list[GradedFinding] = []
+    found: list[Finding] = []
     usbl = topic_of(log, "usbl")
-    gross = c.outlier_rows[c.residual_m[c.outlier_rows] > MIN_OUTLIER_M]
+    gross = c.outlier_rows[c.residual_m[c.outlier_rows] > THRESHOLDS.min_outlier_m]
     if len(gross):
         worst = int(gross[np.argmax(c.residual_m[gross])])
         time_s, worst_m = float(timeline.fix_time_s[worst]), float(c.residual_m[worst])
-        far_m = max(GROSS_SIGMAS * c.sd_m, MIN_OUTLIER_M)
+        far_m = max(GROSS_SIGMAS * c.sd_m, THRESHOLDS.min_outlier_m)
         text = (
             f"{usbl}: {len(gross)} of {len(c.residual_m)} fixes lie more than {far_m:.1f} m from where the others and "
             f"dead reckoning put them, the worst {worst_m:.1f} m at {time_s:.1f} s; a filter with a robust noise (the "
             "default) or a gate is needed"
         )
-        found.append(graded_finding("USBL-OUTLIERS", text, usbl, time_s, worst_m, "m"))
+        found.append(Finding("USBL-OUTLIERS", text, usbl, time_s, worst_m, "m"))
     stated_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
-    if not 1 / 3 < c.sd_m / stated_m < 3:
+    if not 1 / THRESHOLDS.noise_ratio < c.sd_m / stated_m < THRESHOLDS.noise_ratio:
         text = (
             f"{usbl}: fixes scatter by {c.sd_m:.2f} m a coordinate within {SEGMENT_S:.0f} s, their stated sd is "
             f"{stated_m:.2f} m; slower errors do not show here"
         )
-        found.append(graded_finding("USBL-NOISE", text, usbl, None, c.sd_m, "m"))
+        found.append(Finding("USBL-NOISE", text, usbl, None, c.sd_m, "m"))
     return found

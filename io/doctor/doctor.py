@@ -3,7 +3,7 @@
 Works where a log cannot be replayed as it stands, too: what keeps it from that is a finding like the others.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
 from pathlib import Path
@@ -15,23 +15,19 @@ from usbldr.filters.types import Timeline, Vector
 from usbldr.io.conventions.dvl_depth import MPS_PER_UNIT, dvl
 from usbldr.io.conventions.positions import depths_of, underwater_text
 from usbldr.io.doctor.cross_check import CrossCheck, cross_check
-from usbldr.io.doctor.findings import GradedFinding, grade, graded_finding
-from usbldr.io.doctor.interpretations import HandednessEvidence, configuration_of, recorded_convention
-from usbldr.io.doctor.message_evidence import message_evidence, read_raw_records
+from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value
+from usbldr.io.doctor.message_evidence import RAW_FIELDS, message_evidence
+from usbldr.io.doctor.thresholds import THRESHOLDS
+from usbldr.io.findings import Finding
 from usbldr.io.log import Log, missing_sensor_text
-from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.messages.roles import candidates
 from usbldr.io.opening import OpenedLog, Request, open_configured
 from usbldr.io.read import read, roles_of
 from usbldr.io.timeline import timeline
 
-SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)  # 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
+# fixed: 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
+SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)
 REQUIRED_SENSORS = ("dvl", "compass", "usbl")
-MAX_CLOCK_DIFFERENCE_S = 0.1  # log time minus stamp may differ by as much between DVL and heading
-MAX_EPOCH_DIFFERENCE_S = 3600.0
-MAX_LOGGING_DELAY_S = 5.0  # from measuring to logging
-MAX_TOPIC_COMBINATIONS = 12  # combinations of topics, where several roles are undecided
-NOTABLE_DELAY_S = 0.2  # a fix that arrives later is worth a word
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,16 +37,16 @@ class Examination:
     path: Path
     format: str
     configuration: Path | None
-    graded_findings: tuple[GradedFinding, ...]
+    findings: tuple[Finding, ...]
     log: Log | None  # None: it cannot be read with any choice
     timeline: Timeline | None
-    topics: Mapping[str, str]  # role -> topic where several could be the sensor: the one that was examined
+    alternatives: Mapping[str, Sequence[str]]  # role -> the topics that could be the sensor instead
     sensor_check: CrossCheck | None = None  # None: there was nothing to hold against each other
 
     @property
     def healthy(self) -> bool:
         """Tell whether there is no error."""
-        return not any(d.level == "error" for d in self.graded_findings)
+        return not any(d.level == "error" for d in self.findings)
 
 
 def examine(path: Path, request: Request) -> Examination:
@@ -58,74 +54,65 @@ def examine(path: Path, request: Request) -> Examination:
     opened = open_configured(path, request)
     faults, chosen, tied = _resolve_topics(opened, request)
     log, fault = None, None
-    for picks in islice(product(*tied.values()), MAX_TOPIC_COMBINATIONS):
+    for picks in islice(product(*tied.values()), THRESHOLDS.max_topic_combinations):
         trial = chosen | dict(zip(tied, picks, strict=True))
         try:
-            log = read(opened, replace(request, topics=dict(request.topics) | trial))
+            log = read(opened, replace(request, topics=dict(request.topics) | trial), RAW_FIELDS)
         except UsbldrError as err:
             fault = fault or err
         else:
             chosen = trial
             break
     found = [
-        graded_finding(
+        Finding(
             "ROLE-UNDECIDED",
-            f"{faults[role]}" + (f"; {chosen[role]} is examined here" if log else ""),
+            faults[role] + (f"; {chosen[role]} is examined here" if log else ""),
             chosen.get(role, ""),
         )
         for role in tied
     ]
-    found += [graded_finding("UNUSABLE", text) for role, text in faults.items() if role not in tied]
+    found += [Finding("UNUSABLE", text) for role, text in faults.items() if role not in tied]
     if log is None:
-        found += [*(grade(f) for f in opened.reader.findings()), graded_finding("UNUSABLE", str(fault))]
-        return _examination(path, opened.reader.format, opened.file, found, None, None, chosen)
-    raws = read_raw_records(opened, replace(request, topics=dict(request.topics) | chosen))
-    return _examine_tables(
-        log, [*found, *_clock_findings(log, raws), *_invalid(log, raws)], tuple(message_evidence(log, raws)), chosen
-    )
+        why = fault.text_beside(path) if fault else ""
+        found += [*opened.reader.findings(), Finding("UNUSABLE", why)]
+        return Examination(path, opened.reader.format, opened.file, _errors_first(found), None, None, {})
+    alternatives = {role: [name for name in tied[role] if name != chosen[role]] for role in tied}
+    found += [*_clock_findings(log), *_invalid(log)]
+    return _examine_tables(log, found, message_evidence(log), alternatives)
 
 
 def examine_log(log: Log) -> Examination:
     """Examine a log that has no file, such as a simulated one."""
-    return _examine_tables(log, [], (), {})
+    return _examine_tables(log, [], [], {})
 
 
 def _examine_tables(
-    log: Log, found: list[GradedFinding], sources: tuple[HandednessEvidence, ...], chosen: Mapping[str, str]
+    log: Log, found: list[Finding], sources: Sequence[HandednessEvidence], alternatives: Mapping[str, Sequence[str]]
 ) -> Examination:
     found = [*found, *_under_water(log)]
     told = {d.code for d in found}
-    found = found + [grade(f) for f in log.findings if f.code not in told]
+    found += [f for f in log.findings if f.code not in told]
     for role in REQUIRED_SENSORS:
         if role not in log.tables:
-            found.append(graded_finding("SENSOR-MISSING", missing_sensor_text(log, role)))
+            found.append(Finding("SENSOR-MISSING", missing_sensor_text(log, role)))
     dive_timeline = None
     try:
         dive_timeline = timeline(log)
     except UsbldrError as err:
         if not any(d.code in ("SENSOR-MISSING", "ROLE-UNDECIDED") for d in found):
-            found.append(graded_finding("UNUSABLE", str(err)))
+            found.append(Finding("UNUSABLE", err.text_beside(log.path)))
     found += _delays(log)
     if dive_timeline is not None:
         found += _outages(log, dive_timeline)
     check = cross_check(log, dive_timeline, sources) if dive_timeline is not None and "usbl" in log.tables else None
-    found += check.graded_findings if check else ()
-    examination = _examination(log.path, log.format, log.configuration, found, log, dive_timeline, chosen)
-    return replace(examination, sensor_check=check)
+    found += check.findings if check else ()
+    ordered = _errors_first(found)
+    return Examination(log.path, log.format, log.configuration, ordered, log, dive_timeline, alternatives, check)
 
 
-def _examination(
-    path: Path,
-    form: str,
-    configuration: Path | None,
-    found: list[GradedFinding],
-    log: Log | None,
-    dive_timeline: Timeline | None,
-    chosen: Mapping[str, str],
-) -> Examination:
+def _errors_first(found: Sequence[Finding]) -> tuple[Finding, ...]:
     order = {"error": 0, "warning": 1, "info": 2}
-    ordered = tuple(sorted(found, key=lambda d: order[d.level]))
-    return Examination(path, form, configuration, ordered, log, dive_timeline, chosen)
+    return tuple(sorted(found, key=lambda finding: order[finding.level]))
 
 
 def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str], dict[str, str], dict[str, list[str]]]:
@@ -136,7 +123,7 @@ def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str]
     path, topics = opened.reader.path, opened.reader.topics()
     roles = roles_of(path, topics, request, opened.configuration)
     taken = {choice.topic.name for choice in roles.chosen.values()}
-    faults = {role: str(fault).removeprefix(f"{path}: ") for role, fault in roles.unresolved.items()}
+    faults = {role: fault.text_beside(path) for role, fault in roles.unresolved.items()}
     tied: dict[str, list[str]] = {}
     for role, fault in roles.unresolved.items():
         free = candidates(role, topics, taken).best
@@ -145,10 +132,10 @@ def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str]
     return faults, {role: "none" for role in faults if role not in tied}, tied
 
 
-def _clock_findings(log: Log, raws: Mapping[str, RawRecords]) -> list[GradedFinding]:
+def _clock_findings(log: Log) -> list[Finding]:
     """Compare the delay from stamp to log of DVL and heading: both usually pass through the same computer."""
-    found: list[GradedFinding] = []
-    settings = configuration_of(log)
+    found: list[Finding] = []
+    settings, raws = log.settings, log.raws
     by_log = {"dvl": settings.dvl.time == "log", "compass": settings.compass.time == "log"}
     lag_s: dict[str, float] = {}
     for role in ("dvl", "compass"):
@@ -159,14 +146,14 @@ def _clock_findings(log: Log, raws: Mapping[str, RawRecords]) -> list[GradedFind
         if not len(lags):
             continue
         lag_s[role] = float(np.median(lags))
-    if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < MAX_EPOCH_DIFFERENCE_S:
+    if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < THRESHOLDS.max_epoch_difference_s:
         stated_s = {"dvl": settings.dvl.latency_s, "compass": settings.compass.latency_s}
         after_s = {role: lag_s[role] + stated_s[role] for role in lag_s}
         wrong, right = (
             ("dvl", "compass") if _implausible_delay(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
         )
         apart_s = after_s[wrong] - after_s[right]
-        if abs(apart_s) > MAX_CLOCK_DIFFERENCE_S:
+        if abs(apart_s) > THRESHOLDS.max_clock_difference_s:
             topic = raws[wrong].topic.name
             headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
             text = (
@@ -174,51 +161,50 @@ def _clock_findings(log: Log, raws: Mapping[str, RawRecords]) -> list[GradedFind
                 f"{raws[right].topic.name} {after_s[right]:.2f} s after its own; if both are logged at once, state "
                 f"latency_s = {stated_s[wrong] - apart_s:.2f} under [{wrong}]"
             )
-            found.append(graded_finding("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
+            found.append(Finding("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
     return found
 
 
 def _implausible_delay(lag_s: float, other_s: float) -> bool:
     """Tell whether a delay from stamp to log is none that a driver makes, while the other sensor's may be one."""
-    return (lag_s < -MAX_CLOCK_DIFFERENCE_S or lag_s > MAX_LOGGING_DELAY_S) and abs(other_s) < abs(lag_s)
+    late = lag_s < -THRESHOLDS.max_clock_difference_s or lag_s > THRESHOLDS.max_logging_delay_s
+    return late and abs(other_s) < abs(lag_s)
 
 
-def _invalid(log: Log, raws: Mapping[str, RawRecords]) -> list[GradedFinding]:
+def _invalid(log: Log) -> list[Finding]:
     """Say of the DVL's invalid records what they hold, and the largest number in one, m/s along its own axes."""
     told = [finding for finding in log.findings if finding.code == "DVL-INVALID"]
     if not told or "dvl" not in log.tables:
         return []
     table = log.tables["dvl"]
     bad = table[~table["valid"]]
-    invalid = ~dvl(raws["dvl"], configuration_of(log).dvl).table["valid"].to_numpy(dtype=bool)  # (n,) as they arrived
-    xyz_mps = (
-        np.column_stack([raws["dvl"].number(axis) for axis in "xyz"])
-        * MPS_PER_UNIT[recorded_convention(log, "dvl", "unit")[0]]
-    )
+    raw = log.raws["dvl"]
+    invalid = ~dvl(raw, log.settings.dvl).table["valid"].to_numpy(dtype=bool)  # (n,) as they arrived
+    xyz_mps = np.column_stack([raw.number(axis) for axis in "xyz"]) * MPS_PER_UNIT[recorded_value(log, "dvl", "unit")]
     largest = np.max(np.abs(np.nan_to_num(xyz_mps[invalid])), axis=1)
-    sentinels = [s for s in SENTINELS_MPS if np.any(np.abs(largest - s) < 5e-4)]
+    near = {s: np.abs(largest - s) < THRESHOLDS.sentinel_tolerance_mps for s in SENTINELS_MPS}
     worst = float(largest.max())
-    counts = ", ".join(f"{np.sum(np.abs(largest - s) < 5e-4)} say {s:g} m/s" for s in sentinels)
+    counts = ", ".join(f"{np.sum(those)} say {s:g} m/s" for s, those in near.items() if those.any())
     text = told[0].text + (f"; {counts}, a DVL's way to write that it has no bottom lock" if counts else "")
     time_s = float(bad["time_s"].iloc[0]) if len(bad) else None
-    return [graded_finding("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
+    return [Finding("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
 
 
-def _delays(log: Log) -> list[GradedFinding]:
+def _delays(log: Log) -> list[Finding]:
     """Say how late fixes arrive."""
     if "usbl" not in log.tables:
         return []
     table = log.tables["usbl"]
     late = (table["received_s"] - table["time_s"]).to_numpy(dtype=float)
     median, worst = float(np.nanmedian(late)), int(np.nanargmax(late))
-    if not median > NOTABLE_DELAY_S:
+    if not median > THRESHOLDS.notable_delay_s:
         return []
     topic = log.provenance["usbl"].topic
     text = f"{topic}: fixes arrive {median:.2f} s (median) to {late[worst]:.2f} s after their time of validity"
-    return [graded_finding("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
+    return [Finding("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
 
 
-def _under_water(log: Log) -> list[GradedFinding]:
+def _under_water(log: Log) -> list[Finding]:
     """A satellite fix under water is something else: an acoustic position, or an old fix repeated."""
     if "gps" not in log.tables or "depth" not in log.tables:
         return []
@@ -228,11 +214,11 @@ def _under_water(log: Log) -> list[GradedFinding]:
     if not text:
         return []
     worst = int(np.nanargmax(depth_m))
-    return [graded_finding("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(depth_m[worst]), "m")]
+    return [Finding("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(depth_m[worst]), "m")]
 
 
-def _outages(log: Log, dive_timeline: Timeline) -> list[GradedFinding]:
-    found: list[GradedFinding] = []
+def _outages(log: Log, dive_timeline: Timeline) -> list[Finding]:
+    found: list[Finding] = []
     for role in REQUIRED_SENSORS:
         mine = [outage for outage in dive_timeline.outages if outage.sensor == role]
         if not mine or role not in log.provenance:
@@ -247,5 +233,5 @@ def _outages(log: Log, dive_timeline: Timeline) -> list[GradedFinding]:
             f"{topic}: {what} in {len(mine)} stretches of {total_s:.0f} s together, the longest {length_s:.1f} s from "
             f"{longest.start_s:.1f} s on"
         )
-        found.append(graded_finding(code, text, topic, longest.start_s, length_s, "s"))
+        found.append(Finding(code, text, topic, longest.start_s, length_s, "s"))
     return found

@@ -5,7 +5,6 @@ No key in it is fitted to GPS or another truth; what no log can tell is there to
 
 import math
 import os
-import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import wrapped
+from usbldr.io.conventions.timestamps import LOG_TIME
 from usbldr.io.doctor.cross_check import (
     heading_offset_is_significant,
     latency_is_significant,
@@ -22,14 +22,17 @@ from usbldr.io.doctor.cross_check import (
 )
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
-from usbldr.io.doctor.interpretations import InterpretationResult, recorded_convention
-from usbldr.io.doctor.map_origin import MAX_PAIR_GAP_S, propose_origin
+from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value
+from usbldr.io.doctor.map_origin import propose_origin
+from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
+from usbldr.io.provenance import chosen_by_text, convention_text
 from usbldr.io.settings.configuration import own_configuration, parse_configuration
 
 ConfigLine: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
-COMMENT_COLUMN = 40
+COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
+SD_KEYS = ("sd_mps", "sd_deg", "sd_m", "sd_rel", "covariance")
 
 
 def initial_configuration(found: Examination, joined: tuple[str, ...] = ()) -> str:
@@ -38,9 +41,9 @@ def initial_configuration(found: Examination, joined: tuple[str, ...] = ()) -> s
     Raises LogError with what is missing where no configuration could do that.
     """
     log = found.log
-    hopeless = [d for d in found.graded_findings if d.code in ("UNUSABLE", "SENSOR-MISSING")]
+    hopeless = [d for d in found.findings if d.code in ("UNUSABLE", "SENSOR-MISSING")]
     if log is None or hopeless:
-        raise LogError(f"{found.path}: {hopeless[0].text.removeprefix(f'{found.path}: ')}")
+        raise LogError(hopeless[0].text, path=found.path)
     if _in_radians(found):
         found = replace(found, sensor_check=None)  # held against the fixes by headings of another unit
     sections: dict[str, list[ConfigLine]] = {"map": _map(found, log)}
@@ -110,8 +113,9 @@ def _map(found: Examination, log: Log) -> list[ConfigLine]:
         guess = propose_origin(log, found.timeline, found.sensor_check.result if found.sensor_check else None)
         if guess is not None:
             lat_deg, lon_deg = guess.lat_deg, guess.lon_deg
+            gap_s = THRESHOLDS.max_pair_gap_s
             who = (
-                f"CHECK: a guess; there the fixes meet the GPS ({guess.pairs} within {MAX_PAIR_GAP_S:g} s of each "
+                f"CHECK: a guess; there the fixes meet the GPS ({guess.pairs} within {gap_s:g} s of each "
                 f"other, +-{guess.sd_m:.1f} m). Fitted to GPS: not for a run that GPS judges"
             )
     return [
@@ -122,7 +126,7 @@ def _map(found: Examination, log: Log) -> list[ConfigLine]:
 
 def map_origin_unknown(found: Examination) -> bool:
     """Tell whether the fixes are local positions and nobody states where their map begins."""
-    return any(d.code == "MAP-UNKNOWN" for d in found.graded_findings)
+    return any(d.code == "MAP-UNKNOWN" for d in found.findings)
 
 
 def _topic(found: Examination, log: Log, role: str) -> list[ConfigLine]:
@@ -130,22 +134,18 @@ def _topic(found: Examination, log: Log, role: str) -> list[ConfigLine]:
         return [] if role in ("dvl", "compass", "usbl") else [('topic = "none"', "no such topic in the log")]
     p = log.provenance[role]
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"
-    if role in found.topics:
-        tie = next(
-            d.text for d in found.graded_findings if d.code == "ROLE-UNDECIDED" and d.topic == found.topics[role]
-        )
-        others = [name for name in re.findall(r"(?:: |; )(\S+) \(", tie) if name != p.topic]
-        why = f"CHECK: the fullest that can be read; it could be {' or '.join(others)}"
+    if role in found.alternatives:
+        why = f"CHECK: the fullest that can be read; it could be {' or '.join(found.alternatives[role])}"
     return [(f'topic = "{p.topic}"', why)]
 
 
 def _dvl(found: Examination, log: Log) -> list[ConfigLine]:
     verdict = found.sensor_check.result if found.sensor_check else None
-    far = next((d.worst for d in found.graded_findings if d.code == "DVL-UNIT"), None)
-    key = unit_or_scale_key(log, far) if far is not None else ""
-    unit = (
-        (key, "CHECK: by the distances between fixes") if key.startswith("unit") else _recorded_line(log, "dvl", "unit")
-    )
+    far = next((d.worst for d in found.findings if d.code == "DVL-UNIT"), None)
+    key, key_value = unit_or_scale_key(log, far) if far is not None else ("", "")
+    unit = _recorded_line(log, "dvl", "unit")
+    if key == "unit":
+        unit = (f"unit = {key_value}", "CHECK: by the distances between fixes")
     lines = [_convention(log, verdict, "dvl", "axes"), unit]
     if verdict and heading_offset_is_significant(verdict):
         said = f"fitted to the fixes, +-{max(verdict.offset_sd_deg, 0.1):.1f}; the heading may err instead (bias_deg)"
@@ -153,8 +153,13 @@ def _dvl(found: Examination, log: Log) -> list[ConfigLine]:
     else:
         lines.append(("mount_deg = 0.0", _no_offset(verdict)))
     c = found.sensor_check.calibration if found.sensor_check else None
-    if far is not None and not key.startswith("unit"):
-        lines.append((key or "# unit = ?", f"CHECK: velocities are {far:.3g} times those between fixes"))
+    if far is not None and key != "unit":
+        lines.append(
+            (
+                f"{key} = {key_value}" if key else "# unit = ?",
+                f"CHECK: velocities are {far:.3g} times those between fixes",
+            )
+        )
     elif c and scale_is_significant(c):
         lines.append((f"# scale_error = {c.scale:.3f}", f"fits the fixes, +-{c.scale_sd:.3f}; calibrate it before use"))
     else:
@@ -173,20 +178,20 @@ def _compass(found: Examination, log: Log) -> list[ConfigLine]:
     if _in_radians(found):
         unit = (
             'unit = "rad"',
-            "by the fixes, instead of deg ({1})".format(*recorded_convention(log, "compass", "unit")),
+            f"by the fixes, instead of deg ({chosen_by_text(log.convention('compass', 'unit'))})",
         )
     lines = [_convention(log, verdict, "compass", "convention"), unit]
     lines.append(("bias_deg = 0.0", "not told apart from mount_deg by the log"))
-    said = [s for s in log.provenance["compass"].conventions if s.startswith("declination")]
-    if said:
-        lines.append(('declination_deg = "auto"', said[0]))
+    declination = log.convention("compass", "declination_deg")
+    if declination.value:
+        lines.append(('declination_deg = "auto"', convention_text(declination)))
     else:
         lines.append(("# declination_deg = 0.0", "needed if the heading is magnetic; not known from the log"))
     lines.append(_sd("compass", "sd_deg", log, float(np.nanmedian(log.tables["compass"]["sd_deg"]))))
     topic = log.provenance["compass"].topic
-    offset = [d for d in found.graded_findings if d.code == "CLOCK-OFFSET" and d.topic == topic]
+    offset = [d for d in found.findings if d.code == "CLOCK-OFFSET" and d.topic == topic]
     if offset and offset[0].worst is not None:
-        headless = any(s.startswith("timed by log time") for s in log.provenance["compass"].conventions)
+        headless = log.convention("compass", "time").value == LOG_TIME
         said_s = "log time against the DVL's" + (
             ": it has no stamps" if headless else "; only if both are logged at once"
         )
@@ -196,19 +201,17 @@ def _compass(found: Examination, log: Log) -> list[ConfigLine]:
 
 def _in_radians(found: Examination) -> bool:
     """Tell whether headings that were read as degrees are radians."""
-    return any(d.code == "HEADING-RADIANS" for d in found.graded_findings)
+    return any(d.code == "HEADING-RADIANS" for d in found.findings)
 
 
 def _usbl(found: Examination, log: Log) -> list[ConfigLine]:
     verdict = found.sensor_check.result if found.sensor_check else None
     kind = _recorded_line(log, "usbl", "kind")
     lines = [kind]
-    if recorded_convention(log, "usbl", "frame")[0]:
+    if recorded_value(log, "usbl", "frame"):
         lines.append(_convention(log, verdict, "usbl", "frame"))
-        relative = [s for s in log.provenance["usbl"].conventions if s.startswith("relative to the ")]
-        if relative:
-            word, _, who = relative[0].removeprefix("relative to the ").partition(" ")
-            lines.append((f'relative_to = "{word}"', who.strip("()")))
+        lines.append(_recorded_line(log, "usbl", "relative_to"))
+        if lines[-1][0]:
             lines.append(("# head = { lat_deg = 0.0, lon_deg = 0.0, depth_m = 0.0 }", "if fixes count from a head"))
     c = found.sensor_check.calibration if found.sensor_check else None
     scatter = f"; fixes scatter by {c.sd_m:.2f} m within two minutes" if c else ""
@@ -238,22 +241,22 @@ def _truth(log: Log) -> list[ConfigLine]:
 
 def _convention(log: Log, verdict: InterpretationResult | None, role: str, key: str) -> ConfigLine:
     """Return a convention as it should be: as it was read, unless the fixes say otherwise."""
-    value, who = recorded_convention(log, role, key)
+    value, who = recorded_value(log, role, key), chosen_by_text(log.convention(role, key))
     if verdict is None or not value:
-        return (f'{key} = "{value}"', who) if value else ("", "")
+        return _recorded_line(log, role, key)
     best = {"axes": verdict.best.axes, "convention": verdict.best.convention, "frame": verdict.best.frame}[key]
     return f'{key} = "{best}"', who if best == value else f"by the fixes, instead of {value} ({who})"
 
 
 def _recorded_line(log: Log, role: str, key: str) -> ConfigLine:
-    value, who = recorded_convention(log, role, key)
-    return (f'{key} = "{value}"', who) if value else ("", "")
+    value = recorded_value(log, role, key)
+    return (f'{key} = "{value}"', chosen_by_text(log.convention(role, key))) if value else ("", "")
 
 
 def _sd(role: str, key: str, log: Log, value: float) -> ConfigLine:
     """Return a sensor's noise: as a remark, because without the key replay finds the same."""
-    said = [s for s in log.provenance[role].conventions if s.startswith(("sd ", "covariance "))]
-    return (f"# {key} = {value:.3g}" if value > 0 else "", said[0] if said else "")
+    said = next((convention_text(c) for c in log.provenance[role].conventions if c.key in SD_KEYS and not c.of), "")
+    return (f"# {key} = {value:.3g}" if value > 0 else "", said)
 
 
 def _no_offset(verdict: InterpretationResult | None) -> str:

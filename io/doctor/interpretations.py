@@ -6,7 +6,6 @@ all three are the other way round. That one bit another source decides. Headings
 metres, east + i north.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,12 +22,11 @@ from usbldr.filters.identification.dr_usbl_fit import (
     segment_numbers,
 )
 from usbldr.filters.types import Array, Indices, Timeline, Vector
+from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
-from usbldr.io.settings.configuration import read_configuration
+from usbldr.io.provenance import chosen_by_text
 from usbldr.io.settings.sensor_sections import Configuration
 
-CLEARLY_BETTER_RATIO = 0.8  # a reading is clearly better when less than this share of the residual is left
-MIN_GPS_SPREAD_M = 3.0  # below, GPS says nothing of the map
 FLIP_CLASSES = tuple((dvl, yaw, False) for dvl in (False, True) for yaw in (False, True))  # Interpretation.flips
 OPPOSITE_AXES = str.maketrans("SRPLUD", "PLSRDU")
 
@@ -118,7 +116,7 @@ def compare_interpretations(
     group = segment_numbers(timeline, timeline.fix_time_s)
     if np.sum(group >= 0) < MIN_FIXES or not np.ptp(np.abs(dead_reckoned(timeline, timeline.fix_time_s))) > 0:
         return None
-    settings = configuration_of(log)
+    settings = log.settings
     readings = [
         _interpretation(log, flips, fit_rotation(reinterpret(log, timeline, flips), group)) for flips in FLIP_CLASSES
     ]
@@ -126,7 +124,7 @@ def compare_interpretations(
     if read.frame in ("ENU", "NED"):  # a map has a mirror image, which fits as well; latitudes have none
         readings += [_mirror_image_of(log, timeline, reading, group) for reading in readings]
     least = min(r.residual_m for r in readings)
-    plausible = [r for r in readings if r.residual_m * CLEARLY_BETTER_RATIO <= least]
+    plausible = [r for r in readings if r.residual_m * THRESHOLDS.clearly_better_ratio <= least]
     by_fit = min(plausible, key=lambda r: (r.residual_m * (1 - 1e-6 * (r == read)), sum(r.flips)))
 
     known = [
@@ -156,7 +154,7 @@ def compare_interpretations(
 
 def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
     """Return the timeline by another reading of the same records (fixes up to a shift)."""
-    settings = configuration_of(log)
+    settings = log.settings
     dvl, yaw, world = flips
     u, v = timeline.dr_mps.T
     if dvl:  # the instrument's starboard changes sign, and the mount turns it as before
@@ -191,25 +189,16 @@ def topic_of(log: Log, role: str) -> str:
     return log.provenance[role].topic if role in log.provenance else role
 
 
-def recorded_convention(log: Log, role: str, name: str) -> tuple[str, str]:
-    """Return what a sensor's provenance says of a convention, and by whom; "" where it says nothing."""
-    sentences = log.provenance[role].conventions if role in log.provenance else ()
-    for sentence in sentences:
-        if found := re.fullmatch(rf"{name} (\S+) \((.+)\)", sentence):
-            return found[1], found[2]
-    return "", ""
+def recorded_value(log: Log, role: str, key: str) -> str:
+    """Return a convention by which a sensor was read, "" if there is none or each record has its own."""
+    found = log.convention(role, key)
+    return str(found.value) if found.chosen_by != "records" else ""
 
 
 def _heading_correction_deg(log: Log) -> float:
     """Return what was added to headings: declination, less the bias."""
-    sentences = log.provenance["compass"].conventions if "compass" in log.provenance else ()
-    found = [re.match(r"(declination|bias) (\S+) deg (added|subtracted)", sentence) for sentence in sentences]
-    return sum(float(f[2]) * (1 if f[3] == "added" else -1) for f in found if f)
-
-
-def configuration_of(log: Log) -> Configuration:
-    """Return the settings that the log was read by."""
-    return read_configuration(log.configuration) if log.configuration else Configuration()
+    added, subtracted = (log.convention("compass", key).value for key in ("declination_deg", "bias_deg"))
+    return float(added or 0.0) - float(subtracted or 0.0)
 
 
 def _mirror_image_of(log: Log, timeline: Timeline, reading: Interpretation, group: Indices) -> Interpretation:
@@ -220,9 +209,9 @@ def _mirror_image_of(log: Log, timeline: Timeline, reading: Interpretation, grou
 
 def _interpretation(log: Log, flips: tuple[bool, bool, bool], turn: RotationFit) -> Interpretation:
     dvl, yaw, world = flips
-    axes = recorded_convention(log, "dvl", "axes")[0] or "SFU"
-    yaw_from = recorded_convention(log, "compass", "convention")[0] or "compass"
-    kind, frame = recorded_convention(log, "usbl", "kind")[0], recorded_convention(log, "usbl", "frame")[0]
+    axes = recorded_value(log, "dvl", "axes") or "SFU"
+    yaw_from = recorded_value(log, "compass", "convention") or "compass"
+    kind, frame = recorded_value(log, "usbl", "kind"), recorded_value(log, "usbl", "frame")
     frame = frame or ("" if kind in ("latlon", "range_bearing") else "ENU")
     return Interpretation(
         flips=flips,
@@ -235,7 +224,7 @@ def _interpretation(log: Log, flips: tuple[bool, bool, bool], turn: RotationFit)
 
 def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
     """Latitudes, longitudes and bearings know where east is."""
-    kind = recorded_convention(log, "usbl", "kind")[0]
+    kind = recorded_value(log, "usbl", "kind")
     if kind == "latlon":
         return [HandednessEvidence("the fixes are latitudes and longitudes", 2, False)]
     if kind == "range_bearing":
@@ -250,14 +239,14 @@ def _gps_evidence(log: Log, timeline: Timeline, reading: Interpretation, group: 
     seen = _groups_of_gps(timeline, group)
     used = seen >= 0
     gps = as_points(timeline.gps_m)[used]
-    if len(gps) < 2 or _rms(gps) < MIN_GPS_SPREAD_M:
+    if len(gps) < 2 or _rms(gps) < THRESHOLDS.min_gps_spread_m:
         return []
     track = (
         np.exp(1j * turn.rotation_rad) * dead_reckoned(reinterpreted, timeline.gps_time_s[used])
         + turn.shift_m[seen[used]]
     )
     apart_m, mirrored_m = _rms(track - gps), _rms(1j * np.conj(track) - gps)
-    if min(apart_m, mirrored_m) > 0.5 * max(apart_m, mirrored_m):
+    if min(apart_m, mirrored_m) > THRESHOLDS.gps_mirror_ratio * max(apart_m, mirrored_m):
         return []
     times = max(apart_m, mirrored_m) / max(min(apart_m, mirrored_m), 0.1)
     name = f"GPS, to which the track fits {times:.0f} times better than its mirror image"
@@ -276,13 +265,14 @@ def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
 def _name_evidence(log: Log) -> list[HandednessEvidence]:
     """Frame names and types that say a convention."""
     found: list[HandednessEvidence] = []
-    for role, name, part in (("compass", "convention", 1), ("usbl", "frame", 2)):
-        value, who = recorded_convention(log, role, name)
-        if who.startswith("by frame_id") or who == "by column names":
-            found.append(HandednessEvidence(f"{log.provenance[role].topic} is {value} {who}", part, False))
-    value, who = recorded_convention(log, "compass", "convention")
-    if value == "compass" and who == "by type":
-        found.append(HandednessEvidence(f"{log.provenance['compass'].topic} counts clockwise {who}", 1, False))
+    heading, frame = log.convention("compass", "convention"), log.convention("usbl", "frame")
+    for role, chosen, part in (("compass", heading, 1), ("usbl", frame, 2)):
+        if chosen.chosen_by in ("frame_id", "column names"):
+            name = f"{log.provenance[role].topic} is {chosen.value} {chosen_by_text(chosen)}"
+            found.append(HandednessEvidence(name, part, False))
+    if heading.value == "compass" and heading.chosen_by == "type":
+        name = f"{log.provenance['compass'].topic} counts clockwise {chosen_by_text(heading)}"
+        found.append(HandednessEvidence(name, 1, False))
     if log.format == "simulated":
         found.append(HandednessEvidence("the scenario's own east and north", 2, False))
     return found

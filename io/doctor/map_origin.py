@@ -10,12 +10,11 @@ import numpy as np
 from usbldr.filters.identification.dr_usbl_fit import Points, as_points
 from usbldr.filters.types import Timeline
 from usbldr.io.doctor.interpretations import InterpretationResult, reinterpret
+from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 
-MAX_PAIR_GAP_S = 2.0  # a vehicle moves a few metres in that time
-MIN_PAIRS = 3
-RAYLEIGH_MEDIAN = 1.1774  # median of a Rayleigh distribution
+RAYLEIGH_MEDIAN = 1.1774  # fixed: median of a Rayleigh distribution
 
 
 class OriginProposal(NamedTuple):
@@ -35,8 +34,8 @@ def propose_origin(log: Log, timeline: Timeline | None, verdict: InterpretationR
     near = np.rint(
         np.interp(reinterpreted.fix_time_s, reinterpreted.gps_time_s, np.arange(len(reinterpreted.gps_time_s)))
     ).astype(np.intp)
-    beside = np.abs(reinterpreted.gps_time_s[near] - reinterpreted.fix_time_s) <= MAX_PAIR_GAP_S
-    if beside.sum() < MIN_PAIRS:
+    beside = np.abs(reinterpreted.gps_time_s[near] - reinterpreted.fix_time_s) <= THRESHOLDS.max_pair_gap_s
+    if beside.sum() < THRESHOLDS.min_pairs:
         return None
     shifts: Points = as_points(reinterpreted.gps_m)[near[beside]] - as_points(reinterpreted.fix_m)[beside]
     shift = complex(np.median(shifts.real), np.median(shifts.imag))

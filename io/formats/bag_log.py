@@ -9,9 +9,9 @@ from functools import cached_property
 from pathlib import Path
 
 from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_topics, decoder_of
+from usbldr.io.findings import Finding
 from usbldr.io.formats.bag_records import BagScan, Connection
 from usbldr.io.formats.decompression import unknown_compression_text
-from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo, utc
 
 

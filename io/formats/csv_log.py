@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, plain, sheet_of
 from usbldr.io.formats.csv_text import nanoseconds, numbers, raw_header, read_texts, seconds, text_files
-from usbldr.io.log import Finding
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
@@ -66,7 +66,7 @@ class CsvLog:
         for file in text_files(self.path) if self.path.is_dir() else [self.path]:
             for topic, source in self._topics_of(file).items():
                 if topic in found:
-                    raise LogError(f"{self.path}: {found[topic].file.name} and {file.name} are both {topic}")
+                    raise LogError(f"{found[topic].file.name} and {file.name} are both {topic}", path=self.path)
                 found[topic] = source
         return found
 
@@ -97,10 +97,10 @@ class CsvLog:
         wanted = {plain(name) for name in asked.columns.values()}
         fitting = [t for t, source in self._sources.items() if wanted <= set(map(plain, source.header))]
         if len(fitting) > 1:
-            raise UsageError(f"{self.path}: [{asked.sensor}] columns fit {', '.join(fitting)}; state topic, too")
+            raise UsageError(f"[{asked.sensor}] columns fit {', '.join(fitting)}; state topic, too", path=self.path)
         if not fitting:
             names = ", ".join(sorted(wanted))
-            raise UsageError(f"{self.path}: no file has the columns {names} of [{asked.sensor}]; state topic, too")
+            raise UsageError(f"no file has the columns {names} of [{asked.sensor}]; state topic, too", path=self.path)
         return fitting[0]
 
     def _recognised(self, topic: str, source: CsvSource) -> Sheet | None:
@@ -153,7 +153,7 @@ class CsvLog:
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         source, sheet = self._sources[topic], self._sheets[topic]
         if sheet is None or sheet.received is None:
-            raise LogError(f"{self.path}: {topic} cannot be read: {UNFIT}")
+            raise LogError(f"{topic} cannot be read: {UNFIT}", path=self.path)
         received = self._times(source, sheet.received)
         columns = {path: self._column(source, sheet, path) for path in paths}
         order = np.argsort(received, kind="stable")

@@ -167,10 +167,10 @@ def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[s
     wanted = {key: plain(name) for key, name in columns.items()}
     for key, name in wanted.items():
         if name not in names:
-            raise UsageError(f"{file}: has no column {name} ([{sensor}] columns {key}; it has {', '.join(names)})")
+            raise UsageError(f"has no column {name} ([{sensor}] columns {key}; it has {', '.join(names)})", path=file)
     times = [key for key in TIMES if key in wanted]
     if len(times) != 1:
-        raise UsageError(f"{file}: [{sensor}] columns must name one of {', '.join(TIMES)}")
+        raise UsageError(f"[{sensor}] columns must name one of {', '.join(TIMES)}", path=file)
     arrivals = [key for key in ("received_ns", "received_unix_s") if key in wanted]
     stamp = TimeColumn(wanted[times[0]], times[0] != "time_ns")
     received = TimeColumn(wanted[arrivals[0]], arrivals[0] != "received_ns") if arrivals else stamp

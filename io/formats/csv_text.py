@@ -66,7 +66,7 @@ def _header_line(file: Path) -> str:
         with file.open(encoding="utf-8-sig", errors="replace") as lines:
             return lines.readline()
     except OSError as err:
-        raise LogError(f"{file}: cannot be read ({err.strerror})") from err
+        raise LogError(f"cannot be read ({err.strerror})", path=file) from err
 
 
 def read_texts(file: Path) -> Mapping[str, Sequence[str]]:
@@ -74,13 +74,13 @@ def read_texts(file: Path) -> Mapping[str, Sequence[str]]:
     header, separator = plain_names(raw_header(file)), _separator(_header_line(file))
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
-        raise LogError(f"{file}: has two columns {twice[0] or 'without a name'} (its columns: {', '.join(header)})")
+        raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {', '.join(header)})", path=file)
     try:
         table = pd.read_csv(
             file, sep=separator, header=0, names=header, dtype=str, keep_default_na=False, index_col=False
         )
     except (ValueError, UnicodeDecodeError) as err:
-        raise LogError(f"{file}: is not a CSV file ({' '.join(str(err).split())})") from err
+        raise LogError(f"is not a CSV file ({' '.join(str(err).split())})", path=file) from err
     texts = {name: [str(text).strip() for text in table[name]] for name in header}
     return texts if separator == "," else {name: [_with_point(cell) for cell in cells] for name, cells in texts.items()}
 
@@ -88,7 +88,7 @@ def read_texts(file: Path) -> Mapping[str, Sequence[str]]:
 def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequence[str]:
     """Return one column; raise LogError with the header where it is missing."""
     if name not in texts:
-        raise LogError(f"{file}: has no column {name} (its columns: {', '.join(texts)})")
+        raise LogError(f"has no column {name} (its columns: {', '.join(texts)})", path=file)
     return texts[name]
 
 

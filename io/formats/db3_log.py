@@ -27,7 +27,7 @@ from usbldr.io.decoding.decoders import (
     decoder_without_definition,
 )
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.reader import Records, TopicInfo
 
 WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
@@ -63,8 +63,8 @@ class Db3Log:
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # broken cells are of any type
             why = " ".join(str(err).split())
             if "no such" in why:
-                raise LogError(f"{self.path}: is sqlite3, but no rosbag2 recording ({why})") from err
-            raise LogError(f"{self.path}: no readable rosbag2 recording ({why}); {self._advice}") from err
+                raise LogError(f"is sqlite3, but no rosbag2 recording ({why})", path=self.path) from err
+            raise LogError(f"no readable rosbag2 recording ({why}); {self._advice}", path=self.path) from err
 
     @property
     def _journal(self) -> Path | None:
@@ -93,7 +93,7 @@ class Db3Log:
         page = 65536 if page == 1 else page
         if size < page * pages:
             cut = f"cut at byte {size} of {page * pages}"
-            raise LogError(f"{self.path}: no readable rosbag2 recording ({cut}); {self._advice}")
+            raise LogError(f"no readable rosbag2 recording ({cut}); {self._advice}", path=self.path)
 
     @cached_property
     def _keys(self) -> dict[int, TopicType]:

@@ -97,7 +97,7 @@ FORMATS: Mapping[str, Format] = {
 def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     """Return the reader that fits; raise LogError for a missing, empty or unknown file."""
     if not path.exists():
-        raise LogError(f"{path}: no such file or folder")
+        raise LogError("no such file or folder", path=path)
     head = b""
     try:
         if not path.is_dir():
@@ -107,22 +107,23 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
             if matches(path, head):
                 return opened(path, known)
     except PermissionError as err:
-        raise LogError(f"{path}: may not be read ({err.strerror})") from err
+        raise LogError(f"may not be read ({err.strerror})", path=path) from err
     *others, last = FORMATS
     accepted = f"{', '.join(others)} and {last}"
     if path.is_dir():
         inside = ", ".join(sorted(child.name for child in path.iterdir())[:5]) or "nothing"
         raise LogError(
-            f"{path}: this folder holds no recording and no CSV file with a header (it holds {inside}); "
-            f"usbldr reads {accepted}"
+            f"this folder holds no recording and no CSV file with a header (it holds {inside}); "
+            f"usbldr reads {accepted}",
+            path=path,
         )
     if not head:
-        raise LogError(f"{path}: the file is empty")
+        raise LogError("the file is empty", path=path)
     foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
     if foreign:
-        raise LogError(f"{path}: is {foreign}")
+        raise LogError(f"is {foreign}", path=path)
     from usbldr.io.formats.csv_text import lacks_header
 
     if lacks_header(head):
-        raise LogError(f"{path}: has no header: its first line is numbers; put the names of its columns before them")
-    raise LogError(f"{path}: unknown format (starts with {head[:12]!r}); usbldr reads {accepted}")
+        raise LogError("has no header: its first line is numbers; put the names of its columns before them", path=path)
+    raise LogError(f"unknown format (starts with {head[:12]!r}); usbldr reads {accepted}", path=path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.io.decoding.definitions import ros2_name
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.messages.registry import STAMPS
 from usbldr.io.reader import Column, Reader, Records, TopicInfo
 

@@ -23,10 +23,10 @@ from usbldr.io.decoding.decoders import (
 )
 from usbldr.io.decoding.decoders import StreamMessage as Payload
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.findings import Finding
 from usbldr.io.formats.decompression import unknown_compression_text
 from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index
 from usbldr.io.formats.mcap_records import McapMessage, McapScan
-from usbldr.io.log import Finding
 from usbldr.io.reader import Records, TopicInfo, utc
 
 

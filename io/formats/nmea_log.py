@@ -11,7 +11,7 @@ from pathlib import Path
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.nmea_sentences import SENTENCE, SentenceSet, find_sentences, undecoded_findings
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.reader import Reader, Records, TopicInfo
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
@@ -46,7 +46,7 @@ class NmeaFile:
             with self.path.open(encoding="utf-8", errors="replace") as lines:
                 return find_sentences(self.path.name, lines)
         except OSError as err:
-            raise LogError(f"{self.path}: cannot be read ({err.strerror})") from err
+            raise LogError(f"cannot be read ({err.strerror})", path=self.path) from err
 
     @cached_property
     def _topics(self) -> Mapping[str, tuple[str, TopicInfo]]:

@@ -6,8 +6,8 @@ from typing import Any, cast
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.findings import Finding
 from usbldr.io.formats.joined import JoinedLog, LogPart
-from usbldr.io.log import Finding
 from usbldr.io.reader import Reader
 
 STORAGES = (".db3", ".mcap")
@@ -47,7 +47,7 @@ def _reader(file: Path, known: Definitions) -> Reader:
         from usbldr.io.formats.db3_log import Db3Log
 
         return Db3Log(file, known)
-    raise LogError(f"{file}: " + ("the file is empty" if not head else "is neither sqlite3 nor MCAP"))
+    raise LogError("is neither sqlite3 nor MCAP" if head else "the file is empty", path=file)
 
 
 def _parts(folder: Path) -> list[Path]:
@@ -77,7 +77,7 @@ def _found(folder: Path, named: list[Path], there: list[Path]) -> tuple[list[Pat
     if packed:
         unpacked = [file.with_suffix("") for file in present if file.name.endswith(PACKED)]
         if not all(file.is_file() for file in unpacked):
-            raise LogError(f"{folder}: {packed[0]} is compressed with zstd; unpack it first (zstd -d {packed[0]})")
+            raise LogError(f"{packed[0]} is compressed with zstd; unpack it first (zstd -d {packed[0]})", path=folder)
         present = [file.with_suffix("") if file.name.endswith(PACKED) else file for file in present]
     if not missing:
         return present, []
@@ -89,7 +89,7 @@ def _found(folder: Path, named: list[Path], there: list[Path]) -> tuple[list[Pat
         return sorted([*present, *others], key=there.index), [Finding("RENAMED", text)]
     if not present:
         inside = ", ".join(sorted(child.name for child in folder.iterdir())[:5])
-        raise LogError(f"{folder}: metadata.yaml names {names}, which is not there (the folder holds {inside})")
+        raise LogError(f"metadata.yaml names {names}, which is not there (the folder holds {inside})", path=folder)
     return present, [Finding("MISSING-PART", f"{names} is missing: metadata.yaml names it", lost_data=True)]
 
 
@@ -97,12 +97,12 @@ def _numbered(folder: Path, there: list[Path]) -> list[Path]:
     """Return the parts of a folder without metadata; raise LogError where they are several recordings."""
     if not there:
         packed = next(file.name for file in sorted(folder.iterdir()) if file.name.endswith(PACKED))
-        raise LogError(f"{folder}: {packed} is compressed with zstd; unpack it first (zstd -d {packed})")
+        raise LogError(f"{packed} is compressed with zstd; unpack it first (zstd -d {packed})", path=folder)
     recordings = {(re.sub(r"_\d+$", "", file.stem), file.suffix) for file in there}
     if len(recordings) > 1:
         names = ", ".join(file.name for file in there[:5])
         raise LogError(
-            f"{folder}: holds {len(recordings)} recordings ({names}); name one of them, or join them with --with"
+            f"holds {len(recordings)} recordings ({names}); name one of them, or join them with --with", path=folder
         )
     return there
 

@@ -8,6 +8,8 @@ from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_colum
 
 ENU, NED = {"convention": "ENU"}, {"convention": "NED"}
 COMPASS_RAD, COMPASS_DEG = ({"convention": "compass", "unit": unit} for unit in ("rad", "deg"))
+PER_RECORD = "as each record says"  # in place of a convention or a unit
+BY_RANGE = "by range"  # in place of a unit: the largest value decides
 NO_DATA = (-9999.0,)  # fixed: ds_sensor_msgs
 
 ESTIMATES = (
@@ -41,7 +43,7 @@ BESIDE_POSITIONS = (
         "gpsfix", {"angle": "track"}, unsupported="tells the course over ground, which is no heading"
     ),  # gps_msgs
     MessageLayout(
-        "vector3stamped", {"angle": "vector.z"}, defaults={"unit": "by range"}
+        "vector3stamped", {"angle": "vector.z"}, defaults={"unit": BY_RANGE}
     ),  # roll, pitch, yaw by the vendor's own convention
     MessageLayout("magneticfield", {"field_x": "magnetic_field.x", "field_y": "magnetic_field.y"}, defaults=ENU),
 )
@@ -60,7 +62,7 @@ COMPASS = (
         {"angle": "azimuth", "unit_code": "unit", "sense_code": "orientation", "north_code": "reference"},
         {"variance": "variance"},
         "by type",
-        {"convention": "as each record says", "unit": "as each record says"},
+        {"convention": PER_RECORD, "unit": PER_RECORD},
     ),
     MessageLayout(
         "compass",  # ds_sensor_msgs

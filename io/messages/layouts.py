@@ -114,9 +114,10 @@ def wanted_paths(topic: TopicInfo, layout: MessageLayout) -> dict[str, str]:
     return paths | {path: path for path in (layout.stamp, layout.frame) if topic.has(path)}
 
 
-def raw_records(log: Path, topic: TopicInfo, layout: MessageLayout, records: Records) -> RawRecords:
-    """Name the columns of a topic by quantity."""
-    paths = wanted_paths(topic, layout)
+def raw_records(
+    log: Path, topic: TopicInfo, layout: MessageLayout, records: Records, paths: Mapping[str, str]
+) -> RawRecords:
+    """Name the columns of a topic by quantity; ``paths`` are its fields by quantity (see `wanted_paths`)."""
     frames = records.columns.get(layout.frame, np.array([""]))
     stamps = records.columns.get(layout.stamp)
     return RawRecords(

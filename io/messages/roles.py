@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.reader import TopicInfo
@@ -82,7 +82,7 @@ def choose_roles(
             taken = {choice.topic.name for choice in chosen.values()}
             found, behind = candidates(role, topics, taken)
             if len(found) > 1:
-                unclear[role] = UsageError(_which(log, role, found))
+                unclear[role] = UsageError(_which(role, found), path=log)
             elif found:
                 layout = message_layout_of(role, found[0])
                 assert layout is not None, "a candidate has a layout"
@@ -100,15 +100,15 @@ def topic_named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, ch
     if topic is None:
         near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
         hint = f"; did you mean {' or '.join(near)}?" if near else ""
-        raise LogError(f"{log}: no topic {name} for the {role}{hint} (topics in this log: {_listed(topics)})")
+        raise LogError(f"no topic {name} for the {role}{hint} (topics in this log: {_listed(topics)})", path=log)
     if topic.problem:
         raise _unreadable(log, role, topic)
     if topic.count == 0:
-        raise LogError(f"{log}: {topic.name}, named for the {role}, has no messages")
+        raise LogError(f"{topic.name}, named for the {role}, has no messages", path=log)
     layout = message_layout_of(role, topic)
     if layout is None:
         known = ", ".join(sorted({layout.type for layout in LAYOUTS[role] if not layout.unsupported}))
-        raise UsageError(f"{log}: {topic.name} is of type {topic.type}, which cannot serve as {role} (only {known})")
+        raise UsageError(f"{topic.name} is of type {topic.type}, which cannot serve as {role} (only {known})", path=log)
     if layout.unsupported:
         raise _refused(log, role, topic)
     return TopicChoice(topic, layout, chosen_by)
@@ -169,11 +169,11 @@ def _preferred(role: str, choice: TopicChoice) -> Finding:
         f"{choice.topic.name}: taken for the {role}, for by its type it comes before {others}; "
         f"choose another with --{role} TOPIC or with topic under [{role}]"
     )
-    return Finding("ROLE-PREFERRED", text)
+    return Finding("ROLE-PREFERRED", text, choice.topic.name)
 
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
-    return LogError(f"{log}: {topic.name} cannot be read as the {role}: {topic.problem}")
+    return LogError(f"{topic.name} cannot be read as the {role}: {topic.problem}", path=log)
 
 
 def _useless(role: str, topic: TopicInfo) -> bool:
@@ -190,14 +190,14 @@ def _refusal(role: str, topic: TopicInfo) -> str:
 def _refused(log: Path, role: str, topic: TopicInfo) -> UsageError:
     why = _refusal(role, topic)
     return UsageError(
-        f"{log}: {topic.name} ({topic.type}) cannot serve as {role}: it {why} (--{role} none: do without)"
+        f"{topic.name} ({topic.type}) cannot serve as {role}: it {why} (--{role} none: do without)", path=log
     )
 
 
-def _which(log: Path, role: str, found: Sequence[TopicInfo]) -> str:
+def _which(role: str, found: Sequence[TopicInfo]) -> str:
     described = "; ".join(f"{t.name} ({t.type}, {t.count} messages, {t.rate_hz:.2f} Hz)" for t in found)
     choose = f"choose one with --{role} TOPIC or with topic under [{role}] in the configuration"
-    return f"{log}: {len(found)} topics could be the {role}: {described}; {choose}"
+    return f"{len(found)} topics could be the {role}: {described}; {choose}"
 
 
 def _listed(topics: Sequence[TopicInfo]) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from usbldr.io.provenance import convention_text
 from usbldr.io.reader import utc
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.report_text import (
@@ -48,7 +49,14 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
 
 def _sensors(run: Run) -> str:
     rows = tuple(
-        (role, f"`{p.topic}`", p.type, f"{p.used} of {p.messages}", p.chosen_by, "; ".join(p.conventions))
+        (
+            role,
+            f"`{p.topic}`",
+            p.type,
+            f"{p.used} of {p.messages}",
+            p.chosen_by,
+            "; ".join(map(convention_text, p.conventions)),
+        )
         for role, p in run.log.provenance.items()
     )
     heads = ("topic", "type", "records used", "chosen by", "conventions")

@@ -22,6 +22,7 @@ from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.log import Log
+from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
 from usbldr.io.reports.run_directory import REPORT
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
@@ -200,7 +201,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
         "outage_recoveries": [one._asdict() for one in trajectory.recoveries],
-        "sensors": log.provenance,
+        "sensors": {role: provenance_values(p) for role, p in log.provenance.items()},
         "findings": log.findings,
         "outages": run.timeline.outages,
         "truth": _truth(run.truth),

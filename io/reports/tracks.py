@@ -15,8 +15,7 @@ from usbldr.filters.evaluation.consistency import sigmas
 from usbldr.filters.frames import heading_deg
 from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.types import Array, Indices, Trajectory, Truth, Vector
-from usbldr.io.geodesy import to_geodetic
-from usbldr.io.log import Origin
+from usbldr.io.geodesy import Origin, to_geodetic
 
 MAP_STEP_S = 1.0  # a map shows no more than a point a second
 

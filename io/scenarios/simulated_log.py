@@ -20,7 +20,9 @@ from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.conventions.usbl_covariance import with_variance_floor
-from usbldr.io.log import COLUMNS, Log, Origin, Provenance
+from usbldr.io.geodesy import Origin
+from usbldr.io.log import COLUMNS, Log
+from usbldr.io.provenance import Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.toml_text import noise_text, shortest_degrees, stated, toml_text
 from usbldr.io.writers.write_log import WRITTEN_BY
@@ -43,6 +45,7 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
             kind="simulated",
             source=f"{scenario.name}/gps",
         )
+    seeded = (Convention("seed", seed, "option"),)
     return Log(
         path=Path(scenario.name),
         sha256=_digest(tables),
@@ -50,7 +53,7 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
         start_ns=start_ns,
         tables=tables,
         provenance={
-            sensor: Provenance(f"{scenario.name}/{sensor}", "simulated", "scenario", (f"seed {seed}",), len(t), len(t))
+            sensor: Provenance(f"{scenario.name}/{sensor}", "simulated", "scenario", seeded, len(t), len(t))
             for sensor, t in tables.items()
         },
         assumptions=Assumptions(

@@ -20,7 +20,7 @@ from usbldr.filters.types import Truth
 from usbldr.io.inputs import refuse_inputs
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
-from usbldr.io.settings.configuration import configuration_places, read_configuration
+from usbldr.io.settings.configuration import configuration_places
 from usbldr.io.settings.toml_text import changed, noise_text, stated, toml_text
 from usbldr.io.writers.write_log import (
     WRITTEN_BY,
@@ -90,10 +90,7 @@ def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
 
 def _latencies(log: Log) -> dict[str, float]:
     """Return by sensor what was taken off its stamps."""
-    if log.configuration is None:
-        return {}
-    stated = read_configuration(log.configuration)
-    return {role: latency for role in ROLES if (latency := getattr(stated, role).latency_s)}
+    return {role: latency for role in ROLES if (latency := log.settings.section(role).latency_s)}
 
 
 def _with_truth(log: Log) -> Log:

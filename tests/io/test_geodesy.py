@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from usbldr.io.geodesy import to_geodetic, to_plane
-from usbldr.io.log import Origin
+from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 
 ORIGIN = Origin(39.718033330, 2.587106667, "[map]")
 

@@ -11,6 +11,7 @@ import pytest
 from commands import run
 from curved import curved_dive
 from recordings import HEADING, POSE_COVARIANCE, PRESSURE, SECOND, T0, TWIST_COVARIANCE, Row, write_mcap
+from usbldr.io.provenance import Convention
 from usbldr.io.read import read_log
 
 ODD = (1e300, -1e300, 1e308, math.nan, math.inf, -math.inf, 0.0, 1e-300, 1e17, 1e10, 1e6, -1e6)
@@ -162,4 +163,4 @@ def test_a_number_beyond_all_units_is_none(tmp_path: Path) -> None:
 def test_a_variance_without_bounds_is_unknown(tmp_path: Path) -> None:
     log = read_log(write_mcap(tmp_path / "dive.mcap", with_covariance(1e17)["1e+17 as covariance of the fixes"]))
 
-    assert "sd 1 m (default)" in log.provenance["usbl"].conventions
+    assert Convention("sd_m", 1.0, "default", "m") in log.provenance["usbl"].conventions

@@ -24,25 +24,25 @@ dvl: /dvl (configuration), 11 of 11 records used
   axes FRD (configuration)
   unit m/s (default)
   mount 0 deg (default)
-  sd to be estimated from the records (default)
-  timed by header stamp
+  sd estimated from the records (default)
+  timed by header stamp (by type)
 
 compass: /imu (type and name), 11 of 11 records used
   convention ENU (by type)
   sd 0.3 deg (default)
-  timed by header stamp
+  timed by header stamp (by type)
 
 usbl: /usbl (type and name), 11 of 11 records used
   kind position (default)
   frame ENU (default)
   relative to the map (default)
   sd 1 m (default)
-  timed by header stamp
+  timed by header stamp (by type)
 
 gps: /gps/fix (type and name), 1 of 1 records used
   frame latlon (by type)
-  sd unknown
-  timed by header stamp
+  sd unknown (by its records)
+  timed by header stamp (by type)
 
 errors are measured against: /gps/fix, kind gps
   1 rows from 0.0 to 0.0 s, gaps up to 30 s
@@ -79,7 +79,7 @@ def test_json_says_the_same(tmp_path: Path) -> None:
     assert log["complete"] is True
     assert log["start_ns"] == T0
     assert {t["topic"]: (t["type"], t["messages"], t["roles"]) for t in log["topics"]}["/gps/fix"] == (FIX, 1, ["gps"])
-    assert log["sensors"]["compass"]["conventions"][0] == "convention ENU (by type)"
+    assert log["sensors"]["compass"]["conventions"][0]["text"] == "convention ENU (by type)"
     assert log["truth"] == {"source": "/gps/fix", "kind": "gps", "rows": 1}
     assert [finding["code"] for finding in log["findings"]] == ["MAP-UNKNOWN"]
 

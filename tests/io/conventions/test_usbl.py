@@ -10,6 +10,7 @@ from logs import codes, covariance, logged, logged_csv
 from recordings import FIX, POSE, POSE_COVARIANCE, PRESSURE, SECOND, T0, Row, fix, point
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
+from usbldr.io.provenance import Convention
 
 HEAD = "head = { east_m = 100.0, north_m = -50.0, depth_m = 2.0 }"
 
@@ -33,7 +34,7 @@ def test_a_frame_called_ned_is_ned(tmp_path: Path) -> None:
     log = logged(tmp_path, [(time_ns, topic, kind, {**values, "header.frame_id": "world_ned"})])
 
     assert place(log) == [4.0, 3.0]
-    assert "frame NED (by frame_id)" in log.provenance["usbl"].conventions
+    assert (log.convention("usbl", "frame").value, log.convention("usbl", "frame").chosen_by) == ("NED", "frame_id")
 
 
 def test_offsets_from_a_head_are_added_to_it(tmp_path: Path) -> None:
@@ -123,7 +124,7 @@ def test_bearing_is_clockwise_from_north_and_range_is_slant(tmp_path: Path) -> N
     )
 
     assert place(log) == pytest.approx([100 + horizontal / 2, -50 + horizontal * math.sqrt(3) / 2])
-    assert "slant to horizontal range: 1 by the vehicle's depth" in log.provenance["usbl"].conventions
+    assert log.convention("usbl", "horizontal_range").value == "the vehicle's depth"
 
 
 def test_depth_is_interpolated_to_the_time_of_the_fix(tmp_path: Path) -> None:
@@ -145,7 +146,7 @@ def test_without_the_vehicles_depth_the_fix_itself_tells_how_steep_it_is(tmp_pat
     assert place(logged_csv(tmp_path, f"[usbl]\n{HEAD}", usbl=steep)) == pytest.approx([150, -50])
     flat = logged_csv(tmp_path, f"[usbl]\n{HEAD}", usbl=bare)
     assert place(flat) == pytest.approx([200, -50])
-    assert "slant to horizontal range: 1 by nothing (taken as horizontal)" in flat.provenance["usbl"].conventions
+    assert flat.convention("usbl", "horizontal_range").value == "nothing (taken as horizontal)"
 
 
 def test_a_range_shorter_than_the_depth_below_the_head_is_straight_below_and_said(tmp_path: Path) -> None:
@@ -215,7 +216,7 @@ def test_the_covariance_of_a_message_turns_with_its_frame(tmp_path: Path) -> Non
 
     np.testing.assert_allclose(covariance(enu), [[4.0, 0.5], [0.5, 9.0]])
     np.testing.assert_allclose(covariance(ned), [[9.0, 0.5], [0.5, 4.0]])
-    assert enu.provenance["usbl"].conventions[-2] == "covariance of the messages (default)"
+    assert enu.provenance["usbl"].conventions[-2] == Convention("covariance", "of the messages", "default")
 
 
 def test_the_covariance_of_latitudes_is_east_before_north_as_their_type_has_it(tmp_path: Path) -> None:
@@ -245,8 +246,9 @@ def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_
     np.testing.assert_allclose(covariance(near), np.eye(2))
     np.testing.assert_allclose(covariance(far), np.eye(2) * 10.0**2)
     np.testing.assert_allclose(covariance(anywhere), np.eye(2))
-    assert "sd 2 % of the slant range, at least 1 m (default)" in far.provenance["usbl"].conventions
-    assert "sd 1 m (default)" in anywhere.provenance["usbl"].conventions
+    assert Convention("sd_rel", 2.0, "default", "%") in far.provenance["usbl"].conventions
+    assert Convention("min_sd_m", 1.0, "default", "m") in far.provenance["usbl"].conventions
+    assert Convention("sd_m", 1.0, "default", "m") in anywhere.provenance["usbl"].conventions
 
 
 def test_the_columns_of_a_csv_folder_state_the_noise(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from logs import MAP, codes, covariance, logged, logged_csv, places
 from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.usbl_head import TimeSeries
+from usbldr.io.provenance import Convention
 from usbldr.io.read import Request
 from usbldr.io.survey import survey
 
@@ -52,7 +53,7 @@ def test_offsets_from_the_bow_turn_with_the_ship(tmp_path: Path) -> None:
     log = logged(tmp_path, [*rows, point(T0 + SECOND, 30.0, 4.0)], toml)
 
     assert places(log)[0] == pytest.approx([30, -4], abs=1e-3)
-    assert "axes FSD (configuration)" in log.provenance["usbl"].conventions
+    assert Convention("axes", "FSD", "configuration") in log.provenance["usbl"].conventions
 
 
 def test_a_heading_that_passes_north_is_interpolated_the_short_way(tmp_path: Path) -> None:
@@ -188,9 +189,8 @@ def test_a_head_on_the_vehicle_measures_a_fixed_beacon(tmp_path: Path) -> None:
     log = logged(tmp_path, rows, toml)
 
     assert places(log)[0] == pytest.approx([100 - 20, 50 + 5])
-    assert "head on the vehicle, beacon at 100.00 m east, 50.00 m north (configuration)" in (
-        log.provenance["usbl"].conventions
-    )
+    for key, value in (("east_m", 100.0), ("north_m", 50.0)):
+        assert Convention(key, value, "configuration", "m", of="beacon") in log.provenance["usbl"].conventions
 
 
 def test_the_vehicles_way_round_a_beacon_is_found_again(tmp_path: Path) -> None:

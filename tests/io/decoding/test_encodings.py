@@ -21,6 +21,7 @@ from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.decoding.protobuf import ProtobufDecoder
 from usbldr.io.formats.detect import open_log
+from usbldr.io.provenance import Convention
 from usbldr.io.read import Request, read_log
 
 
@@ -231,7 +232,7 @@ def test_a_velocity_that_is_not_set_is_not_standing_still(tmp_path: Path) -> Non
     log = read_log(write(tmp_path / "dive.mcap", ("foxglove.DVL", *PROTOBUF[1:]), payloads, "/dvl"))
 
     assert log.tables["dvl"]["valid"].tolist() == [True, False]
-    assert log.provenance["dvl"].conventions[0] == "axes FRD (by type)"
+    assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "type")
 
 
 TIMES = [

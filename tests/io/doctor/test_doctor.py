@@ -1,8 +1,10 @@
 """The doctor on dives whose faults are known, because the test put them there."""
 
 import json
+import sys
 import tomllib
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,12 @@ from commands import findings, run
 from curved import curved_dive, in_radians
 from recordings import SECOND, T0, Row, point, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError
+from usbldr.io import opening
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
+from usbldr.io.formats.mcap_log import McapLog
 from usbldr.io.read import Request, read_log
+from usbldr.io.reader import Records
+from usbldr.io.settings.sensor_sections import Configuration
 
 
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
@@ -51,7 +57,8 @@ def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) ->
     assert done.stderr.count("[HEADING-CONVENTION]") == 1
     report = json.loads((tmp_path / "run" / "report.json").read_text())
     assert "HEADING-CONVENTION" in [finding["code"] for finding in report["findings"]]
-    assert "convention ENU (by type)" in report["sensors"]["compass"]["conventions"]
+    texts = [convention["text"] for convention in report["sensors"]["compass"]["conventions"]]
+    assert "convention ENU (by type)" in texts
 
 
 def test_a_mirrored_dvl_is_found(tmp_path: Path) -> None:
@@ -325,7 +332,7 @@ def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
 def test_of_two_units_that_are_near_the_nearest_is_named(tmp_path: Path, times: float, unit: str) -> None:
     log = read_log(write_mcap(tmp_path / "dive.mcap", curved_dive()))
 
-    assert unit_or_scale_key(log, times) == f'unit = "{unit}"'
+    assert unit_or_scale_key(log, times) == ("unit", f'"{unit}"')
 
 
 def drafted_for(log: Path) -> Path:
@@ -487,3 +494,26 @@ def yaw_turned(row: Row, by_deg: float) -> tuple[str, Mapping[str, Any]]:
     angle = np.degrees(2 * np.arctan2(row[3]["orientation.z"], row[3]["orientation.w"]))
     turned = yaw(row[0], float(angle) + by_deg)
     return turned[2], turned[3]
+
+
+def test_settings_are_parsed_once_and_messages_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(dvl="FRD", gps=True))
+    (tmp_path / "usbldr.toml").write_text("[dvl]\nmount_deg = 30.0\n", encoding="utf-8")
+    parse, decode, calls = opening.read_configuration, McapLog.read, Counter[str]()
+
+    def counted_parse(file: Path) -> Configuration:
+        calls["parse"] += 1
+        return parse(file)
+
+    def counted_decode(self: McapLog, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        calls["decode"] += 1
+        return decode(self, wanted)
+
+    for module in [module for name, module in sys.modules.items() if name.startswith("usbldr")]:
+        if getattr(module, "read_configuration", None) is parse:
+            monkeypatch.setattr(module, "read_configuration", counted_parse)
+    monkeypatch.setattr(McapLog, "read", counted_decode)
+
+    assert "DVL-AXES" in findings(log)
+
+    assert calls == {"parse": 1, "decode": 1}

@@ -3,8 +3,7 @@
 import re
 
 from checkout import ROOT
-from usbldr.io.doctor.findings import FINDING_LEVELS, grade
-from usbldr.io.log import Finding
+from usbldr.io.findings import FINDING_LEVELS, Finding
 
 DOCUMENT = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| (`[A-Z`, -]+`) \| (\w+)(?:, or \w+)? \|", DOCUMENT, re.MULTILINE)
@@ -13,7 +12,7 @@ DOCUMENTED = {code: level for codes, level in ROWS for code in re.findall(r"[A-Z
 
 def codes_in_the_sources() -> set[str]:
     sources = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "io").rglob("*.py"))
-    literal = re.findall(r'(?:Finding|graded_finding)\(\s*"([A-Z]+(?:-[A-Z]+)*)"', sources)
+    literal = re.findall(r'Finding\(\s*"([A-Z]+(?:-[A-Z]+)*)"', sources)
     tabled = re.findall(r'^\s+\(?"([A-Z]+-[A-Z-]+)"[:,]', sources, re.MULTILINE)
     return {*literal, *tabled}
 
@@ -35,9 +34,7 @@ def test_levels_are_as_documented() -> None:
             assert FINDING_LEVELS.get(code, "warning") == level, code
 
 
-def test_a_finding_of_reading_keeps_its_topic_and_is_an_error_where_data_were_lost() -> None:
-    lost = grade(Finding("TRUNCATED", "the file ends early", lost_data=True))
-    repeated = grade(Finding("REPEATED", "/dvl: 3 of 9 records repeat another's stamp and values"))
-
-    assert (lost.level, lost.topic) == ("error", "")
-    assert (repeated.level, repeated.topic) == ("info", "/dvl")
+def test_a_finding_has_the_level_of_its_code_and_is_an_error_if_data_were_lost() -> None:
+    assert Finding("TRUNCATED", "the file ends early", lost_data=True).level == "error"
+    assert Finding("TRUNCATED", "the index is missing").level == "warning"
+    assert Finding("REPEATED", "/dvl: 3 of 9 records are repeated", "/dvl").level == "info"

@@ -13,6 +13,7 @@ from recordings import SECOND, T0, sentence, write_mcap
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
 from usbldr.io.formats.detect import open_log
+from usbldr.io.provenance import Convention
 from usbldr.io.read import Request, read_log
 
 STRING = "std_msgs/msg/String"
@@ -188,8 +189,8 @@ def test_a_hipap_north_up_tells_x_north_and_y_east_of_the_head(tmp_path: Path) -
     usbl = log.tables["usbl"]
 
     assert [usbl["east_m"][0], usbl["north_m"][0]] == pytest.approx([100 + 39.017, 200 - 61.300])
-    assert "kind position (by type)" in log.provenance["usbl"].conventions
-    assert "frame NED (by type)" in log.provenance["usbl"].conventions
+    assert Convention("kind", "position", "type") in log.provenance["usbl"].conventions
+    assert Convention("frame", "NED", "type") in log.provenance["usbl"].conventions
 
 
 def test_no_reply_is_no_fix_even_with_status_a(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.csv_log import CsvLog
+from usbldr.io.provenance import Convention
 from usbldr.io.read import read_log
 
 STAMP = 1474477150941968287  # no float64
@@ -87,7 +88,7 @@ def test_a_frame_is_a_text_wherever_its_type_names_it(tmp_path: Path) -> None:
     log = read_log(write_csv(tmp_path / "dive", dvl=text))
 
     assert log.tables["dvl"][["starboard_mps", "forward_mps"]].to_numpy()[0].tolist() == [-0.25, 1.5]
-    assert 'axes FRD (by frame_id "base_ned")' in log.provenance["dvl"].conventions
+    assert Convention("axes", "FRD", "frame_id", note="base_ned") in log.provenance["dvl"].conventions
 
 
 def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:

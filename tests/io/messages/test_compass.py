@@ -13,7 +13,9 @@ from logs import logged
 from recordings import HEADER, IMU, ODOMETRY, SECOND, T0, Row, define, fix, turned
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.declination import declination
-from usbldr.io.log import Log, Origin
+from usbldr.io.geodesy import Origin
+from usbldr.io.log import Log
+from usbldr.io.provenance import Convention
 
 TYPES = {
     "compass_msgs/msg/Azimuth": HEADER
@@ -84,14 +86,12 @@ def test_what_is_no_compass_serves_only_where_it_is_named(tmp_path: Path, kind: 
     assert "compass" not in logged(tmp_path, rows).tables
 
 
-@pytest.mark.parametrize(
-    ("z", "degrees", "who"), [(-45.0, 135.0, "deg (by its values, up to 45)"), (1.0, 90 - 57.29578, "rad")]
-)
-def test_angles_beyond_a_turn_in_radians_are_degrees(tmp_path: Path, z: float, degrees: float, who: str) -> None:
+@pytest.mark.parametrize(("z", "degrees", "unit"), [(-45.0, 135.0, "deg"), (1.0, 90 - 57.29578, "rad")])
+def test_angles_beyond_a_turn_in_radians_are_degrees(tmp_path: Path, z: float, degrees: float, unit: str) -> None:
     log = logged(tmp_path, [row(VECTOR, {"vector.z": z})], topics={"compass": "/heading"})
 
     assert heading(log) == pytest.approx([degrees])
-    assert any(f"unit {who}" in said for said in log.provenance["compass"].conventions)
+    assert (log.convention("compass", "unit").value, log.convention("compass", "unit").chosen_by) == (unit, "values")
 
 
 NO_HEADING: dict[str, tuple[str, Mapping[str, Any]]] = {
@@ -120,7 +120,7 @@ def test_each_azimuth_is_read_by_what_it_says_of_itself(tmp_path: Path) -> None:
     log = logged(tmp_path, rows)
 
     assert heading(log) == pytest.approx([0, 90, 0, 180])
-    assert "from true north (by its records)" in log.provenance["compass"].conventions
+    assert Convention("north", "true", "records") in log.provenance["compass"].conventions
 
 
 def test_an_azimuth_tells_its_variance_in_its_own_unit(tmp_path: Path) -> None:
@@ -172,9 +172,9 @@ def test_a_magnetic_heading_gets_the_declination_of_its_place_and_day(tmp_path: 
     log = logged(tmp_path, rows, SEATTLE)
 
     assert heading(log)[0] == pytest.approx(350 + 15.3 - 360, abs=0.4)  # 16.4 in 2013 and 15.07 in 2025 (NOAA)
-    (said,) = [c for c in log.provenance["compass"].conventions if "declination" in c]
-    assert said.startswith("declination 15.")
-    assert said.endswith("deg added (WMM-2020 at 47.62, -122.35 ([map]) on 2020-09-13)")
+    said = log.convention("compass", "declination_deg")
+    assert said.value == pytest.approx(15.3, abs=0.4)
+    assert (said.chosen_by, said.note) == ("model", "WMM-2020 at 47.62, -122.35 ([map]) on 2020-09-13")
 
 
 def test_a_heading_that_tells_no_north_gets_a_declination_only_on_request(tmp_path: Path) -> None:
@@ -189,7 +189,7 @@ def test_the_first_gps_fix_may_place_the_compass(tmp_path: Path) -> None:
     log = logged(tmp_path, [row(WHOI, {"heading": 0.0}), fix(T0, 47.6205, -122.3493)])
 
     assert heading(log)[0] == pytest.approx(15.3, abs=0.4)
-    assert any("(first gps fix)" in said for said in log.provenance["compass"].conventions)
+    assert "(first gps fix)" in log.convention("compass", "declination_deg").note
 
 
 def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_a_stated_declination_beats_the_model(tmp_path: Path) -> None:
     log = logged(tmp_path, [row(WHOI, {"heading": 0.0})], SEATTLE + "[compass]\ndeclination_deg = 3.0")
 
     assert heading(log) == [3.0]
-    assert "declination 3 deg added (configuration)" in log.provenance["compass"].conventions
+    assert Convention("declination_deg", 3.0, "configuration", "deg") in log.provenance["compass"].conventions
 
 
 def test_only_the_magnetic_records_of_a_compass_get_the_declination(tmp_path: Path) -> None:

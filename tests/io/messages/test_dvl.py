@@ -10,6 +10,7 @@ import pytest
 from logs import logged
 from recordings import ODOMETRY, SECOND, T0, Row, define, stamp
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.provenance import Convention
 
 HEADER, VELOCITY = "std_msgs/Header header\n", "geometry_msgs/Vector3 velocity\n"
 SIMULATED = HEADER + VELOCITY + "float64[9] velocity_covariance\nfloat64 altitude\n"
@@ -165,7 +166,7 @@ def test_a_simulator_that_names_a_ned_frame_means_it(tmp_path: Path) -> None:
     )
 
     assert log.tables["dvl"]["starboard_mps"].iloc[0] == 1.0
-    assert log.provenance["dvl"].conventions[0] == 'axes FRD (by frame_id "rexrov/dvl_link_ned")'
+    assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "frame_id", note="rexrov/dvl_link_ned")
 
 
 def test_the_velocity_of_an_odometry_is_in_its_child_frame(tmp_path: Path) -> None:
@@ -174,7 +175,7 @@ def test_the_velocity_of_an_odometry_is_in_its_child_frame(tmp_path: Path) -> No
 
     log = logged(tmp_path, [row(ODOMETRY, {**values, **frames}, topic="/dvl/velocity")])
 
-    assert log.provenance["dvl"].conventions[0] == 'axes FRD (by frame_id "base_link_frd")'
+    assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "frame_id", note="base_link_frd")
 
 
 def test_a_report_that_knows_both_its_times_is_moved_back_by_their_difference(tmp_path: Path) -> None:

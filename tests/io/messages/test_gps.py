@@ -11,6 +11,7 @@ import pytest
 from logs import logged
 from recordings import HEADER, HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp
 from usbldr.io.log import Log
+from usbldr.io.provenance import Convention
 from usbldr.io.read import Request, read_log
 
 PLACE = "float64 latitude\nfloat64 longitude\n"
@@ -128,7 +129,7 @@ def test_a_location_fix_is_timed_by_its_own_timestamp(tmp_path: Path) -> None:
     log = logged(tmp_path, [row(kind, {"timestamp": stamp(T0 - 250_000_000), **BERMUDA})])
 
     assert log.start_ns == T0 - 250_000_000
-    assert "timed by timestamp" in log.provenance["gps"].conventions
+    assert Convention("time", "timestamp", "type") in log.provenance["gps"].conventions
 
 
 def test_the_raw_fix_of_mavros_comes_before_its_estimate(tmp_path: Path) -> None:
@@ -166,7 +167,7 @@ def test_the_relative_altitude_of_mavros_is_a_height(tmp_path: Path) -> None:
     log = logged(tmp_path, rows, topics={"depth": "/mavros/global_position/rel_alt"})
 
     assert log.tables["depth"]["depth_m"].iloc[0] == 4.0
-    assert "positive up (by type)" in log.provenance["depth"].conventions
+    assert Convention("positive", "up", "type") in log.provenance["depth"].conventions
 
 
 def test_depths_above_the_water_are_pointed_out(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_a_float_may_be_a_heading_in_degrees_or_radians(tmp_path: Path, unit: st
     log = logged_one(tmp_path, FLOAT32, {"data": value}, "/heading", toml=f'[compass]\nunit = "{unit}"')
 
     assert log.tables["compass"]["heading_deg"][0] == pytest.approx(315)
-    assert "timed by log time (its type has no header)" in log.provenance["compass"].conventions
+    assert log.convention("compass", "time").value == "log time"
 
 
 @pytest.mark.parametrize(

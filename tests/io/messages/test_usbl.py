@@ -11,6 +11,7 @@ import pytest
 from logs import HEAD, MAP, codes, logged, places
 from recordings import FIX, HEADER, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, yaw
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.provenance import Convention
 
 USBLLONG = "float64 current_time\nfloat64 measurement_time\nint32 remote_address\n"
 QUALITY = "float32 propagation_time\nint32 rssi\nint32 integrity\nfloat32 accuracy\n"
@@ -83,7 +84,7 @@ def test_modems_tell_east_and_north_of_their_head(tmp_path: Path, kind: str) -> 
     log = logged(tmp_path, [row(kind, THIRTY_EAST_FORTY_NORTH[kind])], HEAD)
 
     assert places(log)[0] == pytest.approx([130, 240])
-    assert "relative to the head (by type)" in log.provenance["usbl"].conventions
+    assert Convention("relative_to", "head", "type") in log.provenance["usbl"].conventions
 
 
 @pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
@@ -150,7 +151,7 @@ def test_several_targets_are_not_guessed_between(tmp_path: Path) -> None:
 
     log = logged(tmp_path, rows, HEAD + "target = 3")
     assert places(log)[:, 0] == pytest.approx([131, 133])
-    assert "target 3 (configuration)" in log.provenance["usbl"].conventions
+    assert Convention("target", "3", "configuration") in log.provenance["usbl"].conventions
     with pytest.raises(UsageError) as fault:
         logged(tmp_path, rows, HEAD + "target = 7")
     file, targets = tmp_path / "usbldr.toml", "2 (3 fixes), 3 (2 fixes)"
@@ -186,7 +187,7 @@ def test_a_holoocean_beacon_is_seen_from_the_bow_counter_clockwise(tmp_path: Pat
 
     assert places(log)[0] == pytest.approx([100, 200 + 50 * math.cos(math.radians(30))], abs=1e-4)
     assert log.start_ns == T0
-    assert "timed by timestamp" in log.provenance["usbl"].conventions
+    assert Convention("time", "timestamp", "type") in log.provenance["usbl"].conventions
 
 
 def test_a_holoocean_vehicle_may_hear_a_fixed_beacon_itself(tmp_path: Path) -> None:
@@ -219,7 +220,7 @@ def test_sonardyne_tells_the_age_of_a_position(tmp_path: Path) -> None:
 
     assert np.diff(log.tables["usbl"]["time_s"]) == pytest.approx([1.5])
     assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
-    assert any("stamps moved back by their age" in said for said in log.provenance["usbl"].conventions)
+    assert log.convention("usbl", "age_s").note == "median of their age"
 
 
 def test_a_position_that_only_grew_older_is_the_same_position(tmp_path: Path) -> None:
@@ -243,7 +244,7 @@ def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accurac
     assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
     assert log.tables["usbl"]["cov_nn_m2"].tolist() == [4.0]
     assert log.start_ns == T0  # by the header: nobody says what measurement_time counts from
-    assert "target 3 (the only one)" in log.provenance["usbl"].conventions
+    assert Convention("target", "3", "data", note="the only one") in log.provenance["usbl"].conventions
 
 
 TOPSIDE: dict[str, tuple[str, str]] = {

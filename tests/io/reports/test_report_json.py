@@ -14,7 +14,7 @@ from usbldr.filters.models.parameters import StateObservability
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
-from usbldr.io.log import Finding
+from usbldr.io.findings import Finding
 from usbldr.io.reports.markdown_report import write_markdown
 from usbldr.io.reports.report_json import Run, ScoredTrack, fixes_table, json_values, write_json, write_tables
 from usbldr.io.reports.run_directory import run_directory
@@ -117,7 +117,7 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
 
     report = read_strictly(written(tmp_path, run) / "report.json")
 
-    assert report["schema"] == 1
+    assert report["schema"] == 2
     assert report["log"]["sha256"] == LOG.sha256
     assert report["tool"]["name"] == "usbldr"
     assert (report["filter"], report["seed"], report["order"]) == ("ckf", 7, "validity")
@@ -125,7 +125,8 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
     assert report["window"] == {"start_s": 4.0, "end_s": 50.0}
     assert report["alignment"]["name"] == "first"
     assert report["truth"]["kind"] == "simulated"
-    assert report["findings"] == [{"code": "OUT-OF-ORDER", "text": "3 fixes came late", "lost_data": False}]
+    finding = {"code": "OUT-OF-ORDER", "level": "info", "text": "3 fixes came late", "lost_data": False}
+    assert report["findings"] == [{**finding, "topic": "", "time_s": None, "worst": None, "unit": ""}]
     assert report["outages"] == [{"sensor": "usbl", "start_s": 10.0, "end_s": 30.0}]
     usbl = {"family": "Mixture", "share": 0.3, "variance_ratio": 10.0, "per_scalar": True}
     assert report["assumptions"]["usbl"] == usbl

@@ -12,7 +12,7 @@ from evo.tools import file_interface
 
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.types import Trajectory, Truth
-from usbldr.io.log import Origin
+from usbldr.io.geodesy import Origin
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
 
 START_NS = 1_474_477_150_374_442_123

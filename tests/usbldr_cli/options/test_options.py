@@ -46,7 +46,7 @@ def test_a_scenario_is_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     log = opened("paper")
 
     assert log.format == "simulated"
-    assert log.provenance["dvl"].conventions == ("seed 7",)
+    assert log.convention("dvl", "seed").value == 7
 
 
 def test_a_scenario_takes_no_topics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

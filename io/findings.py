@@ -1,0 +1,53 @@
+"""What a user ought to know of a log: a stable code, its level, a sentence, and where and how much.
+
+docs/findings.md explains each code.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+Level: TypeAlias = Literal["error", "warning", "info"]
+
+FINDING_LEVELS: Mapping[str, Level] = {
+    "ROLE-UNDECIDED": "error",
+    "UNUSABLE": "error",
+    "SENSOR-MISSING": "error",
+    "HEADING-CONVENTION": "error",
+    "MAP-FRAME": "error",
+    "DVL-AXES": "error",
+    "HEADING-RADIANS": "error",
+    "DVL-UNIT": "error",
+    "PLACES-APART": "error",
+    "ROLE-PREFERRED": "info",
+    "CONVENTION-CHECKED": "info",
+    "CONVENTION-UNOBSERVABLE": "info",
+    "HEADING-CHECKED": "info",
+    "USBL-DELAYED": "info",
+    "USBL-NOISE": "info",
+    "REPEATED": "info",
+    "USBL-REPEATED": "info",
+    "OUT-OF-ORDER": "info",
+    "NO-HEADER": "info",
+    "SAME-STAMP": "info",
+}
+"""Codes that are more or less than a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One finding of a reader, of the doctor or of replay; its level follows from its code, and from data lost."""
+
+    code: str  # "DVL-INVALID", "OUT-OF-ORDER", "TRUNCATED"
+    level: Level = field(init=False)
+    text: str  # one sentence
+    topic: str = ""  # "": not one topic's affair
+    time_s: float | None = None  # since the log's start: when it is worst
+    worst: float | None = None
+    unit: str = ""  # of worst
+    lost_data: bool = False  # part of the input could not be read: exit code 3
+
+    def __post_init__(self) -> None:
+        """Take the level from the table; lost data are an error."""
+        level = "error" if self.lost_data else FINDING_LEVELS.get(self.code, "warning")
+        object.__setattr__(self, "level", level)
