@@ -17,7 +17,7 @@ from usbldr.filters.lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from usbldr.filters.bounds.dive_bounds import PositionBound
     from usbldr.filters.errors import CheckError, LogError, UsageError, UsbldrError
-    from usbldr.filters.evaluation.evaluation import ErrorReport, Window
+    from usbldr.filters.evaluation.error_report import ErrorReport, Window
     from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
     from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
     from usbldr.filters.replay.methods import METHODS, FilterSettings, Method
@@ -53,7 +53,7 @@ __all__ = [
 _HOMES = {
     "bounds.dive_bounds": ("PositionBound",),
     "errors": ("CheckError", "LogError", "UsageError", "UsbldrError"),
-    "evaluation.evaluation": ("ErrorReport", "Window"),
+    "evaluation.error_report": ("ErrorReport", "Window"),
     "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),
     "models.parameters": ("Assumptions", "ProcessNoise", "SensorErrors", "Start"),
     "replay.methods": ("METHODS", "FilterSettings", "Method"),

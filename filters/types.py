@@ -139,6 +139,11 @@ class OutageRecovery(NamedTuple):
     correction_m: float  # how far they moved the track
 
 
+def track_label(method: str, smoothed: bool) -> str:
+    """Return what to call the track of a method."""
+    return f"{method} smoothed" if smoothed else method
+
+
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """An estimated track of T epochs in n states, and the story of its measurements.
@@ -147,7 +152,7 @@ class Trajectory:
     as raw USBL has only x and y. ``cov`` is None where the method claims no uncertainty.
     """
 
-    filter: str
+    method: str
     names: tuple[str, ...]
     time_s: Vector  # (T,)
     mean: Array  # (T, n)
@@ -160,6 +165,12 @@ class Trajectory:
     seconds: float = float("nan")  # wall time that the filter took
     reacquisitions: tuple[Reacquisition, ...] = ()
     recoveries: tuple[OutageRecovery, ...] = ()
+    smoothed: bool = False  # each epoch is estimated from the whole dive
+
+    @property
+    def label(self) -> str:
+        """What to call the track."""
+        return track_label(self.method, self.smoothed)
 
     @property
     def position_m(self) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 
 from usbldr.filters.bounds.dive_bounds import PositionBound, position_bound
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.evaluation.evaluation import ErrorReport, Window
+from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.evaluation import evaluate as evaluate_track
 from usbldr.filters.identification.observability import identify
 from usbldr.filters.identification.tuning import tune

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from usbldr.io.reports.report_json import Run, ScoredTrack
     from usbldr.io.session import RunSettings
 
-MEAN_ERROR = "mean_horizontal_m"  # the metric that --leave-one-out watches
-
 
 @click.command(cls=GroupedCommand)
 @log_options
@@ -210,7 +208,7 @@ def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int)
             raise LogError(f"--leave-one-out, without the fix at {fix.time_s:.1f} s: {err}") from err
         change_m = math.nan
         if report is not None and other.report is not None:
-            change_m = other.report.metrics[MEAN_ERROR] - report.metrics[MEAN_ERROR]
+            change_m = other.report.horizontal.mean_m - report.horizontal.mean_m
         found.append(compare_without(fix, whole, other.trajectory, change_m))
     return replace(run, without_fixes=tuple(found))
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import fit_rigid
-from usbldr.filters.evaluation.evaluation import WHOLE_LOG, Window
+from usbldr.filters.evaluation.error_report import WHOLE_LOG, Window
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Outage, Timeline, Truth
 from usbldr.io.log import Log

@@ -103,9 +103,9 @@ def _judged(
     case: Case, k: int, made: Trajectory, given: Dive, line: Timeline, assumptions: Assumptions
 ) -> tuple[JobResult, Trace]:
     definition = case.definitions[k]
-    times_s = None if made.filter == "usbl" else line.time_s[line.slow]
+    times_s = None if made.method == "usbl" else line.time_s[line.slow]
     report = evaluate(made, truth_for(definition, given), definition.window, definition.align, times_s)
-    metrics = dict(report.metrics) | refusals(made)
+    metrics = report.flat() | refusals(made)
     for one in estimated_errors(made):
         metrics |= {f"found_{one.name}": float(one.value[-1]), f"found_sd_{one.name}": float(one.sd[-1])}
     for key, narrowed, verdict in assumptions.observed:
@@ -121,7 +121,7 @@ def _judged(
         window_end_s=None,
         align=report.alignment.name,
     )
-    finite = {name: value for name, value in metrics.items() if math.isfinite(value)}
+    finite = {name: value for name, value in metrics.items() if value is not None and math.isfinite(value)}
     trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
     return JobResult(finite, made.warnings, scored_against=judged), trace
 

@@ -10,10 +10,9 @@ from pathlib import Path
 from paper import runs
 from paper.runs import Cell, Rows, Way, drifting, shared
 from usbldr.filters.bounds.dive_bounds import PositionBound
-from usbldr.filters.evaluation.consistency import consistency_text
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.io.reports.report_text import Table
-from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_metrics
+from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency, row_metrics
 from usbldr_cli.tables.compare_table import piped
 
 AXES = ("mean_abs_east_m", "mean_abs_north_m")
@@ -233,10 +232,8 @@ def times(row: ComparisonRow, other: ComparisonRow) -> float:
 
 def nees_text(row: ComparisonRow) -> str:
     """Return the mean NEES and whether it is what it should be."""
-    known = {name: value for name, value in row_metrics(row).items() if value is not None}
-    if "nees_mean" not in known:
-        return ""
-    return f"{_mean(row, 'nees_mean', 2)}, {consistency_text(known)}"
+    told = row_consistency(row)
+    return f"{_mean(row, 'nees_mean', 2)}, {told}" if told else ""
 
 
 def _lost(row: ComparisonRow) -> float:

@@ -7,10 +7,12 @@ so the bounds here use the effective number of independent ones.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from usbldr.filters.evaluation.metrics import Metric
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import OUTCOMES, Array, Trajectory, Vector
 
@@ -18,6 +20,50 @@ DOF = 2  # fixed: east and north
 CONFIDENCE = 0.95  # of the bounds of NEES and NIS: the usual one
 EXPECTED_COVERAGE = (0.683, 0.954, 0.997)  # fixed: of a normal error within 1, 2, 3 sigma of its axis
 LEAST_VARIANCE_M2 = 1e-12  # a filter that claims to know better than a micrometre is taken to claim that
+
+
+class Nees(NamedTuple):
+    """The mean NEES, and the bounds that a right covariance keeps in 95 of 100 runs."""
+
+    mean: Annotated[float, Metric("nees_mean", "", "both", "Mean NEES of east and north; 2 is right.")]
+    low: Annotated[float, Metric("nees_low", "", "both", "Lower bound of the mean NEES of a right covariance.")]
+    high: Annotated[float, Metric("nees_high", "", "both", "Upper bound of the mean NEES of a right covariance.")]
+    independent_errors: Annotated[
+        float, Metric("independent_errors", "", "both", "Effective number of independent errors.")
+    ]
+
+
+class SigmaShares(NamedTuple):
+    """The shares of the 2 M errors of an axis inside 1, 2 and 3 of that axis's sigmas."""
+
+    inside_1: Annotated[float, Metric("inside_1_sigma", "", "both", "Share of the errors inside 1 sigma.")]
+    inside_2: Annotated[float, Metric("inside_2_sigma", "", "both", "Share of the errors inside 2 sigma.")]
+    inside_3: Annotated[float, Metric("inside_3_sigma", "", "both", "Share of the errors inside 3 sigma.")]
+
+
+class FixUpdates(NamedTuple):
+    """What became of the USBL fixes."""
+
+    used: Annotated[int, Metric("fixes_used", "", "both", "USBL fixes used.")]
+    down_weighted: Annotated[int, Metric("fixes_down_weighted", "", "both", "USBL fixes that are likely outliers.")]
+    rejected: Annotated[int, Metric("fixes_rejected", "", "both", "USBL fixes rejected.")]
+    longest_gap_s: Annotated[float, Metric("longest_fix_gap_s", "s", "both", "Longest time without a used fix.")]
+
+
+class SensorUpdates(NamedTuple):
+    """The updates of one sensor. NIS leaves out the rejected: the filter itself says that its model is not theirs."""
+
+    nis_mean: Annotated[
+        float | None, Metric("nis_mean_{}", "", "both", "Mean NIS of the {}, rejected updates left out.")
+    ]
+    nis_expected: Annotated[
+        float | None, Metric("nis_expected_{}", "", "both", "What the mean NIS of the {} should be.")
+    ]
+    used: Annotated[int, Metric("updates_used_{}", "", "both", "Updates of the {} used.")]
+    down_weighted: Annotated[
+        int, Metric("updates_down_weighted_{}", "", "both", "Updates of the {} that are likely outliers.")
+    ]
+    rejected: Annotated[int, Metric("updates_rejected_{}", "", "both", "Updates of the {} rejected.")]
 
 
 def nees(error_m: Array, cov_m2: Array) -> Vector:
@@ -45,30 +91,27 @@ def effective_number(whitened: Array) -> float:
     return M / (1 + 2 * float(np.sum((1 - lags / M) * rho[1:end] ** 2)))
 
 
-def nees_metrics(error_m: Array, cov_m2: Array) -> dict[str, float]:
-    """Return the mean NEES with the bounds that a right covariance keeps in 95 of 100 runs."""
+def nees_with_bounds(mean: float, independent: float) -> Nees:
+    """Return a mean NEES of so many independent errors with its bounds."""
+    tails = (1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2
+    low, high = (chi_square_quantile(p, DOF * independent) / independent for p in tails)
+    return Nees(mean, low, high, independent)
+
+
+def consistency(error_m: Array, cov_m2: Array) -> tuple[Nees, SigmaShares] | None:
+    """Compare errors (M, 2) with their covariances (M, 2, 2); None if no covariance is known."""
     known = np.isfinite(cov_m2).all(axis=(1, 2))
     if not known.any():
-        return {}
+        return None
     e, P = error_m[known], cov_m2[known]
-    value = nees(e, P)
-    independent = effective_number(e / sigmas(P))
-    low, high = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
-    return {
-        "nees_mean": float(value.mean()),
-        "nees_low": chi_square_quantile(low, DOF * independent) / independent,
-        "nees_high": chi_square_quantile(high, DOF * independent) / independent,
-        "independent_errors": independent,
-    }
+    in_sigmas = e / sigmas(P)
+    shares = SigmaShares(*(float(np.mean(np.abs(in_sigmas) <= k)) for k in (1, 2, 3)))
+    return nees_with_bounds(float(nees(e, P).mean()), effective_number(in_sigmas)), shares
 
 
-def sigma_coverage(error_m: Array, cov_m2: Array) -> dict[str, float]:
-    """Return the share of the 2 M errors of an axis that lie within 1, 2 and 3 of that axis's sigmas."""
-    known = np.isfinite(cov_m2).all(axis=(1, 2))
-    if not known.any():
-        return {}
-    in_sigmas = np.abs(error_m[known]) / sigmas(cov_m2[known])
-    return {f"inside_{k}_sigma": float(np.mean(in_sigmas <= k)) for k in (1, 2, 3)}
+def with_truth(cov_m2: Array, truth_sd_m: Vector) -> Array:
+    """Add the truth's own variance to covariances (M, 2, 2)."""
+    return cov_m2 + truth_sd_m[:, None, None] ** 2 * np.eye(2)
 
 
 def sigmas(cov_m2: Array) -> Array:
@@ -77,48 +120,44 @@ def sigmas(cov_m2: Array) -> Array:
     return np.sqrt(np.maximum(variance_m2, LEAST_VARIANCE_M2))
 
 
-def innovation_metrics(trajectory: Trajectory) -> dict[str, float]:
-    """Return per sensor the mean NIS, what it should be, and what became of the measurements.
-
-    Rejected ones are left out of the mean: the filter itself says that its model is not theirs.
-    """
-    found: dict[str, float] = {}
+def sensor_updates(trajectory: Trajectory) -> dict[str, SensorUpdates]:
+    """Return for each sensor, by name, the mean NIS, what it should be, and what became of the measurements."""
+    found: dict[str, SensorUpdates] = {}
     for sensor in sorted({update.sensor for update in trajectory.updates}):
         mine = [part for update in trajectory.updates if update.sensor == sensor for part in update.parts]
         taken = [update for update in mine if update.outcome != "rejected" and math.isfinite(update.nis)]
-        if taken:
-            found[f"nis_mean_{sensor}"] = float(np.mean([update.nis for update in taken]))
-            found[f"nis_expected_{sensor}"] = float(np.mean([update.dof for update in taken]))
-        found |= _counts(f"updates_{{}}_{sensor}", [update.outcome for update in mine])
+        mean = float(np.mean([update.nis for update in taken])) if taken else None
+        expected = float(np.mean([update.dof for update in taken])) if taken else None
+        found[sensor] = SensorUpdates(mean, expected, *_counts([update.outcome for update in mine]))
     return found
 
 
-def fix_counts(trajectory: Trajectory) -> dict[str, float]:
-    """Return what became of the USBL fixes, and the longest time without a used one."""
+def fix_updates(trajectory: Trajectory) -> FixUpdates | None:
+    """Return what became of the fixes, and the longest time without a used one; None if there was none."""
     fixes = [update for update in trajectory.updates if update.sensor == "usbl"]
     if not fixes:
-        return {}
+        return None
     last = {update.time_s: update.outcome for update in fixes}  # of several fixes at the same instant
     used_s = [float(trajectory.time_s[0]), float(trajectory.time_s[-1])]
     used_s += [time_s for time_s, outcome in last.items() if outcome != "rejected"]
-    counts = _counts("fixes_{}", [update.outcome for update in fixes])
-    return {**counts, "longest_fix_gap_s": float(np.diff(np.sort(used_s)).max())}
+    return FixUpdates(*_counts([update.outcome for update in fixes]), float(np.diff(np.sort(used_s)).max()))
 
 
-def _counts(name: str, fates: Sequence[str]) -> dict[str, float]:
-    return {name.format(fate.replace("-", "_")): float(fates.count(fate)) for fate in OUTCOMES}
+def _counts(fates: Sequence[str]) -> tuple[int, int, int]:
+    used, down_weighted, rejected = (fates.count(fate) for fate in OUTCOMES)
+    return used, down_weighted, rejected
 
 
-def consistency_text(metrics: Mapping[str, float]) -> str:
+def consistency_text(found: Nees | None) -> str:
     """Say in words whether the filter's sigmas are to be believed; "" where it states none.
 
     The number is how many times too small (over-confident) or too large (under-confident) they are.
     """
-    if "nees_mean" not in metrics:
+    if found is None:
         return ""
-    factor = math.sqrt(metrics["nees_mean"] / DOF)
-    if metrics["nees_mean"] > metrics["nees_high"]:
+    factor = math.sqrt(found.mean / DOF)
+    if found.mean > found.high:
         return f"over-confident by {factor:.1f}" if factor >= 1.05 else "slightly over-confident"
-    if metrics["nees_mean"] < metrics["nees_low"]:
+    if found.mean < found.low:
         return f"under-confident by {1 / max(factor, 1e-6):.1f}" if factor <= 1 / 1.05 else "slightly under-confident"
     return "consistent"

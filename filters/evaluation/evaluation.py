@@ -4,88 +4,28 @@ Truth is interpolated linearly to the track's own times, never the other way rou
 pick 0.4 Hz of the track. Times outside the truth, or inside one of its longer gaps, are left out and counted.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.evaluation.alignment import Alignment, fit_alignment
-from usbldr.filters.evaluation.consistency import fix_counts, innovation_metrics, nees_metrics, sigma_coverage, sigmas
+from usbldr.filters.evaluation.alignment import fit_alignment
+from usbldr.filters.evaluation.consistency import consistency, fix_updates, sensor_updates, with_truth
+from usbldr.filters.evaluation.error_report import WHOLE_LOG, ErrorReport, Matching, Window
 from usbldr.filters.evaluation.metrics import (
-    Surfacing,
+    Travel,
+    axis_errors,
     distance_travelled_m,
-    error_metrics,
-    run_metrics,
-    surfacing_metrics,
+    health,
+    horizontal_errors,
+    speed,
+    surfacing_errors,
     surfacings,
 )
-from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
+from usbldr.filters.types import Mask, Trajectory, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
 FEW_EPOCHS = 5  # with fewer, mean and RMS say next to nothing
 LOW_COVERAGE = 0.8  # of the epochs that the truth covers: with less of them, a warning
 LATE_FIRST_S = 5.0  # --align first joins two instants this far apart only with a warning
-
-
-class Window(NamedTuple):
-    """Which truth rows count: seconds from the log's start, both ends included."""
-
-    start_s: float = -np.inf
-    end_s: float = np.inf
-
-
-WHOLE_LOG = Window()
-
-
-class Matching(NamedTuple):
-    """How many of the track's times found a truth, and why the others did not."""
-
-    candidates: int  # times to be scored
-    matched: int
-    outside_window: int  # before --start or after --end
-    outside_truth: int  # in the window, but before its first or after its last truth row
-    in_gap: int  # of the truth
-    aided: int  # in a window in which GPS aided the filter
-    undefined: int  # the track itself has no finite position there
-    truth_rows: int  # distinct truth samples that the matched times rest on
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorReport:
-    """M scored epochs of one track, and every metric by its name in report.json."""
-
-    filter: str
-    truth_kind: str
-    truth_source: str
-    window: Window
-    alignment: Alignment
-    matching: Matching
-    time_s: Vector  # (M,)
-    estimate_m: Array  # (M, 2) east, north, after the alignment
-    truth_m: Array  # (M, 2)
-    truth_sd_m: Vector  # (M,) 1-sigma per axis; 0 where unknown
-    cov_m2: Array | None  # (M, 2, 2) of the track alone, after the alignment
-    surfacings: tuple[Surfacing, ...]
-    aid: tuple[TimeWindow, ...]  # windows in which GPS aided the filter, so that nothing is scored there
-    metrics: Mapping[str, float]  # a metric that does not apply is absent
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def error_m(self) -> Array:
-        """Estimate minus truth, (M, 2)."""
-        return self.estimate_m - self.truth_m
-
-    @property
-    def horizontal_m(self) -> Vector:
-        """Length of the error, (M,)."""
-        return np.hypot(*self.error_m.T)
-
-    @property
-    def sd_m(self) -> Array | None:
-        """1-sigma of the error of east and north, the truth's own share included, (M, 2), or None."""
-        return None if self.cov_m2 is None else sigmas(_with_truth(self.cov_m2, self.truth_sd_m))
 
 
 def evaluate(
@@ -119,12 +59,12 @@ def evaluate(
     scored = wanted & within & ~gap & defined & ~aided
     if np.any(aided) and not np.any(scored):
         raise LogError(
-            f"{trajectory.filter}: all of its epochs that the truth {truth.source} could judge lie in the windows that "
+            f"{trajectory.label}: all of its epochs that the truth {truth.source} could judge lie in the windows that "
             f"GPS aids ({windows_text(aid)}): leave some of the log out of them"
         )
     if not np.any(scored):
         raise LogError(
-            f"{trajectory.filter}: none of its epochs ({_span(t[wanted & defined])}) can be compared with the truth "
+            f"{trajectory.label}: none of its epochs ({_span(t[wanted & defined])}) can be compared with the truth "
             f"{truth.source} ({_span(row_s)}, gaps over {truth.max_gap_s:g} s left out): check the two clocks "
             "(latency_s, clock_offset_s), --start and --end"
         )
@@ -156,18 +96,15 @@ def evaluate(
     travelled_m = distance_travelled_m(trajectory)
     found = surfacings(t, alignment.points(track_m), travelled_m, truth, *window)
     found = tuple(one for one in found if not in_windows(np.array([one.time_s]), aid)[0])
-    metrics = {**error_metrics(error_m), **surfacing_metrics(found)}
+    horizontal, travel = horizontal_errors(error_m), None
     if travelled_m is not None:
         # unaligned, the error has grown since the track's start; aligned, since the alignment
         start = first if align != "none" else int(np.flatnonzero(defined)[0])
-        metrics["distance_m"] = float(travelled_m[np.flatnonzero(scored)[-1]] - travelled_m[start])
-        if trajectory.filter == "dr" and metrics["distance_m"] > 0:
-            metrics["drift_percent"] = 100 * metrics["final_horizontal_m"] / metrics["distance_m"]
-    if cov_m2 is not None:
-        whole_m2 = _with_truth(cov_m2, truth_sd_m)
-        metrics |= nees_metrics(error_m, whole_m2) | sigma_coverage(error_m, whole_m2)
-    metrics |= innovation_metrics(trajectory) | fix_counts(trajectory) | run_metrics(trajectory)
-    metrics |= {"matched": float(matching.matched), "coverage": matching.matched / matching.candidates}
+        distance_m = float(travelled_m[np.flatnonzero(scored)[-1]] - travelled_m[start])
+        drifts = trajectory.method == "dr" and distance_m > 0
+        travel = Travel(distance_m, 100 * horizontal.final_m / distance_m if drifts else None)
+    compared = None if cov_m2 is None else consistency(error_m, with_truth(cov_m2, truth_sd_m))
+    nees, sigma_shares = compared or (None, None)
 
     warnings = _warnings(matching, truth)
     if align == "first" and t[first] - row_s[first_row] > LATE_FIRST_S:
@@ -177,7 +114,8 @@ def evaluate(
             "earlier: choose a --start at which both exist",
         )
     return ErrorReport(
-        filter=trajectory.filter,
+        method=trajectory.method,
+        label=trajectory.label,
         truth_kind=truth.kind,
         truth_source=truth.source,
         window=window,
@@ -190,7 +128,17 @@ def evaluate(
         cov_m2=cov_m2,
         surfacings=found,
         aid=aid,
-        metrics=metrics,
+        east=axis_errors(error_m[:, 0]),
+        north=axis_errors(error_m[:, 1]),
+        horizontal=horizontal,
+        surfacing=surfacing_errors(found),
+        travel=travel,
+        nees=nees,
+        sigma_shares=sigma_shares,
+        fixes=fix_updates(trajectory),
+        health=health(trajectory),
+        speed=speed(trajectory),
+        sensors=sensor_updates(trajectory),
         warnings=warnings,
     )
 
@@ -209,10 +157,6 @@ def _warnings(matching: Matching, truth: Truth) -> tuple[str, ...]:
     if matching.undefined:
         found.append(f"the track has no position at {matching.undefined} epochs; they are left out of the errors")
     return tuple(found)
-
-
-def _with_truth(cov_m2: Array, truth_sd_m: Vector) -> Array:
-    return cov_m2 + truth_sd_m[:, None, None] ** 2 * np.eye(2)
 
 
 def _count(mask: Mask) -> int:

@@ -1,50 +1,136 @@
-"""The numbers of an error report, by the names that they have in report.json: metres, seconds, per cent."""
+"""Errors, distances, particles and speed of one track, as typed values: metres, seconds, per cent.
 
-from typing import NamedTuple
+A field of a typed part declares its metric: the name in report.json, the unit, which way is better, and the meaning.
+"""
+
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args, get_type_hints
 
 import numpy as np
 
 from usbldr.filters.types import Array, Trajectory, Truth, Vector
 
-_ABSOLUTE = ("mean", "median", "std", "min", "p95", "max")
-METRICS = (
-    *(f"{name}_{axis}_m" for axis in ("east", "north") for name in ("bias", "rmse", *(f"{n}_abs" for n in _ABSOLUTE))),
-    *(f"{name}_horizontal_m" for name in ("rmse", *_ABSOLUTE, "final")),
-    *("surfacing_error_m", "surfacing_percent", "distance_m", "drift_percent"),
-    *("nees_mean", "nees_low", "nees_high", "independent_errors"),
-    *("inside_1_sigma", "inside_2_sigma", "inside_3_sigma"),
-    *("fixes_used", "fixes_down_weighted", "fixes_rejected", "longest_fix_gap_s"),
-    *("ess_mean_ratio", "acceptance_mean", "matched", "coverage", "filter_time_s", "real_time_factor"),
-)
-"""Every metric by name; beside them nis_mean_, nis_expected_ and updates_<fate>_ for each sensor that was used."""
-
-SURFACING_GAP_S = 30.0  # after a longer silence of the truth its next sample tells what the dive has cost
+SURFACING_GAP_S = 30.0  # after a longer gap of the truth, the error at its next sample is a surfacing error
+Direction: TypeAlias = Literal["lower", "higher", "both"]  # which way is better; both: neither is
 
 
-def error_metrics(error_m: Array) -> dict[str, float]:
-    """Return the statistics of errors (M, 2): each axis signed and absolute, and the horizontal length."""
-    found: dict[str, float] = {}
-    for axis, e in zip(("east", "north"), error_m.T, strict=True):
-        found[f"bias_{axis}_m"] = float(e.mean())
-        for name, value in _statistics(np.abs(e)).items():
-            found[f"rmse_{axis}_m" if name == "rmse" else f"{name}_abs_{axis}_m"] = value
+class Metric(NamedTuple):
+    """One number of a report: {} in its name and meaning is the axis or the sensor; unit "" for a count or a ratio."""
+
+    name: str
+    unit: str
+    direction: Direction
+    meaning: str
+
+
+def declared(part: type, place: str) -> dict[str, Metric]:
+    """Return the metric of each field of a typed part, of this axis or sensor."""
+    hints: dict[str, Any] = get_type_hints(part, include_extras=True)
+    found: dict[str, Metric] = {field: get_args(hint)[1] for field, hint in hints.items()}
+    return {k: m._replace(name=m.name.format(place), meaning=m.meaning.format(place)) for k, m in found.items()}
+
+
+def by_name(part: type, place: str, value: tuple[float | None, ...] | None) -> dict[str, float | None]:
+    """Return a part's numbers by their names in report.json, all None for a part that does not apply."""
+    names = [metric.name for metric in declared(part, place).values()]
+    numbers = (None,) * len(names) if value is None else value
+    return {name: None if n is None else float(n) for name, n in zip(names, numbers, strict=True)}
+
+
+class AxisErrors(NamedTuple):
+    """Errors along one axis, east or north."""
+
+    bias_m: Annotated[float, Metric("bias_{}_m", "m", "both", "Signed mean of the {} error.")]
+    rmse_m: Annotated[float, Metric("rmse_{}_m", "m", "lower", "Root mean square of the {} error.")]
+    mean_abs_m: Annotated[float, Metric("mean_abs_{}_m", "m", "lower", "Mean of the absolute {} error.")]
+    median_abs_m: Annotated[float, Metric("median_abs_{}_m", "m", "lower", "Median of the absolute {} error.")]
+    std_abs_m: Annotated[float, Metric("std_abs_{}_m", "m", "lower", "Standard deviation of the absolute {} error.")]
+    min_abs_m: Annotated[float, Metric("min_abs_{}_m", "m", "lower", "Smallest absolute {} error.")]
+    p95_abs_m: Annotated[float, Metric("p95_abs_{}_m", "m", "lower", "95th percentile of the absolute {} error.")]
+    max_abs_m: Annotated[float, Metric("max_abs_{}_m", "m", "lower", "Largest absolute {} error.")]
+
+
+class HorizontalErrors(NamedTuple):
+    """Lengths of the errors in the plane."""
+
+    rmse_m: Annotated[float, Metric("rmse_horizontal_m", "m", "lower", "Root mean square of the horizontal error.")]
+    mean_m: Annotated[float, Metric("mean_horizontal_m", "m", "lower", "Mean horizontal error.")]
+    median_m: Annotated[float, Metric("median_horizontal_m", "m", "lower", "Median horizontal error, CEP50.")]
+    std_m: Annotated[float, Metric("std_horizontal_m", "m", "lower", "Standard deviation of the horizontal error.")]
+    min_m: Annotated[float, Metric("min_horizontal_m", "m", "lower", "Smallest horizontal error.")]
+    p95_m: Annotated[float, Metric("p95_horizontal_m", "m", "lower", "95th percentile of the horizontal error, CEP95.")]
+    max_m: Annotated[float, Metric("max_horizontal_m", "m", "lower", "Largest horizontal error.")]
+    final_m: Annotated[float, Metric("final_horizontal_m", "m", "lower", "Horizontal error of the last scored epoch.")]
+
+
+class SurfacingErrors(NamedTuple):
+    """Errors at the first truth samples after long gaps of the truth."""
+
+    mean_m: Annotated[
+        float, Metric("surfacing_error_m", "m", "lower", "Mean error at the first truth sample after each long gap.")
+    ]
+    percent: Annotated[
+        float | None, Metric("surfacing_percent", "%", "lower", "Those errors over the distance travelled in the gaps.")
+    ]
+
+
+class Travel(NamedTuple):
+    """How far the vehicle went, and how far dead reckoning drifted on the way."""
+
+    distance_m: Annotated[float, Metric("distance_m", "m", "both", "Distance travelled by the estimated speed.")]
+    drift_percent: Annotated[
+        float | None, Metric("drift_percent", "%", "lower", "Final error of dead reckoning over that distance.")
+    ]
+
+
+class Health(NamedTuple):
+    """How the particles fared; None if there are none."""
+
+    ess_mean_ratio: Annotated[
+        float | None, Metric("ess_mean_ratio", "", "both", "Mean effective number of particles over their number.")
+    ]
+    acceptance_mean: Annotated[
+        float | None, Metric("acceptance_mean", "", "both", "Mean share of the particles' moves that were accepted.")
+    ]
+
+
+class Coverage(NamedTuple):
+    """How much of the track was compared with the truth."""
+
+    matched: Annotated[int, Metric("matched", "", "both", "Epochs compared with the truth.")]
+    share: Annotated[float, Metric("coverage", "", "higher", "Share of the epochs compared with the truth.")]
+
+
+class Speed(NamedTuple):
+    """What the run cost."""
+
+    filter_time_s: Annotated[float, Metric("filter_time_s", "s", "lower", "Wall time of the filter.")]
+    real_time_factor: Annotated[
+        float, Metric("real_time_factor", "", "higher", "Seconds of log per second of wall time.")
+    ]
+
+
+def axis_errors(e: Vector) -> AxisErrors:
+    """Return the statistics of the signed errors of one axis, (M,)."""
+    return AxisErrors(float(e.mean()), *_statistics(np.abs(e)))
+
+
+def horizontal_errors(error_m: Array) -> HorizontalErrors:
+    """Return the statistics of the lengths of errors (M, 2)."""
     length = np.hypot(*error_m.T)
-    found |= {f"{name}_horizontal_m": value for name, value in _statistics(length).items()}
-    found["final_horizontal_m"] = float(length[-1])
-    return found
+    return HorizontalErrors(*_statistics(length), float(length[-1]))
 
 
-def _statistics(e: Vector) -> dict[str, float]:
-    """Return evo's statistics in its order, and the 95th percentile, of errors that have no sign."""
-    return {
-        "rmse": float(np.sqrt(np.mean(e**2))),
-        "mean": float(e.mean()),
-        "median": float(np.median(e)),
-        "std": float(e.std()),
-        "min": float(e.min()),
-        "p95": float(np.percentile(e, 95)),
-        "max": float(e.max()),
-    }
+def _statistics(e: Vector) -> tuple[float, float, float, float, float, float, float]:
+    """Return rmse, mean, median, std, min, 95th percentile and max of errors that have no sign."""
+    return (
+        float(np.sqrt(np.mean(e**2))),
+        float(e.mean()),
+        float(np.median(e)),
+        float(e.std()),
+        float(e.min()),
+        float(np.percentile(e, 95)),
+        float(e.max()),
+    )
 
 
 def distance_travelled_m(trajectory: Trajectory) -> Vector | None:
@@ -60,17 +146,22 @@ def distance_travelled_m(trajectory: Trajectory) -> Vector | None:
     return np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
 
 
-def run_metrics(trajectory: Trajectory) -> dict[str, float]:
-    """Return what the run cost and how its particles fared."""
-    found: dict[str, float] = {}
-    if trajectory.seconds > 0:
-        found["filter_time_s"] = trajectory.seconds
-        found["real_time_factor"] = float(trajectory.time_s[-1] - trajectory.time_s[0]) / trajectory.seconds
+def health(trajectory: Trajectory) -> Health:
+    """Return how the particles fared."""
+    ess = acceptance = None
     if trajectory.particles > 1 and trajectory.ess is not None and np.isfinite(trajectory.ess).any():
-        found["ess_mean_ratio"] = float(np.nanmean(trajectory.ess)) / trajectory.particles
+        ess = float(np.nanmean(trajectory.ess)) / trajectory.particles
     if trajectory.acceptance is not None and np.isfinite(trajectory.acceptance).any():
-        found["acceptance_mean"] = float(np.nanmean(trajectory.acceptance))
-    return found
+        acceptance = float(np.nanmean(trajectory.acceptance))
+    return Health(ess, acceptance)
+
+
+def speed(trajectory: Trajectory) -> Speed | None:
+    """Return what the run cost, None if its time was not taken."""
+    if not trajectory.seconds > 0:
+        return None
+    length_s = float(trajectory.time_s[-1] - trajectory.time_s[0])
+    return Speed(trajectory.seconds, length_s / trajectory.seconds)
 
 
 class Surfacing(NamedTuple):
@@ -111,12 +202,10 @@ def surfacings(
     return tuple(found)
 
 
-def surfacing_metrics(found: tuple[Surfacing, ...]) -> dict[str, float]:
-    """Return the mean over the surfacings, and their errors in per cent of the way between them."""
+def surfacing_errors(found: tuple[Surfacing, ...]) -> SurfacingErrors | None:
+    """Return the statistics of the surfacings, None if there is none."""
     if not found:
-        return {}
-    metrics = {"surfacing_error_m": float(np.mean([s.error_m for s in found]))}
-    told = [s for s in found if s.distance_m > 0]
-    if told:
-        metrics["surfacing_percent"] = 100 * sum(s.error_m for s in told) / sum(s.distance_m for s in told)
-    return metrics
+        return None
+    moved = [s for s in found if s.distance_m > 0]
+    percent = 100 * sum(s.error_m for s in moved) / sum(s.distance_m for s in moved) if moved else None
+    return SurfacingErrors(float(np.mean([s.error_m for s in found])), percent)

@@ -11,11 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.evaluation.consistency import CONFIDENCE, DOF
-from usbldr.filters.models.noise import chi_square_quantile
+from usbldr.filters.evaluation.consistency import CONFIDENCE, Nees, nees_with_bounds
+from usbldr.filters.evaluation.metrics import Metric
 from usbldr.filters.types import Vector
 
 DIVERGED_M = 5.0  # mean horizontal error of a run that has lost the vehicle
+DIVERGED_SHARE = Metric(
+    "diverged_share", "", "lower", f"Share of the seeds with a mean horizontal error over {DIVERGED_M:g} m."
+)
 
 
 class MeanWithError(NamedTuple):
@@ -55,14 +58,13 @@ def diverged_share(mean_horizontal_m: Sequence[float]) -> float:
     return float(np.mean(np.asarray(mean_horizontal_m) > DIVERGED_M))
 
 
-def pooled_nees(nees_mean: Sequence[float], independent: Sequence[float]) -> dict[str, float]:
+def pooled_nees(nees_mean: Sequence[float], independent: Sequence[float]) -> Nees:
     """Return the mean NEES of independent runs with the bounds that 95 of 100 such ensembles keep.
 
     ``independent`` are the effective numbers of errors of each run; that of the mean of means is K^2 / sum(1 / n).
     """
     count = len(nees_mean) ** 2 / float(np.sum(1 / np.asarray(independent)))
-    low, high = (chi_square_quantile(p, DOF * count) / count for p in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
-    return {"nees_mean": float(np.mean(nees_mean)), "nees_low": low, "nees_high": high, "independent_errors": count}
+    return nees_with_bounds(float(np.mean(nees_mean)), count)
 
 
 def student_quantile(probability: float, dof: int) -> float:

@@ -2,22 +2,22 @@
 
 from collections.abc import Sequence
 
-from usbldr.filters.evaluation.evaluation import ErrorReport
+from usbldr.filters.evaluation.error_report import ErrorReport
 
 TRACK_LABELS = {"usbl": "the raw USBL", "dr": "DR", "nudge": "the nudged DR"}
 
 
 def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) -> str:
     """Say the mean horizontal error and compare it: "cpf 0.69 m: 31 % better than the raw USBL, 70 % than DR"."""
-    own = report.metrics["mean_horizontal_m"]
-    said = f"{report.filter} {own:.2f} m"
+    own = report.horizontal.mean_m
+    said = f"{report.label} {own:.2f} m"
     parts: list[str] = []
     word_before = ""
     for other in others:
-        if other.filter == report.filter:
+        if other.label == report.label:
             continue
-        theirs = other.metrics["mean_horizontal_m"]
-        name = TRACK_LABELS.get(other.filter, other.filter)
+        theirs = other.horizontal.mean_m
+        name = TRACK_LABELS.get(other.method, other.label)
         change = 100 * (1 - own / theirs) if theirs > 0 else (0.0 if own == 0 else -float("inf"))
         if abs(change) < 0.5:
             parts.append(f"equal to {name}")

@@ -15,7 +15,7 @@ from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sigma_points import MomentTransform, cubature, linearised, unscented
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.dead_reckoning import Anchor
-from usbldr.filters.types import Timeline, Trajectory
+from usbldr.filters.types import Timeline, Trajectory, track_label
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,4 +226,4 @@ def methods_that(able: Callable[[Method], object]) -> str:
 
 def track_name(name: str, smooth: bool) -> str:
     """Return what to call the track of a method that was asked to smooth."""
-    return f"{name} smoothed" if smooth and METHODS[name].smoother_transform is not None else name
+    return track_label(name, smooth and METHODS[name].smoother_transform is not None)

@@ -24,7 +24,6 @@ from usbldr.filters.replay.methods import (
     Method,
     method_named,
     methods_that,
-    track_name,
 )
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
 from usbldr.filters.replay.prior import prior
@@ -99,7 +98,7 @@ def _run(
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1
     return Trajectory(
-        track_name(name, settings.smooth),
+        name,
         layout.names,
         timeline.time_s,
         mean,
@@ -114,6 +113,7 @@ def _run(
         time.perf_counter() - began,
         reacquisitions,
         recoveries,
+        settings.smooth,
     )
 
 

@@ -30,9 +30,9 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
     """
     errors = estimated_errors(trajectory)
     if not errors:
-        raise UsageError(f"{trajectory.filter} estimated no errors of sensors that could be written")
+        raise UsageError(f"{trajectory.label} estimated no errors of sensors that could be written")
     document: Any = tomlkit.parse("schema = 1\n" if log.configuration is None else read_text(log.configuration))
-    title = [f"# Errors of sensors that {trajectory.filter} found on {log.path.name} are added to what was stated."]
+    title = [f"# Errors of sensors that {trajectory.label} found on {log.path.name} are added to what was stated."]
     assumed = assumed_sd(log.assumptions.errors)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)

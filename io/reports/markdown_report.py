@@ -24,7 +24,7 @@ Picture = tuple[str, str]  # file name, caption
 def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     """Write report.md; the pictures lie beside it."""
     parts = [
-        f"# {run.filter} on {run.log.path.name}",
+        f"# {run.label} on {run.log.path.name}",
         f"**{run.verdict}.**",
         _pairs(context(run)),
     ]

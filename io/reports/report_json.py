@@ -14,9 +14,8 @@ import pandas as pd
 
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import DOF, consistency_text
-from usbldr.filters.evaluation.evaluation import ErrorReport
+from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influences, most_influential
-from usbldr.filters.evaluation.metrics import METRICS
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.models.parameters import Assumptions
@@ -53,9 +52,14 @@ class Run:
     bound: PositionBound | None = None  # of a scenario, if the user asked for it
 
     @property
-    def filter(self) -> str:
+    def label(self) -> str:
+        """What to call the track: the method, and what was done to it."""
+        return self.scored.trajectory.label
+
+    @property
+    def method(self) -> str:
         """Name of the method."""
-        return self.scored.trajectory.filter
+        return self.scored.trajectory.method
 
     @property
     def truth(self) -> Truth | None:
@@ -66,7 +70,7 @@ class Run:
     def verdict(self) -> str:
         """Return the sentence that every table ends in."""
         if self.scored.report is None:
-            return f"{self.filter}: no truth in {self.log.path.name}, so nothing to judge it by"
+            return f"{self.label}: no truth in {self.log.path.name}, so nothing to judge it by"
         return summary_sentence(
             self.scored.report, [other.report for other in self.reference_tracks if other.report is not None]
         )
@@ -81,14 +85,13 @@ class Run:
             hint = "--calibrate auto estimates those errors of the sensors that the log can tell"
             if known.observed:
                 hint = "no error of a sensor that it could estimate shows in the log; see usbldr doctor for others"
-            judged = (*judged, f"{self.filter} claims to know its place far better than it does: {hint}")
+            judged = (*judged, f"{self.label} claims to know its place far better than it does: {hint}")
         return self.scored.trajectory.warnings + judged
 
 
 def _too_sure(report: ErrorReport) -> bool:
     """Return whether the sigmas are less than half of what the errors show, and no chance explains it."""
-    m = report.metrics
-    return m.get("nees_mean", 0.0) > max(4 * DOF, m.get("nees_high", math.inf))
+    return report.nees is not None and report.nees.mean > max(4 * DOF, report.nees.high)
 
 
 def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
@@ -152,12 +155,12 @@ def write_tables(folder: Path, run: Run) -> None:
         write_tum(folder / "truth.tum", run.log.start_ns, report.time_s, report.truth_m)
     if run.log.origin is not None:
         write_geojson(folder / "track.geojson", trajectory, run.truth, fixes, run.log.origin)
-        write_kml(folder / "track.kml", f"{run.filter} on {run.log.path.name}", trajectory, run.truth, run.log.origin)
+        write_kml(folder / "track.kml", f"{run.label} on {run.log.path.name}", trajectory, run.truth, run.log.origin)
 
 
 def _grid_names(run: Run) -> tuple[str, str]:
     """Return what to call the track's and the errors' own times: "5hz" and "1hz", or "fixes" for raw fixes."""
-    if run.filter == "usbl":
+    if run.method == "usbl":
         return "fixes", "fixes"
     t = run.timeline.time_s
     rates = [1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0 for times in (t, t[run.timeline.slow])]
@@ -189,7 +192,8 @@ def report_content(run: Run) -> dict[str, Any]:
             "end_s": float(t[-1]),
         },
         "origin": log.origin,
-        "filter": run.filter,
+        "filter": run.label,
+        "method": run.method,
         "particles": trajectory.particles,
         "seed": run.seed,
         "order": run.order,
@@ -206,7 +210,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "outages": run.timeline.outages,
         "truth": _truth(run.truth),
         **_judged(report),
-        "baselines": {other.trajectory.filter: _judged(other.report) for other in run.reference_tracks},
+        "baselines": {other.trajectory.label: _judged(other.report) for other in run.reference_tracks},
         **({} if run.bound is None else {"bound": _bound(run.bound)}),
         "warnings": run.warnings,
         "verdict": run.verdict,
@@ -248,7 +252,7 @@ def _truth(truth: Truth | None) -> dict[str, Any] | None:
 
 
 def _judged(report: ErrorReport | None) -> dict[str, Any]:
-    """Return the errors of one track; every name of METRICS is there, null where it does not apply."""
+    """Return the errors of one track; a metric that does not apply is null."""
     if report is None:
         return {"metrics": None}
     return {
@@ -261,8 +265,8 @@ def _judged(report: ErrorReport | None) -> dict[str, Any]:
             "shift_north_m": report.alignment.shift_m[1],
         },
         "matching": report.matching._asdict(),
-        "metrics": {**dict.fromkeys(METRICS), **report.metrics},
-        "consistency": consistency_text(report.metrics) or None,
+        "metrics": report.flat(),
+        "consistency": consistency_text(report.nees) or None,
         "surfacings": [surfacing._asdict() for surfacing in report.surfacings],
     }
 

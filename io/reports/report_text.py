@@ -7,13 +7,13 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, consistency_text
-from usbldr.filters.evaluation.evaluation import ErrorReport, Window
+from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, FixUpdates, SensorUpdates, consistency_text
+from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
 from usbldr.filters.models.calibration import EstimatedError, estimated_errors
 from usbldr.filters.models.parameters import StateObservability
-from usbldr.filters.types import OUTCOMES, OutageRecovery
+from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.tuned_config import tuned_text
@@ -87,30 +87,32 @@ def aid_text(windows: Sequence[TimeWindow]) -> str:
 def error_table(report: ErrorReport) -> Table:
     """Return the error of east, north and their length, evo's statistics first."""
     heads = ("rmse", "mean", "median", "std", "min", "max", "p95", "bias", "final")
+    h = report.horizontal
     rows: list[tuple[str, ...]] = []
-    for axis in ("east", "north"):
-        names = [f"rmse_{axis}_m", *(f"{name}_abs_{axis}_m" for name in heads[1:7]), f"bias_{axis}_m"]
-        rows.append((f"|{axis}|", *(metres(report, name) for name in names), ""))
-    names = [f"{name}_horizontal_m" for name in (*heads[:7], "bias", "final")]
-    rows.append(("horizontal", *(metres(report, name) for name in names)))
+    for name, e in (("|east|", report.east), ("|north|", report.north)):
+        numbers = (e.rmse_m, e.mean_abs_m, e.median_abs_m, e.std_abs_m, e.min_abs_m, e.max_abs_m, e.p95_abs_m, e.bias_m)
+        rows.append((name, *metres(*numbers), ""))
+    numbers = (h.rmse_m, h.mean_m, h.median_m, h.std_m, h.min_m, h.max_m, h.p95_m)
+    rows.append(("horizontal", *metres(*numbers), "", *metres(h.final_m)))
     return Table("error in m", heads, tuple(rows))
 
 
 def method_table(run: Run) -> Table:
     """Return the method beside raw fixes and dead reckoning, and the bound of any filter and any smoother."""
     heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "covered")
-    names = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m", "rmse_horizontal_m", "median_horizontal_m")
     rows: list[tuple[str, ...]] = []
     for scored in (run.scored, *run.reference_tracks):
         report = scored.report
-        if report is None or any(row[0] == report.filter for row in rows):
+        if report is None or any(row[0] == report.label for row in rows):
             continue
-        numbers = [metres(report, name) for name in (*names, "p95_horizontal_m", "max_horizontal_m")]
-        share = f"{100 * report.metrics['coverage']:.0f} %"
-        rows.append((report.filter, *numbers, f"{report.matching.matched}", share))
+        h = report.horizontal
+        axes_m = (report.east.mean_abs_m, report.north.mean_abs_m)
+        numbers = metres(*axes_m, h.mean_m, h.rmse_m, h.median_m, h.p95_m, h.max_m)
+        share = f"{100 * report.coverage.share:.0f} %"
+        rows.append((report.label, *numbers, f"{report.coverage.matched}", share))
     if run.bound is not None:
         for name, errors_m in (("bound", run.bound.filter_m), ("smoother bound", run.bound.smoother_m)):
-            rows.append((name, *(f"{error_m:z.3f}" for error_m in errors_m), *[""] * (len(heads) - 2)))
+            rows.append((name, *metres(*errors_m), *[""] * (len(heads) - 2)))
     return Table("mean error in m", heads, tuple(rows))
 
 
@@ -172,44 +174,45 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
     report = run.scored.report
     lines: list[tuple[str, str]] = []
     if report is not None:
-        m = report.metrics
-        if "nees_mean" in m:
-            inside = ", ".join(f"{100 * m[f'inside_{k}_sigma']:.0f}" for k in (1, 2, 3))
-            right = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_COVERAGE)
+        if (nees := report.nees) is not None:
             lines.append(
                 (
                     "NEES",
-                    f"{m['nees_mean']:.2f}: {consistency_text(m)} (2 is right, {m['nees_low']:.2f} to "
-                    f"{m['nees_high']:.2f} in 95 of 100 runs)",
+                    f"{nees.mean:.2f}: {consistency_text(nees)} (2 is right, {nees.low:.2f} to "
+                    f"{nees.high:.2f} in 95 of 100 runs)",
                 )
             )
+        if report.sigma_shares is not None:
+            inside = ", ".join(f"{100 * share:.0f}" for share in report.sigma_shares)
+            right = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_COVERAGE)
             lines.append(("sigmas", f"{inside} % of the errors inside 1, 2, 3 sigma ({right} are right)"))
-        for sensor in [name.removeprefix("updates_used_") for name in m if name.startswith("updates_used_")]:
-            lines.append((sensor, _sensor(report, sensor)))
-        if "ess_mean_ratio" in m:
-            ess = f"{100 * m['ess_mean_ratio']:.0f} % of {run.scored.trajectory.particles} particles"
-            moved = f", {100 * m['acceptance_mean']:.0f} % of the moves accepted" if "acceptance_mean" in m else ""
-            lines.append(("ESS", ess + moved))
+        for sensor, updates in report.sensors.items():
+            lines.append((sensor, _sensor(updates, report.fixes if sensor == "usbl" else None)))
+        ess, accepted = report.health
+        if ess is not None:
+            moved = "" if accepted is None else f", {100 * accepted:.0f} % of the moves accepted"
+            lines.append(("ESS", f"{100 * ess:.0f} % of {run.scored.trajectory.particles} particles{moved}"))
         if calibrated := estimated_errors(run.scored.trajectory):
             lines.append(("calibrated", ", ".join(_error_found(error) for error in calibrated)))
         if observed := run.log.assumptions.observed:
             lines.append(("observed", _observed(observed)))
         if settled := run.log.assumptions.noise_changes:
             lines.append(("by the log", ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in settled)))
-        if "surfacing_error_m" in m:
-            way = f", {m['surfacing_percent']:.2f} % of the way" if "surfacing_percent" in m else ""
+        if report.surfacing is not None:
+            mean_m, percent = report.surfacing
+            way = "" if percent is None else f", {percent:.2f} % of the way"
             many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
             when = f"at the first truth after a gap over {SURFACING_GAP_S:.0f} s{many}"
-            lines.append(("surfacing", f"{m['surfacing_error_m']:.2f} m {when}{way}"))
-        if "filter_time_s" in m:
-            lines.append(("speed", f"{m['filter_time_s']:.2f} s, {m['real_time_factor']:.0f} times real time"))
+            lines.append(("surfacing", f"{mean_m:.2f} m {when}{way}"))
+        if (speed := report.speed) is not None:
+            lines.append(("speed", f"{speed.filter_time_s:.2f} s, {speed.real_time_factor:.0f} times real time"))
     if tuned := run.log.assumptions.tuned:
         lines.append(("tuned", "; ".join(tuned_text(number) for number in tuned)))
     for scored in (run.scored, *run.reference_tracks):
-        if scored.report is not None and "drift_percent" in scored.report.metrics:
-            m = scored.report.metrics
-            text = f"{m['drift_percent']:.2f} % of {m['distance_m']:.0f} m travelled"
-            lines.append((f"{scored.report.filter} drift", f"{m['final_horizontal_m']:.2f} m at the end, {text}"))
+        judged = scored.report
+        if judged is not None and judged.travel is not None and judged.travel.drift_percent is not None:
+            text = f"{judged.travel.drift_percent:.2f} % of {judged.travel.distance_m:.0f} m travelled"
+            lines.append((f"{judged.label} drift", f"{judged.horizontal.final_m:.2f} m at the end, {text}"))
             break
     if run.timeline.outages:
         lines.append(("outages", _outages(run)))
@@ -218,16 +221,14 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
     return lines
 
 
-def _sensor(report: ErrorReport, sensor: str) -> str:
-    m = report.metrics
-    stem, what = ("fixes_{}", "fixes") if sensor == "usbl" else (f"updates_{{}}_{sensor}", "updates")
-    counts = {fate: m[stem.format(fate.replace("-", "_"))] for fate in OUTCOMES}
-    told = ", ".join(f"{count:.0f} {fate}" for fate, count in counts.items() if count or fate == "used")
-    nis = ""
-    if f"nis_mean_{sensor}" in m:
-        nis = f"NIS {m[f'nis_mean_{sensor}']:.2f} ({m[f'nis_expected_{sensor}']:.0f} is right); "
-    gap = f"; at most {m['longest_fix_gap_s']:.1f} s without one" if sensor == "usbl" else ""
-    return f"{nis}{what}: {told}{gap}"
+def _sensor(updates: SensorUpdates, fixes: FixUpdates | None) -> str:
+    """Say what became of a sensor's updates; of the USBL, what became of its fixes."""
+    what, of = ("updates", updates) if fixes is None else ("fixes", fixes)
+    counts = {"down-weighted": of.down_weighted, "rejected": of.rejected}
+    told = "".join(f", {count} {fate}" for fate, count in counts.items() if count)
+    nis = "" if updates.nis_mean is None else f"NIS {updates.nis_mean:.2f} ({updates.nis_expected:.0f} is right); "
+    gap = "" if fixes is None else f"; at most {fixes.longest_gap_s:.1f} s without one"
+    return f"{nis}{what}: {of.used} used{told}{gap}"
 
 
 def _error_found(error: EstimatedError) -> str:
@@ -266,6 +267,6 @@ def _returns(returns: Sequence[OutageRecovery]) -> str:
     return said if len(returns) == 1 else f"{len(returns)} times; at worst {said}"
 
 
-def metres(report: ErrorReport, name: str) -> str:
-    """Return a metric in metres to the millimetre, "" where it does not apply."""
-    return f"{report.metrics[name]:z.3f}" if name in report.metrics else ""
+def metres(*values_m: float) -> tuple[str, ...]:
+    """Return metres to the millimetre."""
+    return tuple(f"{value:z.3f}" for value in values_m)

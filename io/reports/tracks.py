@@ -82,7 +82,7 @@ def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes
     features: list[dict[str, Any]] = [
         {
             "type": "Feature",
-            "properties": {"name": trajectory.filter, "role": "estimate"},
+            "properties": {"name": trajectory.label, "role": "estimate"},
             "geometry": {"type": "LineString", "coordinates": _track_line(trajectory, origin)},
         }
     ]
@@ -109,7 +109,7 @@ def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes
 
 def write_kml(path: Path, name: str, trajectory: Trajectory, truth: Truth | None, origin: Origin) -> None:
     """Write the track and the truth as lines on the water, KML 2.2."""
-    lines = [(trajectory.filter, "ffb27200", [_track_line(trajectory, origin)])]  # colours are alpha, blue, green, red
+    lines = [(trajectory.label, "ffb27200", [_track_line(trajectory, origin)])]  # colours are alpha, blue, green, red
     if truth is not None:
         lines.append((f"truth ({truth.kind})", "ff000000", _truth_lines(truth, origin)))
     placemarks = "".join(

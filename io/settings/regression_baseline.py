@@ -5,7 +5,6 @@ of ``usbldr replay`` (``dr_from`` for --dr-from), and a table ``metrics`` by the
 a value, a tolerance (limit = abs + rel |value|) and, where the usual one is not meant, a direction.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +15,15 @@ from msgspec import Meta, Struct
 from tomlkit.items import InlineTable
 
 from usbldr.filters.errors import UsageError
+from usbldr.filters.evaluation.error_report import METRICS
+from usbldr.filters.evaluation.metrics import Direction
+from usbldr.filters.evaluation.seed_statistics import DIVERGED_SHARE
 from usbldr.io.settings.limits import NotNegative
 from usbldr.io.settings.validation import checked, read_document, read_text
 
-Direction: TypeAlias = Literal["lower", "higher", "both"]  # which way is better; both: neither is
 Option: TypeAlias = str | int | float | list[str]
 
-ERROR = re.compile(r"(rmse|mean|median|std|min|p95|max|final|surfacing_error)_.*m$|surfacing_percent|drift_percent")
-LOWER = ("diverged_share", "filter_time_s")
-HIGHER = ("real_time_factor", "coverage")
+DIRECTIONS: Mapping[str, Direction] = {metric.name: metric.direction for metric in (*METRICS, DIVERGED_SHARE)}
 
 
 class Metric(Struct, frozen=True, kw_only=True):
@@ -80,11 +79,8 @@ class RegressionBaseline:
 
 
 def usual_direction(metric: str) -> Direction:
-    """Return which way a metric is better where the file does not say: errors lower, consistency neither."""
-    plain = re.sub(r"_(se|seed_median)$", "", metric)
-    if plain in LOWER or ERROR.match(plain):
-        return "lower"
-    return "higher" if plain in HIGHER else "both"
+    """Return which way a metric is better if the file does not say: what its declaration says, else neither."""
+    return DIRECTIONS.get(metric.removesuffix("_se").removesuffix("_seed_median"), "both")
 
 
 def read_baseline(file: Path) -> RegressionBaseline:

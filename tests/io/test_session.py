@@ -34,7 +34,7 @@ def test_six_lines_give_the_numbers_of_the_command(tmp_path: Path, name: str, me
     track = usbldr.replay(log, timeline, method)
     report = usbldr.evaluate(log, timeline, track)
 
-    assert numbers(report.metrics) == reported(tmp_path, LOGS / name, "--filter", method)
+    assert numbers(report.flat()) == reported(tmp_path, LOGS / name, "--filter", method)
 
 
 def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
     report = usbldr.evaluate(log, timeline, track, settings)
 
     told = reported(tmp_path, LOGS / "paper.mcap", "--filter", "adf", *options.split(), "--align", "first")
-    assert numbers(report.metrics) == told
+    assert numbers(report.flat()) == told
 
 
 def test_dead_reckoning_starts_where_the_settings_say() -> None:

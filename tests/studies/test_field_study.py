@@ -20,7 +20,7 @@ from field.plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
 from field.runs import refusals, run_task
 from pages import AskedRows, table_widths
 from paper.runs import Way
-from usbldr.filters.evaluation.evaluation import Window
+from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.identification import observability
 from usbldr.filters.identification.observability import CANDIDATE_KEYS
 from usbldr.filters.models.parameters import Assumptions, ProcessNoise

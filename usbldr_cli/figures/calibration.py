@@ -41,13 +41,13 @@ def calibration_figure(run: Run) -> Figure | None:
 
 def _draw(axes: Axes, run: Run, error: EstimatedError, before_sd: float) -> None:
     shade_outages(axes, run)
-    t, mine = run.scored.trajectory.time_s, colour(run.filter)
+    t, mine = run.scored.trajectory.time_s, colour(run.method)
     low, high = error.value - 2 * error.sd, error.value + 2 * error.sd
     for side, label in ((-2, "2 sigma before anything was measured"), (2, None)):
         axes.axhline(side * before_sd, color=PRIOR_COLOUR, lw=1.2, ls="--", label=label, zorder=1.5)
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=1.5)
     axes.fill_between(t, low, high, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
-    axes.plot(t, error.value, color=mine, lw=1.3, label=run.filter, zorder=3)
+    axes.plot(t, error.value, color=mine, lw=1.3, label=run.label, zorder=3)
     settled = slice(int(SETTLING * len(t)), None)
     bottom, top = min(0.0, float(np.min(low[settled]))), max(0.0, float(np.max(high[settled])))
     margin = 0.08 * (top - bottom) or 1.0

@@ -95,7 +95,7 @@ def _series(updates: Sequence[Update], channel: Channel) -> Series:
 
 def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
     shade_outages(axes, run)
-    mine = colour(run.filter)
+    mine = colour(run.method)
     size = np.abs(series.innovation)
     half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * float(np.median(series.sd))))
     half = 1.1 * max(half, 2.2 * float(np.median(series.sd))) or 1.0
@@ -135,7 +135,7 @@ def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
     t = np.array([update.time_s for update in taken])
     nis = np.array([update.nis for update in taken])
     dof = float(np.mean([update.dof for update in taken]))
-    mine = colour(run.filter)
+    mine = colour(run.method)
     ends = float(run.timeline.time_s[0]), float(run.timeline.time_s[-1])
     edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
     bins = _bin_means(t, nis, edges)
@@ -179,7 +179,7 @@ def particle_figure(run: Run) -> Figure | None:
     moved = trajectory.acceptance is not None and bool(np.isfinite(trajectory.acceptance).any())
     figure = run_figure(run, "Particles", 11, 5.6 if moved else 3.8)
     panels: Any = figure.subplots(2 if moved else 1, 1, sharex=True, squeeze=False)
-    mine, t = colour(run.filter), trajectory.time_s
+    mine, t = colour(run.method), trajectory.time_s
     top: Axes = panels[0, 0]
     shade_outages(top, run)
     share = trajectory.ess / trajectory.particles

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters.evaluation.evaluation import ErrorReport
+from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Vector
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.calibration import calibration_figure
@@ -62,7 +62,7 @@ def error_figure(run: Run) -> Figure | None:
         return None
     figure = run_figure(run, "Errors", 11, 6.6)
     panels: Any = figure.subplots(2, 1, sharex=True)
-    raw = next((other.report for other in other_tracks(run) if other.trajectory.filter == "usbl"), None)
+    raw = next((other.report for other in other_tracks(run) if other.trajectory.method == "usbl"), None)
     half = _half_height(report)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
@@ -88,20 +88,20 @@ def error_figure(run: Run) -> Figure | None:
 
 
 def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
-    mine, longest_s = colour(report.filter), _longest_step_s(report)
+    mine, longest_s = colour(report.method), _longest_step_s(report)
     t, e = broken_at_gaps(report.time_s, report.error_m[:, k], longest_s)
     beyond = np.abs(report.error_m[:, k]) > half
     for sign, marker in ((1, "^"), (-1, "v")):
         at = report.time_s[beyond & (sign * report.error_m[:, k] > 0)]
         axes.plot(at, np.full(len(at), 0.96 * sign * half), ls="", marker=marker, ms=6, color=mine, zorder=5)
-    if report.filter == "usbl":
+    if report.method == "usbl":
         axes.plot(t, e, ls="", marker=".", ms=4, color=mine, label="usbl", zorder=3)
         return
     if report.sd_m is not None:
         tb, sd = broken_at_gaps(report.time_s, report.sd_m[:, k], longest_s)
         axes.fill_between(tb, -2 * sd, 2 * sd, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
         axes.plot(tb, np.column_stack([-2 * sd, 2 * sd]), color=mine, alpha=0.55, lw=0.7, zorder=1.9)
-    axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.filter, zorder=3)
+    axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.label, zorder=3)
 
 
 def _longest_step_s(report: ErrorReport) -> float:
@@ -119,11 +119,10 @@ def _half_height(report: ErrorReport) -> float:
 
 
 def _error_title(report: ErrorReport, k: int) -> str:
-    m, axis = report.metrics, AXES[k]
+    errors = (report.east, report.north)[k]
     text = (
-        f"{axis}: mean |error| {m[f'mean_abs_{axis}_m']:.2f} m, rmse {m[f'rmse_{axis}_m']:.2f} m, "
-        f"bias {m[f'bias_{axis}_m']:+.2f} m, 95 % below {m[f'p95_abs_{axis}_m']:.2f} m, "
-        f"all below {m[f'max_abs_{axis}_m']:.2f} m"
+        f"{AXES[k]}: mean |error| {errors.mean_abs_m:.2f} m, rmse {errors.rmse_m:.2f} m, "
+        f"bias {errors.bias_m:+.2f} m, 95 % below {errors.p95_abs_m:.2f} m, all below {errors.max_abs_m:.2f} m"
     )
     if report.sd_m is not None:
         inside = np.mean(np.abs(report.error_m[:, k]) <= 2 * report.sd_m[:, k])
@@ -143,8 +142,8 @@ def cdf_figure(run: Run) -> Figure | None:
         for other in (*references, report):
             width = 2.2 if other is report else 1.3
             length, share = _cdf(_lengths(other, k))
-            axes.step(length, 100 * share, where="post", color=colour(other.filter), lw=width, label=other.filter)
-        _mark_quantiles(axes, _lengths(report, k), colour(report.filter))
+            axes.step(length, 100 * share, where="post", color=colour(other.method), lw=width, label=other.label)
+        _mark_quantiles(axes, _lengths(report, k), colour(report.method))
         axes.set_xlim(0, max(_widest(report, references, k) for k in range(3)))
         axes.set_ylim(0, 101)
         axes.set_xlabel(f"{name} error [m]")

@@ -60,14 +60,13 @@ def in_style() -> AbstractContextManager[None]:
 
 
 def colour(method: str) -> str:
-    """Return the colour of a method in every picture; a smoothed track has its filter's."""
-    known = METHODS.get(method.removesuffix(" smoothed"))
-    return OTHER_COLOUR if known is None else known.colour
+    """Return the colour of a method in every picture."""
+    return METHODS[method].colour if method in METHODS else OTHER_COLOUR
 
 
 def run_figure(run: Run, what: str, width_in: float, height_in: float) -> Figure:
     """Return a figure whose title says what is drawn, of which run, against which truth."""
-    return titled_figure(f"{what}: {run.filter} on {run.log.path.name}", subtitle(run), width_in, height_in)
+    return titled_figure(f"{what}: {run.label} on {run.log.path.name}", subtitle(run), width_in, height_in)
 
 
 def titled_figure(title: str, told: str, width_in: float, height_in: float) -> Figure:
@@ -122,7 +121,7 @@ def shade_outages(axes: Axes, run: Run) -> None:
 
 def other_tracks(run: Run) -> list[ScoredTrack]:
     """Return the baselines that are not the method itself."""
-    return [other for other in run.reference_tracks if other.trajectory.filter != run.filter]
+    return [other for other in run.reference_tracks if other.trajectory.label != run.label]
 
 
 def time_axis(axes: Axes, *times_s: Vector) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
-from usbldr.filters.evaluation.evaluation import ErrorReport
+from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.report_json import Run, fixes_table
 from usbldr_cli.figures.style import (
@@ -29,7 +29,7 @@ EVER: Span = (-np.inf, np.inf)
 def track_figure(run: Run) -> Figure:
     """Draw the whole track, and beside it a close-up of the largest error."""
     report = run.scored.report
-    closer = report is not None and run.filter != "usbl"  # the worst of the raw fixes would show nothing else
+    closer = report is not None and run.method != "usbl"  # the worst of the raw fixes would show nothing else
     figure = run_figure(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
     panels: Any = figure.subplots(1, 2 if closer else 1, squeeze=False)
     whole: Axes = panels[0, 0]
@@ -53,7 +53,7 @@ def track_figure(run: Run) -> Figure:
 def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -> None:
     """Draw what the method had to do better than: dead reckoning and the raw fixes."""
     for other in other_tracks(run):
-        if other.trajectory.filter == "dr":
+        if other.trajectory.method == "dr":
             path = other.trajectory.position_m[_during(other.trajectory.time_s, span)]
             axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label="dr", zorder=1)
     _draw_fixes(axes, run, span, marker_scale)
@@ -61,19 +61,19 @@ def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -
 
 def _draw_track(axes: Axes, run: Run, position_m: Array, span: Span) -> None:
     """Draw truth and estimate, with start and end."""
-    method, trajectory = run.filter, run.scored.trajectory
+    trajectory = run.scored.trajectory
     if run.truth is not None:
         during = _during(run.truth.time_s, span)
         _, truth_m = broken_at_gaps(run.truth.time_s[during], run.truth.position_m[during], run.truth.max_gap_s)
         axes.plot(*truth_m.T, color=TRUTH_COLOUR, lw=2.2, label=f"truth ({run.truth.kind})", zorder=3)
-    if method != "usbl":
+    if run.method != "usbl":
         path = position_m[_during(trajectory.time_s, span)]
-        axes.plot(*path.T, color=colour(method), lw=1.3, label=method, zorder=4)
+        axes.plot(*path.T, color=colour(run.method), lw=1.3, label=run.label, zorder=4)
     defined = np.flatnonzero(np.isfinite(position_m).all(axis=1))
     for label, marker, row in (("start", "o", defined[:1]), ("end", "s", defined[-1:])):
         if len(row) and span[0] <= trajectory.time_s[row[0]] <= span[1]:
-            style: dict[str, Any] = {"ls": "", "ms": 9, "mec": "white", "mew": 1, "color": colour(method), "zorder": 6}
-            axes.plot(*position_m[row[0]], marker=marker, label=label, **style)
+            style: dict[str, Any] = {"ls": "", "ms": 9, "mec": "white", "mew": 1, "zorder": 6}
+            axes.plot(*position_m[row[0]], marker=marker, label=label, color=colour(run.method), **style)
     axes.set_aspect("equal")
     axes.set_xlabel("east [m]")
     axes.set_ylabel("north [m]")
@@ -111,7 +111,7 @@ def _draw_worst(axes: Axes, report: ErrorReport) -> None:
         variance, vectors = np.linalg.eigh(report.cov_m2[worst])
         length = 2 * 2 * np.sqrt(np.maximum(variance, 0))
         turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
-        face = colour(report.filter)
+        face = colour(report.method)
         axes.add_patch(Ellipse(tuple(ends[1]), length[1], length[0], angle=turn, fc=face, alpha=0.2, zorder=3.5))
         claimed = ", with the filter's 2 sigma"
     half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
@@ -121,7 +121,7 @@ def _draw_worst(axes: Axes, report: ErrorReport) -> None:
 
 def _extent(run: Run) -> Array:
     """Return the points that the picture must hold: gross errors of fixes or of dr must not shrink the track."""
-    points = [run.scored.trajectory.position_m] if run.filter != "usbl" else []
+    points = [run.scored.trajectory.position_m] if run.method != "usbl" else []
     if run.truth is not None:
         near = (run.truth.time_s >= 0) & (run.truth.time_s <= run.timeline.time_s[-1])
         points.append(run.truth.position_m[near])

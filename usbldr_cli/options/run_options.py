@@ -43,7 +43,7 @@ class RunChoices:
 
         Raises UsageError for a text that means nothing.
         """
-        from usbldr.filters.evaluation.evaluation import Window
+        from usbldr.filters.evaluation.error_report import Window
         from usbldr.io.session import RunSettings
         from usbldr_cli.options.aid_option import aid_windows
         from usbldr_cli.options.noise_option import noise_family

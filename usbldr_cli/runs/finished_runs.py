@@ -63,9 +63,9 @@ def _row(folder: Path) -> ComparisonRow:
         numbers = {str(name): float(value) for name, value in metrics.items() if value is not None}
         trace = folder if (folder / "track.tum").is_file() and (folder / "truth.tum").is_file() else None
         outcome = JobResult(numbers, tuple(report["warnings"]), scored_against=judged, trace=trace)
-        method = str(report["filter"])
+        label, method = str(report["filter"]), str(report["method"])
         draws = method in METHODS and METHODS[method].draws
-        return ComparisonRow(judged.log, method, method, (int(report["seed"]),), (outcome,), draws)
+        return ComparisonRow(judged.log, label, method, (int(report["seed"]),), (outcome,), draws)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
         raise LogError(f"{file}: is not a report of usbldr replay, or not a whole one ({err!r})") from err
 

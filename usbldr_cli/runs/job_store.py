@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from usbldr.io.reports.run_directory import write_atomically
 
 if TYPE_CHECKING:
-    from usbldr.filters.evaluation.evaluation import Window
+    from usbldr.filters.evaluation.error_report import Window
     from usbldr.filters.types import Array, Vector
 
 SCHEMA = 2  # fixed: the version of stored runs
@@ -40,7 +40,7 @@ class ScoringContext:
     @property
     def window(self) -> "Window":
         """Which truth rows were chosen."""
-        from usbldr.filters.evaluation.evaluation import Window
+        from usbldr.filters.evaluation.error_report import Window
 
         first_s, last_s = self.window_start_s, self.window_end_s
         return Window(-math.inf if first_s is None else first_s, math.inf if last_s is None else last_s)

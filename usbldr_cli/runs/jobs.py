@@ -208,7 +208,7 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
         order=choices.order,
         lost=tuple(finding.text for finding in log.findings if finding.lost_data),
     )
-    metrics = {name: value for name, value in report.metrics.items() if math.isfinite(value)}
+    metrics = {name: value for name, value in report.flat().items() if value is not None and math.isfinite(value)}
     trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
     return JobResult(metrics, (*trajectory.warnings, *report.warnings), scored_against=judged), trace
 

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.evaluation.consistency import consistency_text
-from usbldr.filters.evaluation.metrics import METRICS
+from usbldr.filters.evaluation.consistency import Nees, consistency_text
+from usbldr.filters.evaluation.error_report import METRICS
+from usbldr.filters.evaluation.metrics import by_name, declared
 from usbldr.filters.evaluation.seed_statistics import (
+    DIVERGED_SHARE,
     PairedDifference,
     average,
     diverged_share,
@@ -86,7 +88,8 @@ def _for_all(values: dict[int, float], sampled: bool, seeds: list[int]) -> dict[
 
 def row_metrics(row: ComparisonRow) -> dict[str, float | None]:
     """Return every metric of a row over its seeds; null where it does not apply."""
-    names = dict.fromkeys((*METRICS, *(name for o in row.good.values() for name in o.metrics)))
+    told = (name for outcome in row.good.values() for name in outcome.metrics)
+    names = dict.fromkeys((*(metric.name for metric in METRICS), *told))
     found: dict[str, float | None] = {}
     for name in names:
         values = list(row.values(name).values())
@@ -97,16 +100,25 @@ def row_metrics(row: ComparisonRow) -> dict[str, float | None]:
         found[name] = mean
         if len(row.seeds) > 1:
             found[f"{name}_se"], found[f"{name}_seed_median"] = se, median
-    if row.dives and (independent := row.values("independent_errors")):
-        found |= pooled_nees(list(row.values("nees_mean").values()), list(independent.values()))
+    if row.dives and (nees := row_nees(row)) is not None:
+        found |= by_name(Nees, "", nees)
     if row.sampled and row.good:
-        found["diverged_share"] = diverged_share(list(row.values("mean_horizontal_m").values()))
+        found[DIVERGED_SHARE.name] = diverged_share(list(row.values("mean_horizontal_m").values()))
     return found
+
+
+def row_nees(row: ComparisonRow) -> Nees | None:
+    """Return the mean NEES over the seeds: of dives with the bounds of all of them together; None if none has one."""
+    told = [list(row.values(metric.name).values()) for metric in declared(Nees, "").values()]
+    if not all(told):
+        return None
+    mean, _, _, independent = told
+    return pooled_nees(mean, independent) if row.dives else Nees(*(average(values).mean for values in told))
 
 
 def row_consistency(row: ComparisonRow) -> str:
     """Say in words whether the row's sigmas are to be believed."""
-    return consistency_text({name: value for name, value in row_metrics(row).items() if value is not None})
+    return consistency_text(row_nees(row))
 
 
 def row_content(row: ComparisonRow, first: ComparisonRow) -> dict[str, Any]:

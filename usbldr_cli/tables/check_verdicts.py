@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from usbldr.filters.evaluation.metrics import Direction
 from usbldr.io.reports.report_text import Table
-from usbldr.io.settings.regression_baseline import BaselineRow, Direction, Metric, usual_direction
+from usbldr.io.settings.regression_baseline import BaselineRow, Metric, usual_direction
 
 OK, REGRESSION, STALE, MISSING, UNKNOWN = "ok", "REGRESSION", "better: stale", "MISSING", "NO VALUE"
 FAILURES = (REGRESSION, MISSING, UNKNOWN)

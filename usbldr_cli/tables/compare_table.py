@@ -4,7 +4,7 @@ import re
 import textwrap
 from collections.abc import Sequence
 
-from usbldr.filters.evaluation.evaluation import Window
+from usbldr.filters.evaluation.error_report import Window
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
 from usbldr_cli.runs.seed_table import (
     ComparisonRow,

@@ -12,7 +12,7 @@ LABEL = 13  # [columns] columns that the longest label needs, with its gap
 
 def render(run: Run, colour: bool = False) -> str:
     """Return the whole table; colour only where a terminal shows it."""
-    blocks = [_title(f"{run.filter} on {run.log.path.name}", colour), pairs(context(run))]
+    blocks = [_title(f"{run.label} on {run.log.path.name}", colour), pairs(context(run))]
     if run.scored.report is not None:
         blocks += ["", aligned(error_table(run.scored.report)), "", aligned(method_table(run))]
     if told := health_lines(run):

@@ -100,7 +100,7 @@ def test_smoothing_leaves_the_last_epoch_and_narrows_the_others(name: str) -> No
     assumed = replace(log.assumptions, calibrate=("scale", "misalignment"))
     plain, smoothed = (run(name, line, assumed, FilterSettings(particles=20, smooth=on)) for on in (False, True))
 
-    assert (plain.filter, smoothed.filter) == (name, f"{name} smoothed")
+    assert (plain.label, smoothed.label) == (name, f"{name} smoothed")
     np.testing.assert_array_equal(smoothed.mean[-1], plain.mean[-1])
     assert smoothed.cov is not None
     assert plain.cov is not None

@@ -10,7 +10,8 @@ import pytest
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.evaluation.consistency import consistency_text, effective_number, nees
-from usbldr.filters.evaluation.evaluation import Window, evaluate
+from usbldr.filters.evaluation.error_report import Window
+from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.evaluation.metrics import distance_travelled_m
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.types import Trajectory, Truth, Update
@@ -42,15 +43,14 @@ def test_a_track_on_the_truth_has_no_error_though_its_stamps_fall_between_the_tr
 
     report = evaluate(track_of(t, line(t)), truth_of(SECONDS, line(SECONDS)))
 
-    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-12)
-    assert report.metrics["matched"] == len(t)
-    assert report.metrics["coverage"] == 1.0
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-12)
+    assert report.coverage.matched == len(t)
+    assert report.coverage.share == 1.0
 
 
 def test_a_constant_offset_is_bias_mean_rmse_median_and_p95_at_once() -> None:
-    report = evaluate(track_of(SECONDS, shifted(SECONDS, -3.0, 4.0)), truth_of(SECONDS, line(SECONDS)))
+    m = evaluate(track_of(SECONDS, shifted(SECONDS, -3.0, 4.0)), truth_of(SECONDS, line(SECONDS))).flat()
 
-    m = report.metrics
     assert m["bias_east_m"] == pytest.approx(-3.0)
     assert m["bias_north_m"] == pytest.approx(4.0)
     for name in ("mean_abs", "rmse", "median_abs", "p95_abs", "max_abs"):
@@ -65,15 +65,15 @@ def test_known_errors_have_the_statistics_that_one_can_count_on_fingers() -> Non
     east = [3.0, -1.0, 2.0, 0.0]
 
     track = track_of([0, 1, 2, 3], np.column_stack([east, np.zeros(4)]))
-    m = evaluate(track, truth_of([0, 3], np.zeros((2, 2)))).metrics
+    found = evaluate(track, truth_of([0, 3], np.zeros((2, 2))))
 
-    assert m["bias_east_m"] == pytest.approx(1.0)
-    assert m["mean_abs_east_m"] == pytest.approx(1.5)
-    assert m["median_abs_east_m"] == pytest.approx(1.5)
-    assert m["rmse_east_m"] == pytest.approx(math.sqrt(14 / 4))
-    assert m["max_abs_east_m"] == 3.0
-    assert m["final_horizontal_m"] == 0.0
-    assert m["rmse_horizontal_m"] == pytest.approx(math.hypot(m["rmse_east_m"], m["rmse_north_m"]))
+    assert found.east.bias_m == pytest.approx(1.0)
+    assert found.east.mean_abs_m == pytest.approx(1.5)
+    assert found.east.median_abs_m == pytest.approx(1.5)
+    assert found.east.rmse_m == pytest.approx(math.sqrt(14 / 4))
+    assert found.east.max_abs_m == 3.0
+    assert found.horizontal.final_m == 0.0
+    assert found.horizontal.rmse_m == pytest.approx(math.hypot(found.east.rmse_m, found.north.rmse_m))
 
 
 def test_only_the_times_asked_for_are_scored() -> None:
@@ -83,7 +83,7 @@ def test_only_the_times_asked_for_are_scored() -> None:
 
     report = evaluate(track_of(fast, off), truth_of(SECONDS, line(SECONDS)), times_s=SECONDS)
 
-    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
     assert report.matching.matched == report.matching.candidates == 101
 
 
@@ -97,7 +97,7 @@ def test_times_outside_the_truth_and_in_its_gaps_are_left_out_and_counted() -> N
     assert report.matching.in_gap == 34  # 41 to 74; the ends of the hole are truth
     assert report.matching.matched == 47
     assert report.matching.truth_rows == 47
-    assert report.metrics["coverage"] == pytest.approx(47 / 101)
+    assert report.coverage.share == pytest.approx(47 / 101)
     assert "47 of 101" in report.warnings[0]
 
 
@@ -127,8 +127,8 @@ def test_first_moves_the_tracks_first_epoch_onto_the_first_truth_row_without_int
 
     # the epoch of 0.5 s lies on the truth of 0.0 s, so the whole track is half a second late
     assert report.alignment.shift_m == pytest.approx((-7.0 - 0.25, 9.0 - 1.0))
-    assert report.metrics["bias_east_m"] == pytest.approx(-0.25)
-    assert report.metrics["bias_north_m"] == pytest.approx(-1.0)
+    assert report.east.bias_m == pytest.approx(-0.25)
+    assert report.north.bias_m == pytest.approx(-1.0)
 
 
 def test_first_warns_where_it_joins_instants_far_apart() -> None:
@@ -148,7 +148,7 @@ def test_rigid_takes_back_a_rotation_and_a_shift_and_turns_the_covariance_with_t
 
     report = evaluate(track_of(SECONDS, (true - [30, -80]) @ R, cov), truth_of(SECONDS, true), align="rigid")
 
-    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
     assert report.alignment.rotation_rad == pytest.approx(angle)
     assert report.alignment.shift_m == pytest.approx((30.0, -80.0))
     assert report.cov_m2 is not None
@@ -163,7 +163,7 @@ def test_no_rotation_of_the_track_beats_the_rigid_fit() -> None:
 
     best = evaluate(track, truth_of(SECONDS, true), align="rigid")
 
-    assert best.metrics["bias_east_m"] == pytest.approx(0.0, abs=1e-9)
+    assert best.east.bias_m == pytest.approx(0.0, abs=1e-9)
     for more in (-0.01, 0.01):
         c, s = math.cos(more), math.sin(more)
         turned = (best.estimate_m - best.estimate_m.mean(axis=0)) @ np.array([[c, s], [-s, c]])
@@ -193,14 +193,14 @@ def test_an_epoch_without_a_position_is_left_out_and_said() -> None:
     report = evaluate(track_of(SECONDS, broken), truth_of(SECONDS, line(SECONDS)))
 
     assert report.matching.undefined == 11
-    assert report.metrics["max_horizontal_m"] == pytest.approx(0.0, abs=1e-9)
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
     assert "no position at 11 epochs" in report.warnings[0]
 
 
 def test_epochs_that_a_track_does_not_have_lower_its_coverage() -> None:
     report = evaluate(track_of(SECONDS[:51], line(SECONDS[:51])), truth_of(SECONDS, line(SECONDS)), times_s=SECONDS)
 
-    assert report.metrics["coverage"] == pytest.approx(51 / 101)
+    assert report.coverage.share == pytest.approx(51 / 101)
 
 
 def test_nees_of_errors_drawn_from_the_covariance_is_two_and_inside_its_bounds() -> None:
@@ -211,12 +211,12 @@ def test_nees_of_errors_drawn_from_the_covariance_is_two_and_inside_its_bounds()
 
     report = evaluate(track_of(t, errors, np.broadcast_to(P, (len(t), 2, 2))), truth_of(t, np.zeros((len(t), 2))))
 
-    m = report.metrics
-    assert m["nees_mean"] == pytest.approx(2.0, abs=0.06)  # 3 sigma of the mean of 20,000
-    assert m["nees_low"] < 2.0 < m["nees_high"]
-    assert m["nees_high"] - m["nees_low"] == pytest.approx(2 * 1.96 * 2 / math.sqrt(len(t)), rel=0.05)
-    assert [m[f"inside_{k}_sigma"] for k in (1, 2, 3)] == pytest.approx([0.6827, 0.9545, 0.9973], abs=0.005)
-    assert consistency_text(m) == "consistent"
+    assert report.nees is not None
+    assert report.nees.mean == pytest.approx(2.0, abs=0.06)  # 3 sigma of the mean of 20,000
+    assert report.nees.low < 2.0 < report.nees.high
+    assert report.nees.high - report.nees.low == pytest.approx(2 * 1.96 * 2 / math.sqrt(len(t)), rel=0.05)
+    assert report.sigma_shares == pytest.approx([0.6827, 0.9545, 0.9973], abs=0.005)
+    assert consistency_text(report.nees) == "consistent"
 
 
 def test_nees_counts_the_truths_own_sigma() -> None:
@@ -225,8 +225,8 @@ def test_nees_counts_the_truths_own_sigma() -> None:
     known = evaluate(track_of(SECONDS, shifted(SECONDS, 2.0, 3.0), cov), truth_of(SECONDS, line(SECONDS), sd_m=1.0))
     unknown = evaluate(track_of(SECONDS, shifted(SECONDS, 2.0, 3.0), cov), truth_of(SECONDS, line(SECONDS)))
 
-    assert known.metrics["nees_mean"] == pytest.approx(4 / 4 + 9 / 9)
-    assert unknown.metrics["nees_mean"] == pytest.approx(4 / 3 + 9 / 8)
+    assert known.flat()["nees_mean"] == pytest.approx(4 / 4 + 9 / 9)
+    assert unknown.flat()["nees_mean"] == pytest.approx(4 / 3 + 9 / 8)
     assert known.sd_m is not None
     assert known.sd_m[0] == pytest.approx([2.0, 3.0])
 
@@ -244,8 +244,9 @@ def test_nees_is_what_the_inverse_says() -> None:
 def test_a_covariance_of_zero_makes_nees_huge_but_raises_nothing() -> None:
     report = evaluate(track_of(SECONDS, line(SECONDS) + 1, np.zeros((101, 2, 2))), truth_of(SECONDS, line(SECONDS)))
 
-    assert report.metrics["nees_mean"] > 1e10
-    assert consistency_text(report.metrics).startswith("over-confident")
+    assert report.nees is not None
+    assert report.nees.mean > 1e10
+    assert consistency_text(report.nees).startswith("over-confident")
 
 
 @pytest.mark.parametrize(("factor", "said"), [(2.6, "over-confident by 2.6"), (0.25, "under-confident by 4.0")])
@@ -256,7 +257,7 @@ def test_the_verdict_on_consistency_is_the_factor_of_the_sigmas(factor: float, s
 
     report = evaluate(track_of(t, errors, np.broadcast_to(np.eye(2), (len(t), 2, 2))), truth_of(t, 0 * errors))
 
-    assert consistency_text(report.metrics) == said
+    assert consistency_text(report.nees) == said
 
 
 def test_errors_that_stay_alike_for_long_are_worth_few_independent_ones() -> None:
@@ -284,7 +285,7 @@ def test_bounds_hold_for_correlated_errors_as_often_as_they_say() -> None:
 
     for run in errors:
         report = evaluate(track_of(t, run, np.broadcast_to(np.eye(2), (M, 2, 2))), truth_of(t, np.zeros((M, 2))))
-        kept += consistency_text(report.metrics) == "consistent"
+        kept += consistency_text(report.nees) == "consistent"
 
     assert kept / runs == pytest.approx(0.95, abs=0.05)  # bounds for M independent errors keep about 0.5
 
@@ -302,13 +303,9 @@ def test_nis_is_averaged_per_sensor_without_the_rejected() -> None:
     )
     track = track_of(SECONDS, line(SECONDS), updates=updates)
 
-    m = evaluate(track, truth_of(SECONDS, line(SECONDS))).metrics
+    sensors = evaluate(track, truth_of(SECONDS, line(SECONDS))).sensors
 
-    assert m["nis_mean_usbl"] == pytest.approx(3.0)
-    assert m["nis_expected_usbl"] == 2.0
-    assert m["nis_mean_dvl"] == pytest.approx(0.5)
-    counts = [m[f"updates_{fate}_usbl"] for fate in ("used", "down_weighted", "rejected")]
-    assert counts == [1, 1, 1]
+    assert sensors == {"dvl": (0.5, 1.0, 1, 0, 0), "usbl": (3.0, 2.0, 1, 1, 1)}
 
 
 def test_the_first_truth_sample_after_a_long_gap_tells_the_surfacing_error() -> None:
@@ -324,7 +321,7 @@ def test_the_first_truth_sample_after_a_long_gap_tells_the_surfacing_error() -> 
     assert surfacing.gap_s == pytest.approx(50.5)
     assert surfacing.error_m == pytest.approx(5.0)
     assert surfacing.distance_m == pytest.approx(101.0)
-    assert report.metrics["surfacing_percent"] == pytest.approx(100 * 5 / 101)
+    assert report.flat()["surfacing_percent"] == pytest.approx(100 * 5 / 101)
 
 
 def test_raw_fixes_far_apart_tell_no_surfacing_error() -> None:
@@ -334,7 +331,7 @@ def test_raw_fixes_far_apart_tell_no_surfacing_error() -> None:
     report = evaluate(track_of(t, line(t), name="usbl"), truth_of(truth_s, line(truth_s)))
 
     assert report.surfacings == ()
-    assert "surfacing_error_m" not in report.metrics
+    assert report.surfacing is None
 
 
 def test_drift_of_dead_reckoning_is_per_cent_of_the_way() -> None:
@@ -342,7 +339,7 @@ def test_drift_of_dead_reckoning_is_per_cent_of_the_way() -> None:
     mean[:, 2] += 0.05 * SECONDS
     track = Trajectory("dr", ("u", "v", "x", "y"), SECONDS, mean, None, seconds=2.0)
 
-    m = evaluate(track, truth_of(SECONDS, line(SECONDS))).metrics
+    m = evaluate(track, truth_of(SECONDS, line(SECONDS))).flat()
 
     assert m["distance_m"] == pytest.approx(500.0)
     assert m["drift_percent"] == pytest.approx(1.0)
@@ -355,19 +352,19 @@ def test_drift_of_dead_reckoning_is_per_cent_of_the_way() -> None:
 def test_ess_is_given_as_a_share_of_the_particles() -> None:
     track = track_of(SECONDS, line(SECONDS), particles=200, ess=np.full(101, 150.0), acceptance=np.full(101, np.nan))
 
-    m = evaluate(track, truth_of(SECONDS, line(SECONDS))).metrics
+    health = evaluate(track, truth_of(SECONDS, line(SECONDS))).health
 
-    assert m["ess_mean_ratio"] == pytest.approx(0.75)
-    assert "acceptance_mean" not in m
+    assert health.ess_mean_ratio == pytest.approx(0.75)
+    assert health.acceptance_mean is None
 
 
 def test_no_metric_is_ever_nan() -> None:
     track = track_of([5.0], [[0.0, 0.0]], np.full((1, 2, 2), np.nan), updates=(update("usbl", math.nan, 2, "used"),))
 
-    m = evaluate(dataclasses.replace(track, ess=np.array([np.nan])), truth_of([0, 10], np.zeros((2, 2)))).metrics
+    m = evaluate(dataclasses.replace(track, ess=np.array([np.nan])), truth_of([0, 10], np.zeros((2, 2)))).flat()
 
-    assert all(math.isfinite(value) for value in m.values())
-    assert "nees_mean" not in m
+    assert all(value is None or math.isfinite(value) for value in m.values())
+    assert m["nees_mean"] is None
 
 
 def with_mean(name: str, metres: float):
@@ -407,8 +404,8 @@ def test_the_published_error_of_uib_field_is_reproduced(field_logs: Path) -> Non
 
     report = evaluate(track, truth, Window(4.0, 1084.0), "first")
 
-    assert report.metrics["mean_horizontal_m"] == pytest.approx(1.000, abs=0.005)
-    assert report.metrics["std_horizontal_m"] == pytest.approx(0.545, abs=0.005)
+    assert report.horizontal.mean_m == pytest.approx(1.000, abs=0.005)
+    assert report.horizontal.std_m == pytest.approx(0.545, abs=0.005)
 
 
 def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs: Path, tmp_path: Path) -> None:
@@ -427,8 +424,8 @@ def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs:
     )
     found = pd.read_json(tmp_path / "out", typ="series")
 
-    by_a = evaluate(track, truth, Window(4.0, 1084.5), "first").metrics
-    plain = evaluate(track, truth).metrics
+    by_a = evaluate(track, truth, Window(4.0, 1084.5), "first").flat()
+    plain = evaluate(track, truth).flat()
     rigid = evaluate(track, truth, align="rigid")
 
     names = {"abs_e": "mean_abs_east_m", "abs_n": "mean_abs_north_m", "mean": "mean_horizontal_m"}
@@ -437,5 +434,5 @@ def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs:
     for theirs, ours in names.items():
         assert by_a[ours] == pytest.approx(found["A"][theirs], abs=2e-4)
         assert plain[ours] == pytest.approx(found["absolute"][theirs], abs=2e-4)
-        assert rigid.metrics[ours] == pytest.approx(found["se2"][theirs], abs=2e-4)
+        assert rigid.flat()[ours] == pytest.approx(found["se2"][theirs], abs=2e-4)
     assert math.degrees(rigid.alignment.rotation_rad) == pytest.approx(found["se2"]["rotation_deg"], abs=1e-3)

@@ -51,7 +51,7 @@ def test_runs_over_five_metres_have_diverged() -> None:
 def test_the_mean_nees_of_independent_runs_has_the_bounds_of_all_their_errors() -> None:
     found = pooled_nees([1.5, 2.5], [25.0, 25.0])
 
-    assert found["nees_mean"] == 2.0
-    assert found["independent_errors"] == 50
-    assert found["nees_low"] * 50 == pytest.approx(74.222, rel=1e-3)  # printed table, 100 degrees of freedom
-    assert found["nees_high"] * 50 == pytest.approx(129.561, rel=1e-3)
+    assert found.mean == 2.0
+    assert found.independent_errors == 50
+    assert found.low * 50 == pytest.approx(74.222, rel=1e-3)  # printed table, 100 degrees of freedom
+    assert found.high * 50 == pytest.approx(129.561, rel=1e-3)

@@ -69,7 +69,7 @@ def test_evo_finds_the_same_errors_in_the_written_files(tmp_path: Path, align: s
     ape.process_data((reference, estimate))
 
     for name in ("rmse", "mean", "median", "std", "min", "max"):
-        assert ours.metrics[f"{name}_horizontal_m"] == pytest.approx(ape.get_all_statistics()[name], abs=2e-6)
+        assert ours.flat()[f"{name}_horizontal_m"] == pytest.approx(ape.get_all_statistics()[name], abs=2e-6)
 
 
 def test_the_track_table_holds_compass_headings_and_leaves_the_unknown_empty(tmp_path: Path) -> None:

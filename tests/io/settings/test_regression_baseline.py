@@ -7,6 +7,7 @@ import pytest
 
 from checkout import ROOT
 from usbldr.filters.errors import UsageError
+from usbldr.filters.evaluation.error_report import METRICS
 from usbldr.io.settings.regression_baseline import Metric, read_baseline, usual_direction, with_new_values
 
 GOOD = """\
@@ -82,6 +83,11 @@ def test_the_limit_is_abs_plus_rel_times_the_size_of_the_value() -> None:
 )
 def test_errors_are_better_when_lower_and_consistency_has_no_better_side(metric: str, direction: str) -> None:
     assert usual_direction(metric) == direction
+
+
+def test_the_direction_of_every_metric_and_of_its_statistics_over_seeds_is_the_declared_one() -> None:
+    for metric in METRICS:
+        assert {usual_direction(f"{metric.name}{end}") for end in ("", "_se", "_seed_median")} == {metric.direction}
 
 
 def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path: Path) -> None:

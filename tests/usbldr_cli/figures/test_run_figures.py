@@ -32,7 +32,7 @@ USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2
 def a_run(trajectory: Trajectory, align: str = "none") -> Run:
     def scored(track: Trajectory) -> ScoredTrack:
         assert LOG.truth is not None
-        times_s = None if track.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
+        times_s = None if track.method == "usbl" else TIMELINE.time_s[TIMELINE.slow]
         return ScoredTrack(track, evaluate(track, LOG.truth, align=align, times_s=times_s))
 
     return Run(LOG, TIMELINE, scored(trajectory), (scored(USBL), scored(DR)))

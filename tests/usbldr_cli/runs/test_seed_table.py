@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.evaluation.evaluation import Window
+from usbldr.filters.evaluation.error_report import Window
 from usbldr.io.reports.report_text import window_text
 from usbldr_cli.runs.job_store import JobResult, ScoringContext
 from usbldr_cli.runs.seed_table import (

@@ -3,7 +3,8 @@ import re
 
 import numpy as np
 
-from usbldr.filters.evaluation.evaluation import Window, evaluate
+from usbldr.filters.evaluation.error_report import Window
+from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
@@ -23,7 +24,7 @@ CPF = run_filter("cpf", TIMELINE, LOG.assumptions)
 
 def scored(trajectory: Trajectory, window: Window, align: str) -> ScoredTrack:
     assert LOG.truth is not None
-    times_s = None if trajectory.filter == "usbl" else TIMELINE.time_s[TIMELINE.slow]
+    times_s = None if trajectory.method == "usbl" else TIMELINE.time_s[TIMELINE.slow]
     return ScoredTrack(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
 
 

@@ -1,0 +1,129 @@
+"""The result of an evaluation: what was compared with the truth, and every metric in typed parts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.evaluation.alignment import Alignment
+from usbldr.filters.evaluation.consistency import FixUpdates, Nees, SensorUpdates, SigmaShares, sigmas, with_truth
+from usbldr.filters.evaluation.metrics import (
+    AxisErrors,
+    Coverage,
+    Health,
+    HorizontalErrors,
+    Metric,
+    Speed,
+    Surfacing,
+    SurfacingErrors,
+    Travel,
+    by_name,
+    declared,
+)
+from usbldr.filters.types import Array, Vector
+from usbldr.filters.windows import TimeWindow
+
+
+class Window(NamedTuple):
+    """Which truth rows count: seconds from the log's start, both ends included."""
+
+    start_s: float = -np.inf
+    end_s: float = np.inf
+
+
+WHOLE_LOG = Window()
+
+
+class Matching(NamedTuple):
+    """How many of the track's times found a truth, and why the others did not."""
+
+    candidates: int  # times to be scored
+    matched: int
+    outside_window: int  # before --start or after --end
+    outside_truth: int  # in the window, but before its first or after its last truth row
+    in_gap: int  # of the truth
+    aided: int  # in a window in which GPS aided the filter
+    undefined: int  # the track itself has no finite position there
+    truth_rows: int  # distinct truth samples that the matched times rest on
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorReport:
+    """M scored epochs of one track, and its metrics in typed parts; a part that does not apply is None."""
+
+    method: str
+    label: str  # the method, and what was done to its track
+    truth_kind: str
+    truth_source: str
+    window: Window
+    alignment: Alignment
+    matching: Matching
+    time_s: Vector  # (M,)
+    estimate_m: Array  # (M, 2) east, north, after the alignment
+    truth_m: Array  # (M, 2)
+    truth_sd_m: Vector  # (M,) 1-sigma per axis; 0 where unknown
+    cov_m2: Array | None  # (M, 2, 2) of the track alone, after the alignment
+    surfacings: tuple[Surfacing, ...]
+    aid: tuple[TimeWindow, ...]  # windows in which GPS aided the filter, so that nothing is scored there
+    east: AxisErrors
+    north: AxisErrors
+    horizontal: HorizontalErrors
+    surfacing: SurfacingErrors | None
+    travel: Travel | None
+    nees: Nees | None
+    sigma_shares: SigmaShares | None
+    fixes: FixUpdates | None
+    health: Health
+    speed: Speed | None
+    sensors: Mapping[str, SensorUpdates]  # by name
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def error_m(self) -> Array:
+        """Estimate minus truth, (M, 2)."""
+        return self.estimate_m - self.truth_m
+
+    @property
+    def horizontal_m(self) -> Vector:
+        """Length of the error, (M,)."""
+        return np.hypot(*self.error_m.T)
+
+    @property
+    def sd_m(self) -> Array | None:
+        """1-sigma of the error of east and north, the truth's own share included, (M, 2), or None."""
+        return None if self.cov_m2 is None else sigmas(with_truth(self.cov_m2, self.truth_sd_m))
+
+    @property
+    def coverage(self) -> Coverage:
+        """How much of the track was compared with the truth."""
+        return Coverage(self.matching.matched, self.matching.matched / self.matching.candidates)
+
+    def flat(self) -> dict[str, float | None]:
+        """Return METRICS by name, None for one that does not apply, then those of each sensor that do apply."""
+        found: dict[str, float | None] = {}
+        for place, part in PARTS:
+            found |= by_name(part, place, getattr(self, place))
+        for sensor, updates in self.sensors.items():
+            numbers = by_name(SensorUpdates, sensor, updates)
+            found |= {name: number for name, number in numbers.items() if number is not None}
+        return found
+
+
+PARTS: tuple[tuple[str, type], ...] = (
+    ("east", AxisErrors),
+    ("north", AxisErrors),
+    ("horizontal", HorizontalErrors),
+    ("surfacing", SurfacingErrors),
+    ("travel", Travel),
+    ("nees", Nees),
+    ("sigma_shares", SigmaShares),
+    ("fixes", FixUpdates),
+    ("health", Health),
+    ("coverage", Coverage),
+    ("speed", Speed),
+)
+"""The typed parts of a report by their names there, in the order of report.json."""
+
+METRICS: tuple[Metric, ...] = tuple(metric for place, part in PARTS for metric in declared(part, place).values())
+"""Every metric of a report; beside them those of SensorUpdates for each sensor that was used."""
