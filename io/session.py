@@ -85,7 +85,7 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
         assumptions = replace(assumptions, aid=settings.aid)
     if settings.calibrate is not None:
         assumptions = replace(assumptions, calibrate=settings.calibrate)
-    able = _estimable_errors(method, settings)
+    able = method_named(method).estimates
     if assumptions.calibrate == (AUTO,) and not able:
         assumptions = replace(assumptions, calibrate=())
     if assumptions.calibrate == (AUTO,):
@@ -93,11 +93,6 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
         if settings.calibrate is None:
             assumptions = replace(assumptions, calibrate=tuple(key for key in assumptions.calibrate if key in able))
     return tune(timeline, assumptions).assumptions if settings.tune else assumptions
-
-
-def _estimable_errors(method: str, settings: RunSettings) -> frozenset[str]:
-    """Return the errors of sensors that a method can estimate beside the track."""
-    return frozenset() if settings.form == "literal" else method_named(method).estimates
 
 
 def replay(

@@ -116,7 +116,7 @@ def _finished(folders: Sequence[str], filters: str | None) -> "list[ComparisonRo
 
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     """Return the names in a list of filters; refuse what none of them takes."""
-    from usbldr.filters.replay.methods import FILTERS_WITH_FORMS, METHODS, methods_that
+    from usbldr.filters.replay.methods import METHODS, methods_that
 
     choices.settings()  # refuses what no run could take
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
@@ -130,8 +130,6 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     for option, given in (("--aid", choices.aid is not None), ("--tune", choices.tune)):
         if given and not any(method.is_filter for method in methods):
             raise UsageError(f"{option} is for filters, and none of them is compared")
-    if choices.form != "mixture" and not set(names) & set(FILTERS_WITH_FORMS):
-        raise UsageError(f"--form is for {', '.join(FILTERS_WITH_FORMS)}, and none of them is compared")
     return names
 
 

@@ -107,7 +107,7 @@ def replay(
     if write_calibration is not None:
         _refuse_without_errors(chosen, log)
     if leave_one_out is not None:
-        _refuse_without_shifts(chosen, choices, dive_timeline)
+        _refuse_without_shifts(chosen, dive_timeline)
     name = log.path.name if log.path.is_dir() else log.path.stem
     target = output or Path(f"{name}-{method}{'-smoothed' if choices.smooth else ''}")
     if what := output_conflict(target, read, inside=False):
@@ -147,11 +147,11 @@ def _refuse_without_errors(method: "Method", log: "Log") -> None:
         raise UsageError(f"--write-calibration: no errors of sensors are estimated; {hint}")
 
 
-def _refuse_without_shifts(method: "Method", choices: RunChoices, dive_timeline: "Timeline") -> None:
+def _refuse_without_shifts(method: "Method", dive_timeline: "Timeline") -> None:
     """Refuse --leave-one-out where no fix is told of, or where the filter does not tell what a fix did to it."""
     from usbldr.filters.replay.methods import methods_that
 
-    if method.smoother_transform is None or choices.form == "literal":
+    if method.smoother_transform is None:
         told = methods_that(lambda m: m.smoother_transform)
         raise UsageError(
             f"--leave-one-out: {method.name} does not tell what each fix did to it (those that do: {told})"

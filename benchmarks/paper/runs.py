@@ -34,7 +34,6 @@ class Way:
     calibrate: str = "none"
     particles: int = 100
     gate: float | None = None
-    form: str = "mixture"
     smooth: bool = False
     order: str = "validity"
 
@@ -42,7 +41,6 @@ class Way:
     def label(self) -> str:
         """The filter as a table names it, without what it calibrates."""
         parts = [self.method]
-        parts += [f"--form {self.form}"] if self.form != "mixture" else []
         parts += [f"--gate {self.gate:g}"] if self.gate is not None else []
         parts += [f"--particles {self.particles}"] if self.particles != 100 else []
         parts += ["--smooth"] if self.smooth else []
@@ -55,7 +53,6 @@ class Way:
             particles=self.particles,
             gate=self.gate,
             seed=seed,
-            form=self.form,
             start=None,
             end=None,
             align="none",
@@ -74,9 +71,9 @@ Rows: TypeAlias = Mapping[Cell, ComparisonRow]
 
 GATED = Way("ekf", gate=0.99)
 LEADING = (Way("ekf"), GATED, Way("adf"), Way("adf", smooth=True), Way("cpf"), Way("pf"))
-ALIKE = (Way("ckf"), Way("ukf"), Way("upf"), Way("cpf", form="gaussian"))
+ALIKE = (Way("ckf"), Way("ukf"), Way("upf"), Way("cpf-gaussian"))
 NAMED = (Way("aekf"), Way("afukf"), Way("pf-wekf"))  # in the paper's introduction
-LITERAL = (Way("upf", form="literal"), Way("cpf", form="literal"))
+LITERAL = (Way("upf-literal"), Way("cpf-literal"))
 SWEPT = (Way("ekf"), GATED, Way("adf"), Way("cpf"), Way("pf"))
 ON_LAKE = (Way("pf"), Way("upf"), Way("cpf"), Way("ekf"), GATED, Way("adf"), Way("adf", smooth=True))
 ON_UNSEEN = (Way("ekf"), GATED, Way("adf"), Way("adf", smooth=True), Way("cpf"), Way("pf"))

@@ -20,9 +20,11 @@ from paper import goals as paper_goals
 from paper import tables
 from paper.bounds import limits
 from paper.figures import write_figures
+from paper.readings import ROWS
 from paper.runs import STATES, Rows, Way, plan, run_plan, write_sweeps
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.errors import UsbldrError
+from usbldr.filters.replay.methods import METHODS
 from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.scenarios.library import find_scenario
 from usbldr_cli.runs.seed_table import ComparisonRow, difference
@@ -171,5 +173,7 @@ def _keys(calibrate: str) -> tuple[str, ...]:
     return () if calibrate == "none" else tuple(calibrate.split(","))
 
 
+if __name__ in ("__main__", "__mp_main__"):  # in the processes of run_jobs, too
+    METHODS.update(ROWS)
 if __name__ == "__main__":
     sys.exit(main())

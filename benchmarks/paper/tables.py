@@ -30,7 +30,7 @@ def filters(rows: Rows) -> str:
         found = [rows.get(cell) for cell in cells]
         ran = [row for row in found if row is not None]
         nees, seeds = _alike(_mean(row, "nees_mean", 2) for row in ran), _alike(len(row.seeds) for row in ran)
-        published = PUBLISHED.get(way.method, "") if way.form != "gaussian" and not way.smooth else ""
+        published = PUBLISHED.get(way.method.removesuffix("-literal"), "") if not way.smooth else ""
         body.append((way.label, *(errors(row) if row else "" for row in found), nees, seeds, published))
     heads = (*runs.STATES.values(), "NEES", "seeds", "the paper")
     return _made(Table("|east|/|north|, m", heads, tuple(body)), "filters", rows, ("paper", Way("cpf", "scale")))

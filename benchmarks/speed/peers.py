@@ -16,14 +16,18 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper is a package
+
+from paper.readings import ROWS
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
@@ -103,15 +107,16 @@ def timed(name: str, work: Dive, particles: int, track: Callable[[], np.ndarray]
 
 
 def ours(work: Dive) -> Iterator[Row]:
-    for label, name, form, count in (
-        ("usbldr cpf", "cpf", "mixture", 100),
-        ("usbldr cpf", "cpf", "mixture", 1000),
-        ("usbldr cpf --form gaussian", "cpf", "gaussian", 1000),
-        ("usbldr cpf --form literal", "cpf", "literal", 100),
-        ("usbldr pf (bootstrap)", "pf", "mixture", 1000),
-        ("usbldr adf (no particles)", "adf", "mixture", 1),
+    METHODS.update(ROWS)
+    for label, name, count in (
+        ("usbldr cpf", "cpf", 100),
+        ("usbldr cpf", "cpf", 1000),
+        ("usbldr cpf-gaussian", "cpf-gaussian", 1000),
+        ("usbldr cpf-literal", "cpf-literal", 100),
+        ("usbldr pf (bootstrap)", "pf", 1000),
+        ("usbldr adf (no particles)", "adf", 1),
     ):
-        settings = FilterSettings(particles=count, form=form)
+        settings = FilterSettings(particles=count)
         yield timed(
             label, work, count, lambda n=name, s=settings: run(n, work.line, work.log.assumptions, s).position_m
         )

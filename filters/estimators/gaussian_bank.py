@@ -169,3 +169,10 @@ def inverse_and_logdet(S: Array) -> tuple[Array, Array]:
     inverse = np.linalg.inv(stacked).astype(np.float64, copy=False)
     logdet = np.linalg.slogdet(stacked).logabsdet.astype(np.float64, copy=False)
     return np.moveaxis(inverse, -3, -1), logdet
+
+
+def log_density(x: Array, mean: Array, cov: Array) -> Vector:
+    """Return log N(x; mean, cov) without its constant: x (n, N), mean (n, 1), cov (n, n)."""
+    root = np.linalg.cholesky(cov)
+    normals = np.linalg.solve(root, x - mean)
+    return -0.5 * np.sum(normals**2, axis=0) - np.log(np.diag(root)).sum()

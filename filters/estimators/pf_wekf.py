@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.cpf_gaussian import log_density
 from usbldr.filters.estimators.gaussian_bank import (
     GaussianBank,
     Projection,
     inverse_and_logdet,
+    log_density,
     mixture_moments,
     predict,
     project,

@@ -3,12 +3,12 @@
 Who wants to know whether a method draws particles, takes a gate or can be smoothed asks this table.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.estimators import adaptive, cpf, cpf_gaussian, cpf_literal, kalman, mode_updates, pf, pf_wekf
+from usbldr.filters.estimators import adaptive, cpf, kalman, mode_updates, pf, pf_wekf
 from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.motion import MotionModel
@@ -25,7 +25,6 @@ class FilterSettings:
     particles: int = 100  # the N of the paper
     gate: float | None = None  # probability that a good measurement passes; None: no gate
     seed: int = 0
-    form: str = "mixture"  # of cpf and upf, see CPF_FORMS
     smooth: bool = False  # estimate each epoch from the whole dive, not from what came before it
     order: str = "validity"  # of late fixes, see late_fixes.FIX_ORDERS
     guard: bool | None = None  # multiple hypotheses against clusters of false fixes; None: the method's default
@@ -73,7 +72,7 @@ def _adaptive(rule: MomentTransform, factor: adaptive.InflationFactor) -> Filter
 
 
 def _particles(rule: MomentTransform) -> FilterFactory:
-    return lambda motion, settings: CPF_FORMS[settings.form](motion, rule, settings.particles)
+    return lambda motion, settings: cpf.CubatureParticleFilter(motion, rule, settings.particles)
 
 
 def _dead_reckoning(timeline: Timeline, anchor: Anchor | None) -> Trajectory:
@@ -84,16 +83,7 @@ def _dead_reckoning(timeline: Timeline, anchor: Anchor | None) -> Trajectory:
     return dead_reckoning.dr(timeline, anchor.position_m, anchor.time_s)
 
 
-CPF_FORMS: Mapping[str, Callable[[MotionModel, MomentTransform, int], Filter[Any]]] = {
-    "mixture": cpf.CubatureParticleFilter,
-    "gaussian": cpf_gaussian.GaussianParticleFilter,
-    "literal": cpf_literal.LiteralParticleFilter,
-}
-"""How the paper's text can be read: particles over noise modes (sound, the default), one Gaussian proposal (sound), by
-the letter (collapses; for study)."""
-FILTERS_WITH_FORMS = ("cpf", "upf")
-
-METHODS: Mapping[str, Method] = {
+METHODS: dict[str, Method] = {
     method.name: method
     for method in (
         Method(
@@ -209,7 +199,7 @@ METHODS: Mapping[str, Method] = {
         ),
     )
 }
-"""A new filter is one row here, and one file."""
+"""A new filter is one row here, and one file; a study may add rows of its own."""
 
 
 def method_named(name: str) -> Method:

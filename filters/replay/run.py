@@ -14,12 +14,9 @@ from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import DR_WALK_NAME, Assumptions
-from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import Anchor
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, MAX_FIX_DELAY_S, discarded_fixes
 from usbldr.filters.replay.methods import (
-    CPF_FORMS,
-    FILTERS_WITH_FORMS,
     FilterSettings,
     Method,
     method_named,
@@ -68,13 +65,11 @@ def _run(
     progress: Callable[[int, int], None],
 ) -> Trajectory:
     layout = layout_for(assumptions.calibrate)
-    _check_settings(method, settings, assumptions.calibrate, layout)
+    _check_settings(method, settings, assumptions.calibrate)
     motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
     assert method.build is not None  # it is a filter
     name, estimator = method.name, method.build(motion, settings)
-    by_default = method.multiple_hypotheses_by_default and settings.form == "mixture"
-    guarded = by_default if settings.guard is None else settings.guard
-    if guarded:
+    if method.multiple_hypotheses_by_default if settings.guard is None else settings.guard:
         estimator = MultiHypothesisFilter(estimator, motion)
     began = time.perf_counter()
     count = len(timeline.time_s)
@@ -117,33 +112,22 @@ def _run(
     )
 
 
-def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequence[str], layout: StateLayout) -> None:
+def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequence[str]) -> None:
     """Raise UsageError for what this filter cannot do."""
     name = method.name
     if settings.gate is not None and not method.takes_gate:
         gated = methods_that(lambda m: m.takes_gate)
         raise UsageError(f"{name} weighs outliers and takes no gate (filters with a gate: {gated})")
-    if settings.form not in CPF_FORMS or (settings.form != "mixture" and name not in FILTERS_WITH_FORMS):
-        raise UsageError(
-            f"{name} has no form {settings.form!r} (forms of {', '.join(FILTERS_WITH_FORMS)}: {', '.join(CPF_FORMS)})"
-        )
-    if settings.smooth and (method.smoother_transform is None or settings.form == "literal"):
+    if settings.smooth and method.smoother_transform is None:
         smoothed = methods_that(lambda m: m.smoother_transform)
         raise UsageError(f"{name} is too far from a Gaussian to be smoothed (smoothed: {smoothed})")
     if settings.smooth and settings.order == "arrival":
         raise UsageError("a smoothed track knows the whole dive: leave --order at validity, or --smooth out")
     if settings.order not in FIX_ORDERS:
         raise UsageError(f"there is no order {settings.order!r} (orders: {', '.join(FIX_ORDERS)})")
-    if settings.guard and (not method.multiple_hypotheses or settings.form == "literal"):
+    if settings.guard and not method.multiple_hypotheses:
         guarded = methods_that(lambda m: m.multiple_hypotheses)
-        raise UsageError(f"{name} takes no guard (guarded: {guarded}, and no literal form)")
-    if settings.form == "gaussian" and settings.particles <= len(layout):
-        raise UsageError(
-            f"the gaussian form of {name} makes a covariance of its particles: for {len(layout)} states it takes more "
-            f"than {len(layout)} of them (--particles)"
-        )
-    if settings.form == "literal" and len(layout) > len(StateLayout()):
-        raise UsageError("the literal form loses every constant state: leave --calibrate at none, or take another form")
+        raise UsageError(f"{name} takes no guard (guarded: {guarded})")
     unable = [key for key in calibrate if key not in method.estimates]
     if unable:
         able = methods_that(lambda m: m.estimates.issuperset(unable))
@@ -176,8 +160,6 @@ def _warnings(
             "check frame, map origin, DVL axes and mounting, heading convention and clocks (usbldr info says what was "
             "taken)"
         )
-    if settings.form == "literal":
-        texts.append(f"{name}: its literal form is for study only: it loses its particles in dead reckoning")
     ratio = float(ess.mean()) / settings.particles
     if method.draws and ratio < MIN_ESS_RATIO:
         advice = "use more particles or check the noise model"

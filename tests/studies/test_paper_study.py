@@ -13,6 +13,7 @@ from paper import goals as paper_goals
 from paper import study
 from paper import tables as paper_tables
 from paper.bounds import limits
+from paper.readings import ROWS
 from paper.runs import LATE, SHARES, STATES, UNSEEN, Rows, Way, plan, shared, write_sweeps
 from usbldr.filters.bounds.dive_bounds import PositionBound, dive_bounds
 from usbldr.filters.models.calibration import EstimatedError
@@ -50,7 +51,7 @@ def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = 
     ]
     outcomes = tuple(JobResult(one, trace=trace) for one in metrics)
     return ComparisonRow(
-        log, way.label, way.method, tuple(range(len(values))), outcomes, METHODS[way.method].draws, True
+        log, way.label, way.method, tuple(range(len(values))), outcomes, (METHODS | ROWS)[way.method].draws, True
     )
 
 

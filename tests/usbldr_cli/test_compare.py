@@ -26,7 +26,6 @@ CHOICES = RunChoices(
     particles=10,
     gate=None,
     seed=0,
-    form="mixture",
     start=None,
     end=None,
     align="none",
@@ -119,10 +118,10 @@ def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_p
 
 
 def test_a_method_ignores_options_that_it_has_no_use_for() -> None:
-    asked = dataclasses.replace(CHOICES, gate=0.99, form="gaussian", particles=500)
+    asked = dataclasses.replace(CHOICES, gate=0.99, particles=500)
 
     assert relevant_choices("ekf", asked).gate == 0.99
-    assert (relevant_choices("cpf", asked).gate, relevant_choices("cpf", asked).form) == (None, "gaussian")
+    assert relevant_choices("cpf", asked).gate is None
     assert relevant_choices("ekf", asked) == relevant_choices("ekf", dataclasses.replace(asked, particles=9))
 
 
@@ -218,7 +217,6 @@ def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: 
         (("paper", "--filters", "ckf,ckf"), "--filters names ckf twice"),
         (("paper", "paper"), "LOG names paper twice"),
         (("paper", "--filters", "cpf,dr", "--gate", "0.99"), "--gate is for ekf, ckf, ukf"),
-        (("paper", "--filters", "ekf", "--form", "gaussian"), "--form is for cpf, upf"),
         (
             ("paper", "--calibrate", "speed"),
             "no error of a sensor is called 'speed' (to calibrate: scale,",

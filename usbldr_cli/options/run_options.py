@@ -23,7 +23,6 @@ class RunChoices:
     particles: int
     gate: float | None
     seed: int
-    form: str
     start: str | None
     end: str | None
     align: str
@@ -52,7 +51,6 @@ class RunChoices:
             particles=self.particles,
             gate=self.gate,
             seed=self.seed,
-            form=self.form,
             smooth=self.smooth,
             order=self.order,
             guard=self.guard,
@@ -111,13 +109,6 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             show_default=True,
             metavar="N",
             help="Seed of random numbers.",
-        ),
-        click.option(
-            "--form",
-            type=click.Choice(["mixture", "gaussian", "literal"]),
-            default="mixture",
-            show_default=True,
-            help="Variant of cpf and upf; literal is for study.",
         ),
         click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601."),
         click.option("--end", metavar="TIME", help="Score up to this time."),

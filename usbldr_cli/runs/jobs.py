@@ -62,7 +62,7 @@ class _FinishedJob(NamedTuple):
 
 def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
-    from usbldr.filters.replay.methods import FILTERS_WITH_FORMS, METHODS
+    from usbldr.filters.replay.methods import METHODS
 
     able = METHODS[method]
     return replace(
@@ -70,7 +70,6 @@ def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
         particles=choices.particles if able.draws else 2,
         gate=choices.gate if able.takes_gate else None,
         guard=choices.guard if able.multiple_hypotheses else None,
-        form=choices.form if method in FILTERS_WITH_FORMS else "mixture",
         smooth=choices.smooth and able.smoother_transform is not None,
         tune=choices.tune and able.is_filter,
         dr_from=choices.dr_from if able.anchored else "start",

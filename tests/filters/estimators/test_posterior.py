@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from paper.cpf_gaussian import GaussianParticleFilter
 from textbook import position_steps
 from usbldr.filters.bounds.pcrlb import bounds
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
-from usbldr.filters.estimators.cpf_gaussian import GaussianParticleFilter
 from usbldr.filters.estimators.gaussian_bank import predict, project
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import collapse, mode_likelihoods
@@ -146,7 +146,7 @@ def test_after_one_reading_the_collapse_has_the_moments_of_the_posterior(noise: 
 
 
 @BOTH_NOISES
-@pytest.mark.parametrize("name", ["adf", "cpf --form gaussian"])
+@pytest.mark.parametrize("name", ["adf", "cpf-gaussian"])
 def test_one_gaussian_at_a_time_loses_little_of_the_posterior(name: str, noise: Noise) -> None:
     """The grid's mean has the least mean squared error there is, its variance; a filter adds its own distance to it.
 

@@ -140,7 +140,6 @@ def test_the_sigmas_of_smoothed_dives_are_right() -> None:
 def test_only_what_is_near_a_gaussian_is_smoothed() -> None:
     log = simulated_log(replace(PAPER, duration_s=5.0), 0)
     line = timeline(log)
-    for name, form in (("pf", "mixture"), ("cpf", "literal")):
-        with pytest.raises(UsageError, match=f"{name} is too far from a Gaussian"):
-            run(name, line, log.assumptions, FilterSettings(form=form, smooth=True))
+    with pytest.raises(UsageError, match="pf is too far from a Gaussian"):
+        run("pf", line, log.assumptions, FilterSettings(smooth=True))
     assert METHODS["pf"].smoother_transform is None

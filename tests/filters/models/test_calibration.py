@@ -132,11 +132,9 @@ def test_an_unexplained_scale_widens_the_position_and_an_estimated_one_does_not(
     assert VehicleMotion(layout_for(("scale",)), process).noise(0.0, 2.0)[4] == pytest.approx(2 * 0.003**2)
 
 
-def test_an_unknown_error_and_the_literal_form_are_sentences() -> None:
+def test_an_error_that_is_unknown_or_that_the_filter_cannot_estimate_is_a_sentence() -> None:
     with pytest.raises(UsageError, match=r"called 'speed' \(to calibrate: scale, misalignment"):
         layout_for(("speed",))
-    with pytest.raises(UsageError, match="literal form loses every constant state"):
-        run("cpf", weaving_dive(Faults()), replace(ASSUMED, calibrate=("scale",)), FilterSettings(form="literal"))
     with pytest.raises(UsageError, match="pf cannot estimate heading"):
         run("pf", weaving_dive(Faults()), replace(ASSUMED, calibrate=("scale", "heading")))
 

@@ -166,8 +166,6 @@ def test_a_transponder_beside_the_reference_point_shifts_neither_the_start_nor_a
     [
         ("ekf", FilterSettings(order="backwards"), "there is no order 'backwards'"),
         ("pf", FilterSettings(guard=True), "pf takes no guard"),
-        ("cpf", FilterSettings(guard=True, form="literal"), "takes no guard"),
-        ("cpf", FilterSettings(particles=6, form="gaussian"), "for 6 states it takes more than 6"),
     ],
 )
 def test_settings_that_do_not_fit_the_filter_are_a_sentence(name: str, settings: FilterSettings, said: str) -> None:

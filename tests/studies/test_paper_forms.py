@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from paper.cpf_gaussian import GaussianParticleFilter, whitened
+from paper.cpf_literal import LiteralParticleFilter
 from textbook import PRIOR, Drift, end, grid_posterior, position_steps
-from usbldr.filters.estimators.cpf_gaussian import GaussianParticleFilter, whitened
-from usbldr.filters.estimators.cpf_literal import LiteralParticleFilter
 from usbldr.filters.estimators.gaussian_bank import replicate
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched

@@ -1,4 +1,4 @@
-"""The particle filter with one Gaussian proposal: ``cpf --form gaussian``.
+"""The particle filter with one Gaussian proposal: `cpf-gaussian` of the paper's study.
 
 One Gaussian is predicted and updated by the collapse of mode_updates.py; that result is the importance density q. From
 it N particles are drawn, weighed with p(z | x) N(x; m-, P-) / q(x), and their weighted mean and covariance are the
@@ -15,13 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.estimators.cpf import ParticleBelief
-from usbldr.filters.estimators.gaussian_bank import GaussianBank, mixture_moments, predict, project, replicate
+from usbldr.filters.estimators.gaussian_bank import (
+    GaussianBank,
+    log_density,
+    mixture_moments,
+    predict,
+    project,
+    replicate,
+)
 from usbldr.filters.estimators.mode_updates import collapse, mode_likelihoods
 from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update, with_state_shift
 from usbldr.filters.estimators.resampling import effective_size, normalised
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sigma_points import MomentTransform
-from usbldr.filters.types import Array, Update, Vector
+from usbldr.filters.types import Array, Update
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +84,3 @@ def whitened(normals: Array) -> Array:
     spread: Array = centred @ centred.T / centred.shape[1]
     root = np.linalg.cholesky(spread)
     return np.linalg.solve(root, centred).astype(np.float64, copy=False)
-
-
-def log_density(x: Array, mean: Array, cov: Array) -> Vector:
-    """Return log N(x; mean, cov) without its constant: x (n, N), mean (n, 1), cov (n, n)."""
-    root = np.linalg.cholesky(cov)
-    normals = np.linalg.solve(root, x - mean)
-    return -0.5 * np.sum(normals**2, axis=0) - np.log(np.diag(root)).sum()
