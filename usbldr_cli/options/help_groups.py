@@ -12,7 +12,7 @@ COMMON = {
 }
 RARE = {
     "Log": ("dvl", "compass", "usbl", "gps", "depth", "msg_path", "strict"),
-    "Filter": ("noise", "gate", "guard", "form", "order", "aid", "fast_hz"),
+    "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out"),
     "Output": ("write_calibration",),
 }
