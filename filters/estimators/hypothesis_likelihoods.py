@@ -1,8 +1,8 @@
-"""How well a belief foresaw a fix, under each of the stories that may be behind it.
+"""Likelihood of USBL fixes under each hypothesis about them, from the predicted Gaussian of one belief.
 
-A fix that tells where the vehicle is follows its noise model. One that is false lies anywhere around, and a vehicle
-that is where it should not be lies anywhere around, too: both by Student's t, whose long tail never makes a thing
-impossible. Log likelihoods of metres.
+An inlier follows the noise model of the fix. For an outlier, and for a vehicle that is not where the belief predicts
+it, the innovation follows a Student's t, whose heavy tail never excludes a position. Natural logarithms of densities in
+metres.
 """
 
 import math
@@ -19,42 +19,44 @@ from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.types import Array, Vector
 
-SENSOR = "usbl"  # whose fixes may be false in clusters
+SENSOR = "usbl"  # the sensor whose outliers come in clusters
 TAIL_DOF = 4.0  # [degrees of freedom] of Student's t
 
 
 class HypothesisLikelihoods(NamedTuple):
-    """Log likelihoods of the fixes of a step, as one belief saw them coming."""
+    """Predictive log likelihoods of the fixes of a step, from one belief."""
 
-    modelled: float  # by the whole noise model
-    if_accepted: float  # by that, or false
-    inlier: float  # by those modes of it that tell where the vehicle is
-    relocated: float  # of a vehicle that is not where the belief has it
-    outlier: float
-    excess_m2: float  # of the squared innovations over the expected, each axis
-    informative: bool  # the fixes know better than the belief where the vehicle is
+    modelled: float  # under the whole noise mixture
+    if_accepted: float  # under the mixture or as an outlier: log(exp(modelled) + exp(outlier))
+    inlier: float  # under the modes of the mixture that are not outliers themselves
+    relocated: float  # if the vehicle is not at the predicted position; without the prior of that
+    outlier: float  # as an outlier, times the share of outliers
+    excess_m2: float  # squared innovation minus its expectation, per axis, at least 0
+    informative: bool  # the fix is more precise than the predicted position
 
 
 def hypothesis_likelihoods(
     bank: GaussianBank, fixes: Sequence[Measurement], outlier_noise: Contamination
 ) -> HypothesisLikelihoods:
-    """Hold fixes against a predicted bank of one; each for itself, as if no other had been taken before it."""
-    told = [_fix_likelihoods(bank, fix, outlier_noise) for fix in fixes]
-    modelled, if_accepted, inlier, relocated, outliers, excess_m2, informative = zip(*told, strict=True)
-    sums = (sum(each) for each in (modelled, if_accepted, inlier, relocated, outliers))
+    """Return the likelihoods of fixes from a predicted bank of one; each fix alone, without updates in between."""
+    each_fix = [_fix_likelihoods(bank, fix, outlier_noise) for fix in fixes]
+    modelled, if_accepted, inlier, relocated, outliers, excess_m2, informative = zip(*each_fix, strict=True)
+    sums = (sum(column) for column in (modelled, if_accepted, inlier, relocated, outliers))
     return HypothesisLikelihoods(*sums, excess_m2=max(excess_m2), informative=any(informative))
 
 
 def _fix_likelihoods(bank: GaussianBank, fix: Measurement, outlier_noise: Contamination) -> HypothesisLikelihoods:
-    seen, noise = project(bank, fix, linearised), fix.noise.joint()
-    e, predicted, R = seen.innovation[:, 0], seen.cov[:, :, 0], noise.cov[0]
-    k, far_m2 = len(e), outlier_noise.sd**2
-    size_m2 = np.trace(noise.cov, axis1=1, axis2=2) / k
-    near = size_m2 <= max(far_m2, size_m2[0])  # wider modes are the noise model's own false fixes
-    log_outlier = math.log(outlier_noise.share) + _log_t(e, predicted + R + far_m2 * np.eye(k))
-    modelled = inlier = float(mode_likelihoods(seen, noise).log_likelihood[0])
-    if not near.all():
-        inlier = float(mode_likelihoods(seen, Noise(noise.probabilities[near], noise.cov[near])).log_likelihood[0])
+    projection, noise = project(bank, fix, linearised), fix.noise.joint()
+    e, predicted, R = projection.innovation[:, 0], projection.cov[:, :, 0], noise.cov[0]
+    k, outlier_m2 = len(e), outlier_noise.sd**2
+    mode_m2 = np.trace(noise.cov, axis1=1, axis2=2) / k
+    inliers = mode_m2 <= max(outlier_m2, mode_m2[0])  # wider modes are the noise model's own outliers
+    log_outlier = math.log(outlier_noise.share) + _log_t(e, predicted + R + outlier_m2 * np.eye(k))
+    modelled = inlier = float(mode_likelihoods(projection, noise).log_likelihood[0])
+    if not inliers.all():
+        inlier = float(
+            mode_likelihoods(projection, Noise(noise.probabilities[inliers], noise.cov[inliers])).log_likelihood[0]
+        )
     return HypothesisLikelihoods(
         modelled,
         float(np.logaddexp(modelled, log_outlier)),
@@ -77,7 +79,7 @@ def without_fixes(step: Step) -> Step:
 
 
 def _log_t(e: Vector, S: Array) -> float:
-    """Return the log density of Student's t with TAIL_DOF degrees of freedom and the scale matrix S, (k, k)."""
+    """Return the log density of Student's t at e (k,), with TAIL_DOF degrees of freedom and scale matrix S (k, k)."""
     inverse, logdet = inverse_and_logdet(S[:, :, None])
     k, dof = len(e), TAIL_DOF
     constant = math.lgamma((dof + k) / 2) - math.lgamma(dof / 2) - k / 2 * math.log(dof * math.pi)
