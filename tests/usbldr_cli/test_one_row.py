@@ -69,7 +69,7 @@ def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(
     assert report["filter"] == "last-fix"
     assert report["metrics"]["mean_horizontal_m"] == pytest.approx(raw_m)  # the log has a fix at each second
     assert (tmp_path / "run" / "track.png").stat().st_size > 10_000
-    assert colour("last-fix smoothed") == "#123456"
+    assert colour("last-fix") == "#123456"
 
 
 @pytest.mark.usefixtures("own")
