@@ -1,14 +1,14 @@
 """The cubature particle filter in its Rao-Blackwellised form.
 
-The paper's section 2.2, step by step, in the reading that does not collapse: a particle is a history of noise modes
-with its own cubature Kalman filter (mean and carried covariance). Then
+The paper's section 2.2, step by step, in the reading that does not degenerate: a particle is a history of noise modes
+with its own cubature Kalman filter (mean and covariance). Then
 (1) initial particles are N copies of the prior;
 (2) each particle gets its cubature time and measurement update, eqs. (8) to (20);
 (3) the importance density is the exact conditional p(mode | history, z), so the weight is the predictive likelihood of
     the measurement, and does not depend on the mode that is drawn: resampling comes before the draw (fully adapted);
-(4) resampling is systematic, when fewer than half of the particles count, and is followed by a Markov chain Monte Carlo
-    move over the modes of the last steps, which leaves p(modes | z) as it is;
-(5) the estimate is the weighted mean, eqs. (21) and (22) with the weights that they lack.
+(4) resampling is systematic, if the effective sample size is below half of N, and is followed by a Markov chain
+    Monte Carlo move over the modes of the last steps, which leaves p(modes | z) invariant;
+(5) the estimate is the weighted mean, eqs. (21) and (22) with the weights that the paper omits.
 
 A. Doucet, N. de Freitas, K. Murphy and S. Russell, "Rao-Blackwellised particle filtering for dynamic Bayesian
 networks", UAI 2000; W. Gilks and C. Berzuini, "Following a moving target", J. Royal Statistical Society B 63(1), 2001,
@@ -42,11 +42,11 @@ from usbldr.filters.types import Array, Indices, Update, Vector
 
 
 class PastStep(NamedTuple):
-    """A step that a move may run again."""
+    """A past step whose noise modes the MCMC move may draw again."""
 
-    start: GaussianBank  # the bank before the step, by today's particles
+    start: GaussianBank  # the bank before the step, one member for each current particle
     step: Step
-    log_likelihood: Vector  # (N,) of the step's measurements along each particle's modes
+    log_likelihood: Vector  # (N,) of the step's measurements, given each particle's earlier modes
 
     def take(self, ancestors: Indices) -> "PastStep":
         """Follow the particles through resampling."""
@@ -54,18 +54,18 @@ class PastStep(NamedTuple):
 
 
 class ParticleBelief(NamedTuple):
-    """N Gaussians, the steps that a move may still change, and what the last step did."""
+    """N Gaussians, the past steps that a move may change, and the updates of the last step."""
 
     bank: GaussianBank
     past: tuple[PastStep, ...]
     updates: tuple[Update, ...]
-    ess: float
-    acceptance: float
+    ess: float  # least effective sample size within the step
+    acceptance: float  # share of accepted moves; NaN if none was tried
 
 
 @dataclass(frozen=True, slots=True)
 class CubatureParticleFilter:
-    """N Kalman filters, each on the noise modes that it has drawn."""
+    """N Kalman filters, each conditional on the noise modes that it has drawn."""
 
     motion: MotionModel
     rule: MomentTransform
@@ -74,11 +74,11 @@ class CubatureParticleFilter:
     move_steps: int = 2  # [epochs] how far back a move reaches; 0: no move
 
     def start(self, prior: Prior) -> ParticleBelief:
-        """Return N copies of the prior."""
+        """Return N copies of the prior with weights 1 / N: step (1) of the paper."""
         return ParticleBelief(replicate(prior.mean, prior.cov, self.particles), (), (), float(self.particles), math.nan)
 
     def step(self, belief: ParticleBelief, step: Step, make_rng: MakeRng) -> ParticleBelief:
-        """Return the belief after the step: predict; weigh, resample, draw and update per measurement; move."""
+        """Return the belief after the step: predict; per measurement weigh, resample, draw modes and update; move."""
         rng = make_rng()
         past: tuple[PastStep, ...] = (
             *belief.past[-(self.move_steps - 1) :],
@@ -86,43 +86,45 @@ class CubatureParticleFilter:
         )
         if self.move_steps < 2:
             past = past[-1:]
-        bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)
+        bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)  # time update, eqs. (8) to (12)
         updates: list[Update] = []
         least, resampled = float(self.particles), False
         for measurement in step.measurements:
-            done: list[Update] = []
+            part_updates: list[Update] = []
             for part in measurement.parts():
-                seen, before = project(bank, part, self.rule), bank
-                described = measurement_update(part, seen, np.exp(bank.log_weight), rejected=False)
-                weighed = mode_likelihoods(seen, part.noise)
-                log_l = weighed.log_likelihood
+                # cubature points of the prediction and their measurement moments, eqs. (13) to (18), (17) without R
+                projection, before = project(bank, part, self.rule), bank
+                record = measurement_update(part, projection, np.exp(bank.log_weight), rejected=False)
+                modes = mode_likelihoods(projection, part.noise)
+                log_l = modes.log_likelihood
+                # step (3): w_k = w_{k-1} p(z_k | modes so far), normalised
                 bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
                 past = (*past[:-1], past[-1]._replace(log_likelihood=past[-1].log_likelihood + log_l))
                 ess = effective_size(bank.log_weight)
                 least = min(least, ess)
-                if ess < self.resample_below * self.particles:
+                if ess < self.resample_below * self.particles:  # step (4)
                     ancestors = systematic(np.exp(bank.log_weight), rng)
                     bank = bank.resampled_members(ancestors)
                     past = tuple(old.take(ancestors) for old in past)
-                    seen, weighed = seen.take(ancestors), ModeLikelihoods(*(x[..., ancestors] for x in weighed))
+                    projection, modes = projection.take(ancestors), ModeLikelihoods(*(x[..., ancestors] for x in modes))
                     resampled = True
-                bank = _drawn_update(bank, seen, weighed, part, rng)
-                done.append(with_state_shift(described, before, bank))
-            updates.append(Update.combined(done))
+                bank = _drawn_update(bank, projection, modes, part, rng)  # (17) with the drawn R, then (19) and (20)
+                part_updates.append(with_state_shift(record, before, bank))
+            updates.append(Update.combined(part_updates))
         acceptance = math.nan
         if resampled and self.move_steps:
-            bank, past, acceptance = self._move(bank, past, rng)
+            bank, past, acceptance = self._move(bank, past, rng)  # step (4): Markov chain Monte Carlo
         return ParticleBelief(bank, past, tuple(updates), least, acceptance)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
-        """Return the weighted mean and the covariance of the whole mixture."""
+        """Return mean and covariance of the weighted mixture: eqs. (21) and (22) with weights."""
         mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, belief.ess, belief.acceptance)
 
     def _move(
         self, bank: GaussianBank, past: Sequence[PastStep], rng: np.random.Generator
     ) -> tuple[GaussianBank, tuple[PastStep, ...], float]:
-        """Offer each particle new modes for its last steps; accept with min(1, product of l* / product of l).
+        """Propose new modes for the last steps of each particle; accept with min(1, product of l* / product of l).
 
         The proposal draws every mode from its exact conditional, so the ratio of target to proposal is the product of
         the predictive likelihoods along the path (independence Metropolis-Hastings).
@@ -134,10 +136,10 @@ class CubatureParticleFilter:
             state = predict(start, self.motion, self.rule, step.t0_s, step.t1_s)
             log_l = np.zeros(self.particles)
             for part in (part for measurement in step.measurements for part in measurement.parts()):
-                seen = project(state, part, self.rule)
-                weighed = mode_likelihoods(seen, part.noise)
-                log_l += weighed.log_likelihood
-                state = _drawn_update(state, seen, weighed, part, rng)
+                projection = project(state, part, self.rule)
+                modes = mode_likelihoods(projection, part.noise)
+                log_l += modes.log_likelihood
+                state = _drawn_update(state, projection, modes, part, rng)
             proposal.append(PastStep(start, step, log_l))
         gain = sum(new.log_likelihood for new in proposal) - sum(old.log_likelihood for old in past)
         accepted = np.log(rng.random(self.particles)) < gain
@@ -153,22 +155,26 @@ class CubatureParticleFilter:
 
 
 def _drawn_update(
-    bank: GaussianBank, seen: Projection, weighed: ModeLikelihoods, measurement: Measurement, rng: np.random.Generator
+    bank: GaussianBank,
+    projection: Projection,
+    modes: ModeLikelihoods,
+    measurement: Measurement,
+    rng: np.random.Generator,
 ) -> GaussianBank:
-    """Draw each particle's noise mode from p(mode | history, z) and update it as if that mode were known."""
+    """Draw each particle's mode from p(mode | history, z) and update with its R: (19), (20), K = P^xz (P^z)^-1."""
     R = measurement.noise.cov
     if len(R) == 1:
-        return update(bank, seen, R[0, :, :, None])
-    edges = np.cumsum(weighed.probability, axis=0)
+        return update(bank, projection, R[0, :, :, None])
+    edges = np.cumsum(modes.probability, axis=0)
     mode = (rng.random(len(bank.log_weight)) >= edges[:-1]).sum(axis=0)
-    return update(bank, seen, _by_mode(R, mode))
+    return update(bank, projection, _by_mode(R, mode))
 
 
 def _by_mode(R: Array, mode: Indices) -> Array:
-    """Return each particle's own R: (J, k, k) and (N,) to (k, k, N)."""
+    """Return the R of each particle's mode: (J, k, k) and (N,) to (k, k, N)."""
     return np.moveaxis(R[mode], 0, -1)
 
 
 def _chosen(accepted: NDArray[np.bool_], new: GaussianBank, old: GaussianBank) -> GaussianBank:
-    """Return the new member where accepted, the old elsewhere; a move changes no weight."""
+    """Return the proposed member if accepted, else the current one; a move changes no weight."""
     return GaussianBank(np.where(accepted, new.mean, old.mean), np.where(accepted, new.cov, old.cov), old.log_weight)

@@ -1,6 +1,7 @@
-"""A bank of N Gaussians, particles last, and what every filter does with one: predict it, hold a reading against it.
+"""A bank of N Gaussians in n states, and the operations of every filter on it: predict, project, update.
 
-N = 1 is a Kalman filter; covariances of 0 are a plain particle cloud.
+The particle index is last. N = 1 is a Kalman filter; covariances of 0 are a plain particle cloud. States are in metres,
+radians and seconds (models/states.py). H, F, Q, R, S, K and P are the matrices of the Kalman filter.
 """
 
 import functools
@@ -23,21 +24,21 @@ class GaussianBank(NamedTuple):
     log_weight: Vector  # (N,), normalised
 
     def take(self, ancestors: Indices) -> "GaussianBank":
-        """Return the bank of these members, weights and all."""
+        """Return the bank of these members with their weights."""
         return GaussianBank(self.mean[:, ancestors], self.cov[:, :, ancestors], self.log_weight[ancestors])
 
     def resampled_members(self, ancestors: Indices) -> "GaussianBank":
-        """Return what resampling leaves: these members, equally weighted."""
+        """Return the bank after resampling: these members, equally weighted."""
         return self.take(ancestors)._replace(log_weight=equal_weights(len(ancestors)))
 
 
 class Projection(NamedTuple):
-    """A measurement seen from each member of the bank."""
+    """A measurement of k scalars as each member of the bank predicts it."""
 
-    innovation: Array  # (k, N) z - E h
-    cov: Array  # (k, k, N) H P H', without the measurement's own noise
+    innovation: Array  # (k, N) e = z - E[h(x)]
+    cov: Array  # (k, k, N) H P H', without the measurement noise R
     cross: Array  # (n, k, N) P H'
-    relinearise: "Callable[[GaussianBank], Projection] | None" = None  # holds it against another bank, see `about`
+    relinearise: "Callable[[GaussianBank], Projection] | None" = None  # repeats the projection from another bank
 
     def take(self, ancestors: Indices) -> "Projection":
         """Return the projection of these members."""
@@ -66,18 +67,18 @@ class PartialPrediction(NamedTuple):
     """The bank after one part of the motion, before the process noise."""
 
     bank: GaussianBank
-    rows: slice  # which states the part moved
-    cross: Array  # (n, k, N) covariance of all states before with what those rows gained
+    rows: slice  # states that the part changed
+    cross: Array  # (n, k, N) covariance of all states before with the increment of those rows
 
 
 def predict_parts(
     bank: GaussianBank, motion: MotionModel, rule: MomentTransform, t0_s: float, t1_s: float
 ) -> Iterator[PartialPrediction]:
-    """Move the bank part by part: each part's increment by the rule."""
+    """Predict the bank part by part, each increment by the moment transform; yield the bank after each part."""
     for rows, increment in motion.parts(t0_s, t1_s):
-        mean, cov, cross = rule(increment, bank.mean, bank.cov)
+        mean, cov, cross = rule(increment, bank.mean, bank.cov)  # of d(x): E d, cov(d, d), cov(x, d)
         m, P = bank.mean.copy(), bank.cov.copy()
-        both = cross[rows]
+        both = cross[rows]  # x' = x + d: P' = P + cov(x, d) + cov(d, x) + cov(d, d)
         block = P[rows, rows] + (both + both.swapaxes(0, 1) + cov)
         m[rows] += mean
         P[rows] += cross.swapaxes(0, 1)
@@ -88,7 +89,7 @@ def predict_parts(
 
 
 def predict(bank: GaussianBank, motion: MotionModel, rule: MomentTransform, t0_s: float, t1_s: float) -> GaussianBank:
-    """Move the bank from t0 to t1 and add the process noise."""
+    """Return the bank predicted from t0_s to t1_s: m- = f(m), P- = F P F' + Q."""
     if t1_s == t0_s:
         return bank
     *_, last = predict_parts(bank, motion, rule, t0_s, t1_s)
@@ -99,45 +100,49 @@ def predict(bank: GaussianBank, motion: MotionModel, rule: MomentTransform, t0_s
 
 
 def project(bank: GaussianBank, measurement: Measurement, rule: MomentTransform) -> Projection:
-    """Hold a measurement against every member."""
+    """Return innovation, H P H' and P H' of a measurement for every member."""
     model = measurement.model
     mean, cov, cross = rule(model, bank.mean, bank.cov)
     relinearise = functools.partial(project, measurement=measurement, rule=rule) if measurement.bilinear else None
     return Projection(model.residual(measurement.z[:, None], mean), cov, cross, relinearise)
 
 
-def relinearised(bank: GaussianBank, after: GaussianBank, seen: Projection) -> Projection | None:
-    """Return the measurement as the bank sees it from the mean after it; None where that is as before.
+def relinearised(bank: GaussianBank, after: GaussianBank, projection: Projection) -> Projection | None:
+    """Return the projection relinearised at the updated mean; None if the measurement is not bilinear.
 
-    A sensor that multiplies a state by its own constant error, as a DVL does by its scale, ties the two by a slope that
-    depends on the state. Had the covariance the slope of the old mean, the next reading, which has that of the new one,
-    would find the difference to be news of the error: innovations that are alike in time, as they are wherever the
-    process noise is not the vehicle's own, then push a constant that nothing tells. So the covariance takes the slope
-    of the new mean (G. Huang, A. Mourikis and S. Roumeliotis, "Observability-based rules for designing consistent EKF
-    SLAM estimators", Int. J. Robotics Research 29(5), 2010, doi:10.1177/0278364909353640, on why one slope must serve).
+    A sensor that multiplies a state by its own constant error, as a DVL does by its scale, has a Jacobian that depends
+    on the state. If each covariance update used the Jacobian at the predicted mean, the next measurement would use a
+    different one, and the difference would count as information on the error: innovations that are correlated in time,
+    as they are if the process noise does not match the vehicle, then shift a constant that is not observable. So the
+    covariance update uses the Jacobian at the updated mean (G. Huang, A. Mourikis and S. Roumeliotis,
+    "Observability-based rules for designing consistent EKF SLAM estimators", Int. J. Robotics Research 29(5), 2010,
+    doi:10.1177/0278364909353640, on why Jacobians must be consistent).
     """
-    if seen.relinearise is None:
+    if projection.relinearise is None:
         return None
-    return seen.relinearise(bank._replace(mean=after.mean))._replace(innovation=seen.innovation)
+    return projection.relinearise(bank._replace(mean=after.mean))._replace(innovation=projection.innovation)
 
 
-def update(bank: GaussianBank, seen: Projection, R: Array) -> GaussianBank:
+def update(bank: GaussianBank, projection: Projection, R: Array) -> GaussianBank:
     """Update each member with its own measurement noise: R (k, k, N) or (k, k, 1)."""
-    after = _updated(bank, seen, R)
-    relinearised_seen = relinearised(bank, after, seen)
-    return after if relinearised_seen is None else after._replace(cov=_updated(bank, relinearised_seen, R).cov)
+    after = _updated(bank, projection, R)
+    relinearised_projection = relinearised(bank, after, projection)
+    return (
+        after if relinearised_projection is None else after._replace(cov=_updated(bank, relinearised_projection, R).cov)
+    )
 
 
-def _updated(bank: GaussianBank, seen: Projection, R: Array) -> GaussianBank:
-    inverse, _ = inverse_and_logdet(seen.cov + R)
-    return apply_gain(bank, seen.cross, np.einsum("kln,ln->kn", inverse, seen.innovation), inverse)
+def _updated(bank: GaussianBank, projection: Projection, R: Array) -> GaussianBank:
+    inverse, _ = inverse_and_logdet(projection.cov + R)  # S^-1, S = H P H' + R; K = P H' S^-1: m + K e, P - K S K'
+    return apply_gain(bank, projection.cross, np.einsum("kln,ln->kn", inverse, projection.innovation), inverse)
 
 
 def apply_gain(bank: GaussianBank, cross: Array, g: Array, G: Array) -> GaussianBank:
-    """Return mean + cross g and cov - cross G cross', symmetric to the last bit.
+    """Return mean + cross g and cov - cross G cross', with the covariance exactly symmetric.
 
-    cross (n, k, N); g (k, N) is the score of the predictive likelihood, G (k, k, N) its negative curvature. Rounding
-    that leaves a covariance asymmetric grows until a variance turns negative, hence the care.
+    cross (n, k, N) is P H'. g (k, N) is the score of the predictive likelihood and G (k, k, N) its negative curvature;
+    for a Gaussian g = S^-1 e and G = S^-1, the Kalman update. An asymmetry by rounding would grow until a variance
+    turns negative.
     """
     if len(g) == 1:
         c = cross[:, 0]

@@ -1,4 +1,8 @@
-"""ekf, ckf, ukf and adf: one Gaussian, one rule, one policy; afukf and aekf also doubt their prediction."""
+"""The Kalman filters ekf, ckf, ukf and adf, and afukf and aekf, which inflate their predicted covariance.
+
+Predict: m- = f(m), P- = F P F' + Q. Update: e = z - h(m-), S = H P- H' + R, K = P- H' S^-1, m = m- + K e,
+P = P- - K S K'. The moment transform (linearised, cubature, unscented) computes f(m), F P F', h(m-), H P- H' and P- H';
+the mode update decides which R applies (mode_updates.py). All states are in metres, radians and seconds."""
 
 import math
 from collections.abc import Mapping
@@ -18,19 +22,19 @@ from usbldr.filters.types import Update
 
 
 class KalmanBelief(NamedTuple):
-    """One Gaussian, what the last step did, and how many readings of each scalar were refused in a row."""
+    """One Gaussian, the updates of the last step, and how many measurements of each axis were rejected in a row."""
 
     bank: GaussianBank
     updates: tuple[Update, ...]
     log_likelihood: float  # predictive, of all measurements so far
-    rejected: Mapping[str, int]
-    history: InnovationHistory = MappingProxyType({})  # of the adaptive factor
+    rejected: Mapping[str, int]  # sensor and axis -> rejections in a row
+    history: InnovationHistory = MappingProxyType({})  # for the inflation factor
     inflation: float = 1.0  # see Estimate
 
 
 @dataclass(frozen=True, slots=True)
 class KalmanFilter:
-    """Predict by the rule, multiply the predicted covariance by the factor, take each measurement by the policy."""
+    """Predict by the moment transform, inflate by the factor if there is one, update with each measurement in turn."""
 
     motion: MotionModel
     rule: MomentTransform
@@ -42,28 +46,33 @@ class KalmanFilter:
         return KalmanBelief(replicate(prior.mean, prior.cov, 1), (), 0.0, {})
 
     def step(self, belief: KalmanBelief, step: Step, make_rng: MakeRng) -> KalmanBelief:
-        """Return the belief after the step; nothing is left to chance."""
-        bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)
+        """Return the belief after the step; no random numbers are used."""
+        bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)  # m-, P- = F P F' + Q
         history, inflation = belief.history, 1.0
         if self.factor is not None:
             bank, history, inflation = inflate(bank, step.measurements, history, self.rule, self.factor)
         updates: list[Update] = []
         log_likelihood, rejected = belief.log_likelihood, belief.rejected
         for measurement in step.measurements:
-            done: list[Update] = []
+            part_updates: list[Update] = []
             for part in measurement.parts():
-                seen = project(bank, part, self.rule)
-                axis = f"{part.sensor} {part.axis}"  # a good north must not excuse a refused east
-                past, before = rejected.get(axis, 0), bank
-                bank, log_l, refused, covariance_inflated = self.mode_update(before, seen, part.noise, past)
+                projection = project(bank, part, self.rule)  # e, H P- H', P- H'
+                axis = f"{part.sensor} {part.axis}"  # an accepted north must not reset the count of a rejected east
+                in_a_row, before = rejected.get(axis, 0), bank
+                # K = P- H' S^-1, m = m- + K e, P = P- - K S K'
+                bank, log_l, is_rejected, covariance_inflated = self.mode_update(
+                    before, projection, part.noise, in_a_row
+                )
                 inflation = math.inf if covariance_inflated else inflation
-                rejected = {**rejected, axis: past + 1 if refused else 0}
+                rejected = {**rejected, axis: in_a_row + 1 if is_rejected else 0}
                 log_likelihood += float(log_l[0])
-                done.append(with_state_shift(measurement_update(part, seen, np.ones(1), refused), before, bank))
-            updates.append(Update.combined(done))
+                part_updates.append(
+                    with_state_shift(measurement_update(part, projection, np.ones(1), is_rejected), before, bank)
+                )
+            updates.append(Update.combined(part_updates))
         return KalmanBelief(bank, tuple(updates), log_likelihood, rejected, history, inflation)
 
     def estimate(self, belief: KalmanBelief) -> Estimate:
-        """Return mean and covariance."""
+        """Return mean (n,), covariance (n, n) and the updates of the last step."""
         mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, 1.0, math.nan, belief.inflation)

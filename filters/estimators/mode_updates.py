@@ -1,6 +1,7 @@
-"""What a Gaussian makes of noise that has several modes: match it, gate it, or collapse the mixture that it leaves.
+"""How a Gaussian belief is updated with mixture noise: match its moments, gate, or collapse the posterior mixture.
 
-The fourth policy, drawing a mode for each particle, belongs to the particle filters (cpf.py).
+Innovations e are (k, N), measured minus predicted; S_j = H P H' + R_j for noise mode j. The fourth way, drawing a mode
+for each particle, belongs to the particle filters (cpf.py).
 """
 
 import math
@@ -22,7 +23,7 @@ from usbldr.filters.types import Array, Vector
 
 
 class ModeLikelihoods(NamedTuple):
-    """The J noise modes in the light of one measurement."""
+    """Likelihoods of the J noise modes given one measurement, for each of N members."""
 
     log_joint: Array  # (J, N) log of eps_j N(e; 0, S_j)
     log_likelihood: Vector  # (N,) predictive, of the measurement
@@ -35,17 +36,18 @@ class ModeLikelihoods(NamedTuple):
         return np.exp(self.log_joint - self.log_likelihood)
 
 
-def mode_likelihoods(seen: Projection, noise: Noise) -> ModeLikelihoods:
-    """Weigh the modes of the noise against the innovation."""
-    S = seen.cov + noise.cov.reshape(*noise.cov.shape[:3], -1)
+def mode_likelihoods(projection: Projection, noise: Noise) -> ModeLikelihoods:
+    """Return the likelihoods of the noise modes for the innovation."""
+    S = projection.cov + noise.cov.reshape(*noise.cov.shape[:3], -1)
     inverse, logdet = inverse_and_logdet(S)
-    if len(seen.innovation) == 1:
-        scaled = inverse[:, 0] * seen.innovation
-        distance = scaled[:, 0] * seen.innovation[0]
+    if len(projection.innovation) == 1:
+        scaled = inverse[:, 0] * projection.innovation
+        distance = scaled[:, 0] * projection.innovation[0]
     else:
-        scaled = np.einsum("jkln,ln->jkn", inverse, seen.innovation)
-        distance = np.einsum("jkn,kn->jn", scaled, seen.innovation)
-    constant = np.log(noise.probabilities) - 0.5 * len(seen.innovation) * math.log(2 * math.pi)
+        scaled = np.einsum("jkln,ln->jkn", inverse, projection.innovation)
+        distance = np.einsum("jkn,kn->jn", scaled, projection.innovation)
+    constant = np.log(noise.probabilities) - 0.5 * len(projection.innovation) * math.log(2 * math.pi)
+    # log eps_j - (k log 2 pi + log det S_j + e' S_j^-1 e) / 2
     log_joint = constant.reshape(len(S), -1) - 0.5 * (logdet + distance)
     return ModeLikelihoods(log_joint, _log_sum(log_joint), inverse, scaled)
 
@@ -64,82 +66,91 @@ class UpdateResult(NamedTuple):
     bank: GaussianBank
     log_likelihood: Vector  # (N,)
     rejected: bool
-    covariance_inflated: bool = False  # the bank was: its covariance was doubled until the measurement fitted
+    covariance_inflated: bool = False  # the gate doubled the covariance until the measurement passed
 
 
 class ModeUpdate(Protocol):
-    """How a bank takes a measurement whose noise has modes."""
+    """How a bank is updated with a measurement whose noise has modes."""
 
-    def __call__(self, bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
-        """Return the bank after the measurement; so many of the same sensor were rejected just before."""
+    def __call__(
+        self, bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int
+    ) -> UpdateResult:
+        """Return the bank after the measurement, given how many of its axis were rejected in a row before."""
         ...
 
 
-def moment_matched(bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
-    """Take the whole mixture for one Gaussian of its covariance."""
+def moment_matched(
+    bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int
+) -> UpdateResult:
+    """Replace the noise mixture by one Gaussian with its covariance."""
     one = Noise(np.ones(1), noise.mixture_cov[None])
     return UpdateResult(
-        update(bank, seen, noise.mixture_cov[:, :, None]), mode_likelihoods(seen, one).log_likelihood, False
+        update(bank, projection, noise.mixture_cov[:, :, None]), mode_likelihoods(projection, one).log_likelihood, False
     )
 
 
-def collapse(bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
+def collapse(bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
     """Keep the mean and covariance of the exact posterior mixture (assumed density filtering).
 
     With p_j the posterior mode probabilities: g = sum p_j S_j^-1 e, G = sum p_j (S_j^-1 - S_j^-1 e e' S_j^-1) + g g'.
     C. J. Masreliez, "Approximate non-Gaussian filtering with linear state and observation relations", IEEE Trans.
     Automatic Control 20(1), 1975, doi:10.1109/TAC.1975.1100882.
     """
-    after, log_likelihood = _collapsed(bank, seen, noise)
-    relinearised_seen = relinearised(bank, after, seen)
-    if relinearised_seen is not None:
-        after = after._replace(cov=_collapsed(bank, relinearised_seen, noise)[0].cov)
+    after, log_likelihood = _collapsed(bank, projection, noise)
+    relinearised_projection = relinearised(bank, after, projection)
+    if relinearised_projection is not None:
+        after = after._replace(cov=_collapsed(bank, relinearised_projection, noise)[0].cov)
     return UpdateResult(after, log_likelihood, False)
 
 
-def _collapsed(bank: GaussianBank, seen: Projection, noise: Noise) -> tuple[GaussianBank, Vector]:
+def _collapsed(bank: GaussianBank, projection: Projection, noise: Noise) -> tuple[GaussianBank, Vector]:
     """Return the bank after the measurement, and its log likelihood."""
-    seen_modes = mode_likelihoods(seen, noise)
-    p = seen_modes.probability
-    weighted = p[:, None] * seen_modes.scaled
-    g = weighted.sum(axis=0)
-    second = np.einsum("jkn,jln->kln", weighted, seen_modes.scaled)
-    G = (p[:, None, None] * seen_modes.inverse).sum(axis=0) - second + g[:, None] * g[None]
-    return apply_gain(bank, seen.cross, g, G), seen_modes.log_likelihood
+    modes = mode_likelihoods(projection, noise)
+    p = modes.probability
+    weighted = p[:, None] * modes.scaled
+    g = weighted.sum(axis=0)  # sum p_j S_j^-1 e
+    second = np.einsum("jkn,jln->kln", weighted, modes.scaled)  # sum p_j S_j^-1 e e' S_j^-1
+    G = (p[:, None, None] * modes.inverse).sum(axis=0) - second + g[:, None] * g[None]
+    # Masreliez: m = m- + P H' g, P = P- - P H' G H P
+    return apply_gain(bank, projection.cross, g, G), modes.log_likelihood
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Take the nominal mode alone and refuse what it finds less likely than ``1 - probability``.
+    """Use the nominal noise mode alone and reject measurements whose NIS is above its chi-square quantile.
 
-    A gate that has locked itself out must recover: after ``patience`` refusals of one sensor in a row it is the filter
-    that is refuted, so its covariance is doubled until the next reading passes. Fewer false fixes in a row never open
-    the gate, however far they lie.
+    A filter that has diverged must recover: after ``max_rejections`` rejections of one axis in a row its covariance is
+    doubled until the next measurement passes. Fewer outliers in a row never open the gate, however large they are.
     """
 
-    probability: float = 0.99  # the usual gate: it refuses one good reading in 100
+    probability: float = 0.99  # the usual gate: it rejects one inlier in 100
     max_rejections: int = (
         10  # by judgement: half as many nearly double the error in the scenario multipath, twice as many change nothing
     )
 
-    def __call__(self, bank: GaussianBank, seen: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
-        """Return the bank, changed only if the reading passes."""
+    def __call__(
+        self, bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int
+    ) -> UpdateResult:
+        """Return the bank, unchanged if the measurement is rejected."""
         nominal = Noise(np.ones(1), noise.cov[:1])
-        alone = mode_likelihoods(seen, nominal)
-        limit = chi_square_quantile(self.probability, len(seen.innovation))
-        refused = _distance(alone, seen) > limit
-        if refused and consecutive_rejections < self.max_rejections:
+        nominal_mode = mode_likelihoods(projection, nominal)
+        limit = chi_square_quantile(self.probability, len(projection.innovation))
+        rejected = _distance(nominal_mode, projection) > limit
+        if rejected and consecutive_rejections < self.max_rejections:
             return UpdateResult(bank, np.zeros(1), True)
-        covariance_inflated = refused and bool(seen.cov.any())
-        while refused and seen.cov.any():
+        covariance_inflated = rejected and bool(projection.cov.any())
+        while rejected and projection.cov.any():
             bank = bank._replace(cov=2 * bank.cov)
-            seen = seen._replace(cov=2 * seen.cov, cross=2 * seen.cross)
-            refused = _distance(mode_likelihoods(seen, nominal), seen) > limit
+            projection = projection._replace(cov=2 * projection.cov, cross=2 * projection.cross)
+            rejected = _distance(mode_likelihoods(projection, nominal), projection) > limit
         return UpdateResult(
-            update(bank, seen, nominal.cov[0, :, :, None]), alone.log_likelihood, False, covariance_inflated
+            update(bank, projection, nominal.cov[0, :, :, None]),
+            nominal_mode.log_likelihood,
+            False,
+            covariance_inflated,
         )
 
 
-def _distance(alone: ModeLikelihoods, seen: Projection) -> float:
-    """Return e' S^-1 e of a bank of one under the nominal mode."""
-    return float(np.sum(alone.scaled[0] * seen.innovation))
+def _distance(nominal_mode: ModeLikelihoods, projection: Projection) -> float:
+    """Return e' S^-1 e of a bank of one under the nominal mode: the NIS."""
+    return float(np.sum(nominal_mode.scaled[0] * projection.innovation))

@@ -1,12 +1,14 @@
-"""The bootstrap particle filter: scatter by the motion's noise, weigh by the likelihood, resample.
+"""The bootstrap particle filter: sample the process noise, weigh by the likelihood, resample.
 
 N. Gordon, D. Salmond and A. Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", IEE Proc. F
-140(2), 1993, doi:10.1049/ip-f-2.1993.0015. A particle is a Gaussian without spread, so the bank's functions serve.
+140(2), 1993, doi:10.1049/ip-f-2.1993.0015. A particle is a Gaussian with covariance 0, so the functions of the bank
+apply.
 
-Constant errors of the sensors are never sampled, for resampling would soon leave one value of them. Beside them only
-the yaw is: given its path the rest is nearly linear, and each particle carries a Gaussian over it, which takes mixture
-noise by the collapse of mode_updates.py (T. Schon, F. Gustafsson and P.-J. Nordlund, "Marginalized particle filters for
-mixed linear/nonlinear state-space models", IEEE Trans. Signal Processing 53(7), 2005, doi:10.1109/TSP.2005.849151).
+Constant sensor errors are not sampled, since resampling would soon leave a single value. If there are such states, only
+the yaw is sampled: given its path the rest is nearly linear, and each particle carries a Gaussian over it, updated for
+mixture noise by the collapse of mode_updates.py (T. Schon, F. Gustafsson and P.-J. Nordlund, "Marginalized particle
+filters for mixed linear/nonlinear state-space models", IEEE Trans. Signal Processing 53(7), 2005,
+doi:10.1109/TSP.2005.849151).
 """
 
 import math
@@ -36,10 +38,10 @@ SAMPLED_STATES = len(MOTION_STATES)  # fixed: a state with more is marginalised;
 
 @dataclass(frozen=True, slots=True)
 class BootstrapParticleFilter:
-    """N points that move by chance; the state has to be small and noisy, for it needs thousands of them."""
+    """N sampled states; needs a small state with enough process noise, and thousands of particles."""
 
     motion: MotionModel
-    particles: int = 1000  # with 100 of them some dives diverge, and 5000 are hardly better
+    particles: int = 1000  # with 100 some dives diverge, and 5000 are hardly better
     resample_below: float = 0.5  # share of N: the usual choice
     start_seed: int = 0
 
@@ -54,38 +56,38 @@ class BootstrapParticleFilter:
         return ParticleBelief(bank, (), (), float(self.particles), math.nan)
 
     def step(self, belief: ParticleBelief, step: Step, make_rng: MakeRng) -> ParticleBelief:
-        """Return the belief after the step: move, scatter, weigh, resample."""
+        """Return the belief after the step: predict, sample, weigh, resample."""
         rng = make_rng()
         bank = predict(belief.bank, self.motion, linearised, step.t0_s, step.t1_s)
-        bank = _sampled(bank, rng)
+        bank = _sampled(bank, rng)  # x ~ p(x_k | x_{k-1})
         updates: list[Update] = []
         least = float(self.particles)
         for measurement in step.measurements:
-            done: list[Update] = []
+            part_updates: list[Update] = []
             for part in measurement.parts():
-                seen = project(bank, part, linearised)
-                done.append(measurement_update(part, seen, np.exp(bank.log_weight), rejected=False))
+                projection = project(bank, part, linearised)
+                part_updates.append(measurement_update(part, projection, np.exp(bank.log_weight), rejected=False))
                 if len(bank.mean) > SAMPLED_STATES:
-                    taken = collapse(bank, seen, part.noise, 0)
-                    bank, log_l = taken.bank, taken.log_likelihood
+                    result = collapse(bank, projection, part.noise, 0)
+                    bank, log_l = result.bank, result.log_likelihood
                 else:
-                    log_l = mode_likelihoods(seen, part.noise).log_likelihood
-                bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))
+                    log_l = mode_likelihoods(projection, part.noise).log_likelihood
+                bank = bank._replace(log_weight=normalised(bank.log_weight + log_l))  # w_k = w_{k-1} p(z | x)
                 ess = effective_size(bank.log_weight)
                 least = min(least, ess)
                 if ess < self.resample_below * self.particles:
                     bank = bank.resampled_members(systematic(np.exp(bank.log_weight), rng))
-            updates.append(Update.combined(done))
+            updates.append(Update.combined(part_updates))
         return ParticleBelief(bank, (), tuple(updates), least, math.nan)
 
     def estimate(self, belief: ParticleBelief) -> Estimate:
-        """Return the weighted mean and covariance of the cloud."""
+        """Return the weighted mean (n,) and covariance (n, n) of the particles."""
         mean, cov = mixture_moments(belief.bank)
         return Estimate(mean, cov, belief.updates, belief.ess, belief.acceptance)
 
 
 def _sampled(bank: GaussianBank, rng: np.random.Generator) -> GaussianBank:
-    """Turn into chance the variance that the prediction left: of all states, or of the yaw, and the rest given it."""
+    """Sample the predicted covariance: of all states, or of the yaw alone, with the rest conditional on it."""
     variance = np.einsum("iin->in", bank.cov)
     if len(bank.mean) > SAMPLED_STATES:
         yaw: Array = variance[:1]

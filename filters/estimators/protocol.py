@@ -1,6 +1,6 @@
-"""What a filter is: a frozen value of parameters that turns one belief into the next.
+"""The interface of a filter: a frozen value of parameters that turns one belief into the next.
 
-Beliefs are immutable, so whoever drives the filter may keep them, go back to one and run forward again.
+Beliefs are immutable, so a driver may keep them, go back to one and run forward again.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,12 +14,12 @@ from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.types import Array, Reacquisition, Update, Vector
 
 MakeRng = Callable[[], np.random.Generator]
-"""Makes the generator of one step, from the seed and the epoch: a step run again repeats itself to the bit.
-Making it costs 33 microseconds, so filters without chance leave it uncalled."""
+"""Makes the generator of one step from seed and epoch, so that a repeated step gives the same numbers.
+It takes 33 microseconds; filters without random numbers do not call it."""
 
 
 class Step(NamedTuple):
-    """From one epoch to the next: time passes, then measurements come in by time, sensor and order in the log."""
+    """From one epoch to the next: predict, then update with the measurements in order of time, sensor and log."""
 
     epoch: int
     t0_s: float
@@ -28,7 +28,7 @@ class Step(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """The belief before anything is measured."""
+    """Mean and covariance of the n states before the first measurement."""
 
     mean: Vector  # (n,)
     cov: Array  # (n, n)
@@ -41,8 +41,8 @@ class Estimate(NamedTuple):
     cov: Array  # (n, n)
     updates: Sequence[Update]
     ess: float  # least effective number of particles within the step
-    acceptance: float  # share of accepted moves; NaN where none was tried
-    inflation: float = 1.0  # of the predicted covariance; infinite where a gate's recovery refuted the past
+    acceptance: float  # share of accepted moves; NaN if none was tried
+    inflation: float = 1.0  # factor on the predicted covariance; inf if a gate doubled the covariance to recover
     reacquisitions: tuple[Reacquisition, ...] = ()  # so far
 
 
@@ -50,7 +50,7 @@ Belief = TypeVar("Belief")
 
 
 class Filter(Protocol[Belief]):
-    """A recursive estimator."""
+    """A recursive estimator of n states."""
 
     def start(self, prior: Prior) -> Belief:
         """Return the belief before the first step."""
@@ -61,17 +61,17 @@ class Filter(Protocol[Belief]):
         ...
 
     def estimate(self, belief: Belief) -> Estimate:
-        """Return mean, covariance and what became of the step's measurements."""
+        """Return mean, covariance and the updates of the step."""
         ...
 
 
-def measurement_update(measurement: Measurement, seen: Projection, weight: Vector, rejected: bool) -> Update:
-    """Tell what became of a measurement, from the bank as it was before: weights (N,) add to 1."""
-    e = seen.innovation @ weight
-    spread = seen.innovation - e[:, None]
-    predicted = seen.cov @ weight + (spread * weight) @ spread.T
+def measurement_update(measurement: Measurement, projection: Projection, weight: Vector, rejected: bool) -> Update:
+    """Return the update record of a measurement from the bank before it; weights (N,) add to 1."""
+    e = projection.innovation @ weight
+    spread = projection.innovation - e[:, None]
+    predicted = projection.cov @ weight + (spread * weight) @ spread.T
     S = predicted + measurement.noise.mixture_cov
-    one = Projection(e[:, None], predicted[:, :, None], seen.cross[:, :, :1])
+    one = Projection(e[:, None], predicted[:, :, None], projection.cross[:, :, :1])
     nominal = float(mode_likelihoods(one, measurement.noise).probability[0, 0])
     likely = nominal >= 0.5 or len(measurement.noise.probabilities) == 1
     return Update(
@@ -89,7 +89,7 @@ def measurement_update(measurement: Measurement, seen: Projection, weight: Vecto
 
 
 def with_state_shift(update: Update, before: GaussianBank, after: GaussianBank) -> Update:
-    """Add to what became of a fix how far it moved the weighted mean; other measurements stay as they are."""
+    """Return the update of a fix with the shift of the weighted mean that it caused; others unchanged."""
     if update.axis not in ("east", "north", "position"):
         return update
     shift = after.mean @ np.exp(after.log_weight) - before.mean @ np.exp(before.log_weight)

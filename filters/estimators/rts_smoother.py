@@ -1,8 +1,9 @@
-"""What the whole dive tells of each epoch: the Rauch-Tung-Striebel pass, back over what a filter has estimated.
+"""The Rauch-Tung-Striebel smoother: estimate each epoch from the whole dive, backwards over the estimates of a filter.
 
-It reads the filter's moments alone, so that it serves every filter whose belief is near a Gaussian: mixture noise has
-done its work in the forward pass. The motion is walked back part by part with the covariances of the filter's own
-rule; where x becomes y, x_s = x + G (y_s - y) with G = cov(x, y) cov(y)^-1.
+It needs only the means and covariances of the filter, so it applies to every filter whose belief is near a Gaussian;
+mixture noise was handled in the forward pass. The motion is reversed part by part with the covariances of the filter's
+moment transform; for a part from x to y, x_s = x + G (y_s - y) and P_s = P + G (P_y,s - P_y) G',
+G = cov(x, y) cov(y)^-1.
 
 H. Rauch, F. Tung and C. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA J. 3(8), 1965,
 doi:10.2514/3.3166; for sigma points S. Sarkka, "Unscented Rauch-Tung-Striebel smoother", IEEE Trans. Automatic Control
@@ -30,18 +31,18 @@ class StateMoments(NamedTuple):
 def smooth(
     mean: Array, cov: Array, inflation: Vector, time_s: Vector, motion: MotionModel, rule: MomentTransform
 ) -> tuple[Array, Array]:
-    """Return mean (K, n) and cov (K, n, n) given all measurements, from those given the measurements so far.
+    """Return the smoothed mean (K, n) and covariance (K, n, n) from the filtered ones, at the K epochs ``time_s``.
 
-    ``inflation`` (K,) is the factor by which the filter widened its prediction of each epoch; where it is infinite the
-    filter took its past for refuted, and nothing passes back.
+    ``inflation`` (K,) is the factor by which the filter inflated its predicted covariance at each epoch; if infinite,
+    the filter discarded its past, and nothing is passed back.
     """
     smoothed_mean, smoothed_cov = mean.copy(), cov.copy()
     for k in range(len(time_s) - 2, -1, -1):
         if not math.isfinite(inflation[k + 1]):
             continue
-        known = StateMoments(smoothed_mean[k + 1], smoothed_cov[k + 1])
-        known = _before(StateMoments(mean[k], cov[k]), known, inflation[k + 1], time_s[k : k + 2], motion, rule)
-        smoothed_mean[k], smoothed_cov[k] = known
+        after = StateMoments(smoothed_mean[k + 1], smoothed_cov[k + 1])
+        before = _before(StateMoments(mean[k], cov[k]), after, inflation[k + 1], time_s[k : k + 2], motion, rule)
+        smoothed_mean[k], smoothed_cov[k] = before
     return smoothed_mean, smoothed_cov
 
 
@@ -62,9 +63,9 @@ def _before(
         with_next[:, rows] += cross[:, :, 0]
         crosses.append(with_next)
         stages.append(StateMoments(bank.mean[:, 0], bank.cov[:, :, 0]))
-    moved = stages[-1]
-    crosses.append(moved.cov)  # noise and widening depend on nothing before them
-    stages.append(StateMoments(moved.mean, inflation * (moved.cov + np.diag(motion.noise(t0_s, t1_s)))))
+    predicted = stages[-1]
+    crosses.append(predicted.cov)  # process noise and inflation are independent of the states before
+    stages.append(StateMoments(predicted.mean, inflation * (predicted.cov + np.diag(motion.noise(t0_s, t1_s)))))
     for before, cross, then in zip(stages[-2::-1], crosses[::-1], stages[:0:-1], strict=True):
         G = _gain(cross, then.cov)
         P = before.cov + G @ (after.cov - then.cov) @ G.T
@@ -73,7 +74,7 @@ def _before(
 
 
 def _gain(cross: Array, P: Array) -> Array:
-    """Return cross P^-1 on the states that vary, 0 elsewhere; solved as correlations, for variances differ by 1e10."""
+    """Return cross P^-1 on the states that vary, 0 elsewhere; by correlations, as variances differ by 1e10."""
     sd = np.sqrt(P.diagonal())
     vary = np.flatnonzero(sd > 0)
     sd = sd[vary]
