@@ -1,4 +1,4 @@
-"""Do fixes, dead reckoning and truth agree on how far, where and when the vehicle went? What no filter can mend shows.
+"""Whether fixes, dead reckoning and truth agree on scale, rotation and time; no filter can correct a disagreement.
 
 Moves between fixes are compared: the time by which one source is ahead of the other, a common length ratio (a scale)
 and a common turn (a heading), by least squares. The truth serves to judge and goes nowhere else.
@@ -16,14 +16,14 @@ from usbldr.filters.types import Array, Timeline, Vector
 
 OVER_S = 60.0  # long enough for moves well above the noise of both
 LEADS_S = np.arange(-16, 17) / 4
-TELLING = 1.05  # times the least residual a second beside it: where it rises less, the log does not tell the lead
+MIN_RESIDUAL_RATIO = 1.05  # residual a second off the best lead over the least one; below, not observable
 TRIMMED = 3.0  # times the median residual: a pair further off holds a gross fix
 
 
 class Likeness(NamedTuple):
     """How the moves of a source compare with those of dead reckoning."""
 
-    lead_s: float  # the source tells at a stamp what dead reckoning tells so much later; NaN: the log does not say
+    lead_s: float  # the source is this much ahead of dead reckoning; NaN: not observable
     lead_m: float  # at the vehicle's median speed
     ratio: float  # of lengths
     turn_deg: float  # clockwise
@@ -42,14 +42,14 @@ def likeness(line: Timeline, time_s: Vector, source_m: Array) -> Likeness:
     """Compare the moves of a source, (F, 2), with those of dead reckoning, which has less noise."""
     later = np.searchsorted(time_s, time_s + OVER_S)
     first = np.flatnonzero(later < len(time_s))
-    moved, way = source_m[later[first]] - source_m[first], displacement_m(line)
+    moved, travelled_m = source_m[later[first]] - source_m[first], displacement_m(line)
     fits: dict[float, Fit] = {}
     for lead_s in LEADS_S.tolist():
-        reckoned = interpolate(line, way, time_s + lead_s)
+        reckoned = interpolate(line, travelled_m, time_s + lead_s)
         fits[lead_s] = _fitted(reckoned[later[first]] - reckoned[first], moved)
     best = min(fits, key=lambda lead_s: fits[lead_s].residual_m)
     beside = min(fits[lead_s].residual_m for lead_s in (best - 1.0, best + 1.0) if lead_s in fits)
-    if beside < TELLING * fits[best].residual_m:
+    if beside < MIN_RESIDUAL_RATIO * fits[best].residual_m:
         return Likeness(math.nan, math.nan, fits[0.0].ratio, fits[0.0].turn_deg)
     speed_mps = float(np.median(np.hypot(*velocity_mps(line).T)))
     return Likeness(best, speed_mps * best, fits[best].ratio, fits[best].turn_deg)

@@ -118,7 +118,7 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 
 
 def _scaled_start(name: str, factor: float) -> Change:
-    """Scale what is assumed of a start that nobody states."""
+    """Scale what is assumed of a start that is not stated."""
     if name == "count":
         counted = {
             part.__name__: partial(part, count=round(5 * factor)) for part in (start_position, start_sensitivity)

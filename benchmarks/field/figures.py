@@ -10,7 +10,7 @@ import numpy as np
 from field.goals import SMOOTHED
 from field.logs import CASES, Case, dive, truth_for
 from field.plan import BEST, Cell, Rows, online, thinned_ways, titled
-from field.runs import told_to_the_filter
+from field.runs import resolved_input
 from paper.figures import log_scale, nees_over_time, save_small
 from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.evaluation import evaluate
@@ -51,7 +51,7 @@ def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
 def online_run(case: Case, change: str, folder: Path) -> Run:
     """Return adf on a log with what people do without a filter beside it, by the log's last definition."""
     given, definition, way = dive(case.name, 0, folder), case.definitions[-1], replace(BEST, order=online(case))
-    line, assumptions = told_to_the_filter(Cell(case.name, way, change), 0, given)
+    line, assumptions = resolved_input(Cell(case.name, way, change), 0, given)
     truth = truth_for(definition, given)
     scored: list[ScoredTrack] = []
     for method in (way.method, "usbl", "dr"):
@@ -65,11 +65,11 @@ def online_run(case: Case, change: str, folder: Path) -> Run:
 
 
 def draw_consistency(case: Case, rows: Rows, output: Path) -> str:
-    """Draw NEES over time, and which share of it lies where, of the first dive; return the name of the file."""
+    """Draw NEES over time, and its distribution, of the first dive; return the name of the file."""
     name, file = case.scored[-1], f"{case.name}_consistency.png"
-    told = f"{case.truth}; left: mean over {WINDOW_S} s, 2 is right; right: share of the epochs"
+    subtitle = f"{case.truth}; left: mean over {WINDOW_S} s, 2 is right; right: share of the epochs"
     with in_style():
-        figure = titled_figure(f"Consistency on {name}", told, 11, 4.4)
+        figure = titled_figure(f"Consistency on {name}", subtitle, 11, 4.4)
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         for way in (*thinned_ways(case), SMOOTHED):
             row = rows[name, way, ""]

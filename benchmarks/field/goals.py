@@ -52,8 +52,8 @@ def _of(case: Case, rows: Rows) -> Iterator[Goal]:
     elif case.name == "paper":
         row = rows[case.name, BEST, ""]
         pair = [_value(row, f"mean_abs_{axis}_m") for axis in ("east", "north")]
-        told = "/".join(f"{value:.3f}" for value in pair)
-        yield Goal("paper, generic defaults", "0.26/0.27 per axis", told, pair[0] <= 0.26 and pair[1] <= 0.27)
+        measured = "/".join(f"{value:.3f}" for value in pair)
+        yield Goal("paper, generic defaults", "0.26/0.27 per axis", measured, pair[0] <= 0.26 and pair[1] <= 0.27)
     if not case.held_back:
         yield from thinned_goals(case, rows)
     yield from particle_goals(case, rows)
@@ -66,14 +66,14 @@ def thinned_goals(case: Case, rows: Rows) -> Iterator[Goal]:
     for change in thinned_names():
         row = rows[name, way, change]
         error, size, refused = _value(row), _value(row, NEES), worst(row, "refused_at_the_end")
-        told = f"{error:.2f} m (dr {dr:.2f} m), NEES {size:.2f}, {refused:.0f} rejected at the end"
+        measured = f"{error:.2f} m (dr {dr:.2f} m), NEES {size:.2f}, {refused:.0f} rejected at the end"
         met = error < dr and size <= MOST_NEES_THINNED and refused < LOCKED_OUT
         goal = f"better than dr, NEES at most {MOST_NEES_THINNED:g}, no lock-out"
-        yield Goal(f"{name}, {change}", goal, told, met)
+        yield Goal(f"{name}, {change}", goal, measured, met)
 
 
 def particle_goals(case: Case, rows: Rows) -> Iterator[Goal]:
-    """Yield how `cpf` stands to the gated `ekf` and to `adf`, as the vehicle could have run them."""
+    """Yield how `cpf` compares with the gated `ekf` and with `adf`, with fixes by arrival."""
     name = case.scored[-1]
     gated, adf, cpf = (_value(rows[name, way, ""]) for way in thinned_ways(case))
     worse, apart = cpf / gated - 1, cpf / adf - 1

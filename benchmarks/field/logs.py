@@ -1,4 +1,4 @@
-"""The logs of the field study: where each lies, what kind of truth it has, and by which definitions it is scored.
+"""The logs of the field study: folder, kind of truth, and the definitions by which each is scored.
 
 The files are third-party and not ours to ship. Metres and seconds, east before north.
 """
@@ -95,11 +95,11 @@ def field_folder() -> Path:
 
 @lru_cache(maxsize=2)
 def dive(name: str, seed: int, folder: Path) -> Dive:
-    """Read a case. Of a scenario the filters are told nothing but what the records say of themselves."""
+    """Read a case. For a scenario, filters use the defaults and the sigmas stated in the records."""
     case = CASES[name]
     if case.folder:
-        asked = Request(configuration=str(HERE / f"{name}.toml"))
-        log = read_log(folder / case.folder / f"{name}.mcap", asked)
+        request = Request(configuration=str(HERE / f"{name}.toml"))
+        log = read_log(folder / case.folder / f"{name}.mcap", request)
     else:
         log = replace(simulated_log(find_scenario(name), seed), assumptions=Assumptions())
     if log.truth is None:
@@ -135,8 +135,8 @@ def cut(line: Timeline, spans_s: tuple[tuple[float, float], ...]) -> Timeline:
     """Return the log without its fixes in spans that count from the first GPS fix."""
     cuts = [(line.gps_time_s[0] + start, line.gps_time_s[0] + end) for start, end in spans_s]
     left = ~np.any([(line.fix_time_s >= start) & (line.fix_time_s <= end) for start, end in cuts], axis=0)
-    silent = tuple(Outage("usbl", float(start), float(min(end, line.time_s[-1]))) for start, end in cuts)
-    return replace(line.with_fixes(left), outages=(*line.outages, *silent))
+    outages = tuple(Outage("usbl", float(start), float(min(end, line.time_s[-1]))) for start, end in cuts)
+    return replace(line.with_fixes(left), outages=(*line.outages, *outages))
 
 
 def thinned(line: Timeline, every_s: float) -> Timeline:
@@ -146,7 +146,7 @@ def thinned(line: Timeline, every_s: float) -> Timeline:
 
 
 def stamped_at_arrival(line: Timeline) -> Timeline:
-    """Return the log as if its fixes told nothing of when they were true."""
+    """Return the log with its fixes stamped at arrival."""
     order = np.argsort(line.fix_received_s, kind="stable")
     late = line.with_fixes(order)
     return replace(late, fix_time_s=late.fix_received_s)

@@ -17,7 +17,7 @@ GATED = Way("ekf", gate=0.99)
 FILTERS = (Way("ekf"), GATED, Way("adf"), Way("cpf"))
 BEST = Way("adf", AUTO)  # what the ablation takes features from, and the sensitivity defaults
 ONLINE = replace(BEST, order="arrival")
-FEW_DIVES = 3  # of a scenario, where a difference is asked for
+FEW_DIVES = 3  # of a scenario, for differences
 
 
 class Cell(NamedTuple):
@@ -51,7 +51,7 @@ def plan(cases: Sequence[Case], sensitivity: bool = True) -> Plan:
 
 
 def online(case: Case) -> str:
-    """Return the order in which a vehicle hears of its fixes: in `paper` none is late, so both are one."""
+    """Return the order in which a vehicle receives its fixes: in `paper` none is late, so both are the same."""
     return "arrival" if case.folder else "validity"
 
 

@@ -42,19 +42,19 @@ def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
     tasks = [(cell, seed) for cell, count in wanted.items() for seed in range(count)]
     tasks.sort(key=lambda task: (task[0].case, task[1]))  # runs on one dive follow each other and read it once
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read when a spawned process loads its BLAS
-    told: dict[tuple[Cell, int], list[JobResult]] = {}
+    results: dict[tuple[Cell, int], list[JobResult]] = {}
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         waiting = {pool.submit(run_task, *task, store, folder): task for task in tasks}
         for done, future in enumerate(as_completed(waiting), 1):
-            told[waiting[future]] = future.result()
+            results[waiting[future]] = future.result()
             if done % 50 == 0:
                 print(f"{done} of {len(tasks)} runs", flush=True)
     rows: dict[tuple[str, Way, str], ComparisonRow] = {}
-    for cell, group in groupby(sorted(told, key=lambda task: (repr(task[0]), task[1])), key=lambda task: task[0]):
+    for cell, group in groupby(sorted(results, key=lambda task: (repr(task[0]), task[1])), key=lambda task: task[0]):
         seeds = [seed for _, seed in group]
         case, method = CASES[cell.case], cell.way.method
         for k, name in enumerate(case.scored):
-            outcomes = tuple(told[cell, seed][k] for seed in seeds)
+            outcomes = tuple(results[cell, seed][k] for seed in seeds)
             row = ComparisonRow(
                 name, cell.way.label, method, tuple(seeds), outcomes, METHODS[method].draws, not case.folder
             )
@@ -67,7 +67,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult
     case = CASES[cell.case]
     try:
         given = dive(cell.case, seed, folder)
-        line, assumptions = told_to_the_filter(cell, seed, given)
+        line, assumptions = resolved_input(cell, seed, given)
         key = _key(line, given, assumptions, cell, seed)
         names = [f"{key}{definition.name}" for definition in case.definitions]
         kept = [JobStore(store).read(name) for name in names]
@@ -84,7 +84,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult
         return [JobResult(fault=str(fault), exit_code=fault.exit_code)] * len(case.definitions)
 
 
-def told_to_the_filter(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Assumptions]:
+def resolved_input(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Assumptions]:
     """Return records and assumptions of a cell: those of the log with the cell's change."""
     change = CHANGES[cell.change]
     line = change.records(given.line)

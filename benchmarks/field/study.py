@@ -44,30 +44,32 @@ CAPTIONS = {
 
 
 def main() -> int:
-    asked = arguments()
+    options = arguments()
     began = time.monotonic()
-    store, figures = asked.runs / "units", asked.output / "field"
+    store, figures = options.runs / "units", options.output / "field"
     try:
         folder = field_folder()
         for one in (store, figures):
             one.mkdir(parents=True, exist_ok=True)
-        cases = [case for case in CASES.values() if case.name in asked.logs and (asked.held_back or not case.held_back)]
-        wanted = plan(cases, asked.sensitivity)
+        cases = [
+            case for case in CASES.values() if case.name in options.logs and (options.held_back or not case.held_back)
+        ]
+        wanted = plan(cases, options.sensitivity)
         print(
-            f"{sum(wanted.values())} runs of {len(wanted)} rows, {asked.jobs} at a time; finished ones are in {store}"
+            f"{sum(wanted.values())} runs of {len(wanted)} rows, {options.jobs} at a time; finished ones are in {store}"
         )
-        rows = run_plan(wanted, asked.jobs, store, folder)
+        rows = run_plan(wanted, options.jobs, store, folder)
         print(f"runs took {minutes(began)}", flush=True)
-        drawn = draw(cases, rows, asked.jobs, folder, figures)
+        drawn = draw(cases, rows, options.jobs, folder, figures)
         agreed = {case.name: agreement(dive(case.name, 0, folder)) for case in cases}
     except UsbldrError as fault:
         print(f"benchmarks/field/study.py: {fault}", file=sys.stderr)
         return fault.exit_code
-    write_atomically(asked.output / "field.md", document(cases, rows, drawn, agreed).encode())
+    write_atomically(options.output / "field.md", document(cases, rows, drawn, agreed).encode())
     faults = sorted(
         {f"{row.log}, {way.label} {change}: {row.fault}" for (_, way, change), row in rows.items() if row.fault}
     )
-    print(*(f"failed: {fault}" for fault in faults), f"{asked.output / 'field.md'}: {minutes(began)}", sep="\n")
+    print(*(f"failed: {fault}" for fault in faults), f"{options.output / 'field.md'}: {minutes(began)}", sep="\n")
     return 1 if faults else 0
 
 

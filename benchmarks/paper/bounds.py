@@ -13,7 +13,7 @@ from usbldr.io.timeline import timeline
 
 
 def limits(scenario: Scenario, calibrate: Sequence[str], seeds: Sequence[int]) -> PositionBound:
-    """Return the bounds for the model that the filters are told, averaged over some dives (docs/studies/bounds.md)."""
+    """Return the bounds for the model that the filters assume, averaged over some dives (docs/studies/bounds.md)."""
     found = [_of_dive(scenario, calibrate, seed) for seed in seeds]
     return PositionBound(
         found[0].time_s,
@@ -24,5 +24,5 @@ def limits(scenario: Scenario, calibrate: Sequence[str], seeds: Sequence[int]) -
 
 def _of_dive(scenario: Scenario, calibrate: Sequence[str], seed: int) -> PositionBound:
     log = simulated_log(scenario, seed)
-    told = replace(log.assumptions, calibrate=tuple(calibrate))
-    return position_bound(simulate(scenario, seed), timeline(log), told)
+    assumptions = replace(log.assumptions, calibrate=tuple(calibrate))
+    return position_bound(simulate(scenario, seed), timeline(log), assumptions)

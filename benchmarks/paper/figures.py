@@ -71,8 +71,8 @@ def _figure1(rows: Rows) -> Figure:
 
 def _particles(rows: Rows) -> Figure:
     """Draw the error against the number of particles: median over dives, a dot for each dive."""
-    told = "paper, 6 states; lines: median over dives, dots: dives; lost ones are drawn at the upper edge"
-    figure = titled_figure("Error against the number of particles", told, 11, 5)
+    subtitle = "paper, 6 states; lines: median over dives, dots: dives; lost ones are drawn at the upper edge"
+    figure = titled_figure("Error against the number of particles", subtitle, 11, 5)
     panels: Any = figure.subplots(1, 2, sharey=True)
     top = 3.0
     for axes, (metric, axis) in zip(panels, AXES, strict=True):
@@ -101,8 +101,10 @@ def _particles(rows: Rows) -> Figure:
 
 def _outliers(rows: Rows, sweeps: Path) -> Figure:
     """Draw the error against the share of readings that have ten times the variance."""
-    told = "paper, 6 states; readings of ten times the variance, which all filters are told; bars: ± 1 standard error"
-    figure = titled_figure("Error against the share of outliers", told, 11, 5)
+    subtitle = (
+        "paper, 6 states; readings of ten times the variance, which all filters are told; bars: ± 1 standard error"
+    )
+    figure = titled_figure("Error against the share of outliers", subtitle, 11, 5)
     panels: Any = figure.subplots(1, 2, sharey=True)
     dashes = {"ekf": "-", GATED.label: "--"}
     for axes, (metric, axis) in zip(panels, AXES, strict=True):
@@ -126,10 +128,10 @@ def _nees(rows: Rows) -> Figure:
     """Draw the NEES of each epoch, averaged over dives, with the band that right covariances keep."""
     ways = (Way("ekf", "scale", gate=0.99), Way("cpf", "scale"), Way("adf", "scale"), Way("adf", "scale", smooth=True))
     count = min(len(rows["paper-drawn", way].good) for way in ways)
-    told = (
+    subtitle = (
         f"paper-drawn, + scale; {count} dives; shaded: where {CONFIDENCE:.0%} of averages lie if the sigmas are right"
     )
-    figure = titled_figure("NEES over time, averaged over dives", told, 11, 5)
+    figure = titled_figure("NEES over time, averaged over dives", subtitle, 11, 5)
     axes: Axes = figure.subplots()
     low, high = (chi_square_quantile(p, DOF * count) / count for p in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
     axes.axhspan(low, high, color="#dddddd", lw=0, zorder=0)
@@ -155,8 +157,8 @@ def nees_over_time(row: ComparisonRow, count: int) -> tuple[Vector, Vector]:
 
 def _scale(seeds: int) -> Figure:
     """Draw the DVL's scale error as adf and its smoother see it over time."""
-    told = f"paper; adf --calibrate scale; {seeds} dives, the band is the filter's own 2 sigma in the first"
-    figure = titled_figure("The DVL's scale error, found on the way", told, 11, 5)
+    subtitle = f"paper; adf --calibrate scale; {seeds} dives, the band is the filter's own 2 sigma in the first"
+    figure = titled_figure("The DVL's scale error, found on the way", subtitle, 11, 5)
     axes: Axes = figure.subplots()
     tracks = [scale_over_time(seed) for seed in range(seeds)]
     time_s, first = tracks[0]
@@ -184,8 +186,8 @@ def scale_over_time(seed: int) -> tuple[Vector, EstimatedError]:
 
 def _bound(rows: Rows, limits: Mapping[str, PositionBound]) -> Figure:
     """Draw the error over time beside the least one: where it is a bound, and where it may be beaten."""
-    told = "adf + scale; |error| averaged over dives and 20 s; bound: mean |error| of the least sigma, .798 of it"
-    figure = titled_figure("Error over time and the Cramér-Rao bound", told, 11, 7)
+    subtitle = "adf + scale; |error| averaged over dives and 20 s; bound: mean |error| of the least sigma, .798 of it"
+    figure = titled_figure("Error over time and the Cramér-Rao bound", subtitle, 11, 7)
     panels: Any = figure.subplots(2, 2, sharex=True, sharey=True)
     for down, (log, limit) in enumerate(limits.items()):
         for across, axis in enumerate(("east", "north")):

@@ -1,4 +1,4 @@
-"""The goals of the study: what was to be reached, what was measured, and whether it was."""
+"""The goals of the study: the goal, the measured value, and whether it is met."""
 
 import math
 import time
@@ -33,7 +33,7 @@ class Goal(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether the measured mean lies within the goal."""
+        """Whether the measured mean is within the goal."""
         return self.excess <= 0
 
     @property
@@ -101,8 +101,8 @@ def _error(what: str, rows: Rows, cell: Cell, most: tuple[float, float]) -> Goal
 def _efficiency(what: str, rows: Rows, cell: Cell, limit: PositionBound) -> Goal:
     found = [over(rows[cell], axis, bound) for axis, bound in zip(AXES, limit.filter_m, strict=True)]
     excess = max((abs(ratio - 1) - 0.05) / (se or math.nan) for ratio, se in found)
-    told = " / ".join(f"{ratio:.3f} ± {se or math.nan:.3f}" for ratio, se in found)
-    return _goal(what, ".95 to 1.05", told, excess, rows, cell)
+    measured = " / ".join(f"{ratio:.3f} ± {se or math.nan:.3f}" for ratio, se in found)
+    return _goal(what, ".95 to 1.05", measured, excess, rows, cell)
 
 
 def _nees(what: str, rows: Rows, cell: Cell, within: tuple[float, float]) -> Goal:
@@ -138,6 +138,6 @@ def _speed(way: Way, cpu_s: float) -> Goal:
 
 
 def _excess(row: ComparisonRow, metric: str, most: float) -> float:
-    """Return by how many standard errors a mean lies above what it may be at most."""
+    """Return by how many standard errors a mean is above its limit."""
     found = average(list(row.values(metric).values()))
     return (found.mean - most) / found.se if found.se else _exact(found.mean - most)

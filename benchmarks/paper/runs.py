@@ -147,7 +147,7 @@ def shared(sweeps: Path, share: float) -> str:
 
 
 def drifting(sweeps: Path, drift: float) -> str:
-    """Return the scenario in which filters are told this drift in place of the scale."""
+    """Return the scenario in which filters assume this drift instead of the scale."""
     return "paper" if drift == 0.067 else str(sweeps / f"drift_{1000 * drift:03.0f}.toml")
 
 

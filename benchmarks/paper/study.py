@@ -35,32 +35,32 @@ TEXT = Path(__file__).with_name("text.md")
 
 
 def main() -> int:
-    asked = arguments()
+    options = arguments()
     began = time.monotonic()
-    sweeps, store = asked.runs / "sweeps", asked.runs / "units"
+    sweeps, store = options.runs / "sweeps", options.runs / "units"
     store.mkdir(parents=True, exist_ok=True)
     write_sweeps(sweeps)
-    wanted = plan(asked.seeds, sweeps, asked.unseen)
-    print(f"{sum(wanted.values())} runs of {len(wanted)} rows, {asked.jobs} at a time; finished ones are in {store}")
+    wanted = plan(options.seeds, sweeps, options.unseen)
+    print(f"{sum(wanted.values())} runs of {len(wanted)} rows, {options.jobs} at a time; finished ones are in {store}")
     try:
-        rows = run_plan(wanted, asked.jobs, store)
+        rows = run_plan(wanted, options.jobs, store)
     except UsbldrError as fault:
         print(f"benchmarks/paper/study.py: {fault}", file=sys.stderr)
         return fault.exit_code
     reused = sum(outcome.reused for row in rows.values() for outcome in row.outcomes)
     print(f"{reused} runs were finished already; runs took {minutes(began)}")
 
-    of_drawn = limits(find_scenario("paper-drawn"), ("scale",), range(min(BOUND_DIVES, 2 * asked.seeds)))
+    of_drawn = limits(find_scenario("paper-drawn"), ("scale",), range(min(BOUND_DIVES, 2 * options.seeds)))
     of_paper = {calibrate: limits(find_scenario("paper"), _keys(calibrate), (0,)) for calibrate in STATES}
     write_figures(
-        asked.output / "paper", rows, sweeps, asked.seeds, {"paper-drawn": of_drawn, "paper": of_paper["scale"]}
+        options.output / "paper", rows, sweeps, options.seeds, {"paper-drawn": of_drawn, "paper": of_paper["scale"]}
     )
     of_range = limits(find_scenario("paper-range"), ("scale",), (0,))
     goals = paper_goals.goals(rows, of_drawn, paper_goals.timed())
-    text = document(rows, sweeps, asked.seeds, goals, of_drawn, of_paper, of_range)
-    write_atomically(asked.output / "paper.md", text.encode())
+    text = document(rows, sweeps, options.seeds, goals, of_drawn, of_paper, of_range)
+    write_atomically(options.output / "paper.md", text.encode())
     faults = {f"{log}, {way.label}: {row.fault}" for (log, way), row in rows.items() if row.fault}
-    print(*sorted(f"failed: {fault}" for fault in faults), f"{asked.output / 'paper.md'}: {minutes(began)}", sep="\n")
+    print(*sorted(f"failed: {fault}" for fault in faults), f"{options.output / 'paper.md'}: {minutes(began)}", sep="\n")
     return 1 if faults else 0
 
 
@@ -71,10 +71,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--runs", type=Path, default=ROOT / "paper-runs", help="folder of finished runs")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "studies", help="folder of paper.md and paper/")
     parser.add_argument("--without-unseen", dest="unseen", action="store_false", help="without the unseen dive")
-    asked = parser.parse_args()
-    if asked.seeds < 2:
+    options = parser.parse_args()
+    if options.seeds < 2:
         parser.error("--seeds: standard errors need 2 dives or more")
-    return asked
+    return options
 
 
 def document(

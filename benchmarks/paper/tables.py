@@ -79,7 +79,7 @@ def slant(rows: Rows) -> str:
 def delays(rows: Rows) -> str:
     """Return what late fixes and late stamps cost."""
     cpf, adf, online = Way("cpf", "scale"), Way("adf", "scale"), Way("adf", "scale", order="arrival")
-    asked: tuple[tuple[str, str, Way, str], ...] = (
+    lines: tuple[tuple[str, str, Way, str], ...] = (
         ("fixes arrive 1 s late, with correct stamps", "delay", cpf, "paper"),
         ("the same", "delay", adf, "paper"),
         ("the same, each epoch as the vehicle could have known it", "delay", online, "paper"),
@@ -89,7 +89,7 @@ def delays(rows: Rows) -> str:
         ("the same, the latency as a state", "latency", Way("adf", "scale,latency"), "square"),
     )
     body = []
-    for what, log, way, against in asked:
+    for what, log, way, against in lines:
         row = rows[log, way]
         ratio = f"{times(row, rows[against, replace(adf, method=way.method)]):.2f}" if against else ""
         body.append((what, Path(log).stem, _titled(way), errors(row), ratio, str(len(row.seeds))))

@@ -162,16 +162,16 @@ def main() -> None:
     options.add_argument("--rounds", type=int, default=3, help="readings of each, in turn")
     options.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     options.add_argument("--timed", nargs=2, help=argparse.SUPPRESS)
-    asked = options.parse_args()
-    if asked.timed:
-        timed(asked.timed[0], Path(asked.timed[1]))
+    arguments = options.parse_args()
+    if arguments.timed:
+        timed(arguments.timed[0], Path(arguments.timed[1]))
         return
     print("CPU seconds (memory in MB)           usbldr          mcap       rosbags   mcap/usbldr  rosbags/usbldr")
     with tempfile.TemporaryDirectory() as folder:
-        for kind in asked.kinds:
-            file = write(Path(folder), kind, asked.seconds)
+        for kind in arguments.kinds:
+            file = write(Path(folder), kind, arguments.seconds)
             names = [name for name in READINGS if kind != "db3" or name != "mcap"]
-            runs = [{name: measured(name, file) for name in names} for _ in range(asked.rounds)]
+            runs = [{name: measured(name, file) for name in names} for _ in range(arguments.rounds)]
             best = {name: min(run[name] for run in runs) for name in names}
             assert len({count for _, _, count in best.values()}) == 1, "all read the same messages"
             cells = [f"{best[n][0]:.2f} ({best[n][1]:.0f})" if n in best else "" for n in READINGS]

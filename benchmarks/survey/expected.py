@@ -38,11 +38,11 @@ class Number(NamedTuple):
     key: str
     theirs: Value
     ours: Value | None  # None: not measured
-    tolerance: float | None  # None: nobody says, and it is only shown
+    tolerance: float | None  # None: not stated, only shown
 
     @property
     def held_back(self) -> bool:
-        """Whether it is an error that nobody looks at yet."""
+        """Whether it is an error on a held-back log."""
         return self.ours is None and self.key.startswith(HELD_BACK)
 
     @property
@@ -87,7 +87,7 @@ def leaves(document: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator
 
 
 def tolerance_of(part: Mapping[str, Any], way: tuple[str, ...], theirs: Value) -> float | None:
-    """Return how far apart two numbers may be: by the tolerance that stands nearest above, else by the rule."""
+    """Return how far apart two numbers may be: by the nearest tolerance above it, else by the rule."""
     stated = _stated(part, way)
     if stated is not None:
         return stated

@@ -181,7 +181,7 @@ def synthetic_usbl(path: Path, key: Path) -> Measured:
 
 
 def head(log: Log, stated: Path) -> Measured:
-    """Return where the configuration puts the head and how far away the vehicle was, at depth 0 if no log tells."""
+    """Return where the configuration puts the head and how far away the vehicle was, at depth 0 if no log states it."""
     place: dict[str, float] = tomllib.loads(stated.read_text(encoding="utf-8"))["usbl"]["head"]
     assert log.origin is not None
     east_m, north_m = to_plane(log.origin, np.array([place["lat_deg"]]), np.array([place["lon_deg"]]))
@@ -244,7 +244,7 @@ def map_origin(path: Path) -> Measured:
 
 
 def modem_ranges(path: Path) -> Measured:
-    """Return the least and the greatest distance that the modem tells."""
+    """Return the least and the greatest distance that the modem reports."""
     columns = McapLog(path).read({"/usbllong": ["n", "e", "u"]})["/usbllong"].columns
     length = np.sqrt(sum(columns[axis].astype(float) ** 2 for axis in "neu"))
     return prefixed("usbllong_range_m", {"min": float(length.min()), "max": float(length.max())})

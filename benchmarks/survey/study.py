@@ -28,7 +28,7 @@ from usbldr_cli.runs.jobs import THREADS
 CALL = "from usbldr_cli.main import main; main()"
 FINDING = re.compile(r"^(?:error|warning|info) +([A-Z][A-Z-]+): ", re.MULTILINE)
 OTHERS = "stpere_marina"  # whose configuration is tried on files that are no dives
-ODD = ("reader_zoo/[0-9]*", "*/*.PD0", "*/original", "*/csv")  # odd files of others, and what lies beside the logs
+ODD = ("reader_zoo/[0-9]*", "*/*.PD0", "*/original", "*/csv")  # odd files of others, and what is beside the logs
 OF_UIB = "REPEATED MAP-FRAME HEADING-CONVENTION DVL-MOUNT USBL-DELAYED USBL-LATENCY USBL-OUTLIERS"
 KNOWN: Mapping[str, str] = {  # what doctor has to find
     "doctor uib_field/uib_field.mcap --config none": OF_UIB,
@@ -47,8 +47,8 @@ class Surveyed(NamedTuple):
     held_back: bool = False
 
 
-class Said(NamedTuple):
-    """What a command said."""
+class CommandOutput(NamedTuple):
+    """What a command output."""
 
     command: str
     code: int
@@ -74,13 +74,13 @@ def surveyed(folder: Path) -> list[Surveyed]:
     return logs + [Surveyed(name, OTHERS, name.startswith("mhkit")) for name in odd]
 
 
-def commands(log: Surveyed, folder: Path, scratch: Path, replayed: bool) -> Iterator[Said]:
-    """Hear every command on one log: without a configuration, with one, and replay with the one that init wrote."""
+def commands(log: Surveyed, folder: Path, scratch: Path, replayed: bool) -> Iterator[CommandOutput]:
+    """Run every command on one log: without a configuration, with one, and replay with the one that init wrote."""
     place = scratch / log.name.replace("/", "-")
     place.mkdir()
     written, stated = place / "init.toml", str(HERE / f"{log.configuration}.toml")
 
-    def hear(command: str, *options: str) -> Said:
+    def execute(command: str, *options: str) -> CommandOutput:
         words = (command, str(folder / log.name), *options)
         quiet = ("--filter", "adf", "--quiet", "--output", str(place / "run"), "--force") if command == "replay" else ()
         done = subprocess.run(
@@ -90,19 +90,19 @@ def commands(log: Surveyed, folder: Path, scratch: Path, replayed: bool) -> Iter
             cwd=place,
             env={**os.environ, **dict.fromkeys(THREADS, "1")},
         )
-        told = (" ".join(words), done.stdout + done.stderr)
+        texts = (" ".join(words), done.stdout + done.stderr)
         for path in (folder, place, HERE):
-            told = tuple(text.replace(f"{path}/", "") for text in told)
-        return Said(told[0], done.returncode, told[1])
+            texts = tuple(text.replace(f"{path}/", "") for text in texts)
+        return CommandOutput(texts[0], done.returncode, texts[1])
 
     for configuration in ("none", stated):
-        yield hear("info", "--config", configuration)
-        yield hear("doctor", "--config", configuration)
-    said = hear("init", "--output", str(written))
-    yield said._replace(words=said.words + (written.read_text(encoding="utf-8") if written.exists() else ""))
+        yield execute("info", "--config", configuration)
+        yield execute("doctor", "--config", configuration)
+    output = execute("init", "--output", str(written))
+    yield output._replace(words=output.words + (written.read_text(encoding="utf-8") if written.exists() else ""))
     for configuration in ("none", stated, str(written)) if replayed else ():
         if Path(configuration) != written or written.exists():
-            yield hear("replay", "--config", configuration)
+            yield execute("replay", "--config", configuration)
 
 
 def line(number: Number) -> str:
@@ -117,20 +117,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=2, help="logs at a time")
     parser.add_argument("--held-back", action="store_true", help="errors of the logs that judge the defaults, too")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     faults: list[str] = []
     try:
         folder = field_folder()
-        with TemporaryDirectory() as scratch, ThreadPoolExecutor(asked.jobs) as pool:
+        with TemporaryDirectory() as scratch, ThreadPoolExecutor(arguments.jobs) as pool:
             logs = surveyed(folder)
-            shown = (asked.held_back or not log.held_back for log in logs)
-            heard = pool.map(lambda log, replayed: [*commands(log, folder, Path(scratch), replayed)], logs, shown)
-            for said in (said for all_of in heard for said in all_of):
-                print(f"\n$ usbldr {said.command}\n{said.words}exit code {said.code}", flush=True)
-                faults += [f"{said.command}: broke"] if said.broke else []
-                faults += [f"{said.command}: does not say {code}" for code in said.missed]
+            shown = (arguments.held_back or not log.held_back for log in logs)
+            outputs = pool.map(lambda log, replayed: [*commands(log, folder, Path(scratch), replayed)], logs, shown)
+            for output in (output for all_of in outputs for output in all_of):
+                print(f"\n$ usbldr {output.command}\n{output.words}exit code {output.code}", flush=True)
+                faults += [f"{output.command}: broke"] if output.broke else []
+                faults += [f"{output.command}: lacks {code}" for code in output.missed]
         for case in (case for case in CASES.values() if case.folder):
-            ours = measured(folder, case.name, asked.held_back or not case.held_back)
+            ours = measured(folder, case.name, arguments.held_back or not case.held_back)
             theirs = expected(folder / case.folder, case.name)
             numbers = [number for number in compared(case.name, theirs, ours) if not number.held_back]
             print(f"\n{case.name}: {len(numbers)} numbers of its collectors", *map(line, numbers), sep="\n")
