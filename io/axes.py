@@ -1,10 +1,10 @@
-"""Where the x, y and z axis of an instrument point: by letters that a user states, or by the name of their frame."""
+"""Directions of the x, y and z axes of an instrument: by letters that a user states, or by the name of their frame."""
 
 import re
 
 
 def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:
-    """Return for x, y and z which of (starboard, forward, up) it lies along, and with which sign.
+    """Return for x, y and z which of (starboard, forward, up) it is, and with which sign.
 
     ``axes`` has one letter for each: F(orward), B(ackward), S(tarboard) or R(ight), P(ort) or L(eft), U(p), D(own).
     """
@@ -21,8 +21,8 @@ def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:
     signs = tuple(letters.get(letter, (-1, 0)) for letter in axes.upper())
     if len(signs) != 3 or {axis for axis, _ in signs} != {0, 1, 2}:
         raise ValueError(
-            f'axes = "{axes}" is not three directions at right angles; '
-            "name where x, y and z point by one letter each: F or B, S (R) or P (L), U or D"
+            f'axes = "{axes}" is not three perpendicular directions; '
+            "give one letter each for x, y and z: F or B, S (R) or P (L), U or D"
         )
     return signs
 
@@ -37,15 +37,15 @@ NED, ENU, FRD = _word("ned"), _word("enu"), _word("frd")
 
 
 def named_ned(frame_id: str) -> bool:
-    """Tell whether a frame's name says that it counts north, east, down."""
+    """Return whether a frame's name means north, east, down."""
     return NED.search(frame_id) is not None
 
 
 def named_enu(frame_id: str) -> bool:
-    """Tell whether a frame's name says that it counts east, north, up."""
+    """Return whether a frame's name means east, north, up."""
     return ENU.search(frame_id) is not None
 
 
 def named_frd(frame_id: str) -> bool:
-    """Tell whether a frame's name says forward, starboard, down: that of a body in a world of north, east, down."""
+    """Return whether a frame's name means forward, starboard, down: a body frame in a north, east, down world."""
     return named_ned(frame_id) or FRD.search(frame_id) is not None

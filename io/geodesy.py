@@ -1,6 +1,6 @@
 """Latitude and longitude to the local tangent plane and back: WGS84, by pymap3d, degrees and metres.
 
-Everything is taken at height 0: over 10 km the plane leaves the sphere by 8 m, which moves a point by a centimetre.
+Everything is taken at height 0: over 10 km the plane departs from the sphere by 8 m, which moves a point by 1 cm.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Which files and folders a log is read from, so that nothing is ever written over them."""
+"""The files and folders that a log is read from, so that none of them is overwritten."""
 
 import os
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from usbldr.io.settings.sensor_sections import Configuration
 def input_files(log: Path, request: Request) -> tuple[Path, ...]:
     """Return the log, its configuration, the files joined to it and its truth file.
 
-    A configuration that cannot be read names no files: reading the log tells what is wrong with it.
+    A configuration that cannot be read names no files: reading the log reports the error.
     """
     found, configuration = [log, *map(Path, request.joined)], Configuration()
     with suppress(UsageError):
@@ -29,23 +29,23 @@ def input_files(log: Path, request: Request) -> tuple[Path, ...]:
 
 
 def output_conflict(place: Path, read: Iterable[Path], inside: bool) -> str | None:
-    """Say why a place cannot be written: it is the first input or a later one, or holds one; None if it may be.
+    """Return why a path must not be written: it is an input, or contains one; None if it may be.
 
-    With ``inside``, it may not lie in an input that is a folder, either.
+    With ``inside``, it must not be inside an input folder, either.
     """
     target = place.resolve()
     for k, path in enumerate(read):
         own = path.resolve()
         if target == own or (os.path.exists(target) and os.path.exists(own) and os.path.samefile(target, own)):
-            return "is the log" if k == 0 else "is read here, too"
+            return "is the log" if k == 0 else "is also an input"
         if target in own.parents:
-            return f"holds {path}, which is read here"
+            return f"contains the input {path}"
         if inside and own in target.parents:
-            return f"lies in {path}, which is read here"
+            return f"is inside the input {path}"
     return None
 
 
 def refuse_inputs(place: Path, read: Iterable[Path]) -> None:
-    """Raise UsageError for a place that is, holds, or lies in what is read."""
+    """Raise UsageError for a path that is, contains, or is inside an input."""
     if what := output_conflict(place, read, inside=True):
         raise UsageError(f"{place}: {what}; choose another name")

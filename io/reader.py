@@ -1,7 +1,7 @@
-"""What every log format offers: its topics, and their messages as columns named by field path.
+"""The interface of every log format: its topics, and their messages as columns named by field path.
 
 A field path is the name that `rostopic echo -p` gives, with dots throughout: "header.stamp", "twist.twist.linear.x",
-"twist.covariance.0". A format joins by one class with these methods and one line in detect.FORMATS.
+"twist.covariance.0". A new format is one class with these methods and one line in detect.FORMATS.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,12 +25,12 @@ class TopicInfo:
 
     name: str
     type: str  # as the file spells it: "sensor_msgs/msg/Imu"
-    encoding: str  # "cdr", "csv"; what is not one of ours has a problem
+    encoding: str  # "cdr", "csv"; an unknown one has a problem
     count: int
     first_ns: int | None  # first and last log time; None: no message
     last_ns: int | None
     fields: tuple[str, ...] = ()  # field paths, an array by its bare name
-    problem: str = ""  # why its messages cannot be read; told only when the topic is wanted
+    problem: str = ""  # why its messages cannot be read; reported only if the topic is wanted
 
     @property
     def span_s(self) -> float:
@@ -43,7 +43,7 @@ class TopicInfo:
         return (self.count - 1) / self.span_s if self.span_s > 0 else float("nan")
 
     def has(self, path: str) -> bool:
-        """Tell whether messages of this topic have the field."""
+        """Return whether messages of this topic have the field."""
         head, _, last = path.rpartition(".")
         return path in self.fields or (last.isdecimal() and head in self.fields)
 
@@ -70,7 +70,7 @@ class Reader(Protocol):
         ...
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """List what the log holds, without decoding any message."""
+        """List the topics of the log, without decoding any message."""
         ...
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
@@ -78,7 +78,7 @@ class Reader(Protocol):
         ...
 
     def findings(self) -> tuple[Finding, ...]:
-        """Say what was lost or odd in what has been read so far."""
+        """Report what was lost or unusual in the data read so far."""
         ...
 
 

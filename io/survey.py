@@ -1,4 +1,4 @@
-"""What a log holds and how it would be understood, also where it cannot be replayed as it stands."""
+"""What a log holds and how it would be interpreted, also if it cannot be replayed as is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from usbldr.io.reader import TopicInfo
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """A log's topics, the roles they take, and the log itself or why it cannot be made."""
+    """A log's topics, their roles, and the log itself or why it cannot be read."""
 
     path: Path
     format: str
@@ -22,17 +22,17 @@ class Survey:
     topics: tuple[TopicInfo, ...]
     roles: Mapping[str, str]  # role -> topic
     findings: tuple[Finding, ...]
-    log: Log | None  # None: fault says why
-    fault: str  # why it cannot be replayed as it stands; a log without any sensor needs no reason
+    log: Log | None  # None: see fault
+    fault: str  # why it cannot be replayed as is; a log without any sensor needs no reason
 
     @property
     def complete(self) -> bool:
-        """Tell whether nothing of the file was lost."""
+        """Return whether nothing of the file was lost."""
         return not any(finding.lost_data for finding in self.findings)
 
 
 def survey(path: Path, request: Request) -> Survey:
-    """Look through a log; raise LogError if it is none, UsageError if the configuration makes no sense."""
+    """Survey a log; raise LogError if it is not a log, UsageError if the configuration is invalid."""
     opened = open_configured(path, request)
     reader, configuration = opened.reader, opened.configuration
     topics = reader.topics()
@@ -41,7 +41,7 @@ def survey(path: Path, request: Request) -> Survey:
     try:
         log = read(opened, request)
         if roles:
-            require(log, ("dvl", "compass"))  # without fixes there is still dead reckoning
+            require(log, ("dvl", "compass"))  # without fixes, dead reckoning is still possible
     except UsbldrError as err:
         fault = err.text_beside(path)
     return Survey(
@@ -57,7 +57,7 @@ def survey(path: Path, request: Request) -> Survey:
 
 
 def survey_of(log: Log) -> Survey:
-    """Look through a log that has no file, such as a simulated one."""
+    """Survey a log that has no file, such as a simulated one."""
     topics: list[TopicInfo] = []
     for role, table in log.tables.items():
         received = [log.start_ns + round(t * 1e9) for t in (table["received_s"].min(), table["received_s"].max())]

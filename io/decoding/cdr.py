@@ -1,7 +1,7 @@
-"""ROS messages (cdr of ROS 2, or ROS 1's own bytes) to columns by field path, by the definition that a log carries.
+"""ROS messages (CDR of ROS 2, or ROS 1's format) to columns by field path, with the definition that a log carries.
 
-rosbags' type system reads the definition; no ROS distribution is assumed. Messages of the usual shape are read all at
-once (ros_layout); rosbags decodes the others one by one, and says which do not fit.
+rosbags' type system reads the definition; no ROS distribution is assumed. Messages of a regular layout are read all at
+once (ros_byte_layout); rosbags decodes the others one by one, and reports which do not match.
 """
 
 import re
@@ -24,7 +24,7 @@ class RosDecoder:
     """The messages of one type."""
 
     def __init__(self, name: str, types: Types, encoding: Literal["cdr", "ros1"] = "cdr") -> None:
-        """Take the definitions of a type and of those in it; raise DefinitionError where one is missing."""
+        """Take the definitions of a type and of those in it; raise DefinitionError if one is missing."""
         self._encoding = encoding
         self._name = ros2_name(name)
         self._definitions = dict(types)
@@ -35,7 +35,7 @@ class RosDecoder:
 
     @cached_property
     def _store(self) -> Typestore:
-        """Return rosbags' decoder; it is made of each type's own definitions, so two logs' cannot disagree."""
+        """Return rosbags' decoder; it uses each log's own definitions, so those of two logs cannot conflict."""
         store = get_typestore(Stores.EMPTY)
         store.register(self._definitions)
         return store
@@ -50,22 +50,22 @@ class RosDecoder:
             elif kind in (Nodetype.BASE, Nodetype.NAME) or (isinstance(what[0], tuple) and what[0][0] is Nodetype.BASE):
                 found.append(path)
             else:
-                self._paths(str(what[0][1]))  # raises KeyError where there is no such type
+                self._paths(str(what[0][1]))  # raises KeyError if there is no such type
         return found
 
     def fits(self, payloads: Sequence[bytes]) -> bool:
-        """Tell whether all of some messages fit the definition."""
+        """Return whether all of some messages match the definition."""
         return sum(len(piece.rows) for piece in self.pieces(payloads, ())) == len(payloads)
 
     def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[DecodedRows]:
-        """Read all messages; those that do not fit the definition are in no piece."""
+        """Read all messages; those that do not match the definition are in no piece."""
         pieces, left = decode_by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
         if len(left):
             pieces.append(decode_one_by_one(self.extractor(paths), payloads, paths, left.tolist()))
         return pieces
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
-        """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
+        """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
         getters = [_getter(path) for path in paths]
         deserialize = self._store.deserialize_ros1 if self._encoding == "ros1" else self._store.deserialize_cdr
 
@@ -80,7 +80,7 @@ class RosDecoder:
 
 
 def from_msg(name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr") -> RosDecoder:
-    """Return the decoder for a definition in ROS's own language; raise DefinitionError where it makes no sense."""
+    """Return the decoder for a definition in ROS's own language; raise DefinitionError if it is invalid."""
     return _read(name, definition, encoding, lambda text: get_types_from_msg(text, ros2_name(name)))
 
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from usbldr.io.reader import Column
 
 Extractor: TypeAlias = Callable[[bytes], tuple[Any, ...] | None]
-"""From a message's bytes to the values at some field paths; to None where the bytes do not fit the definition."""
+"""From a message's bytes to the values at some field paths; to None if the bytes do not match the definition."""
 
 
 class DefinitionError(ValueError):
-    """The text of a message definition makes no sense."""
+    """The text of a message definition is invalid."""
 
 
 class DecodedRows(NamedTuple):
@@ -26,7 +26,7 @@ class DecodedRows(NamedTuple):
 def decode_one_by_one(
     extract: Extractor, payloads: Sequence[bytes], paths: Sequence[str], rows: Sequence[int] | None = None
 ) -> DecodedRows:
-    """Read messages, all or those of ``rows``, each for itself; leave out those that do not fit."""
+    """Read messages, all or those of ``rows``, one by one; leave out those that do not match."""
     read = [(row, extract(payloads[row])) for row in (range(len(payloads)) if rows is None else rows)]
     fitting = [(row, values) for row, values in read if values is not None]
     columns = {path: np.array([values[i] for _, values in fitting]) for i, path in enumerate(paths)}
@@ -42,7 +42,7 @@ def concatenated(pieces: Sequence[DecodedRows], paths: Sequence[str]) -> Decoded
 
 
 def _wide(column: Column) -> Column:
-    """Return numbers in the widest type of their kind; unsigned ones of 64 bits stay so."""
+    """Return numbers in the widest type of their kind; unsigned 64-bit numbers stay unsigned."""
     if column.dtype.kind == "f":
         return column.astype(np.float64, copy=False)
     if column.dtype.kind in "iu" and column.dtype != np.uint64:

@@ -18,7 +18,7 @@ from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 TopicType: TypeAlias = tuple[str, str]  # topic and type
 StreamMessage: TypeAlias = tuple[
     TopicType, int, bytes | memoryview
-]  # and log time, ns since 1970; payload, good until the next
+]  # and log time, ns since 1970; payload, valid until the next
 
 
 class Decoder(Protocol):
@@ -30,7 +30,7 @@ class Decoder(Protocol):
         ...
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
-        """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
+        """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
         ...
 
 
@@ -43,7 +43,7 @@ DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
 }
 """By the encodings of messages and of their definitions: from a type's name and definition to its decoder.
 
-An encoding is one line. What it calls raises DefinitionError where the definition makes no sense.
+An encoding is one line. Its function raises DefinitionError if the definition is invalid.
 """
 
 
@@ -55,12 +55,12 @@ def _protobuf(name: str, definition: bytes) -> Decoder:
 
 @dataclass(slots=True)
 class Stream:
-    """The messages of one topic and type, as far as they have been seen."""
+    """The messages of one topic and type, as far as they have been counted."""
 
     topic: str
     type: str  # as the file spells it
     encoding: str
-    decoder: Decoder | str  # or why there is none
+    decoder: Decoder | str  # or the reason why there is none
     count: int = 0
     first_ns: int | None = None
     last_ns: int | None = None
@@ -72,7 +72,7 @@ class Stream:
         self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
 
     def info(self) -> TopicInfo:
-        """Return what a user is told of it."""
+        """Return the topic's information for the user."""
         problem, fields = (self.decoder, ()) if isinstance(self.decoder, str) else ("", self.decoder.fields)
         return TopicInfo(
             name=self.topic,
@@ -87,10 +87,10 @@ class Stream:
 
 
 def decoder_of(type_name: str, definition: bytes, encoding: str, definition_encoding: str) -> Decoder | str:
-    """Return the decoder of a type, or in a few words why there is none; encodings are spelt as MCAP does."""
+    """Return the decoder of a type, or the reason why there is none; encodings are spelt as in MCAP."""
     make = DECODERS.get((encoding, definition_encoding))
     if make is None and not definition:
-        return f"its messages ({encoding or 'unknown encoding'}) carry no definition"
+        return f"its messages ({encoding or 'unknown encoding'}) have no definition"
     if make is None:
         can = ", ".join(message if message == text else f"{message} with {text}" for message, text in DECODERS)
         return f"encoding {encoding} with {definition_encoding} definitions is not supported, only {can}"
@@ -101,30 +101,30 @@ def decoder_of(type_name: str, definition: bytes, encoding: str, definition_enco
 
 
 def decoder_without_definition(type_name: str, known: Definitions, samples: Sequence[bytes]) -> Decoder | str:
-    """Return the decoder of a type that the log does not define, by what is known of the type, or why there is none.
+    """Return the decoder of a type that the log does not define, or the reason why there is none.
 
-    Of several layouts that messages of this type have had, the one is taken that the samples fit.
+    Of several known layouts of this type, the one that matches the samples is used.
     """
-    absent = f"the file carries no definition of its type {type_name}"
+    absent = f"the file holds no definition of its type {type_name}"
     decoders = [RosDecoder(type_name, types) for types in known.layouts(type_name)]
     if not decoders:
-        return f"{absent}; --msg-path DIR names a folder with {type_name}.msg"
+        return f"{absent}; name a folder that holds {type_name}.msg with --msg-path DIR"
     fitting = [decoder for decoder in decoders if decoder.fits(samples)]
     if not fitting:
         tried = f"{len(decoders)} known layouts" if len(decoders) > 1 else "known layout"
-        right = f"--msg-path DIR names a folder with the right {type_name}.msg"
-        return f"{absent}, and its messages do not fit the {tried}; {right}"
+        right = f"name a folder that holds the right {type_name}.msg with --msg-path DIR"
+        return f"{absent}, and its messages do not match the {tried}; {right}"
     return fitting[0]
 
 
 def json_decoder(type_name: str, samples: Sequence[bytes]) -> Decoder | str:
-    """Return the decoder of JSON messages whose schema tells no field, by some of them, or why there is none."""
+    """Return the decoder of JSON messages without a useful schema from some of them, or why there is none."""
     decoder = JsonDecoder(type_name, schema_of(samples))
-    return decoder if decoder.fields else "no schema tells the fields of its messages (json), nor do the first of them"
+    return decoder if decoder.fields else "its messages (json) have no known fields: no schema, and none in the first"
 
 
 def chosen_streams(streams: Mapping[TopicType, Stream], wanted: Iterable[str]) -> set[TopicType]:
-    """Return which streams are meant: where one topic has several types, the one with most messages."""
+    """Return the streams to read: if a topic has several types, the one with most messages."""
     topics = set(wanted)
     return set(
         {key[0]: key for key in sorted(streams, key=lambda key: streams[key].count) if key[0] in topics}.values()
@@ -137,9 +137,9 @@ def decode_topics(
     wanted: Mapping[str, Sequence[str]],
     messages: Iterable[StreamMessage],
 ) -> tuple[dict[str, Records], dict[str, Finding]]:
-    """Decode the wanted fields; return the columns and what is to be said of topics with messages that do not fit.
+    """Decode the wanted fields; return the columns, and findings for topics with messages that do not match.
 
-    ``messages`` may hold more than is wanted; what is kept of them is the payloads of the wanted topics.
+    ``messages`` may hold more than is wanted; only the payloads of the wanted topics are stored.
     """
     chosen = {key: _decoder(log, streams[key]) for key in chosen_streams(streams, wanted)}
     kept = {key: (list[int](), list[bytes]()) for key in chosen}  # log times, payloads
@@ -172,11 +172,11 @@ FOREIGN_CDR: Mapping[int, str] = {2: "PL_CDR", 3: "PL_CDR", **dict.fromkeys((6, 
 
 
 def _unfit(stream: Stream, payloads: Sequence[bytes]) -> Finding:
-    """Say that messages did not fit their definition, and whether another encoding is why."""
+    """Report that messages did not match their definition, and whether another encoding is the reason."""
     heads = {payload[1] for payload in payloads if len(payload) > 1 and payload[0] == 0}
     foreign = sorted({FOREIGN_CDR[head] for head in heads if head in FOREIGN_CDR}) if stream.encoding == "cdr" else []
-    why = f": they are in {' and '.join(foreign)}, not in plain CDR" if foreign else ""
-    text = f"{stream.topic}: {len(payloads)} messages do not fit the definition that the file gives for them{why}"
+    why = f": they are in {' and '.join(foreign)}, not plain CDR" if foreign else ""
+    text = f"{stream.topic}: {len(payloads)} messages do not match their definition in the file{why}"
     return Finding("UNDECODED", text, stream.topic, lost_data=True)
 
 
@@ -187,7 +187,7 @@ def _decoder(log: Path, stream: Stream) -> Decoder:
 
 
 def _in_order(received_ns: Nanoseconds, read: DecodedRows) -> Records:
-    """Return what was read in the order of log time, and messages of one time in that of the file."""
+    """Return the rows in the order of log time, and rows of equal time in the order of the file."""
     order = np.lexsort((read.rows, received_ns[read.rows]))
     columns = {path: column[order] for path, column in read.columns.items()}
     return Records(received_ns[read.rows[order]], columns)

@@ -1,4 +1,4 @@
-"""Message definitions that a log may lack: those of ROS 2 itself, of navigation messages that we know, and of the user.
+"""Message definitions that a log may lack: those of ROS 2 itself, of known navigation messages, and of the user.
 
 A folder of the user's holds .msg files as ROS packages do: PACKAGE/msg/TYPE.msg.
 """
@@ -21,12 +21,12 @@ WRITTEN = ("marine_acoustic_msgs/msg/Dvl", "dvl_msgs/msg/DVLBeam", "dvl_msgs/msg
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """Definitions by type, "PACKAGE/msg/TYPE"; of each the layouts that its bytes may have, the likeliest first."""
+    """Definitions by type, "PACKAGE/msg/TYPE"; for each its possible layouts, the likeliest first."""
 
     texts: Mapping[str, Sequence[str]]
 
     def layouts(self, type_name: str) -> list[Types]:
-        """Return the definitions of a type and of all types in it, one for each layout; none where it is not known."""
+        """Return the definitions of a type and of all types in it, one for each layout; none if it is unknown."""
         name = ros2_name(type_name)
         if name in _standard():
             return [_with_parts(name, {name: _standard()[name]}, self)]
@@ -42,9 +42,9 @@ def ros2_name(type_name: str) -> str:
 
 
 def with_folders(folders: Sequence[str]) -> Definitions:
-    """Return the definitions that ship with us and, before them, those of folders of .msg files.
+    """Return usbldr's definitions and, before them, those of folders of .msg files.
 
-    Raises UsageError for a folder that is not there, holds none, or one that makes no sense.
+    Raises UsageError for a folder that is missing or holds no .msg file, and for an invalid .msg file.
     """
     from rosbags.typesys import TypesysError
 
@@ -53,7 +53,7 @@ def with_folders(folders: Sequence[str]) -> Definitions:
         files = sorted(folder.resolve().rglob("*.msg"))
         if not files:
             what = "holds no .msg file" if folder.is_dir() else "no such folder"
-            raise UsageError(f"--msg-path {folder}: {what}; PACKAGE/msg/TYPE.msg is looked for")
+            raise UsageError(f"--msg-path {folder}: {what}; expected PACKAGE/msg/TYPE.msg")
         for file in files:
             package = file.parent.parent if file.parent.name == "msg" else file.parent
             name = f"{package.name}/msg/{file.stem}"
@@ -61,7 +61,7 @@ def with_folders(folders: Sequence[str]) -> Definitions:
                 texts[name] = (file.read_text(encoding="utf-8"), *texts.get(name, ()))
                 parsed(texts[name][0], name)
             except (TypesysError, UnicodeDecodeError, OSError) as err:
-                raise UsageError(f"is no message definition ({' '.join(str(err).split())[:80]})", path=file) from err
+                raise UsageError(f"is not a message definition ({' '.join(str(err).split())[:80]})", path=file) from err
     return Definitions(texts)
 
 
@@ -73,7 +73,7 @@ def parsed(text: str, name: str) -> dict[str, Any]:
 
 
 def _with_parts(name: str, types: dict[str, Any], known: Definitions) -> Types:
-    """Add the types of which a type is made; leave out one that nobody knows."""
+    """Add the types of which a type is made; leave out unknown ones."""
     todo = [name]
     while todo:
         for part in _parts(types[todo.pop()]):
@@ -105,7 +105,7 @@ def _standard() -> Types:
 
 @cache
 def known_types(ros_version: int) -> "Typestore":
-    """Return the standard types of ROS 1 (Noetic) or ROS 2 (Humble) and those of ours that are written."""
+    """Return the standard types of ROS 1 (Noetic) or ROS 2 (Humble) and those of usbldr that are written."""
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros_version == 1 else Stores.ROS2_HUMBLE)

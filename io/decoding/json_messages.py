@@ -1,4 +1,4 @@
-"""JSON messages to values by field path, by the JSON schema that an MCAP file carries, else by some of the messages.
+"""JSON messages to values by field path, by the JSON schema of an MCAP file, else by one made from some messages.
 
 A time is an object of seconds and nanoseconds, however these are called, or a text in ISO 8601 that the schema calls
 date-time. A field that is absent or null is NaN (a time: 0, unset; a text: empty).
@@ -27,7 +27,7 @@ class JsonDecoder:
     """The messages of one type."""
 
     def __init__(self, name: str, definition: bytes) -> None:
-        """Read the schema; raise DefinitionError where that fails. The name does not matter to JSON."""
+        """Read the schema; raise DefinitionError if that fails. The name does not matter to JSON."""
         try:
             schema = json.loads(definition)
         except ValueError as err:
@@ -39,7 +39,7 @@ class JsonDecoder:
         self.fields = tuple(self._kinds)
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
-        """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
+        """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
         getters = [_getter(path, self._kinds) for path in paths]
 
         def extract(data: bytes) -> tuple[Any, ...] | None:
@@ -53,7 +53,7 @@ class JsonDecoder:
 
 
 def schema_of(samples: Sequence[bytes]) -> bytes:
-    """Return a JSON schema that messages fit which carry none: of all fields that any of them has."""
+    """Return a JSON schema for messages without one: of all fields that any of them has."""
     whole: Schema = {}
     for data in samples:
         try:
@@ -99,7 +99,7 @@ def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> 
 
 
 def _kind(schema: Schema) -> LeafType | None:
-    """Return what a leaf is; enumerations are constants of one kind."""
+    """Return the kind of a leaf; enumerations are constants of one kind."""
     stated = schema.get("type")
     names = cast("list[Any]", stated if isinstance(stated, list) else [stated])
     known: list[LeafType] = [LEAF_TYPES[name] for name in names if isinstance(name, str) and name in LEAF_TYPES]
@@ -123,14 +123,14 @@ def _resolved(stated: object, whole: Schema) -> Schema:
 
 
 def _time_names(fields: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return what seconds and nanoseconds are called, None where an object has anything else."""
+    """Return what seconds and nanoseconds are called, None if an object has anything else."""
     seconds = [name for name in SECONDS if name in fields]
     nanoseconds = [name for name in NANOSECONDS if name in fields]
     return (seconds[0], nanoseconds[0]) if len(fields) == 2 and seconds and nanoseconds else None
 
 
 def _getter(path: str, kinds: Mapping[str, LeafType]) -> Callable[[Any], Any]:
-    """Return a function from a message to the value at the path; it raises where a value is not of its kind."""
+    """Return a function from a message to the value at the path; it raises if a value is not of its kind."""
     kind = kinds.get(path) or kinds[path.rpartition(".")[0]]  # an element of an array of numbers
     parts = path.split(".")
 
@@ -147,7 +147,7 @@ def _getter(path: str, kinds: Mapping[str, LeafType]) -> Callable[[Any], Any]:
 
 
 def _value(value: Any, kind: LeafType) -> Any:
-    """Return a leaf's value; raise ValueError or TypeError where it is not of its kind."""
+    """Return a leaf's value; raise ValueError or TypeError if it is not of its kind."""
     if kind == "text":
         return str(value)
     if kind == "number":
@@ -161,7 +161,7 @@ def _value(value: Any, kind: LeafType) -> Any:
 
 
 def _spelt(text: str) -> int | float:
-    """Return a number that comes as text, as integers of 64 bits and NaN do; raise ValueError where it is none."""
+    """Return a number that comes as text, as 64-bit integers and NaN do; raise ValueError if it is not a number."""
     return int(text) if WHOLE.fullmatch(text) else float(text)
 
 

@@ -1,6 +1,6 @@
-"""Messages of ROS 2 that navigation logs hold and no ROS distribution brings: their fields, in the order of the bytes.
+"""ROS 2 messages of navigation logs that are in no ROS distribution: their fields, in the order of the bytes.
 
-A recording from before ROS 2 Iron carries no definitions. Of a type whose layout has changed, the newest stands first.
+A recording from before ROS 2 Iron carries no definitions. If the layout of a type has changed, the newest is first.
 The order is that of the packages' own .msg files (ndahn, paagutie: dvl_msgs; apl-ocean-engineering:
 marine_acoustic_msgs; patrykcieslak: stonefish_ros2; Iqua Robotics: cola2_msgs; smarc-project: smarc_msgs;
 BYU-FROST-Lab: seatrac_interfaces; isabelleviraldo: seatrac_driver; GSO-soslab: acomms_msgs; swri-robotics: gps_msgs;
@@ -16,7 +16,7 @@ GPS_NUMBERS = (  # of GPSFix, one after the other
 )
 FIX = """float64 latitude; float64 longitude; float64 altitude; float64[9] position_covariance; uint8
     position_covariance_type;"""
-SIMULATED_DVL = (  # uuv_simulator's DVL, which others have taken over
+SIMULATED_DVL = (  # uuv_simulator's DVL, copied by others
     f"{HEADER} geometry_msgs/Vector3 velocity; float64[9] velocity_covariance; float64 altitude; DVLBeam[] beams"
 )
 SIMULATED_BEAM = (
@@ -145,4 +145,4 @@ KNOWN: Mapping[str, tuple[str, ...]] = {
     name: tuple("\n".join(" ".join(field.split()) for field in text.split(";")) for text in texts)
     for name, texts in _FIELDS.items()
 }
-"""Definitions by type; a type without its package is of the same one."""
+"""Definitions by type; a nested type without a package is of the same package."""

@@ -1,9 +1,9 @@
-"""Which NMEA 0183 sentences are understood, and which quantities each tells: degrees and metres.
+"""The NMEA 0183 sentences that are understood, and the quantities in each: degrees and metres.
 
-pynmeagps parses them all; the fields of vendors' own sentences are listed here after their manuals: Kongsberg's HiPAP
+pynmeagps parses them all; the fields of vendors' own sentences are listed here from their manuals: Kongsberg's HiPAP
 and APOS (PSIMSSB, PSIMSNS), iXblue's GAPS (PTSAG, PTSAX), Sonardyne's Ranger 2 (PSONLLD), EvoLogics (PEVOSSB),
-Cerulean's ROV Locator (USRTH, USTLC). A sentence that tells different things by one of its fields is of several kinds,
-named with that field: PSIMSSB_C_H is Cartesian and head up, PTSAG_ship tells the place of the ship itself.
+Cerulean's ROV Locator (USRTH, USTLC). If a field of a sentence decides what the others mean, it is of several kinds,
+named with that field: PSIMSSB_C_H is Cartesian and head up, PTSAG_ship holds the position of the ship itself.
 """
 
 import math
@@ -14,14 +14,14 @@ SentenceValues: TypeAlias = tuple[float | str, ...]
 
 
 class SentenceKind(NamedTuple):
-    """What one kind of sentence tells."""
+    """The fields of one kind of sentence."""
 
     columns: tuple[str, ...] = ()
     decode: Callable[[Any], SentenceValues] | None = (
         None  # of a sentence parsed by pynmeagps, in the order of the columns
     )
     time: int | None = None  # which field is the time of day, hhmmss.ss, or ends in it
-    date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is ddmmyy or begins so
+    date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is or begins with ddmmyy
     fields: str = ""  # name:type of pynmeagps, a name alone is text; for sentences that it does not know
 
 
@@ -31,7 +31,7 @@ ELLIPSE = ("cov_xx", "cov_xy", "cov_yy")  # east, north, m^2
 
 
 def _number(message: Any, name: str) -> float:
-    """Return a field, NaN where it is empty or missing."""
+    """Return a field, NaN if it is empty or missing."""
     value = getattr(message, name, "")
     return math.nan if value == "" else float(value)
 
@@ -45,7 +45,7 @@ def _place(message: Any, good: bool) -> tuple[float, float, float]:
 
 
 def _magnetic(message: Any) -> SentenceValues:
-    """Return the heading with deviation and variation (positive to the east), and 1 where the variation was told."""
+    """Return the heading with deviation and variation (positive to the east), and 1 if the variation was stated."""
     heading = _number(message, "headingM")
     for name in ("deviation", "variation"):
         angle = _number(message, name)
@@ -88,7 +88,7 @@ HIPAP_DEGREES = "time target status error system orientation filter lat:LA NS:LA
 
 
 def _measured(message: Any) -> bool:
-    """Accept status A; not with an error code (NRy: no reply), and not what was predicted."""
+    """Accept status A; not with an error code (NRy: no reply), and not predictions."""
     return message.status == "A" and not message.error and message.filter != "P"
 
 
@@ -122,7 +122,7 @@ GAPS = "frame time day month year target"
 
 
 def _received(message: Any) -> bool:
-    """Accept any of the four hydrophones: the code is 0 where none received."""
+    """Accept any of the four hydrophones: the code is 0 if none received."""
     return message.validity.strip("0") != ""
 
 
@@ -150,7 +150,7 @@ LOCATOR = "version device channel compass head_lat head_lon heading qw qx qy qz 
 
 
 def _locator(m: Any) -> SentenceValues:
-    """Return slant range, true bearing as a compass counts, and true elevation, up."""
+    """Return slant range, true bearing clockwise from north, and true elevation, positive up."""
     return _number(m, "range"), _number(m, "bearing"), _number(m, "elevation")
 
 
@@ -173,7 +173,7 @@ _ranger_place = SentenceKind(
     time=0,
     fields="time target status lat:DE lon:DE z:DE major:DE minor:DE direction:DE",
 )
-_timed = SentenceKind(time=0)  # known, but nothing that could be used: usbl_types says why
+_timed = SentenceKind(time=0)  # known, but not usable: messages/usbl.py says why
 
 SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "GGA": SentenceKind(PLACE, _gga, time=0),
@@ -216,7 +216,7 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
         fields=f"{GAPS} x:DE y:DE validity z:DE",
     ),
     "PTSAY": SentenceKind(time=1, date=(2, 3, 4)),
-    "PTSAH": SentenceKind(),  # known, but not what its fields are
+    "PTSAH": SentenceKind(),  # known, but its fields are not
     "PSONLLD": _ranger_place,
     "PSONLLD_ship": _ranger_place,
     "PSONALL": _timed,
@@ -227,7 +227,7 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "PEVOSSB_T": _timed,
     "PEVOSSB_B": _timed,
     "PEVOSSA": _timed,
-    "RTH": SentenceKind(  # the manual promises that fields are only ever added
+    "RTH": SentenceKind(  # according to the manual, fields are only ever added
         ("slant_range_m", "bearing_deg", "elevation_deg"),
         _locator,
         fields="math compass apparent_elevation range:DE math_bearing bearing:DE elevation:DE",
@@ -254,7 +254,7 @@ VARIANTS: Mapping[str, Callable[[Sequence[str]], str]] = {
     "PTSAG": lambda fields: "" if fields[5].strip("0") else "_ship",
     "PSONLLD": lambda fields: "_ship" if fields[1].lower().startswith("ship") else "",
 }
-"""What is added to a sentence's name by its fields; IndexError where it is too short."""
+"""What a sentence's fields add to its name; IndexError if it is too short."""
 
 
 def kind_of(address: str) -> str:
@@ -263,7 +263,7 @@ def kind_of(address: str) -> str:
 
 
 def decode_sentences(kind: str, contents: Sequence[str]) -> list[SentenceValues | None]:
-    """Return what sentences (from their name to the checksum, without it) of one kind tell, None where they do not fit.
+    """Return the rows of sentences (from name to checksum, without it) of one kind, None if they do not match.
 
     A row has the kind's columns.
     """

@@ -1,6 +1,6 @@
 """NMEA 0183 sentences found in lines of text: checked, timed and sorted by kind.
 
-nmea_kinds says which sentences are understood, nmea_times when they were true.
+nmea_kinds lists the sentences that are understood; nmea_times finds their times of validity.
 """
 
 import re
@@ -31,7 +31,7 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
 BETTER = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
-"""Sentences that repeat the position of another, which is taken where both are there."""
+"""Sentences that repeat the position of another, which is used if both are present."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,10 @@ class Sentences:
     kind: str  # of SENTENCE_KINDS, or another
     contents: Sequence[str]  # from the name to the checksum, without it
     received_ns: Nanoseconds  # (n,)
-    stamp_ns: Nanoseconds | None  # (n,) None where neither they nor their messages tell
+    stamp_ns: Nanoseconds | None  # (n,) None if neither they nor their messages hold any
 
     def info(self, topic: str, alone: bool) -> TopicInfo:
-        """Return what a user is told of them; they tell no position where they are not ``alone`` in that."""
+        """Return the topic for the user; without a position unless they are ``alone`` in holding it."""
         known = SENTENCE_KINDS.get(self.kind, SentenceKind())
         stamped = ("header.stamp",) if self.stamp_ns is not None else ()
         return TopicInfo(
@@ -58,7 +58,7 @@ class Sentences:
         )
 
     def records(self, paths: Sequence[str]) -> tuple[Records, int]:
-        """Return the wanted columns, and how many sentences do not fit their kind."""
+        """Return the wanted columns, and how many sentences do not match their kind."""
         known = SENTENCE_KINDS[self.kind]
         rows = decode_sentences(self.kind, self.contents)
         good = np.array([row is not None for row in rows], dtype=np.bool_)
@@ -82,7 +82,7 @@ class SentenceSet:
     findings: tuple[Finding, ...]
 
     def topics(self, prefix: str) -> dict[str, tuple[str, TopicInfo]]:
-        """Return by topic the name and what a user is told."""
+        """Return by topic the name and the topic's information for the user."""
         found: dict[str, tuple[str, TopicInfo]] = {}
         for name, sentences in self.by_name.items():
             better = BETTER.get(sentences.kind)
@@ -98,7 +98,7 @@ class _FoundSentence(NamedTuple):
     content: str
     checked: bool
     line: int
-    logged: int  # NO_TIME where nothing tells
+    logged: int  # NO_TIME if unknown
     time_of_day: int
     midnight: int
 
@@ -108,7 +108,7 @@ def find_sentences(
 ) -> SentenceSet:
     """Find the sentences in lines of text, check their checksums and time them.
 
-    ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the lines' own beginnings tell.
+    ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the beginnings of the lines are used.
     """
     found, wrong, silent = _scan_lines(lines, received_ns)
     checked = {row.name for row in found if row.checked}
@@ -132,7 +132,7 @@ def find_sentences(
 
 
 def _scan_lines(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[list[_FoundSentence], int, int]:
-    """Return the sentences, how many have a wrong checksum or are cut, and how many lines hold none."""
+    """Return the sentences, how many have a wrong checksum or are cut, and how many lines hold no sentence."""
     from pynmeagps import calc_checksum  # pyright: ignore
 
     found: list[_FoundSentence] = []
@@ -157,7 +157,7 @@ def _scan_lines(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[
 
 
 def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int] | None:
-    """Return the kind's full name, the time of day and the midnight that a sentence tells, None where it is cut."""
+    """Return the kind's full name, the time of day and the midnight of a sentence, None if it is cut."""
     try:
         full = name + VARIANTS.get(kind_of(name), lambda _: "")(fields)
     except IndexError:
@@ -173,19 +173,19 @@ def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int] | N
 def _received(
     source: str, logged: Nanoseconds, time: Nanoseconds, midnight: Nanoseconds
 ) -> tuple[Nanoseconds, list[Finding]]:
-    """Return the log times (n,): where no line tells any, those that the sentences tell."""
+    """Return the log times (n,): if no line holds any, those from the sentences."""
     known = logged != NO_TIME
     if known.any():
         return np.where(known, logged, logged[known][0]), []
     try:
         received, dated = times_from_sentences(time, midnight)
     except ValueError:
-        text = f"{source}: neither its lines nor its sentences tell a time; they are counted as seconds"
+        text = f"{source}: neither its lines nor its sentences contain a time; they are taken as 1 s apart"
         return np.arange(len(logged), dtype=np.int64) * 1_000_000_000, [Finding("NMEA-TIME", text)]
-    said = "lines without log time: sentences are timed by what they tell, and those that tell no time evenly between"
+    said = "lines without log time: sentences are timed by the time they contain, the others evenly between"
     findings = [Finding("NMEA-TIME", f"{source}: {said}")]
     if not dated:
-        text = f"{source}: no sentence tells the date, so its first day counts as 1970-01-01; clock_offset_s moves it"
+        text = f"{source}: no sentence contains a date; the first day is taken as 1970-01-01; set clock_offset_s"
         findings.append(Finding("NMEA-DATE", text))
     return received, findings
 
@@ -194,7 +194,7 @@ def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int
     total, unchecked = len(rows) + wrong, sum(not row.checked for row in rows)
     findings: list[Finding] = []
     if wrong:
-        text = f"{source}: {wrong} of {total} sentences have a wrong checksum or are cut; left out"
+        text = f"{source}: {wrong} of {total} sentences are cut or have a wrong checksum; left out"
         findings.append(Finding("NMEA-CHECKSUM", text, topic))
     if unchecked:
         findings.append(
@@ -206,8 +206,8 @@ def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int
 
 
 def undecoded_findings(undecoded: Mapping[str, int]) -> list[Finding]:
-    """Say which topics had sentences with fields that are not what their kind has."""
-    what = "sentences do not have the fields of their kind; left out"
+    """Report topics whose sentences do not have the fields of their kind."""
+    what = "sentences do not have the fields of their type; left out"
     return [
         Finding("UNDECODED", f"{topic}: {count} {what}", topic, lost_data=True)
         for topic, count in undecoded.items()

@@ -1,6 +1,6 @@
-"""When NMEA sentences were true and when they were logged: integer nanoseconds since 1970, UTC.
+"""Times of validity and log times of NMEA sentences: integer nanoseconds since 1970, UTC.
 
-A sentence tells the time of day. Its date is that of the log time, or of a sentence with a date where nothing else is
+A sentence holds the time of day. Its date is that of the log time, or of a sentence with a date if nothing else is
 known; around midnight it is the date that brings both within half a day.
 """
 
@@ -14,8 +14,8 @@ from usbldr.io.reader import Nanoseconds
 
 SECOND = 1_000_000_000  # fixed: nanoseconds
 DAY = 86_400 * SECOND  # fixed
-NO_TIME = int(np.iinfo(np.int64).min)  # fixed: where a sentence tells no time
-LATEST = 230 * 366 * DAY  # [ns] beyond 2200, and before 1970, digits are no date
+NO_TIME = int(np.iinfo(np.int64).min)  # fixed: a sentence holds no time
+LATEST = 230 * 366 * DAY  # [ns] digits beyond 2200, or before 1970, are not a date
 
 ISO = re.compile(
     r"(\d{4})[-/](\d\d)[-/](\d\d)[T _,;]+(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII
@@ -24,7 +24,7 @@ EPOCH = re.compile(r"(?<![\d.:])(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|
 
 
 def prefixed_ns(prefix: str) -> int:
-    """Return the log time that stands before a sentence, NO_TIME without: ISO 8601, or seconds, ms, us, ns since "
+    """Return the log time before a sentence, NO_TIME without: ISO 8601, or seconds, ms, us, ns since "
     "1970."""
     if len(prefix) < 9:
         return NO_TIME
@@ -61,7 +61,7 @@ def _zone_ns(zone: str | None) -> int:
 
 
 def time_of_day_ns(text: str) -> int:
-    """Return nanoseconds since midnight of hhmmss.ss, NO_TIME where it is none."""
+    """Return nanoseconds since midnight of hhmmss.ss, NO_TIME if it is none."""
     whole, _, fraction = text.partition(".")
     if len(whole) != 6 or not whole.isdecimal() or not (fraction + "0").isdecimal():
         return NO_TIME
@@ -72,7 +72,7 @@ def time_of_day_ns(text: str) -> int:
 
 
 def date_ns(parts: Sequence[str]) -> int:
-    """Return midnight of a date, NO_TIME where it is none: day, month, year, or one ddmmyy."""
+    """Return midnight of a date, NO_TIME if it is none: day, month, year, or one ddmmyy."""
     if len(parts) == 1:
         (text,) = parts
         century = 1900 if text[4:] >= "80" else 2000  # GPS began in 1980
@@ -93,15 +93,15 @@ def on_nearest_date(time_of_day: Nanoseconds, near_ns: Nanoseconds) -> Nanosecon
 
 
 def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tuple[Nanoseconds, bool]:
-    """Return log times (n,) of sentences that nobody stamped, and whether any told the date.
+    """Return log times (n,) of sentences without a log time, and whether any holds a date.
 
-    A sentence with a time of day has its own; midnight passes where it jumps back by more than half a day. The others
-    lie evenly between their neighbours. ``midnight`` (n,) is NO_TIME where a sentence tells no date. Raises ValueError
-    where no sentence tells a time.
+    A sentence with a time of day uses it; midnight passes if it jumps back by more than half a day. The others
+    are spaced evenly between. ``midnight`` (n,) is NO_TIME if a sentence holds no date. Raises ValueError
+    if no sentence holds a time.
     """
     timed = np.flatnonzero(time_of_day != NO_TIME)
     if not len(timed):
-        raise ValueError("no sentence tells a time")
+        raise ValueError("no sentence holds a time")
     day = time_of_day[timed]
     jumps = np.diff(day)
     days = np.concatenate([[0], np.cumsum(np.where(jumps < -DAY // 2, 1, np.where(jumps > DAY // 2, -1, 0)))])

@@ -1,7 +1,7 @@
 """Protocol buffers to values by field path, by the descriptors that an MCAP file carries (a FileDescriptorSet).
 
-Google's own library reads the descriptors and decodes. A field that is not set is NaN where the definition lets one
-tell (`optional`, or inside a message that is not set), else the zero that proto3 puts there.
+Google's library reads the descriptors and decodes. A field that is not set is NaN if the definition marks
+that (`optional`, or inside a message that is not set), else proto3's zero.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ class ProtobufDecoder:
     """The messages of one type."""
 
     def __init__(self, name: str, definition: bytes) -> None:
-        """Read the descriptors; raise DefinitionError where that fails."""
+        """Read the descriptors; raise DefinitionError if that fails."""
         try:
             pool = _pool(FileDescriptorSet.FromString(definition))
             descriptor = pool.FindMessageTypeByName(name)
@@ -34,7 +34,7 @@ class ProtobufDecoder:
         self.fields = tuple(self._kinds)
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
-        """Return a function from a message's bytes to the values at the paths; to None where the bytes do not fit."""
+        """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
         getters = [_getter(path, self._kinds) for path in paths]
 
         def extract(data: bytes) -> tuple[Any, ...] | None:

@@ -1,12 +1,12 @@
-"""Many ROS messages at once: where each field stands is found on one message, and checked on all the others.
+"""Many ROS messages at once: the place of each field is found in one message, and checked in all others.
 
-A text or a sequence moves what stands behind it, so a type has no fixed layout; but messages of one topic hardly differ
-in those lengths. One message is walked by its definition, noting where each number stands and which bytes state a
+A text or a sequence shifts what follows it, so a type has no fixed layout; but messages of one topic hardly differ
+in those lengths. One message is read by its definition, noting the place of each number and which bytes state a
 length. Every message of the same size that states the same lengths has its numbers at the same places, and a field
 of all of them is one slice of a table of bytes. A message that differs starts a layout of its own, and one whose
-layout cannot be found is left to the slow decoder.
+layout cannot be found is decoded one by one.
 
-CDR, as ROS 2 writes it, aligns numbers to their size, counted from behind the 4 bytes that name the encoding (OMG
+CDR, as ROS 2 writes it, aligns numbers to their size, counted from after the 4 bytes that name the encoding (OMG
 formal/02-06-51, 15.3); ROS 1 aligns nothing. Both are little-endian here.
 """
 
@@ -42,15 +42,15 @@ NUMBERS: Mapping[str, str] = {
     "float32": "<f4",
     "float64": "<f8",
 }
-MAX_LAYOUTS_PER_SIZE = 100  # [layouts] of messages of one size; what is left then is decoded one by one
+MAX_LAYOUTS_PER_SIZE = 100  # [layouts] of messages of one size; further messages are decoded one by one
 
 
 class UnknownLayoutError(Exception):
-    """The bytes do not fit the definition, or are in an encoding that is not read here."""
+    """The bytes do not match the definition, or are in an encoding that is not supported."""
 
 
 class Place(NamedTuple):
-    """Where a field stands in every message of a layout."""
+    """The place of a field in every message of a layout."""
 
     offset: int
     kind: str
@@ -60,14 +60,14 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ByteLayout:
-    """The places of all fields, and the bytes that must be as they are for that to be true."""
+    """The places of all fields, and the bytes that identify the layout."""
 
     places: Mapping[str, Place]
     fixed_at: NDArray[np.intp]
     fixed: NDArray[np.uint8]
 
     def matches(self, block: Block) -> NDArray[np.bool_]:
-        """Tell which messages have this layout, (n,)."""
+        """Return which messages have this layout, (n,)."""
         return np.all(block[:, self.fixed_at] == self.fixed, axis=1)
 
     def column(self, block: Block, path: str) -> Column:
@@ -104,7 +104,7 @@ def _values(block: Block, place: Place) -> Column:
 
 
 class _LayoutTracer:
-    """One message, walked field by field."""
+    """One message, read field by field."""
 
     def __init__(self, definitions: Definitions, sample: bytes, aligned: bool) -> None:
         self._definitions = definitions
@@ -168,7 +168,7 @@ class _LayoutTracer:
         return length
 
     def _take(self, size: int, count: int) -> int:
-        """Return where values of a size stand, and step behind them."""
+        """Return the place of values of a size, and move past them."""
         if self._aligned:
             self._at += (4 - self._at) % size
         offset = self._at
@@ -188,9 +188,9 @@ def _number(name: str) -> str:
 
 
 def byte_layout_of(definitions: Definitions, name: str, sample: bytes, aligned: bool) -> ByteLayout:
-    """Return the layout of a message of a type; raise UnknownLayoutError where its bytes do not fit.
+    """Return the layout of a message of a type; raise UnknownLayoutError if its bytes do not match.
 
-    ``aligned``: CDR, else ROS 1.
+    ``aligned``: True for CDR, False for ROS 1.
     """
     walk = _LayoutTracer(definitions, sample, aligned)
     walk.message(name)

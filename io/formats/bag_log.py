@@ -1,7 +1,7 @@
 """ROS 1 bags, version 2.0: uncompressed, bz2 or lz4.
 
-A bag is walked through front to back and its index is not needed: one that was never closed, or was cut short, gives
-what it holds. Messages are decoded with the definitions that the bag carries.
+A bag is read front to back, without its index, so that an unclosed or truncated bag can be read, too. Messages are
+decoded with the definitions that the bag carries.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ class BagLog:
 
     @cached_property
     def _scan(self) -> tuple[dict[TopicType, Stream], BagScan]:
-        """Return what is seen of each (topic, type), and how the walk went."""
+        """Return the stream of each (topic, type), and the finished scan."""
         found: dict[TopicType, Stream] = {}
         connections: dict[int, Stream] = {}
         with self.path.open("rb") as file:
@@ -47,7 +47,7 @@ class BagLog:
         return found, walk
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Decode the wanted topics; where one topic has several types, the one with most messages."""
+        """Decode the wanted topics; if a topic has several types, the one with most messages."""
         records, self._unfit = decode_topics(self.path, self._scan[0], wanted, self._messages())
         return records
 
@@ -61,21 +61,21 @@ class BagLog:
                     yield connections[record.connection], record.time_ns, record.data
 
     def findings(self) -> tuple[Finding, ...]:
-        """Say what is missing of the bag."""
+        """Report what is missing from the bag."""
         found, walk = self._scan
         said: list[Finding] = []
         last = max((stream.last_ns for stream in found.values() if stream.last_ns is not None), default=None)
         until = f", the last of {utc(last)}" if last is not None else ""
         could = f"{walk.messages} messages could be read{until}"
         if not walk.complete:
-            text = f"the bag is cut or broken at byte {walk.broken_at} of {walk.size}: {could}"
+            text = f"the bag is truncated or damaged at byte {walk.broken_at} of {walk.size}: {could}"
             said.append(
                 Finding(
                     "TRUNCATED", text, lost_data=walk.expected_messages == 0 or walk.messages < walk.expected_messages
                 )
             )
         elif not walk.indexed:
-            text = f"the bag was never closed, its index is missing; {could} (rosbag reindex makes it whole)"
+            text = f"the bag was never closed, its index is missing; {could} (rosbag reindex repairs it)"
             said.append(Finding("UNINDEXED", text))
         if walk.lost_chunks:
             total = f" of {walk.expected_messages}" if walk.expected_messages else ""

@@ -1,4 +1,4 @@
-"""The records of a ROS 1 bag, front to back, cut short or damaged as it may be.
+"""The records of a ROS 1 bag, read front to back; the file may be truncated or damaged.
 
 http://wiki.ros.org/Bags/Format/2.0
 """
@@ -20,11 +20,11 @@ TIME = struct.Struct("<II")
 
 
 class CutError(Exception):
-    """The bytes end inside a record, or make none."""
+    """The bytes end inside a record, or are not a record."""
 
 
 class Connection(NamedTuple):
-    """Who sent messages of which topic and type."""
+    """A publisher of messages of one topic and type."""
 
     number: int
     topic: str
@@ -33,7 +33,7 @@ class Connection(NamedTuple):
 
 
 class BagMessage(NamedTuple):
-    """One message; its bytes are good until the next record is asked for."""
+    """One message; its bytes are valid until the next record is read."""
 
     connection: int
     time_ns: int  # log time
@@ -45,7 +45,7 @@ Fields: TypeAlias = Mapping[bytes, bytes]
 
 
 def _fields(header: bytes) -> Fields:
-    """Return the fields of a record's header; raise CutError where it makes no sense."""
+    """Return the fields of a record's header; raise CutError if it is not valid."""
     fields: dict[bytes, bytes] = {}
     at = 0
     while at < len(header):
@@ -65,7 +65,7 @@ def _op(fields: Fields) -> int:
 
 
 def _number(fields: Fields, name: bytes, size: int) -> int:
-    """Return an unsigned number of a header; raise CutError where it is missing or has another size."""
+    """Return an unsigned number of a header; raise CutError if it is missing or has another size."""
     value = fields.get(name, b"")
     if len(value) != size:
         raise CutError
@@ -74,16 +74,16 @@ def _number(fields: Fields, name: bytes, size: int) -> int:
 
 @dataclass(slots=True)
 class BagScan:
-    """One walk through a bag: an iterator over its connections and messages that remembers what was broken."""
+    """One pass over a bag: an iterator over its connections and messages that records what was damaged."""
 
     file: BufferedReader
     size: int
     indexed: bool = False  # the bag was closed
     complete: bool = False  # the end of the file is the end of a record
     messages: int = 0
-    expected_messages: int = 0  # number of messages by the bag's own index
-    good_until: int = len(MAGIC)  # byte behind the last whole record
-    broken_at: int | None = None  # byte where the first record begins that is none
+    expected_messages: int = 0  # number of messages according to the bag's index
+    good_until: int = len(MAGIC)  # byte after the last complete record
+    broken_at: int | None = None  # first byte of the first damaged record
     lost_chunks: int = 0
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     _index_at: int = 0
@@ -92,7 +92,7 @@ class BagScan:
     def __iter__(self) -> Iterator[Record]:
         """Yield connections and messages in the order of the bag.
 
-        Where it is broken the walk goes on at the next chunk that its index knows.
+        After damage it continues at the next chunk in the index.
         """
         chunks: list[int] | None = None
         while not self.complete:
@@ -146,7 +146,7 @@ class BagScan:
         return data
 
     def _chunk(self, fields: Fields, length: int) -> Iterator[Record]:
-        """Yield what is in a chunk, of one without its end the whole records."""
+        """Yield the records of a chunk; of a truncated one, the complete records."""
         packed = self.file.read(min(length, self.size))
         whole = len(packed) == length
         sound = True
@@ -191,7 +191,7 @@ class BagScan:
             raise CutError from err
 
     def _chunks_by_index(self) -> list[int]:
-        """Return where the index says that chunks begin, as far as it can be read."""
+        """Return the offsets of the chunks in the index, as far as it can be read."""
         places: list[int] = []
         if self._index_at:
             self.file.seek(self._index_at)

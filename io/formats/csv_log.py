@@ -1,7 +1,7 @@
 """CSV logs: a folder with one text file for each topic, or one file; its stem is the topic ("dvl.csv" is "/dvl").
 
-A "__" in a stem is a "/" of the topic. One long file may hold several sensors: its column ``sensor`` says whose each
-row is, and is the topic. csv_sheets says which columns are understood.
+A "__" in a stem is a "/" of the topic. One long file may hold several sensors: its column ``sensor`` names each row's
+sensor, which is the topic. csv_sheets lists the columns that are understood.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,23 +18,23 @@ from usbldr.io.formats.csv_text import nanoseconds, numbers, raw_header, read_te
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
-UNFIT = "its columns fit no sensor; name them by columns under the sensor's section in usbldr.toml"
+UNFIT = "its columns match no sensor; name them with the key columns in the sensor's section of usbldr.toml"
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 
 
 @dataclass(frozen=True, slots=True)
 class CsvSource:
-    """Where the records of one topic stand."""
+    """The file and rows that hold the records of one topic."""
 
     file: Path
     header: tuple[str, ...]  # names as written
-    sensor: str | None = None  # of a long file: whose rows
+    sensor: str | None = None  # of a file with several sensors: whose rows
 
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredColumns:
-    """What the configuration says of a sensor's columns."""
+    """The columns of a sensor as the configuration states them."""
 
     sensor: str
     topic: str | None  # None: the only file that has the columns
@@ -52,11 +52,11 @@ class CsvLog:
 
     @property
     def format(self) -> str:
-        """What a user calls it."""
+        """The name of the format as shown to a user."""
         return "CSV folder" if self.path.is_dir() else "CSV file"
 
     def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "CsvLog":
-        """Return this log, read by what the configuration says of columns."""
+        """Return this log with the columns that the configuration states."""
         return CsvLog(self.path, configured)
 
     @cached_property
@@ -66,7 +66,10 @@ class CsvLog:
         for file in text_files(self.path) if self.path.is_dir() else [self.path]:
             for topic, source in self._topics_of(file).items():
                 if topic in found:
-                    raise LogError(f"{found[topic].file.name} and {file.name} are both {topic}", path=self.path)
+                    raise LogError(
+                        f"{found[topic].file.name} and {file.name} are both {topic}; rename one",
+                        path=self.path,
+                    )
                 found[topic] = source
         return found
 
@@ -79,7 +82,7 @@ class CsvLog:
 
     @cached_property
     def _sheets(self) -> Mapping[str, Sheet | None]:
-        """Return how each topic is taken."""
+        """Return how each topic's columns are interpreted."""
         sheets = {topic: self._recognised(topic, source) for topic, source in self._sources.items()}
         for asked in self._configured:
             topic = self._topic(asked)
@@ -89,7 +92,7 @@ class CsvLog:
         return sheets
 
     def _topic(self, asked: ConfiguredColumns) -> str | None:
-        """Return the topic that the configuration means, None where it is not in this log."""
+        """Return the topic that the configuration names, None if it is not in this log."""
         if asked.topic is not None:
             slashed = "/" + asked.topic.lstrip("/")
             last = "/" + slashed.rpartition("/")[2]
@@ -97,7 +100,7 @@ class CsvLog:
         wanted = {plain(name) for name in asked.columns.values()}
         fitting = [t for t, source in self._sources.items() if wanted <= set(map(plain, source.header))]
         if len(fitting) > 1:
-            raise UsageError(f"[{asked.sensor}] columns fit {', '.join(fitting)}; state topic, too", path=self.path)
+            raise UsageError(f"[{asked.sensor}] columns match {', '.join(fitting)}; state topic, too", path=self.path)
         if not fitting:
             names = ", ".join(sorted(wanted))
             raise UsageError(f"no file has the columns {names} of [{asked.sensor}]; state topic, too", path=self.path)
@@ -112,7 +115,7 @@ class CsvLog:
         return sheet_of(source.sensor.replace("/", "__"), filled)
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """List the topics; one whose columns fit no sensor has no type."""
+        """List the topics; one whose columns match no sensor has no type."""
         return tuple(self._info(topic, source) for topic, source in self._sources.items())
 
     def _info(self, topic: str, source: CsvSource) -> TopicInfo:
@@ -135,7 +138,7 @@ class CsvLog:
         return self._read[file]
 
     def _rows(self, source: CsvSource) -> Sequence[int]:
-        """Return which rows of its file a source has."""
+        """Return the rows of its file that belong to a source."""
         texts = self._texts(source.file)
         if source.sensor is None:
             return range(len(next(iter(texts.values()), ())))

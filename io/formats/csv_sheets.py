@@ -1,8 +1,8 @@
-"""How the columns of a CSV file are taken: by our own names, by rostopic's, or as the configuration says.
+"""How the columns of a CSV file are interpreted: by usbldr's own names, by rostopic's, or by the configuration.
 
-- Our own: the columns of log.COLUMNS with integer ``time_ns`` (and, where known, ``received_ns``) in place of the times
-  in seconds. A file belongs to the sensor that its stem names, else to the only one that its columns fit.
-- `rostopic echo -p`: ``%time`` and ``field.`` names; the message type is known by them.
+- Own names: the columns of log.COLUMNS with integer ``time_ns`` (and, if known, ``received_ns``) in place of the times
+  in seconds. A file belongs to the sensor that its stem names, else to the only one that its columns match.
+- `rostopic echo -p`: ``%time`` and ``field.`` names; they determine the message type.
 - Any: ``columns`` of a sensor's section of the configuration name the column of each quantity.
 """
 
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
 
-CANONICAL = "usbldr/"  # types of files with our own columns: "usbldr/dvl"
+CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
 
 class TimeColumn(NamedTuple):
@@ -25,19 +25,19 @@ class TimeColumn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """Which column of a file is what."""
+    """The meaning of each column of a file."""
 
     type: str
     columns: Mapping[str, str]  # field path -> column
-    received: TimeColumn | None = None  # log time; None: the file cannot be read, problem says why
+    received: TimeColumn | None = None  # log time; None: the file cannot be read because of problem
     stamp: TimeColumn | None = None  # "header.stamp"; None: records have log time only
     problem: str = ""
 
 
 class OwnColumns(NamedTuple):
-    """What a file of our own for one sensor has beside time_ns."""
+    """The columns besides time_ns of a file with usbldr's own names."""
 
-    choices: tuple[frozenset[str], ...]  # the columns of at least one of these must be there
+    choices: tuple[frozenset[str], ...]  # the columns of at least one of these are required
     optional: frozenset[str]
 
 
@@ -100,14 +100,14 @@ ROSTOPIC: Mapping[str, str] = {
     "sensor_msgs/Range": "range radiation_type",
     "std_msgs/Float64": "data",
 }
-"""The type of a message by some of its fields; the first that fits is taken."""
+"""The type of a message by some of its fields; the first match is used."""
 
 TIMES = ("time_ns", "time_unix_s", "time_s")
-"""Keys of ``columns`` for the time of validity; time_s counts from 1970 where nothing else is known."""
+"""Keys of ``columns`` for the time of validity; time_s counts from 1970 unless the log states another origin."""
 
 
 def sheet_of(stem: str, header: Sequence[str]) -> Sheet | None:
-    """Return how a file is taken by its own column names, None where they fit no sensor and no message."""
+    """Return how a file's column names are interpreted, None if they match no sensor and no message."""
     if header and header[0].replace(" ", "") == "%time":
         return _rostopic(header)
     return _own(stem, plain_names(header))
@@ -119,7 +119,7 @@ def plain(name: str) -> str:
 
 
 def plain_names(header: Sequence[str]) -> list[str]:
-    """Return the plain names of a file's columns; rostopic's %time keeps its mark where messages have a time, too."""
+    """Return the plain names of a file's columns; rostopic's %time keeps its mark if messages have a time, too."""
     names = [plain(name) for name in header]
     return ["%" + name if i == 0 and names.count(name) > 1 else name for i, name in enumerate(names)]
 
@@ -152,7 +152,7 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
 
 
 def _sensor(stem: str, header: set[str]) -> str | None:
-    """Return the sensor that a file's stem is, else the one that its columns fit and, of several, its stem names."""
+    """Return the sensor that a file's stem names, else the one whose columns match and, of several, is in its stem."""
     name = stem.lower().split("__")[-1]
     if name in OWN_COLUMNS:
         return name
@@ -162,7 +162,7 @@ def _sensor(stem: str, header: set[str]) -> str | None:
 
 
 def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[str], file: str) -> Sheet:
-    """Return how the configuration takes a file; raise UsageError where a column is missing or no time is named."""
+    """Return how the configuration interprets a file; raise UsageError if a column is missing or no time is named."""
     names = plain_names(header)
     wanted = {key: plain(name) for key, name in columns.items()}
     for key, name in wanted.items():
@@ -170,7 +170,7 @@ def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[s
             raise UsageError(f"has no column {name} ([{sensor}] columns {key}; it has {', '.join(names)})", path=file)
     times = [key for key in TIMES if key in wanted]
     if len(times) != 1:
-        raise UsageError(f"[{sensor}] columns must name one of {', '.join(TIMES)}", path=file)
+        raise UsageError(f"[{sensor}] columns must name exactly one of {', '.join(TIMES)}", path=file)
     arrivals = [key for key in ("received_ns", "received_unix_s") if key in wanted]
     stamp = TimeColumn(wanted[times[0]], times[0] != "time_ns")
     received = TimeColumn(wanted[arrivals[0]], arrivals[0] != "received_ns") if arrivals else stamp

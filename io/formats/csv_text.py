@@ -1,4 +1,4 @@
-"""The texts of CSV files as columns: names, whole nanoseconds and numbers, each fault with its line."""
+"""The texts of CSV files as columns: names, integer nanoseconds and numbers; errors name the line."""
 
 import codecs
 import re
@@ -29,13 +29,13 @@ def text_files(folder: Path) -> Iterator[Path]:
 
 
 def looks_like_csv(head: bytes) -> bool:
-    """Tell whether a file's first bytes are text whose first line names columns."""
+    """Return whether a file's first bytes are text whose first line holds column names."""
     first = _first_line(head)
     return _separator(first) in first and any(char.isalpha() for char in first)
 
 
 def lacks_header(head: bytes) -> bool:
-    """Tell whether a file's first bytes are numbers in columns that nobody names."""
+    """Return whether a file's first bytes are columns of numbers without names."""
     cells = _first_line(head).split(_separator(_first_line(head)))
     return len(cells) > 1 and all(_is_number(_with_point(cell.strip())) for cell in cells)
 
@@ -47,7 +47,7 @@ def _first_line(head: bytes) -> str:
 
 
 def _separator(line: str) -> str:
-    """Return what parts the columns of a file, by its first line; with semicolons, numbers have a decimal comma."""
+    """Return the separator of a file's columns by its first line; with semicolons, numbers have a decimal comma."""
     return max(",;\t", key=line.count)
 
 
@@ -56,7 +56,7 @@ def _with_point(cell: str) -> str:
 
 
 def raw_header(file: Path) -> list[str]:
-    """Return a file's column names as they are written."""
+    """Return a file's column names as written."""
     line = _header_line(file)
     return [name.strip() for name in line.split(_separator(line))]
 
@@ -70,7 +70,7 @@ def _header_line(file: Path) -> str:
 
 
 def read_texts(file: Path) -> Mapping[str, Sequence[str]]:
-    """Return all columns of a CSV file as text without blanks, by plain names; raise LogError where it is none."""
+    """Return all columns of a CSV file as stripped text, by plain names; raise LogError if it is not CSV."""
     header, separator = plain_names(raw_header(file)), _separator(_header_line(file))
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
@@ -86,14 +86,14 @@ def read_texts(file: Path) -> Mapping[str, Sequence[str]]:
 
 
 def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequence[str]:
-    """Return one column; raise LogError with the header where it is missing."""
+    """Return one column; raise LogError with the header if it is missing."""
     if name not in texts:
         raise LogError(f"has no column {name} (its columns: {', '.join(texts)})", path=file)
     return texts[name]
 
 
 def nanoseconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
-    """Return a column of integer nanoseconds, through no float; ``rows`` (all) says which of the file's they are."""
+    """Return a column of integer nanoseconds, never through float; ``rows`` (None: all) are their rows."""
     times: list[int] = []
     for i, text in enumerate(texts):
         try:
@@ -106,7 +106,7 @@ def nanoseconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int]
 def seconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
     """Return a column of seconds with decimals, or of dates and times, as nanoseconds.
 
-    Exactly: 1474477150.374442 is no float64.
+    Exact: 1474477150.374442 is not representable in float64.
     """
     times: list[int] = []
     for i, text in enumerate(texts):
@@ -119,7 +119,7 @@ def seconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | N
 
 
 def _in_range(time_ns: int) -> int:
-    """Return a time; raise OverflowError where differences of such would not fit 64 bits."""
+    """Return a time; raise OverflowError if differences of such times would exceed 64 bits."""
     if abs(time_ns) >= MAX_TIME_NS:
         raise OverflowError
     return time_ns

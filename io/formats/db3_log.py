@@ -1,8 +1,8 @@
 """One sqlite3 file of a rosbag2 recording (.db3), with or without message definitions inside.
 
-The file is opened read-only and as unchanging, so that sqlite3 puts nothing beside it; where a journal was left beside
-it, both are copied for that. A file from before ROS 2 Iron carries no definitions: those of the standard types are
-known, and of some navigation types (known_messages).
+The file is opened read-only and as immutable, so that sqlite3 creates no file beside it; if it has a journal, both are
+copied to be merged. A file from before ROS 2 Iron carries no definitions: those of the standard types are known, and
+those of some navigation types (known_messages).
 """
 
 import sqlite3
@@ -31,7 +31,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.reader import Records, TopicInfo
 
 WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
-ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no cdr begins so
+ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no CDR begins like this
 
 
 class Db3Log:
@@ -43,7 +43,7 @@ class Db3Log:
         """Open nothing yet; ``path`` has been found to be sqlite3 by its first bytes."""
         self.path = path
         self._known = known
-        self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may save what is left"
+        self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may recover the rest"
         self._unfit: dict[str, Finding] = {}
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -60,21 +60,21 @@ class Db3Log:
         try:
             with closing(sqlite3.connect(address, uri=True)) as database:
                 yield database
-        except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # broken cells are of any type
+        except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # damaged cells are of any type
             why = " ".join(str(err).split())
             if "no such" in why:
-                raise LogError(f"is sqlite3, but no rosbag2 recording ({why})", path=self.path) from err
-            raise LogError(f"no readable rosbag2 recording ({why}); {self._advice}", path=self.path) from err
+                raise LogError(f"is a sqlite3 file, but not a rosbag2 recording ({why})", path=self.path) from err
+            raise LogError(f"is not a readable rosbag2 recording ({why}); {self._advice}", path=self.path) from err
 
     @property
     def _journal(self) -> Path | None:
-        """Return the journal beside the file: rows that the recorder had no time to put into it."""
+        """Return the journal beside the file: rows that the recorder had not yet written into it."""
         journal = self.path.with_name(self.path.name + "-wal")
         return journal if journal.exists() and journal.stat().st_size else None
 
     @cached_property
     def _merged(self) -> TemporaryDirectory[str] | None:
-        """Return a copy of the file and its journal, where sqlite3 may put the one into the other."""
+        """Return a temporary copy of the file and its journal, in which sqlite3 may merge them."""
         if self._journal is None:
             return None
         with self._journal.open("rb") as journal:
@@ -86,14 +86,14 @@ class Db3Log:
         return folder
 
     def _refuse_cut(self) -> None:
-        """Raise LogError where the file is shorter than its own header says; sqlite3 would read zeros for the rest."""
+        """Raise LogError if the file is shorter than its header states; sqlite3 would read zeros for the rest."""
         with self.path.open("rb") as file:
             head = file.read(32)
         size, page, pages = self.path.stat().st_size, int.from_bytes(head[16:18]), int.from_bytes(head[28:32])
         page = 65536 if page == 1 else page
         if size < page * pages:
-            cut = f"cut at byte {size} of {page * pages}"
-            raise LogError(f"no readable rosbag2 recording ({cut}); {self._advice}", path=self.path)
+            cut = f"truncated at byte {size} of {page * pages}"
+            raise LogError(f"is not a readable rosbag2 recording ({cut}); {self._advice}", path=self.path)
 
     @cached_property
     def _keys(self) -> dict[int, TopicType]:
@@ -124,7 +124,7 @@ class Db3Log:
     def _decoder(
         self, number: int, type_name: str, encoding: str, definitions: Mapping[str, tuple[str, str]]
     ) -> Decoder | str:
-        """Return the decoder of a topic, or why there is none."""
+        """Return the decoder of a topic, or the reason why there is none."""
         if encoding != "cdr":
             return f"encoding {encoding} is not supported, only cdr"
         if type_name in definitions:
@@ -139,12 +139,12 @@ class Db3Log:
         return [_unpacked(data) for (data,) in rows]
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Decode the wanted topics; where one topic has several types, the one with most messages."""
+        """Decode the wanted topics; if a topic has several types, the one with most messages."""
         records, self._unfit = decode_topics(self.path, self._streams, wanted, self._messages(wanted))
         return records
 
     def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
-        """Yield the messages of the wanted topics; the payloads of others are never touched."""
+        """Yield the messages of the wanted topics; the payloads of others are not read."""
         numbers = [number for number, key in self._keys.items() if key[0] in wanted]
         marks = ", ".join("?" * len(numbers))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # in any order
@@ -153,7 +153,7 @@ class Db3Log:
                 yield self._keys[number], int(time_ns), _unpacked(data)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Say what is missing of the file."""
+        """Report what is missing from the file."""
         said = self._said_of_journal()
         return (*said, *self._unfit.values())
 
@@ -162,10 +162,10 @@ class Db3Log:
             journaled = file.read(20)[18:] == b"\2\2"
         journal = f"{self.path.name}-wal"
         if self._merged is not None:
-            text = f"the file's last rows stand in {journal}, which lies beside it; they are read, too"
+            text = f"the file's last rows are in its journal {journal}; they are read, too"
             return [Finding("JOURNAL", text)]
         if self._journal is not None:
-            text = f"{journal} lies beside the file and is no journal that can be read; its rows are missing"
+            text = f"the journal {journal} cannot be read; its rows are missing"
             return [Finding("JOURNAL", text, lost_data=True)]
         if journaled:
             text = f"the file was recorded with a journal; if the recorder was killed, rows of {journal} are missing"
@@ -187,7 +187,7 @@ def _zstd() -> zstandard.ZstdDecompressor:
 
 
 def _unpacked(data: object) -> bytes:
-    """Return a payload; what is none, or does not unpack, fits no definition and is counted so."""
+    """Return a payload, b"" if it is not one or does not decompress; that matches no definition and is counted so."""
     if not isinstance(data, bytes):
         return b""
     if not data.startswith(ZSTD):

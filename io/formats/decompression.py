@@ -1,6 +1,6 @@
-"""Compressed chunks of MCAP files and ROS 1 bags, unpacked into the same memory again and again.
+"""Compressed chunks of MCAP files and ROS 1 bags, decompressed into one buffer that is reused.
 
-Fresh memory for each chunk would cost more than the unpacking itself.
+Allocating memory for each chunk would cost more than the decompression.
 """
 
 import bz2
@@ -10,9 +10,9 @@ from typing import Any
 import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 
-STEP = 1 << 18  # [bytes] bytes unpacked at once, so that they stay near the processor
+STEP = 1 << 18  # [bytes] bytes decompressed at once, so that they stay in the cache
 DAMAGE = (ValueError, OverflowError, MemoryError, RuntimeError, EOFError, OSError, zstandard.ZstdError)
-"""What broken bytes raise in the libraries; lz4's errors are RuntimeErrors, bz2's OSErrors."""
+"""Errors that the libraries raise for damaged bytes; lz4's are RuntimeErrors, bz2's OSErrors."""
 
 
 class Decompressor:
@@ -23,9 +23,9 @@ class Decompressor:
         self._memory = bytearray()
 
     def unpack(self, compression: str, packed: memoryview, size: int) -> memoryview:
-        """Return the ``size`` bytes that were packed, fewer where the end is missing; good until the next call.
+        """Return the ``size`` decompressed bytes, fewer if the end is missing; valid until the next call.
 
-        ``compression`` is "", "zstd", "lz4" or "bz2". Raises one of DAMAGE where the bytes make no sense.
+        ``compression`` is "", "zstd", "lz4" or "bz2". Raises one of DAMAGE if the bytes are damaged.
         """
         if not compression:
             return packed
@@ -40,12 +40,12 @@ class Decompressor:
         unpacker: Any = lz4.frame.LZ4FrameDecompressor() if compression == "lz4" else bz2.BZ2Decompressor()
         for at in range(0, len(packed), STEP):
             piece = unpacker.decompress(packed[at : at + STEP])
-            into[got : got + len(piece)] = piece  # a ValueError where it is too much
+            into[got : got + len(piece)] = piece  # a ValueError if it is too long
             got += len(piece)
         return into[:got]
 
 
 def unknown_compression_text(compressions: Iterable[str]) -> str:
-    """Return words for chunks whose compression nobody knows, none where a bent name is no word."""
+    """Return the text for chunks of unknown compression, empty if the name is damaged, too."""
     words = sorted(name for name in compressions if name.isalnum() and name.isascii() and len(name) < 16)
-    return f" or packed in a way that is not known ({', '.join(words)})" if words else ""
+    return f" or use an unknown compression ({', '.join(words)})" if words else ""

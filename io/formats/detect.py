@@ -1,4 +1,4 @@
-"""Which format a log has: judged by its first bytes, never by its name."""
+"""The format of a log, recognised by its first bytes, never by its name."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,8 +9,8 @@ from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.reader import Reader
 
 UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
-    b"#ROSBAG V1": "a ROS 1 bag of an old version; bring it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
-    b"\x89MCAP": "an MCAP file of a version that is not 0; convert it with the mcap tool of its writer",
+    b"#ROSBAG V1": "a ROS 1 bag of an old version; convert it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
+    b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
     b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
     b"\x1f\x8b": "compressed with gzip; unpack it first (gunzip)",
     b"BZh": "compressed with bzip2; unpack it first (bunzip2)",
@@ -18,7 +18,7 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
     b"\x7f\x7f": "a PD0 file as ADCPs write it; convert it to CSV or a bag first",
 }
-"""What people hand over instead, by its first bytes, and what to do about it."""
+"""Other formats by their first bytes, with what to do about them."""
 
 
 def _is_mcap(path: Path, head: bytes) -> bool:
@@ -78,10 +78,10 @@ def _csv(path: Path, known: Definitions) -> Reader:
 
 
 class Format(NamedTuple):
-    """How a format is told and opened."""
+    """How a format is recognised and opened."""
 
     matches: Callable[[Path, bytes], bool]  # by path and the first bytes (empty for a folder)
-    open: Callable[[Path, Definitions], Reader]  # with what is known of messages that a log does not define
+    open: Callable[[Path, Definitions], Reader]  # with the definitions of messages that a log does not define
 
 
 FORMATS: Mapping[str, Format] = {
@@ -91,7 +91,7 @@ FORMATS: Mapping[str, Format] = {
     "text files of NMEA sentences": Format(_is_nmea, _nmea),
     "CSV folders": Format(_is_csv, _csv),
 }
-"""One line per format; importing its reader waits until it is opened."""
+"""One line per format; its reader is imported only when it is opened."""
 
 
 def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
@@ -107,7 +107,7 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
             if matches(path, head):
                 return opened(path, known)
     except PermissionError as err:
-        raise LogError(f"may not be read ({err.strerror})", path=path) from err
+        raise LogError(f"cannot be read ({err.strerror})", path=path) from err
     *others, last = FORMATS
     accepted = f"{', '.join(others)} and {last}"
     if path.is_dir():
@@ -125,5 +125,5 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     from usbldr.io.formats.csv_text import lacks_header
 
     if lacks_header(head):
-        raise LogError("has no header: its first line is numbers; put the names of its columns before them", path=path)
+        raise LogError("has no header: its first line holds numbers; insert a line with the column names", path=path)
     raise LogError(f"unknown format (starts with {head[:12]!r}); usbldr reads {accepted}", path=path)

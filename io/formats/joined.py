@@ -14,7 +14,7 @@ from usbldr.io.reader import Column, Reader, Records, TopicInfo
 
 @dataclass(frozen=True, slots=True)
 class LogPart:
-    """A log, and its clock minus the clock of the whole, which is taken off its times."""
+    """A log, and its clock minus the clock of the joined log, which is subtracted from its times."""
 
     reader: Reader
     offset_ns: int = 0
@@ -27,7 +27,7 @@ class JoinedLog:
     path: Path
     format: str
     parts: tuple[LogPart, ...]
-    joining_findings: tuple[Finding, ...] = ()  # what was noticed of the parts together
+    joining_findings: tuple[Finding, ...] = ()  # findings of the parts together
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics of all parts."""
@@ -50,7 +50,7 @@ class JoinedLog:
         return {topic: _in_one(pieces[topic], paths) for topic, paths in wanted.items()}
 
     def findings(self) -> tuple[Finding, ...]:
-        """Say what was lost or odd in each part."""
+        """Report what was lost or unusual in each part."""
         own = [
             replace(finding, text=f"{part.reader.path.name}: {finding.text}")
             for part in self.parts
@@ -60,7 +60,7 @@ class JoinedLog:
 
 
 def _key(topic: TopicInfo) -> tuple[str, str]:
-    """Return what makes a topic of two parts one: its name and its type, which ROS 1 and ROS 2 spell differently."""
+    """Return the key of a topic: its name and its type, which ROS 1 and ROS 2 spell differently."""
     return topic.name, ros2_name(topic.type)
 
 
@@ -85,7 +85,7 @@ def _together(a: TopicInfo, b: TopicInfo) -> TopicInfo:
 
 
 def _moved(records: Records, offset_ns: int) -> Records:
-    """Take a clock's offset off log times and stamps; a stamp of zero is unset and stays so."""
+    """Subtract a clock's offset from log times and stamps; a stamp of zero is unset and stays so."""
     if not offset_ns:
         return records
     columns = dict(records.columns)

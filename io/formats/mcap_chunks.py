@@ -1,6 +1,6 @@
 """The chunks of an MCAP file: many records packed together, with a checksum.
 
-Their bytes are read into the same memory again and again: 300 MB of pictures beside the navigation cost a copy and a
+Their bytes are read into one buffer that is reused: 300 MB of images beside the navigation cost a copy and a
 checksum, and no memory.
 """
 
@@ -15,10 +15,10 @@ from usbldr.io.formats import decompression
 from usbldr.io.formats.decompression import Decompressor
 
 HEAD = struct.Struct("<BQ")  # of a record: opcode, length
-CHUNK = struct.Struct("<QQQII")  # first and last log time, size unpacked, its checksum, length of compression's name
+CHUNK = struct.Struct("<QQQII")  # first and last log time, decompressed size, checksum, length of compression's name
 COMPRESSIONS = ("", "zstd", "lz4")
 DAMAGE = (McapError, struct.error, *decompression.DAMAGE)
-"""What broken bytes raise here and in the libraries."""
+"""Errors for damaged bytes, here and in the libraries."""
 
 
 class Chunk(NamedTuple):
@@ -26,23 +26,23 @@ class Chunk(NamedTuple):
 
     first_ns: int  # log time
     last_ns: int
-    data: memoryview  # its records, as far as they can be believed; good until the next chunk is read
+    data: memoryview  # its records, as far as they are sound; valid until the next chunk is read
     whole: bool  # the file does not end inside
-    sound: bool  # it has the size and the checksum that it states; no checksum is right, too
+    sound: bool  # it has the stated size and, if one is stated, the stated checksum
     compression: str
 
 
 class ChunkReader:
-    """Reads one chunk of a file after the other."""
+    """Reads the chunks of a file one after the other."""
 
     def __init__(self, file: BufferedReader) -> None:
-        """Read from where the file stands each time."""
+        """Read from the file's current position each time."""
         self._file = file
         self._raw = bytearray()
         self._unpacker = Decompressor()
 
     def read(self, length: int, left: int) -> Chunk:
-        """Read the record of a chunk, of which ``left`` bytes at most are there; raise one of DAMAGE at its head."""
+        """Read the record of a chunk, of which at most ``left`` bytes exist; raise one of DAMAGE for its head."""
         raw = self._packed(min(length, left))
         whole = len(raw) == length
         first_ns, last_ns, size, checksum, named = CHUNK.unpack_from(raw)

@@ -1,7 +1,7 @@
-"""What an MCAP file's own index tells: how many messages of which channel, from when to when, and where they stand.
+"""The index of an MCAP file: for each channel the number, the times and the places of its messages.
 
-Behind each chunk stands, channel by channel, the log time of each message and its place in the chunk. With that a
-message is found without a look at the others. It is believed as long as it agrees with the file's statistics
+After each chunk, the file lists by channel the log time of each message and its place in the chunk. With that a
+message is found without reading the others. The index is used as long as it agrees with the file's statistics
 and with the messages themselves.
 """
 
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from usbldr.io.formats.mcap_chunks import DAMAGE, HEAD, ChunkReader
 
-Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the message's record in the unpacked chunk
+Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the message's record in the decompressed chunk
 MESSAGE = np.dtype(
     [("op", "u1"), ("size", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("time_ns", "<u8"), ("publish_ns", "<u8")]
 )
 
 
 class IndexMismatchError(Exception):
-    """The file is not as its index says."""
+    """The file disagrees with its index."""
 
 
 class ChannelSummary(NamedTuple):
@@ -39,17 +39,17 @@ class ChannelSummary(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """The end of a file, as far as the file has it."""
+    """The summary at the end of a file, as far as the file has one."""
 
     schemas: Mapping[int, Schema]
     channels: Mapping[int, Channel]
     chunks: Mapping[int, ChunkIndex]  # by their place in the file
     inside: Mapping[int, frozenset[int]]  # place of a chunk -> channels with messages in it
-    channel_summaries: Mapping[int, ChannelSummary] | None  # by channel; None: the index does not tell of every message
+    channel_summaries: Mapping[int, ChannelSummary] | None  # by channel; None: the index does not list every message
 
 
 def read_index(file: BufferedReader) -> Index:
-    """Read the index; it is empty where the file has none, or none that makes sense."""
+    """Read the index; it is empty if the file has none, or an invalid one."""
     try:
         summary = make_reader(file).get_summary()
     except (*DAMAGE, OSError):  # an OSError: the file is shorter than a footer
@@ -75,7 +75,7 @@ def read_index(file: BufferedReader) -> Index:
 
 
 def _entries(file: BufferedReader, chunk: ChunkIndex) -> Iterator[tuple[int, Entries]]:
-    """Yield the channels that have messages in a chunk, and where those are."""
+    """Yield the channels that have messages in a chunk, and the places of those."""
     file.seek(chunk.chunk_start_offset + chunk.chunk_length)
     data = file.read(chunk.message_index_length)
     at = 0
@@ -94,7 +94,7 @@ def _together(a: ChannelSummary, b: ChannelSummary) -> ChannelSummary:
 
 
 def _agrees(seen: Mapping[int, ChannelSummary], summary: Summary) -> bool:
-    """Tell whether the index tells of as many messages as the file's statistics, all of channels that are named."""
+    """Return whether the index lists as many messages as the file's statistics, all of known channels."""
     if summary.statistics is None:
         return False
     stated = {channel: count for channel, count in summary.statistics.channel_message_counts.items() if count}
@@ -106,9 +106,9 @@ def _agrees(seen: Mapping[int, ChannelSummary], summary: Summary) -> bool:
 def indexed_messages(
     file: BufferedReader, index: Index, channels: Collection[int]
 ) -> Iterator[tuple[int, int, memoryview]]:
-    """Yield channel, log time and bytes of the messages of some channels; the bytes are good until the next.
+    """Yield channel, log time and bytes of the messages of some channels; the bytes are valid until the next.
 
-    Raises IndexMismatchError where anything is not as the index says; chunks without such a message are not looked at.
+    Raises IndexMismatchError if the file disagrees with the index; chunks without such a message are not read.
     """
     chunks = ChunkReader(file)
     for place, chunk in sorted(index.chunks.items()):
@@ -130,7 +130,7 @@ def indexed_messages(
 
 
 def _places(data: memoryview, channel: int, entries: Entries) -> tuple[list[int], list[int]]:
-    """Return where messages begin and end in a chunk; raise IndexMismatchError where there is none, or another one."""
+    """Return where messages begin and end in a chunk; raise IndexMismatchError if there is none, or another one."""
     at = entries[:, 1].astype(np.int64)
     if at.min() < 0 or at.max() + MESSAGE.itemsize > len(data):
         raise IndexMismatchError

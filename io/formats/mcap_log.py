@@ -1,7 +1,7 @@
 """MCAP files (https://mcap.dev): chunked or not, indexed or not, zstd or lz4, also cut short or damaged.
 
-A file that is as its own index says is read by it. Any other is walked through front to back, so that it still gives
-what it holds, and what it has lost is said.
+A file that agrees with its index is read by it. Any other is scanned front to back: what it still holds is read, and
+what is lost is reported.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,10 +40,10 @@ class McapLog:
         self.path = path
         self._definitions = known
         self._unfit: dict[str, Finding] = {}
-        self._walk: McapScan | None = None  # the last one through the file; None: it was read by its index
+        self._walk: McapScan | None = None  # the last scan of the file; None: it was read by its index
         self._schemas: dict[int, Schema] = {}
         self._known: dict[TopicType, Stream] = {}
-        self._keys: dict[int, TopicType] = {}  # by the file's numbers of its channels
+        self._keys: dict[int, TopicType] = {}  # by the file's channel numbers
 
     @cached_property
     def _index(self) -> Index:
@@ -56,7 +56,7 @@ class McapLog:
 
     @cached_property
     def _streams(self) -> dict[TopicType, Stream]:
-        """Return what the index knows of each (topic, type), else what one walk through the file sees."""
+        """Return the stream of each (topic, type) from the index, else from one scan of the file."""
         if self._index.channel_summaries is None:
             for key, time_ns, _ in self._by_walk():
                 self._known[key].add_messages(1, time_ns, time_ns)
@@ -68,7 +68,7 @@ class McapLog:
         return self._known
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Decode the wanted topics; where one topic has several types, the one with most messages."""
+        """Decode the wanted topics; if a topic has several types, the one with most messages."""
         streams = self._streams
         if self._index.channel_summaries is not None:
             try:
@@ -82,7 +82,7 @@ class McapLog:
         return records
 
     def _by_index(self, wanted: set[TopicType]) -> Iterator[Payload]:
-        """Yield the wanted messages of a file that is as its index says."""
+        """Yield the wanted messages of a file that agrees with its index."""
         keys = {number: key for number, key in self._keys.items() if key in wanted}
         with self.path.open("rb") as file:
             for channel, time_ns, data in indexed_messages(file, self._index, keys.keys()):
@@ -91,7 +91,7 @@ class McapLog:
     def _by_walk(self) -> Iterator[Payload]:
         """Yield all messages of any file, front to back.
 
-        What the index repeats of schemas and channels comes first: where the first chunk is damaged the others can
+        Schemas and channels from the index come first: if the first chunk is damaged, the others can
         still be read.
         """
         with self.path.open("rb") as file:
@@ -113,7 +113,7 @@ class McapLog:
         self._keys[record.id] = key
 
     def _decoder(self, channel: Channel, schema: Schema | None) -> Decoder | str:
-        """Return the decoder of a topic, or in a few words why there is none."""
+        """Return the decoder of a topic, or the reason why there is none."""
         encoding = channel.message_encoding
         if schema is None or not schema.data:
             if schema is not None and encoding == "cdr" and schema.name:
@@ -122,12 +122,12 @@ class McapLog:
                 return json_decoder(schema.name, self._samples(channel.id))
             return decoder_of(schema.name if schema else "", b"", encoding, "")
         decoder = decoder_of(schema.name, schema.data, encoding, schema.encoding)
-        if encoding == "json" and not isinstance(decoder, str) and not decoder.fields:  # a schema of any object at all
+        if encoding == "json" and not isinstance(decoder, str) and not decoder.fields:  # any object is allowed
             return json_decoder(schema.name, self._samples(channel.id))
         return decoder
 
     def _samples(self, channel: int) -> list[bytes]:
-        """Return some messages of a channel, none where the index cannot tell."""
+        """Return some messages of a channel, none if the index is not usable."""
         if self._index.channel_summaries is None:
             return []
         try:
@@ -137,7 +137,7 @@ class McapLog:
             return []
 
     def findings(self) -> tuple[Finding, ...]:
-        """Say what is missing of the file."""
+        """Report what is missing from the file."""
         times = [t for stream in self._streams.values() for t in (stream.first_ns, stream.last_ns) if t is not None]
         span = f", the last {(max(times) - min(times)) / 1e9:.1f} s after the first" if times else ""
         said = [] if self._walk is None else _losses(self._walk, span)
@@ -145,11 +145,11 @@ class McapLog:
 
 
 def _losses(walk: McapScan, span: str) -> list[Finding]:
-    """Say what a walk could not read."""
+    """Report what a scan could not read."""
     said: list[Finding] = []
     if not walk.complete:
         text = (
-            f"the file is cut or broken at byte {walk.broken_at} of {walk.size}: "
+            f"the file is truncated or damaged at byte {walk.broken_at} of {walk.size}: "
             f"{walk.messages} messages could be read{span}"
         )
         said.append(Finding("TRUNCATED", text, lost_data=True))
@@ -169,6 +169,6 @@ def _losses(walk: McapScan, span: str) -> list[Finding]:
             Finding("DAMAGED", text, lost_data=walk.expected_messages is None or walk.messages < walk.expected_messages)
         )
     if walk.undated:
-        text = f"{walk.undated} messages have an impossible log time and are left out"
+        text = f"{walk.undated} messages have an impossible log time; left out"
         said.append(Finding("DAMAGED", text, lost_data=True))
     return said

@@ -1,4 +1,4 @@
-"""The records of an MCAP file (https://mcap.dev/spec), front to back, cut short or damaged as it may be."""
+"""The records of an MCAP file (https://mcap.dev/spec), read front to back; the file may be truncated or damaged."""
 
 import struct
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ READ = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
 
 
 class McapMessage(NamedTuple):
-    """One message; its bytes are good until the next record is asked for."""
+    """One message; its bytes are valid until the next record is read."""
 
     channel: int
     time_ns: int  # log time
@@ -34,7 +34,7 @@ class CutError(EOFError):
 
 @dataclass(slots=True)
 class McapScan:
-    """One walk through a file: an iterator over its records that remembers what was broken."""
+    """One pass over a file: an iterator over its records that records what was damaged."""
 
     file: BufferedReader
     size: int
@@ -42,17 +42,17 @@ class McapScan:
     complete: bool = False  # the end of the data was reached
     finished: bool = False  # so was the end of the file
     messages: int = 0
-    undated: int = 0  # messages whose log time is beyond the year 2262: a bent bit where there is no checksum
-    expected_messages: int | None = None  # number of messages by the file's own statistics
-    good_until: int = len(MAGIC)  # byte behind the last whole record
-    broken_at: int | None = None  # byte where the first record begins that is none
+    undated: int = 0  # messages with a log time after the year 2262: a flipped bit if there is no checksum
+    expected_messages: int | None = None  # number of messages according to the file's statistics
+    good_until: int = len(MAGIC)  # byte after the last complete record
+    broken_at: int | None = None  # first byte of the first damaged record
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     lost_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # log times from, to
 
     def __iter__(self) -> Iterator[Record]:
         """Yield schemas, channels and messages in the order of the file.
 
-        Where the file is broken the walk goes on at the next chunk that its index knows.
+        After damage it continues at the next chunk in the index.
         """
         while not self.finished:
             self.file.seek(self.good_until)
@@ -96,7 +96,7 @@ class McapScan:
         return data
 
     def _chunk(self, chunks: ChunkReader, length: int, left: int) -> Iterator[Record]:
-        """Yield what is in a chunk, if its checksum is right; of one without its end, the whole records."""
+        """Yield the records of a chunk if its checksum is right; of a truncated one, the complete records."""
         chunk = chunks.read(length, left)
         sound = chunk.sound
         try:
@@ -121,7 +121,7 @@ class McapScan:
                 yield record
 
     def _record(self, op: int, body: memoryview) -> Record | None:
-        """Return a record that is to be yielded."""
+        """Return the record if it is to be yielded, else None."""
         if op == Opcode.MESSAGE:
             channel, _, time_ns, _ = MESSAGE.unpack_from(body)
             if time_ns < 1 << 63:

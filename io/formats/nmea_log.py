@@ -19,11 +19,11 @@ CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
 SENTENCE_TOPIC_WORDS = re.compile(
     r"nmea|sentence|serial|usbl|ssbl|modem|acoustic|ranger|hipap|gaps|gps|gnss|heading|gyro|hdt"
 )
-"""Words in the name of a plain text topic that carries sentences."""
+"""Words in the name of a plain text topic that suggest sentences."""
 
 
 def looks_like_nmea(head: bytes) -> bool:
-    """Tell whether a file's first bytes are text of which most lines hold a sentence."""
+    """Return whether a file's first bytes are text, and most of its lines hold a sentence."""
     if b"\0" in head:
         return False
     lines = [line for line in head.decode("utf-8", errors="replace").splitlines() if line.strip()]
@@ -64,12 +64,12 @@ class NmeaFile:
         return found
 
     def findings(self) -> tuple[Finding, ...]:
-        """Say what was dropped."""
+        """Report what was dropped."""
         return (*self._spoken.findings, *undecoded_findings(self._undecoded))
 
 
 class LogWithSentences:
-    """A log some of whose text topics carry sentences, which are topics of their own beside its others."""
+    """A log in which some text topics carry sentences; each kind of sentence is an additional topic."""
 
     def __init__(self, carried: Reader, carriers: Mapping[str, str]) -> None:
         """Take the log and, by topic, the field that holds the text."""
@@ -112,13 +112,13 @@ class LogWithSentences:
         return found
 
     def findings(self) -> tuple[Finding, ...]:
-        """Say what the log lost, and which sentences were dropped."""
+        """Report what the log lost, and which sentences were dropped."""
         said = [f for told in self._spoken.values() for f in told.findings if told.by_name or f.code != "NMEA-OTHER"]
         return (*self._carried.findings(), *said, *undecoded_findings(self._undecoded))
 
 
 def with_sentences(log: Reader) -> Reader:
-    """Return a log whose text topics may carry sentences with these as topics; another as it is."""
+    """Return a log with its sentences as topics; unchanged if no text topic may carry any."""
     carriers: dict[str, str] = {}
     for topic in log.topics():
         last = topic.type.rpartition("/")[2].lower()

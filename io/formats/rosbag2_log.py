@@ -15,14 +15,14 @@ PACKED = (".db3.zstd", ".mcap.zstd")
 
 
 def holds_recording(folder: Path) -> bool:
-    """Tell whether a folder is a recording: it has metadata.yaml, or parts and nothing that could be CSV."""
+    """Return whether a folder is a recording: it has metadata.yaml or parts."""
     if (folder / "metadata.yaml").is_file():
         return True
     return any(_parts(folder)) or any(file.name.endswith(PACKED) for file in folder.iterdir())
 
 
 def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
-    """Return the reader of a recording; raise LogError where a folder holds none that can be read."""
+    """Return the reader of a recording; raise LogError if a folder holds none that can be read."""
     if not path.is_dir():
         return _reader(path, known)
     there = _parts(path)
@@ -65,12 +65,12 @@ def _named(metadata: Path) -> list[str]:
         content: Any = cast("Any", YAML(typ="safe")).load(metadata.read_text(encoding="utf-8"))
         names: list[object] = list(content["rosbag2_bagfile_information"]["relative_file_paths"] or [])
     except (YAMLError, KeyError, TypeError, UnicodeDecodeError):
-        return []  # as good as none: what lies in the folder is read
-    return [Path(str(name)).name for name in names]  # the first rosbag2 wrote the folder before each
+        return []  # treated as absent: the files in the folder are read
+    return [Path(str(name)).name for name in names]  # early rosbag2 wrote the folder before each
 
 
 def _found(folder: Path, named: list[Path], there: list[Path]) -> tuple[list[Path], list[Finding]]:
-    """Return which of the named files can be read, and what is to be said of the others."""
+    """Return which of the named files can be read, and the findings about the others."""
     present = [file for file in named if file.is_file()]
     missing = [file for file in named if not file.is_file()]
     packed = [file.name for file in present if file.name.endswith(PACKED)]
@@ -85,16 +85,16 @@ def _found(folder: Path, named: list[Path], there: list[Path]) -> tuple[list[Pat
     others = [file for file in there if file not in present]
     if len(others) == len(missing):
         other = ", ".join(file.name for file in others)
-        text = f"metadata.yaml names {names}, which is not there; {other} is read in its place"
+        text = f"metadata.yaml names {names}, which is missing; {other} is read instead"
         return sorted([*present, *others], key=there.index), [Finding("RENAMED", text)]
     if not present:
         inside = ", ".join(sorted(child.name for child in folder.iterdir())[:5])
-        raise LogError(f"metadata.yaml names {names}, which is not there (the folder holds {inside})", path=folder)
+        raise LogError(f"metadata.yaml names {names}, which is missing (the folder holds {inside})", path=folder)
     return present, [Finding("MISSING-PART", f"{names} is missing: metadata.yaml names it", lost_data=True)]
 
 
 def _numbered(folder: Path, there: list[Path]) -> list[Path]:
-    """Return the parts of a folder without metadata; raise LogError where they are several recordings."""
+    """Return the parts of a folder without metadata; raise LogError if they are several recordings."""
     if not there:
         packed = next(file.name for file in sorted(folder.iterdir()) if file.name.endswith(PACKED))
         raise LogError(f"{packed} is compressed with zstd; unpack it first (zstd -d {packed})", path=folder)
@@ -108,7 +108,7 @@ def _numbered(folder: Path, there: list[Path]) -> list[Path]:
 
 
 def _gaps(there: list[Path]) -> list[Finding]:
-    """Say which of several numbered parts are absent."""
+    """Report which of several numbered parts are missing."""
     found = [re.fullmatch(r"(.*)_(\d+)", file.stem) for file in there]
     numbers = {int(match[2]) for match in found if match}
     missing = sorted(set(range(max(numbers, default=0) + 1)) - numbers) if len(numbers) > 1 else []

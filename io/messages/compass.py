@@ -1,7 +1,7 @@
 """Message types of heading sensors.
 
 Sources: the .msg files of the ROS packages named; REP 103 (yaw is counter-clockwise from east, x forward) and REP 145.
-An estimate of the vehicle's own navigation is no sensor and serves only where the user names it.
+An estimate by the vehicle's own navigation is not a sensor and is used only if the user names it.
 """
 
 from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_columns, quaternion
@@ -22,7 +22,7 @@ ESTIMATES = (
 )
 BESIDE_POSITIONS = (
     MessageLayout(
-        "locationfix",  # foxglove: absent, or NaN in ROS, where there is none
+        "locationfix",  # foxglove: absent, or NaN in ROS, if there is none
         {"angle": "heading"},
         {"variance_rad2": "heading_variance"},
         defaults=COMPASS_RAD,
@@ -39,9 +39,7 @@ BESIDE_POSITIONS = (
         scale={"angle": 0.01},
         no_data_values={"angle": (0.0, 65535.0)},
     ),
-    MessageLayout(
-        "gpsfix", {"angle": "track"}, unsupported="tells the course over ground, which is no heading"
-    ),  # gps_msgs
+    MessageLayout("gpsfix", {"angle": "track"}, unsupported="holds the course over ground, not a heading"),  # gps_msgs
     MessageLayout(
         "vector3stamped", {"angle": "vector.z"}, defaults={"unit": BY_RANGE}
     ),  # roll, pitch, yaw by the vendor's own convention
@@ -58,7 +56,7 @@ COMPASS = (
         preference=1,
     ),
     MessageLayout(
-        "azimuth",  # compass_msgs, compass_interfaces: each record says its unit, its sense and its north
+        "azimuth",  # compass_msgs, compass_interfaces: each record states its unit, its sense and its north
         {"angle": "azimuth", "unit_code": "unit", "sense_code": "orientation", "north_code": "reference"},
         {"variance": "variance"},
         "by type",
@@ -85,7 +83,7 @@ COMPASS = (
     MessageLayout(
         "quaternionstamped", quaternion("quaternion"), defaults=NED
     ),  # nmea_navsat_driver, from HDT as it comes
-    MessageLayout(  # mavros: of an autopilot's number there is no doubt which way it counts
+    MessageLayout(  # mavros: the sense of an autopilot's heading is known
         "float64", {"angle": "data"}, defaults={"convention": "compass"}, topic=r"compass_hdg$", preference=0
     ),
     MessageLayout("float64", {"angle": "data"}, defaults={"convention": "compass"}),

@@ -1,6 +1,6 @@
 """Message types of pressure and depth sensors.
 
-Sources: the .msg files of the packages named. An estimate of the vehicle's own navigation serves only where it is
+Sources: the .msg files of the packages named. An estimate by the vehicle's own navigation is used only if it is
 named.
 """
 
@@ -14,7 +14,7 @@ HEIGHTS = (
     MessageLayout("posewithcovariancestamped", {"height": "pose.pose.position.z"}, defaults=METRES),
     MessageLayout("odometry", {"height": "pose.pose.position.z"}, defaults=METRES),
 )
-"""Up or down by the name of their frame."""
+"""Positive up or down by the name of their frame."""
 
 DEPTH = (
     MessageLayout("fluidpressure", {"pressure": "fluid_pressure"}, recognised="by type", defaults={"unit": "Pa"}),

@@ -1,7 +1,7 @@
-"""Message types of Doppler velocity logs, and what makes a record of theirs invalid.
+"""Message types of Doppler velocity logs, and what makes their records invalid.
 
 Sources: the .msg files of the ROS packages named, and the drivers that fill them. Water Linked's axes are x forward, y
-starboard, z down (docs/dvl/axes.md of waterlinked/docs), and every ROS driver copies them, whatever its frame_id says.
+starboard, z down (docs/dvl/axes.md of waterlinked/docs), and every ROS driver copies them, whatever its frame_id is.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ TWIST_COVARIANCE = {"own_covariance": "twist.covariance.0"}
 SIMULATED = xyz("velocity") | {"own_covariance": "velocity_covariance.0"}  # uuv_simulator: 0 unknown, -1 invalid
 AGES = {"validity_us": "time_of_validity", "transmission_us": "time_of_transmission"}
 
-DVL = (  # a driver's messages rank before twists made of them, those with a flag of validity before those without
+DVL = (  # a driver's messages rank before twists made from them, those with a validity flag before those without
     MessageLayout(
         "dvl",  # ds_sensor_msgs/Dvl (WHOI): in the coordinates that each record names
         xyz("velocity") | {"covariance": "velocity_covar.0", "coordinates": "coordinate_mode"},
@@ -24,7 +24,7 @@ DVL = (  # a driver's messages rank before twists made of them, those with a fla
         preference=1,
     ),
     MessageLayout(
-        "dvl",  # marine_acoustic_msgs/Dvl: x forward, z where the DVL points; a covariance of -1 is only unknown
+        "dvl",  # marine_acoustic_msgs/Dvl: x forward, z where the DVL points; a covariance of -1 means unknown
         xyz("velocity") | {"covariance": "velocity_covar.0", "good_beams": "num_good_beams"},
         {"mode": "velocity_mode", "beams_valid": "beam_velocities_valid"},
         "by type",
@@ -56,7 +56,7 @@ DVL = (  # a driver's messages rank before twists made of them, those with a fla
     ),  # uuv_sensor(_ros_plugins)_msgs
     MessageLayout("dvl", xyz("velocity") | {"sd": "figureOfMerit"}, {}, "by type"),  # nortek_dvl/Dvl
     MessageLayout(
-        "linkquestdvl",  # cola2_msgs: the bottom's motion past the instrument, so that every sign is turned
+        "linkquestdvl",  # cola2_msgs: the bottom's motion past the instrument, so every sign is reversed
         {"x": "velocityInst.0", "y": "velocityInst.1", "z": "velocityInst.2", "velocity_valid": "velocityInstFlag"},
         {},
         "by type",
@@ -69,13 +69,13 @@ DVL = (  # a driver's messages rank before twists made of them, those with a fla
         "by type",
         FRD,
     ),
-    *(  # mavros: what was told to the autopilot
+    *(  # mavros: what was sent to the autopilot
         MessageLayout(
             kind,
             {},
             recognised="only when named",
             topic=r"vision_speed",
-            unsupported="holds velocities in earth axes; record those of the DVL itself",
+            unsupported="holds velocities in earth axes; record them in instrument axes",
         )
         for kind in ("twiststamped", "twistwithcovariancestamped", "vector3stamped")
     ),
@@ -93,10 +93,10 @@ DVL = (  # a driver's messages rank before twists made of them, those with a fla
     MessageLayout(
         "bottomtrack",  # nortek_dvl333_msgs
         {"beam": "vel_beam0"},
-        unsupported="holds velocities along the beams alone; record XYZ velocities",
+        unsupported="holds only velocities along the beams; record XYZ velocities",
     ),
     MessageLayout(
-        "dvlsensorrange", {"range": "range"}, unsupported="holds ranges and no velocities"
+        "dvlsensorrange", {"range": "range"}, unsupported="holds ranges, not velocities"
     ),  # holoocean_interfaces
 )
 
@@ -106,9 +106,9 @@ NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: reco
 
 
 def dvl_causes(raw: RawRecords, speed_mps: Vector, least_beams: int | None) -> dict[str, Mask]:
-    """Return by cause which DVL records (n,) are invalid, by what their family of messages says.
+    """Return by cause which DVL records (n,) are invalid, according to their message type.
 
-    ``speed_mps`` = |v|; ``least_beams`` None: three where any record tells its good beams at all.
+    ``speed_mps`` = |v|; ``least_beams`` None: three if any record states its good beams.
     """
     x, y, z = (raw.number(axis) for axis in "xyz")
     causes = {"not a number": ~(np.isfinite(x) & np.isfinite(y))}
@@ -134,9 +134,9 @@ def dvl_causes(raw: RawRecords, speed_mps: Vector, least_beams: int | None) -> d
 
 
 def in_millimetres(raw: RawRecords, causes: dict[str, Mask]) -> bool:
-    """Tell whether records are faster than 20 m/s too often for m/s: one in ten of those that nothing else rules out.
+    """Return whether too many records for m/s exceed 20 m/s: one in ten of those without another fault.
 
-    One and the same velocity again and again stands for none; a DVL without bottom lock writes so.
+    One constant velocity does not count; a DVL without bottom lock writes such.
     """
     others = [mask for cause, mask in causes.items() if cause != TOO_FAST]
     known = ~np.any(others, axis=0)
@@ -147,11 +147,11 @@ def in_millimetres(raw: RawRecords, causes: dict[str, Mask]) -> bool:
 
 
 def dvl_advice(causes: dict[str, Mask], free: bool, columns: str) -> str:
-    """Return what to do where no record is good, as the end of a sentence; empty where nothing helps.
+    """Return the advice if no record is valid, as the end of a sentence; empty if there is none.
 
-    ``free``: nobody has stated the unit; ``columns``: what has to be stated beside it.
+    ``free``: the unit is not stated; ``columns``: what has to be stated with it.
     """
     if any(np.any(causes[f"in {where} coordinates"]) for where in ("beam", "earth")):
         return NO_COORDINATES
     fast = np.mean(causes[TOO_FAST]) > 0.5 and free
-    return f'; if they are mm/s, state {columns}unit = "mm/s" under [dvl]' if fast else ""
+    return f'; if they are in mm/s, state {columns}unit = "mm/s" under [dvl]' if fast else ""

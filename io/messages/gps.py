@@ -1,7 +1,7 @@
 """Message types of satellite receivers, and of other references.
 
-Sources: the .msg, .proto and .json files of the packages named. None of them tells whether the antenna is the ship's or
-the vehicle's.
+Sources: the .msg, .proto and .json files of the packages named. None states whether the antenna is the ship's or the
+vehicle's.
 """
 
 from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_columns
@@ -27,7 +27,7 @@ GEODETIC = (
         no_data_values={"sd_m": (0.0,)},
     ),
     MessageLayout(
-        "gpgga",  # nmea_msgs: degrees, or degrees and minutes (ddmm.mmmm), whichever the driver took
+        "gpgga",  # nmea_msgs: degrees, or degrees and minutes (ddmm.mmmm), depending on the driver
         {"lat_deg": "lat", "lon_deg": "lon", "lat_side": "lat_dir", "lon_side": "lon_dir", "quality": "gps_qual"},
         {},
         "by type",
@@ -69,7 +69,7 @@ GEODETIC = (
         "locationfixes",
         {},
         recognised="only when named",
-        unsupported="holds messages within messages, which are read from protobuf and JSON alone; log LocationFix",
+        unsupported="holds nested messages, which are read only from protobuf and JSON; log LocationFix",
     ),
     MessageLayout("latlonstamped", NAVSAT, {}, "by type", LATLON),  # smarc_msgs
     *(

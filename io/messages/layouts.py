@@ -1,7 +1,7 @@
-"""What a sensor's messages say: which fields of a type are which quantity, and their columns by quantity.
+"""The layouts of a sensor's messages: which field of a type is which quantity, and the columns by quantity.
 
 A type is known by the last part of its name and by its fields, not by its package: the same layout lives under many
-packages. The types themselves stand in dvl_types, heading_types, usbl_types, gps_types and depth_types.
+packages. The types are in dvl, compass, usbl, gps and depth.
 """
 
 import re
@@ -18,34 +18,32 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
-MAX_VALUE = 1e12  # in any unit: beyond, a number is a driver's way to say none, or another field's bytes
+MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
 
 
 @dataclass(frozen=True, slots=True)
 class MessageLayout:
-    """How messages of one type tell what one sensor measured."""
+    """The fields of one message type that hold what a sensor measured."""
 
     type: str  # last part of the type's name, lower case
     required: Mapping[str, str]  # quantity -> field path
     optional: Mapping[str, str] = field(default_factory=dict[str, str])
     recognised: Recognised = "by type and name"
-    defaults: Mapping[str, str] = field(default_factory=dict[str, str])  # configuration keys, unless the user says
-    fixed: Mapping[str, str] = field(default_factory=dict[str, str])  # keys that the fields' own names settle
+    defaults: Mapping[str, str] = field(default_factory=dict[str, str])  # configuration keys and their defaults
+    fixed: Mapping[str, str] = field(default_factory=dict[str, str])  # keys that follow from the names of the fields
     topic: str = ""  # a pattern that the topic's name has to have
-    packages: tuple[str, ...] = ()  # beginnings of the packages whose drivers the defaults are true of; (): any
-    stamp: str = "header.stamp"  # where the time of validity stands
-    frame: str = "header.frame_id"  # where the frame of the values is named
-    scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, where not 1
+    packages: tuple[str, ...] = ()  # prefixes of the packages for whose drivers the defaults hold; (): any
+    stamp: str = "header.stamp"  # the field of the time of validity
+    frame: str = "header.frame_id"  # the field that names the frame of the values
+    scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, if not 1
     no_data_values: Mapping[str, tuple[float, ...]] = field(
         default_factory=dict[str, tuple[float, ...]]
     )  # mean: no data
-    unsupported: str = ""  # why this type, though known, cannot serve: the end of "it ..."
-    preference: int | None = (
-        None  # where the type stands in its sensor's order of preference, 0 first; None: not compared
-    )
+    unsupported: str = ""  # why this known type cannot be used: the end of "it ..."
+    preference: int | None = None  # rank in its sensor's order of preference, 0 first; None: not compared
 
     def fits(self, topic: TopicInfo) -> bool:
-        """Tell whether a topic has this type and these fields."""
+        """Return whether a topic has this type and these fields."""
         package, _, name = topic.type.replace("/msg/", "/").replace(".", "/").rpartition("/")
         known = name.lower() == self.type and (not self.packages or package.startswith(self.packages))
         known = known and re.search(self.topic, topic.name) is not None
@@ -54,12 +52,12 @@ class MessageLayout:
 
 @dataclass(frozen=True, slots=True)
 class RawRecords:
-    """What a sensor's messages say, in their own units and frames, in the order of arrival."""
+    """The records of a sensor in the units and frames of its messages, in the order of arrival."""
 
     log: Path
     topic: TopicInfo
     layout: MessageLayout
-    stamp_ns: Nanoseconds | None  # (n,) stamps, 0 where unset; None: the type has none
+    stamp_ns: Nanoseconds | None  # (n,) stamps, 0 if unset; None: the type has none
     received_ns: Nanoseconds  # (n,) log time
     values: Mapping[str, Column]  # quantity -> (n,)
     frame_id: str
@@ -67,8 +65,7 @@ class RawRecords:
     def number(self, quantity: str) -> Vector:
         """Return a quantity as floats in its own unit, (n,).
 
-        NaN where it is no finite number, one beyond MAX_VALUE or one that means no data, and where the messages have no
-        such field.
+        NaN if it is not finite, is beyond MAX_VALUE or means no data, and if the messages have no such field.
         """
         if quantity not in self.values:
             return np.full(len(self.received_ns), np.nan)
@@ -77,7 +74,7 @@ class RawRecords:
         return np.where(known, values * self.layout.scale.get(quantity, 1.0), np.nan)
 
     def text(self, quantity: str) -> NDArray[np.str_]:
-        """Return a quantity as texts, (n,); empty where the messages have no such field."""
+        """Return a quantity as texts, (n,); empty if the messages have no such field."""
         if quantity not in self.values:
             return np.full(len(self.received_ns), "")
         return np.asarray(self.values[quantity], dtype=np.str_)
@@ -94,7 +91,7 @@ def plane_covariance(path: str, xx: int, xy: int, yy: int) -> dict[str, str]:
 
 
 def own_columns(*names: str) -> dict[str, str]:
-    """Return the columns of our CSV, whose names are their quantities."""
+    """Return the columns of usbldr's CSV, whose names are their quantities."""
     return {name: name for name in names}
 
 
@@ -104,12 +101,12 @@ def quaternion(prefix: str) -> dict[str, str]:
 
 
 def only_when_named(layouts: tuple[MessageLayout, ...]) -> tuple[MessageLayout, ...]:
-    """Return the layouts for a sensor that they serve only where the user names the topic."""
+    """Return the layouts as used only if the user names the topic."""
     return tuple(replace(layout, recognised="only when named") for layout in layouts)
 
 
 def wanted_paths(topic: TopicInfo, layout: MessageLayout) -> dict[str, str]:
-    """Return quantity -> field path for all that the topic has of a layout, and its header."""
+    """Return quantity -> field path for all fields of a layout that the topic has, and its header."""
     paths = dict(layout.required) | {q: path for q, path in layout.optional.items() if topic.has(path)}
     return paths | {path: path for path in (layout.stamp, layout.frame) if topic.has(path)}
 

@@ -1,4 +1,4 @@
-"""Kinds of NMEA sentences as message types of sensors; nmea_kinds says what each tells."""
+"""Kinds of NMEA sentences as message types of sensors; nmea_kinds lists their fields."""
 
 from usbldr.io.messages.layouts import MessageLayout, own_columns
 
@@ -21,6 +21,6 @@ NMEA_HEADINGS = (
     ),
     MessageLayout(
         "psimsns", {"angle": "heading_deg"}, {}, "only when named", COMPASS_DEG
-    ),  # of the USBL's head, on the ship
-    MessageLayout("ptsah", {}, recognised="only when named", unsupported="has fields that are not known here; log HDT"),
+    ),  # of the USBL head, on the ship
+    MessageLayout("ptsah", {}, recognised="only when named", unsupported="has unknown fields; log HDT"),
 )

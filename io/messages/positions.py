@@ -1,4 +1,4 @@
-"""Message types of positions, whoever measured them: local ones, latitudes and longitudes, our own columns."""
+"""Message types of positions, of any sensor: local ones, latitudes and longitudes, usbldr's own columns."""
 
 from usbldr.io.messages.layouts import MessageLayout, own_columns, plane_covariance, xyz
 
@@ -25,7 +25,7 @@ OWN_COVARIANCE = own_columns("sd_m", "cov_ee_m2", "cov_en_m2", "cov_nn_m2")
 
 
 def own_places(sensor: str) -> tuple[MessageLayout, MessageLayout]:
-    """Return the layouts of our CSV for positions: east and north come before latitude and longitude."""
+    """Return the layouts of usbldr's CSV for positions: east and north come before latitude and longitude."""
     geodetic = own_columns("lat_deg", "lon_deg")
     return (
         MessageLayout(sensor, own_columns("east_m", "north_m"), geodetic | OWN_COVARIANCE, "by type", fixed=OWN_ENU),

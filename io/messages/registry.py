@@ -19,18 +19,18 @@ LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
     "depth": DEPTH,
     "truth": (*TRUTH, *only_when_named(NMEA_PLACES)),
 }
-"""The first that fits a topic is taken.
+"""The first layout that matches a topic is used.
 
-Files of our own columns, and those whose columns the configuration names, have the sensor for their type.
+The type of files with usbldr's own columns, or with configured columns, is the sensor.
 """
 
 STAMPS = frozenset(layout.stamp for layouts in LAYOUTS.values() for layout in layouts)
-"""All fields in which some type tells its time."""
+"""All fields that are the time of some type."""
 
 FRAMES = frozenset(layout.frame for layouts in LAYOUTS.values() for layout in layouts)
-"""All fields in which some type names its frame."""
+"""All fields that name the frame of some type."""
 
 
 def message_layout_of(role: str, topic: TopicInfo) -> MessageLayout | None:
-    """Return how the topic serves the role, None if it can't."""
+    """Return the layout of the topic as the role, None if it cannot be used."""
     return next((layout for layout in LAYOUTS[role] if layout.fits(topic)), None)

@@ -23,44 +23,44 @@ HINTS: Mapping[str, str] = {
     "gps": rf"{GPS_ITSELF}|fix",
     "depth": r"depth|pressure",
 }
-"""Words of topic names that speak for a role."""
+"""Words of topic names that suggest a role."""
 
 NO_SENSOR = re.compile(
     r"(^|[/_])(filtered|odometry|odom|ekf|ukf|estimate|estimated|ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
 )
-"""Words of topic names that speak of something computed, or simulated beside the sensors."""
+"""Words of topic names that suggest computed values, or simulated ones beside the sensors."""
 
 SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
-"""Ends of topic names that come after all others: an Imu without orientation; what mavros made of GPS and the rest."""
+"""Ends of topic names that rank last: an Imu without orientation; what mavros computed from GPS and others."""
 
 
 @dataclass(frozen=True, slots=True)
 class TopicChoice:
-    """A topic taken for a role."""
+    """A topic chosen for a role."""
 
     topic: TopicInfo
     layout: MessageLayout
     chosen_by: str  # "option", "configuration", "type and name"
-    lower_ranked: tuple[TopicInfo, ...] = ()  # what could be the role, too, and comes after it by its type
+    lower_ranked: tuple[TopicInfo, ...] = ()  # other possible topics, whose types rank lower
 
 
 class Candidates(NamedTuple):
     """The topics that could be a role."""
 
-    best: list[TopicInfo]  # of several, the user has to choose
-    lower_ranked: list[TopicInfo]  # those that come after one of them by their types
+    best: list[TopicInfo]  # if there are several, the user has to choose
+    lower_ranked: list[TopicInfo]  # those whose types rank lower
 
 
 @dataclass(frozen=True, slots=True)
 class Roles:
-    """The roles of a log, and what keeps a role from being filled."""
+    """The roles of a log, and the errors of those that could not be filled."""
 
     chosen: Mapping[str, TopicChoice]
     unresolved: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Say which topics stand behind those chosen."""
+        """Report the topics that rank behind those chosen."""
         return tuple(_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked)
 
 
@@ -95,7 +95,7 @@ def choose_roles(
 
 
 def topic_named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> TopicChoice:
-    """Return the topic of that name as the role; raise LogError or UsageError where that is impossible."""
+    """Return the topic of that name as the role; raise LogError or UsageError if that is impossible."""
     topic = find_topic(topics, name)
     if topic is None:
         near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
@@ -104,18 +104,20 @@ def topic_named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, ch
     if topic.problem:
         raise _unreadable(log, role, topic)
     if topic.count == 0:
-        raise LogError(f"{topic.name}, named for the {role}, has no messages", path=log)
+        raise LogError(f"{topic.name}, chosen as {role}, has no messages", path=log)
     layout = message_layout_of(role, topic)
     if layout is None:
         known = ", ".join(sorted({layout.type for layout in LAYOUTS[role] if not layout.unsupported}))
-        raise UsageError(f"{topic.name} is of type {topic.type}, which cannot serve as {role} (only {known})", path=log)
+        raise UsageError(
+            f"{topic.name} is of type {topic.type}, which cannot be used as {role} (only {known})", path=log
+        )
     if layout.unsupported:
         raise _refused(log, role, topic)
     return TopicChoice(topic, layout, chosen_by)
 
 
 def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
-    """Return the topic of that name: with or without the first "/"; of CSV files also by its last part alone."""
+    """Return the topic of that name: with or without the first "/"; for CSV files also by its last part alone."""
     topics = list(topics)
     slashed = "/" + name.lstrip("/")
     last = "/" + slashed.rpartition("/")[2]
@@ -126,9 +128,9 @@ def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
 
 
 def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = ()) -> Candidates:
-    """Return the topics that could be the role: those that a hint in the name speaks for before the others.
+    """Return the topics that could be the role: those whose name suggests it before the others.
 
-    Of these, without those that are ``taken``, the types that stand first in their sensor's order of preference.
+    Of these, without the ``taken`` ones, the types that are first in their sensor's order of preference.
     """
     ranks: dict[TopicInfo, int | None] = {}
     hinted: list[TopicInfo] = []
@@ -143,7 +145,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
         ):
             continue
         hints = _hints(topic.name)
-        own = topic.type == f"usbldr/{role}"  # of our own columns or the configuration's: its name says nothing more
+        own = topic.type == f"usbldr/{role}"  # usbldr's own or configured columns: its name adds nothing
         by_type = layout.recognised == "by type" and (role in hints or not hints or own)
         if by_type or (layout.recognised == "by type and name" and role in hints):
             ranks[topic] = layout.preference
@@ -157,7 +159,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
 
 
 def _hints(name: str) -> set[str]:
-    """Return the sensors that a topic's name speaks for; a "fix" is one of GPS only where nothing says of the USBL."""
+    """Return the sensors that a topic's name suggests; a "fix" is a GPS fix unless the name suggests USBL."""
     name = name.lower()
     hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}
     return hints - {"gps"} if "usbl" in hints and not re.search(GPS_ITSELF, name) else hints
@@ -166,18 +168,18 @@ def _hints(name: str) -> set[str]:
 def _preferred(role: str, choice: TopicChoice) -> Finding:
     others = "; ".join(f"{topic.name} ({topic.type}, {topic.count} messages)" for topic in choice.lower_ranked)
     text = (
-        f"{choice.topic.name}: taken for the {role}, for by its type it comes before {others}; "
+        f"{choice.topic.name}: used as {role}; its type is preferred to that of {others}; "
         f"choose another with --{role} TOPIC or with topic under [{role}]"
     )
     return Finding("ROLE-PREFERRED", text, choice.topic.name)
 
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
-    return LogError(f"{topic.name} cannot be read as the {role}: {topic.problem}", path=log)
+    return LogError(f"{topic.name} cannot be read as {role}: {topic.problem}", path=log)
 
 
 def _useless(role: str, topic: TopicInfo) -> bool:
-    """Tell whether a topic is known for the role but cannot serve; one that would only serve where named is neither."""
+    """Return whether a topic's type is known for the role but not usable, not counting types used only if named."""
     layout = message_layout_of(role, topic)
     return layout is not None and layout.unsupported != "" and layout.recognised != "only when named"
 
@@ -188,10 +190,8 @@ def _refusal(role: str, topic: TopicInfo) -> str:
 
 
 def _refused(log: Path, role: str, topic: TopicInfo) -> UsageError:
-    why = _refusal(role, topic)
-    return UsageError(
-        f"{topic.name} ({topic.type}) cannot serve as {role}: it {why} (--{role} none: do without)", path=log
-    )
+    why = f"cannot be used as {role}: it {_refusal(role, topic)}"
+    return UsageError(f"{topic.name} ({topic.type}) {why} (--{role} none: replay without {role})", path=log)
 
 
 def _which(role: str, found: Sequence[TopicInfo]) -> str:

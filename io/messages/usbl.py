@@ -1,8 +1,8 @@
 """Message types of acoustic positioning systems.
 
 Sources: the .msg files and drivers of the packages named, the SeaTrac serial interface for its raw integers, and for
-sentences the manuals named in nmea_kinds. A north that a modem made of its own compass may be magnetic: mount_deg of
-the configuration turns it.
+sentences the manuals named in nmea_kinds. The north of a modem's own compass may be magnetic: mount_deg in
+the configuration corrects it.
 """
 
 import math
@@ -58,17 +58,17 @@ SENTENCES = (
         MessageLayout(kind, {}, recognised="by type", unsupported=why)
         for kind, why in {
             "psimssb_u": f"holds UTM coordinates without their zone; {SURER}",
-            "psimssb_p": f"holds polar coordinates, whose order and units are not known here; {SURER}",
-            "psimssb_c_g": f"holds Cartesian coordinates in an orientation G, which is not known here; {SURER}",
-            "psimssb_r_e": "holds radians east-up, of which it is not known here which is the latitude; log R with G",
-            "psonall": "holds eastings and northings of a grid that it does not name; log PSONLLD",
-            "ptsay": "holds offsets along axes that are not known here; log PTSAG or PTSAX",
-            "pevossa": "tells angles alone, which are no fix; log PEVOSSB",
+            "psimssb_p": f"holds polar coordinates, whose order and units are unknown; {SURER}",
+            "psimssb_c_g": f"holds Cartesian coordinates in the unknown orientation G; {SURER}",
+            "psimssb_r_e": "holds radians east-up, and it is unknown which one is the latitude; log R with G",
+            "psonall": "holds eastings and northings of an unnamed grid; log PSONLLD",
+            "ptsay": "holds offsets along unknown axes; log PTSAG or PTSAX",
+            "pevossa": "holds only angles, not a fix; log PEVOSSB",
             "pevossb_t": TILTED,
             "pevossb_b": TILTED,
         }.items()
     ),
-    # a position of the target, as Water Linked's UGPS sends it: known by the topic's name alone
+    # a position of the target, as Water Linked's UGPS sends it: recognised only by the topic's name
     *(
         MessageLayout(
             kind,
@@ -135,7 +135,7 @@ MODEMS = (
         scale={"bearing_deg": -math.degrees(1.0), "elevation_deg": math.degrees(1.0)},
         stamp="timestamp",
     ),
-    MessageLayout(  # vehicle_interface, nanoauv_localization_msgs: what measurement_time counts from, it does not say
+    MessageLayout(  # vehicle_interface, nanoauv_localization_msgs: the origin of measurement_time is not documented
         "acousticlocalization",
         DEGREES,
         {"target": "sender_address", "sd_m": "accuracy"},
@@ -150,17 +150,17 @@ MODEMS = (
         for place in ("position", "geo_point")
     ),
     *(
-        MessageLayout(kind, {}, recognised="by type", unsupported=f"tells {what} alone, which are no fix")
+        MessageLayout(kind, {}, recognised="by type", unsupported=f"holds only {what}, not a fix")
         for kind, what in (("acousticmodemusblangles", "angles"), ("acousticmodemrange", "ranges"))
     ),
 )
 """Messages of their drivers."""
 
-TOPSIDE_BOX = "counts along the axes of the topside box from its first fix; take /waterlinked/fix"
+TOPSIDE_BOX = "is measured along the axes of the topside box from its first fix; use /waterlinked/fix"
 
 
 def _ranked(layout: MessageLayout) -> MessageLayout:
-    """Rank what needs no head before what needs its place, and that before what needs its heading, too."""
+    """Rank layouts that need no head first, then those that need its position, then those that need its heading."""
     kind, frame = (layout.defaults.get(key) for key in ("kind", "frame"))
     if kind not in ("latlon", "position"):
         return layout
@@ -180,7 +180,7 @@ _UNRANKED = (
         own_columns("x", "y"),
         recognised="only when named",
         topic=r"/utm$",
-        unsupported="holds UTM coordinates without their zone; take the topic of latitudes and longitudes",
+        unsupported="holds UTM coordinates without their zone; use the topic of latitudes and longitudes",
     ),
     *PLACES,
     MessageLayout("navsatfix", NAVSAT, NAVSAT_MORE, defaults=LATLON),

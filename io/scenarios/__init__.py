@@ -1,1 +1,1 @@
-"""Scenarios as TOML files, those that are shipped, and the logs that are simulated from them."""
+"""Scenarios as TOML files, the shipped ones among them, and the logs simulated from them."""

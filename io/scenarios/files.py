@@ -1,4 +1,4 @@
-"""Write a simulated log and its configuration, whole or not at all."""
+"""Write a simulated log and its configuration, completely or not at all."""
 
 from pathlib import Path
 
@@ -11,9 +11,9 @@ from usbldr.io.writers.write_log import conventions_of, log_format_of, write_log
 def write_scenario(
     scenario: Scenario, seed: int, out: Path, force: bool = False, stated: str | None = None
 ) -> tuple[Log, Path]:
-    """Write to ``out``, in the stated form or the one of its name; return the log and the configuration's path.
+    """Write to ``out``, in the stated format or that of its name; return the log and the configuration's path.
 
-    Raises UsageError as log_files.write_log_atomically does.
+    Raises UsageError as write_log_atomically does.
     """
     form = log_format_of(out, stated)
     log = simulated_log(scenario, seed)

@@ -1,6 +1,6 @@
-"""The scenarios that usbldr ships, and those of a user: TOML files, found, read and turned into dives.
+"""The scenarios that usbldr ships, and those of a user: TOML files, found, read and converted to dives.
 
-A file may be ``like`` a shipped one: it then says only what differs, key by key of each section.
+A file may be ``like`` a shipped one: it then states only what differs, key by key of each section.
 """
 
 import math
@@ -46,7 +46,7 @@ def scenario_names() -> tuple[str, ...]:
 
 
 def find_scenario(name: str) -> Scenario:
-    """Return a shipped scenario, or that of a file NAME.toml; raise UsageError that lists the names."""
+    """Return a shipped scenario, or that of a file NAME.toml; raise UsageError with the names."""
     if Path(name).suffix == ".toml":
         return read_scenario(Path(name))
     if name not in scenario_names():
@@ -83,15 +83,13 @@ def read_scenario(file: Path) -> Scenario:
 
 
 def _document(file: Path) -> dict[str, object]:
-    """Return what a file says, over what the scenario says that it is like."""
+    """Return the content of a file, completed by the scenario that it is like."""
     own = read_document(file)
     like = own.pop("like", None)
     if like is None:
         return own
     if like not in scenario_names():
-        raise UsageError(
-            f"{file}: like = {like!r}: there is no such scenario (scenarios: {', '.join(scenario_names())})"
-        )
+        raise UsageError(f"{file}: like = {like!r}: no such scenario (scenarios: {', '.join(scenario_names())})")
     whole = _document(FOLDER / f"{like}.toml")
     for key, value in own.items():
         inherited = whole.get(key)
@@ -100,7 +98,7 @@ def _document(file: Path) -> dict[str, object]:
 
 
 def _yaw(clockwise_deg: float) -> float:
-    """Return radians counter-clockwise."""
+    """Return clockwise degrees as radians counter-clockwise."""
     return -math.radians(clockwise_deg)
 
 

@@ -1,4 +1,4 @@
-"""The sections of a scenario's file as types: which keys there are, in which unit, and which values make no sense.
+"""The sections of a scenario's file as types: their keys, units and valid values.
 
 Angles are degrees clockwise, velocities starboard and forward, positions east and north. docs/scenarios.md explains
 each key.
@@ -19,7 +19,7 @@ MAX_RECORDS = 10_000_000  # records of a sensor in a dive: three weeks at 5 Hz
 
 
 class VehicleSection(Section, frozen=True, kw_only=True):
-    """Where the dive begins."""
+    """The initial state of the dive."""
 
     east_m: float = 0.0
     north_m: float = 0.0
@@ -28,7 +28,7 @@ class VehicleSection(Section, frozen=True, kw_only=True):
 
 
 class LegSection(Section, frozen=True, kw_only=True):
-    """A stretch of constant velocity through the water, in the body, and constant turn rate."""
+    """A leg of constant velocity through the water, in the body frame, and constant turn rate."""
 
     duration_s: Positive
     starboard_mps: float = 0.0
@@ -44,7 +44,7 @@ class CurrentSection(Section, frozen=True, kw_only=True):
 
 
 class DrawnSection(Section, frozen=True, kw_only=True):
-    """A walk drawn for each seed from what the filters are told."""
+    """A random motion drawn for each seed from the filters' own model."""
 
     step_s: Positive = 0.2
     dvl_scale_sd: NotNegative = 0.0
@@ -52,7 +52,7 @@ class DrawnSection(Section, frozen=True, kw_only=True):
 
 
 class SensorSection(Section, frozen=True, kw_only=True):
-    """When the records of a sensor come, and which are lost."""
+    """The times of a sensor's records, and which are lost."""
 
     rate_hz: Positive
     latency_s: float = 0.0
@@ -66,7 +66,7 @@ class SensorSection(Section, frozen=True, kw_only=True):
     outlier_share: Part = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse records that could overtake each other, and silences that end before they begin."""
+        """Refuse records that could overtake each other, and outages that end before they begin."""
         if self.jitter_s * self.rate_hz > 1:
             raise ValueError(f"jitter_s must not exceed the {1 / self.rate_hz:g} s between two records")
         forwards(self.silences_s, "silences_s")
@@ -88,7 +88,7 @@ class DvlSensor(SensorSection, frozen=True, kw_only=True):
     told_noise: DvlNoise | None = None
 
     def __post_init__(self) -> None:
-        """Refuse stretches that end before they begin."""
+        """Refuse time spans that end before they begin."""
         SensorSection.__post_init__(self)
         forwards((*self.water_track_s, self.outlier_mps), "water_track_s and outlier_mps")
 
@@ -113,7 +113,7 @@ class CompassSensor(SensorSection, frozen=True, kw_only=True):
 
 
 class HeadPlaceSection(Section, frozen=True, kw_only=True):
-    """The fixed end of the line of sight."""
+    """The fixed end of the acoustic line of sight."""
 
     east_m: float = 0.0
     north_m: float = 0.0
@@ -121,7 +121,7 @@ class HeadPlaceSection(Section, frozen=True, kw_only=True):
 
 
 class MultipathSection(Section, frozen=True, kw_only=True):
-    """Clusters of false fixes."""
+    """Clusters of outlier fixes."""
 
     offset_m: tuple[NotNegative, NotNegative]
     scatter_m: NotNegative = 0.0
@@ -143,7 +143,7 @@ class AccuracySection(Section, frozen=True, kw_only=True):
     bearing_sd_deg: Positive | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what says nothing."""
+        """Refuse an accuracy of zero."""
         if not self.sd_m and not self.sd_rel:
             raise ValueError("state sd_m, sd_rel or both")
 
@@ -206,11 +206,11 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
     start: StartSection | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a drawn dive without a start to be drawn about, or with what it cannot have."""
+        """Refuse a drawn dive without a start, or with a current, and scenarios with too many records."""
         if self.drawn is not None and self.start is None:
-            raise ValueError("[drawn] needs [start]: the dive begins about it, within its sigmas")
+            raise ValueError("[drawn] needs [start], from which the initial state is drawn")
         if self.drawn is not None and (self.current.east_mps or self.current.north_mps):
-            raise ValueError("[drawn] and [current] exclude each other")
+            raise ValueError("[drawn] cannot be combined with [current]")
         counts = {f"{name}.rate_hz": getattr(self, name).rate_hz for name in ("dvl", "compass", "usbl", "gps")}
         if self.drawn is not None:
             counts["drawn.step_s"] = 1 / self.drawn.step_s
@@ -219,12 +219,12 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
         for key, per_s in counts.items():
             if self.duration_s * per_s > MAX_RECORDS:
                 raise ValueError(
-                    f"{key} and duration_s make {self.duration_s * per_s:.2g}, at most {MAX_RECORDS:.0e} fit"
+                    f"{key} and duration_s give {self.duration_s * per_s:.2g} records; the limit is {MAX_RECORDS:.0e}"
                 )
 
 
 def forwards(stretches: tuple[Pair, ...], name: str) -> None:
-    """Refuse a pair that goes backwards."""
+    """Refuse a pair that ends before it begins."""
     for first, last in stretches:
         if last < first:
-            raise ValueError(f"{name}: [{first:g}, {last:g}] goes backwards")
+            raise ValueError(f"{name}: [{first:g}, {last:g}] ends before it begins")

@@ -1,7 +1,7 @@
-"""Simulated logs: a scenario as the tables that reading its file would give, and as files with their configuration.
+"""Simulated logs: a scenario as the tables of its file when read back, and as files with their configuration.
 
-The configuration says what a careful user would know beforehand: the noise, the start, the conventions of the file. It
-never says a true bias, scale, misalignment or latency.
+The configuration states what is known before a dive: the noise, the start, the conventions of the file, but not the
+true biases, scales, misalignments or latencies.
 """
 
 import hashlib
@@ -72,7 +72,7 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
 
 
 def _assumed(stated: Quantity | None, true: Quantity) -> Quantity:
-    """Return what a filter is told of a quantity: what the scenario states, else the truth."""
+    """Return the value of a quantity that a filter assumes: the scenario's, else the true one."""
     return true if stated is None else stated
 
 
@@ -107,7 +107,7 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
         sections["start"] = stated(scenario.start)
     title = (
         f"{WRITTEN_BY} simulate {scenario.name} --seed {seed}",
-        "What a careful user knows: noise, start and conventions; never a true bias, scale or latency.",
+        "Known before the dive: noise, start and conventions; not the true biases, scales or latencies.",
     )
     return toml_text(title, sections, conventions)
 
@@ -121,7 +121,7 @@ def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]
     dive = simulate(scenario, seed)
     dvl, compass, gps = scenario.dvl, scenario.compass, scenario.gps
     cov_m2 = with_variance_floor(dive.fix_cov_m2)
-    gps_sd_m = _assumed(gps.told_sd_m, gps.sd_m) or math.nan  # no format can say "exact": 0 is how many say "unknown"
+    gps_sd_m = _assumed(gps.told_sd_m, gps.sd_m) or math.nan  # no format can state "exact": in many 0 means "unknown"
     lat_deg, lon_deg = _at_sea_level(dive.gps.value)
     columns: dict[str, tuple[Column | float, ...]] = {
         "dvl": (*dive.dvl.value.T, 0.0, _assumed(dvl.told_sd_mps, dvl.sd_mps), dive.dvl.valid),
@@ -148,14 +148,14 @@ def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]
 def _at_sea_level(position_m: Array) -> tuple[Vector, Vector]:
     """Return latitude and longitude of east, north (n, 2) for a receiver at height 0.
 
-    The tangent plane lies 8 cm above the sea 1 km from the origin; the height below it is found by iterating, so that
+    The tangent plane is 8 cm above the sea 1 km from the origin; the height below it is found by iterating, so that
     readers that take the altitude and readers that do not agree.
     """
     to_geodetic: Callable[..., tuple[Vector, Vector, Vector]] = pymap3d.enu2geodetic  # pyright: ignore
     east, north = position_m.T
     up = np.zeros(len(east))
     lat, lon, height = up, up, up
-    for _ in range(3):  # each leaves 1e-7 of the error
+    for _ in range(3):  # each iteration leaves 1e-7 of the error
         up = up - height
         lat, lon, height = to_geodetic(east, north, up, ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0)
     return lat, lon

@@ -1,1 +1,1 @@
-"""usbldr.toml and baseline files: typed sections with units and limits, and edits that keep the author's comments."""
+"""usbldr.toml and baseline files: typed sections with units and limits; edits preserve the author's comments."""

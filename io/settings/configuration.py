@@ -1,6 +1,6 @@
-"""usbldr.toml: found beside the log, read, checked key by key, and turned into the assumptions of a run.
+"""usbldr.toml: found beside the log, read, checked key by key, and converted to the assumptions of a run.
 
-The sections themselves stand in sensor_sections.py.
+The sections are in sensor_sections.py.
 """
 
 from dataclasses import replace
@@ -13,28 +13,28 @@ from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.validation import checked, read_document
 
 
-def find_configuration(log: Path, asked: str | None) -> Path | None:
-    """Return the file to read for ``log``: the one asked for, else NAME.usbldr.toml, else usbldr.toml, else none.
+def find_configuration(log: Path, named: str | None) -> Path | None:
+    """Return the file to read for ``log``: the named one, else NAME.usbldr.toml, else usbldr.toml, else none.
 
-    ``asked`` = "none" ignores all of them.
+    ``named`` = "none" ignores all of them.
     """
-    if asked == "none":
+    if named == "none":
         return None
-    if asked is not None:
-        if not Path(asked).is_file():
-            raise UsageError(f"{asked}: no such configuration file")
-        return Path(asked)
+    if named is not None:
+        if not Path(named).is_file():
+            raise UsageError(f"{named}: no such configuration file")
+        return Path(named)
     return next((place for place in configuration_places(log, log.is_dir()) if place.is_file()), None)
 
 
 def configuration_places(log: Path, folder: bool) -> tuple[Path, ...]:
-    """Return where the configuration of a log, a folder or a file, is sought: its own place first."""
+    """Return where the configuration of a log is looked for, its own place first."""
     own = [log / "usbldr.toml"] if folder else []
     return (*own, log.parent / f"{log.name if folder else log.stem}.usbldr.toml", log.parent / "usbldr.toml")
 
 
 def own_configuration(log: Path, folder: bool) -> Path:
-    """Return where a log's own configuration stands: inside a folder, beside a file."""
+    """Return the path of a log's own configuration: inside a folder, beside a file."""
     return configuration_places(log, folder)[0]
 
 
@@ -44,12 +44,12 @@ def read_configuration(file: Path) -> Configuration:
 
 
 def parse_configuration(document: dict[str, object], file: Path) -> Configuration:
-    """Turn a parsed TOML document into a Configuration."""
+    """Return a parsed TOML document as a Configuration."""
     return checked(document, Configuration, file)
 
 
 def assumptions(configuration: Configuration) -> Assumptions:
-    """Return the model side of a run: what the file states, usbldr's defaults for the rest. Angles become radians."""
+    """Return the model side of a run: the stated values, usbldr's defaults for the rest. Angles become radians."""
     start, default = configuration.start, Assumptions()
     return replace(
         default,

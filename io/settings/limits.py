@@ -1,6 +1,6 @@
-"""The numbers of configurations and scenarios as types: the unit, and how large one may be and still mean something.
+"""The numbers of configurations and scenarios as types: their units, and the range of meaningful values.
 
-The bounds are far wider than any vehicle. They keep slips of the pen and of the unit out of the filters, whose sums of
+The bounds are far wider than any vehicle. They keep typing errors and wrong units out of the filters, whose sums of
 squares would no longer fit a double: a latency in nanoseconds, a sigma of 1e300.
 """
 
@@ -12,7 +12,7 @@ from usbldr.filters.models.quantities import METRES, SD, SECONDS, SPREAD, Limits
 
 
 def meta(limits: Limits) -> Meta:
-    """Return declared limits as msgspec holds a number to them."""
+    """Return declared limits as msgspec's constraint."""
     least, most, above = limits
     return Meta(gt=least, le=most) if above else Meta(ge=least, le=most)
 
@@ -23,16 +23,16 @@ Factor: TypeAlias = Annotated[float, Meta(ge=1e-3, le=1e3)]
 Degrees: TypeAlias = Annotated[float, Meta(ge=-360, le=360)]
 Latitude: TypeAlias = Annotated[float, Meta(ge=-90, le=90)]
 Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
-Deviation: TypeAlias = Annotated[float, Meta(ge=-30, le=30)]  # degrees; beyond, a reading no longer tells one heading
+Deviation: TypeAlias = Annotated[float, Meta(ge=-30, le=30)]  # degrees; beyond, the heading is ambiguous
 Latency: TypeAlias = Annotated[float, Meta(ge=-86400, le=86400)]  # seconds
 ClockOffset: TypeAlias = Annotated[float, Meta(ge=-4e9, le=4e9)]  # seconds; a clock may count from power-on, or 1900
 Gap: TypeAlias = Annotated[float, meta(SECONDS)]  # seconds
-Metres: TypeAlias = Annotated[float, meta(METRES)]  # on the plane, which ends long before
+Metres: TypeAlias = Annotated[float, meta(METRES)]  # on the local plane, which is much smaller
 Depth: TypeAlias = Annotated[float, Meta(ge=-12000, le=12000)]  # metres, down
 Arm: TypeAlias = Annotated[float, Meta(ge=-1000, le=1000)]  # metres
 Lever: TypeAlias = tuple[Arm, Arm, Arm]  # starboard, forward, up
 SdMetres: TypeAlias = Annotated[float, meta(SD["m"])]
 SdDegrees: TypeAlias = Annotated[float, meta(SD["deg"])]
 SdSpeed: TypeAlias = Annotated[float, meta(SD["mps"])]  # m/s
-SpreadMetres: TypeAlias = Annotated[float, meta(SPREAD["m"])]  # of what may have none
+SpreadMetres: TypeAlias = Annotated[float, meta(SPREAD["m"])]  # of values that may have none
 SpreadDegrees: TypeAlias = Annotated[float, meta(SPREAD["deg"])]

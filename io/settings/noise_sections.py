@@ -1,6 +1,6 @@
-"""The sections of usbldr.toml that state the model: how sensors err, how the vehicle moves, where it starts.
+"""The sections of usbldr.toml that state the model: sensor noise, process noise, sensor errors and start.
 
-They are made from the declarations in usbldr.filters.models; scenarios have the same ones. docs/configuration.md
+They are made from the declarations in usbldr.filters.models; scenarios use the same ones. docs/configuration.md
 explains each key.
 """
 
@@ -20,7 +20,7 @@ Model = TypeVar("Model")
 
 
 class Section(Struct, frozen=True):
-    """A table of the file. A key that is not listed is refused."""
+    """A table of the file. Unlisted keys are refused."""
 
 
 def section_of(owner: type, sensor: str = "", kind: str | None = None, **others: tuple[Any, Any]) -> type[Section]:
@@ -36,7 +36,7 @@ def section_of(owner: type, sensor: str = "", kind: str | None = None, **others:
 
 
 def stated_model(usual: Model, stated: Section, sensor: str = "") -> Model:
-    """Return what a section states, ``usual`` for the rest, in the units of the model."""
+    """Return the values of a section, ``usual`` for the rest, in the units of the model."""
     declared = quantities(type(usual), sensor)
     values = {name: getattr(stated, quantity.key) for name, quantity in declared.items()}
     given = {name: declared[name].to_model(value) for name, value in values.items() if value is not None}
@@ -59,7 +59,7 @@ def start_of(stated: Section) -> Start:
 
 
 def calibrated_keys(stated: Section) -> tuple[str, ...]:
-    """Return the keys of the errors to estimate in their own order, or AUTO alone."""
+    """Return the keys of the errors to estimate in their defined order, or only AUTO."""
     states = getattr(stated, "states")  # noqa: B009
     return (AUTO,) if states == AUTO else tuple(key for key in STATES if key in states)
 
@@ -69,7 +69,7 @@ NOISES: Mapping[str, Any] = {
     sensor: Union[tuple(section_of(family, sensor, kind, per=PER) for kind, family in FAMILIES.items())]  # noqa: UP007
     for sensor in SENSOR_UNITS
 }
-"""The sections that a sensor's noise may be."""
+"""The possible sections of a sensor's noise."""
 
 if TYPE_CHECKING:
     DvlNoise: TypeAlias = Section

@@ -1,8 +1,8 @@
-"""The baseline of a regression check: a TOML file of runs with the metrics that they had, and how far they may move.
+"""The baseline of a regression check: a TOML file of runs with their metrics, and how far these may change.
 
 Each ``[[row]]`` names a run: name, log (relative to the file's folder, or a scenario), filter, seeds, any long option
 of ``usbldr replay`` (``dr_from`` for --dr-from), and a table ``metrics`` by their names in report.json. Each metric has
-a value, a tolerance (limit = abs + rel |value|) and, where the usual one is not meant, a direction.
+a value, a tolerance (limit = abs + rel |value|) and, unless it is the usual one, a direction.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,9 +27,9 @@ DIRECTIONS: Mapping[str, Direction] = {metric.name: metric.direction for metric 
 
 
 class Metric(Struct, frozen=True, kw_only=True):
-    """What a metric was, and how far it may move: at least one tolerance is stated."""
+    """The value of a metric, and how far it may change: at least one tolerance is stated."""
 
-    value: float | None = None  # None: not yet known, --update fills it in
+    value: float | None = None  # None: not yet known, set by --update
     abs: NotNegative | None = None
     rel: NotNegative | None = None
     direction: Direction | None = None
@@ -42,7 +42,7 @@ class Metric(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class BaselineRow:
-    """A run, or one for each of ``seeds`` seeds, and what it has to give."""
+    """A run, or one for each of ``seeds`` seeds, and its expected metrics."""
 
     name: str
     log: str
@@ -53,7 +53,7 @@ class BaselineRow:
 
 
 class _Stated(Struct, frozen=True, kw_only=True):
-    """The keys of a row that are no option of a run."""
+    """The keys of a row that are not options of a run."""
 
     name: Annotated[str, Meta(min_length=1)]
     log: str
@@ -63,7 +63,7 @@ class _Stated(Struct, frozen=True, kw_only=True):
 
 
 class _Document(Struct, frozen=True, kw_only=True):
-    """A whole file; the keys of a row are not known beforehand."""
+    """A whole file; the keys of a row are not known in advance."""
 
     schema: Literal[1]
     row: tuple[dict[str, object], ...] = ()
@@ -71,7 +71,7 @@ class _Document(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class RegressionBaseline:
-    """A baseline file: its rows, and its text, which an update keeps but for the values."""
+    """A baseline file: its rows, and its text, of which an update changes only the values."""
 
     file: Path
     text: str
@@ -79,7 +79,7 @@ class RegressionBaseline:
 
 
 def usual_direction(metric: str) -> Direction:
-    """Return which way a metric is better if the file does not say: what its declaration says, else neither."""
+    """Return which way a metric is better unless the file states it: as declared, else neither."""
     return DIRECTIONS.get(metric.removesuffix("_se").removesuffix("_seed_median"), "both")
 
 
@@ -87,7 +87,7 @@ def read_baseline(file: Path) -> RegressionBaseline:
     """Read and check a baseline; raise UsageError that names row and key."""
     stated = checked(read_document(file), _Document, file).row
     if not stated:
-        raise UsageError(f"{file}: has no [[row]]: a check of nothing would always pass")
+        raise UsageError(f"{file}: has no [[row]]: such a check would always pass")
     rows = tuple(_row(file, number, row) for number, row in enumerate(stated, start=1))
     names = [row.name for row in rows]
     if repeated := [name for name in names if names.count(name) > 1]:
@@ -105,7 +105,7 @@ def _row(file: Path, number: int, stated: Mapping[str, object]) -> BaselineRow:
     }
     metrics = {key: checked(value, Metric, where, f"metrics.{key}") for key, value in known.metrics.items()}
     if not metrics:
-        raise UsageError(f"{where}: metrics is empty: a row that compares nothing would always pass")
+        raise UsageError(f"{where}: metrics is empty: such a row would always pass")
     for key, metric in metrics.items():
         if metric.abs is None and metric.rel is None:
             raise UsageError(f"{where}: metrics.{key} states no tolerance: give abs, rel or both")
@@ -113,13 +113,13 @@ def _row(file: Path, number: int, stated: Mapping[str, object]) -> BaselineRow:
 
 
 def with_new_values(baseline: RegressionBaseline, values: Sequence[Mapping[str, float]]) -> str:
-    """Return the file's text with new values, ``values`` by row and metric; comments, order and tolerances stay."""
+    """Return the file's text with new values, ``values`` by row and metric; all else is preserved."""
     document: Any = tomlkit.parse(baseline.text)
     for row, new in zip(document["row"], values, strict=True):
         for name, value in new.items():
             metric, number = row["metrics"][name], f"{value:.6g}"
             if "value" in metric or not isinstance(metric, InlineTable):
                 metric["value"] = tomlkit.value(number)
-            else:  # a first value goes in front
+            else:  # a first value is inserted at the front
                 row["metrics"][name] = tomlkit.value(f"{{ value = {number}, {metric.as_string().lstrip('{ ')}")
     return tomlkit.dumps(document)

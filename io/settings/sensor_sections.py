@@ -1,4 +1,4 @@
-"""The sections of usbldr.toml as types: which keys there are, in which unit, and which values make no sense.
+"""The sections of usbldr.toml as types: their keys, units and valid values.
 
 Every key that states an error of a sensor (mount_deg, bias_deg, scale_error, latency_s) is later subtracted from its
 readings; declination_deg is added; angles are degrees clockwise. docs/configuration.md explains each key.
@@ -37,7 +37,7 @@ from usbldr.io.settings.noise_sections import (
     UsblNoise,
 )
 
-MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: what is further off is another unit
+MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: a larger one is a wrong unit
 Clock: TypeAlias = Literal["header", "log"]
 UsblColumn: TypeAlias = Literal[
     "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m"
@@ -46,7 +46,7 @@ Time: TypeAlias = Literal["time_ns", "time_unix_s", "time_s", "received_ns", "re
 
 
 class MapSection(Section, frozen=True, kw_only=True):
-    """The point that the local plane touches."""
+    """The origin of the local plane."""
 
     origin_lat_deg: Latitude
     origin_lon_deg: Longitude
@@ -70,7 +70,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     noise: DvlNoise | None = None
 
     def __post_init__(self) -> None:
-        """Refuse axes that are no three directions at right angles."""
+        """Refuse axes that are not three perpendicular directions."""
         if self.axes is not None:
             axis_signs(self.axes)
 
@@ -93,7 +93,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
 
 
 class Head(Section, frozen=True, kw_only=True):
-    """The USBL head: fixed, or on a ship whose place and heading are topics of the log."""
+    """The USBL head: fixed, or on a ship whose position and heading are topics of the log."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -111,20 +111,20 @@ class Head(Section, frozen=True, kw_only=True):
     max_gap_s: Gap = 3.0
 
     def __post_init__(self) -> None:
-        """Refuse a head that is nowhere or in two places, and one that cannot know its heading."""
+        """Refuse a head without a position or with two, and one with a lever arm but no heading."""
         place = (self.lat_deg, self.lon_deg, self.east_m, self.north_m)
         if self.topic is not None and any(v is not None for v in place):
-            raise ValueError("state either where the head is or the topic that tells it")
+            raise ValueError("state either the head's position or its topic")
         if self.topic is None:
             refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
         if self.heading_deg is not None and self.heading_topic is not None:
             raise ValueError("state either heading_deg or heading_topic")
         if any(self.lever_arm_m) and self.heading_deg is None and self.heading_topic is None:
-            raise ValueError("a lever_arm_m is turned by the ship's heading; state heading_topic or heading_deg")
+            raise ValueError("lever_arm_m needs the ship's heading; state heading_topic or heading_deg")
 
 
 class Beacon(Section, frozen=True, kw_only=True):
-    """A fixed beacon, where the vehicle carries the USBL head."""
+    """A fixed beacon, if the vehicle carries the USBL head."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -135,12 +135,12 @@ class Beacon(Section, frozen=True, kw_only=True):
     max_gap_s: Gap = 3.0
 
     def __post_init__(self) -> None:
-        """Refuse a beacon that is nowhere or in two places."""
+        """Refuse a beacon without a position or with two."""
         refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
 
 
 def refuse_nowhere(lat_deg: float | None, lon_deg: float | None, east_m: float | None, north_m: float | None) -> None:
-    """Raise ValueError unless a place is stated, and in one way."""
+    """Raise ValueError unless a position is stated in exactly one way."""
     geodetic = lat_deg is not None and lon_deg is not None
     local = east_m is not None and north_m is not None
     given = [v for v in (lat_deg, lon_deg, east_m, north_m) if v is not None]
@@ -178,18 +178,18 @@ class UsblSection(Section, frozen=True, kw_only=True):
         if self.axes is not None:
             axis_signs(self.axes)
         if self.head is not None and self.beacon is not None:
-            raise ValueError("the head is either at a known place (head) or on the vehicle (beacon)")
+            raise ValueError("state either head (at a known position) or beacon (the head is on the vehicle)")
         if self.beacon is not None and self.relative_to == "map":
-            raise ValueError('a beacon is measured from the vehicle: relative_to cannot be "map"')
+            raise ValueError('fixes of a beacon are relative to the vehicle: relative_to cannot be "map"')
         if self.frame == "body" and self.relative_to == "map":
-            raise ValueError('frame = "body" counts from the head: relative_to cannot be "map"')
+            raise ValueError('frame = "body" is relative to the head: relative_to cannot be "map"')
         polar = [self.range_sd_m, self.range_sd_rel, self.bearing_sd_deg]
         if self.sd_m is not None and any(v is not None for v in polar):
-            raise ValueError("sd_m excludes range_sd_m, range_sd_rel and bearing_sd_deg")
+            raise ValueError("sd_m cannot be combined with range_sd_m, range_sd_rel or bearing_sd_deg")
         known_end = self.head is not None or self.beacon is not None
         if any(v is not None for v in polar):
             if self.bearing_sd_deg is None or not (self.range_sd_m or self.range_sd_rel):
-                raise ValueError("range_sd_m or range_sd_rel and bearing_sd_deg belong together")
+                raise ValueError("state both bearing_sd_deg and range_sd_m or range_sd_rel")
             if not known_end:
                 raise ValueError("range_sd_m, range_sd_rel and bearing_sd_deg need the head's position (head = {...})")
         if not known_end and (self.relative_to == "head" or self.kind == "range_bearing" or self.frame == "body"):
@@ -197,7 +197,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
 
 
 class GpsSection(Section, frozen=True, kw_only=True):
-    """The satellite receiver: truth by default, a sensor of the filter only in the windows of --aid."""
+    """The satellite receiver: truth by default, used by the filter only in the windows of --aid."""
 
     topic: str | None = None
     columns: dict[Time | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
@@ -222,7 +222,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
 
 
 class TruthSection(Section, frozen=True, kw_only=True):
-    """The reference that errors are taken against."""
+    """The reference that errors are measured against."""
 
     topic: str | None = None
     file: str | None = None
@@ -233,11 +233,11 @@ class TruthSection(Section, frozen=True, kw_only=True):
     columns: dict[Literal["time_ns", "time_unix_s", "time_s", "x", "y", "sd_m"], str] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse two sources."""
+        """Refuse a topic together with a file or columns."""
         if self.topic is not None and self.file is not None:
             raise ValueError("state either topic or file")
         if self.topic is not None and self.columns is not None:
-            raise ValueError("columns belong to a file, not to a topic")
+            raise ValueError("columns need file, not topic")
 
 
 class FileSection(Section, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -264,11 +264,11 @@ class Configuration(Section, frozen=True, kw_only=True):
     file: tuple[FileSection, ...] = ()
 
     def topic(self, role: str) -> str | None:
-        """Return the topic that the file names for a role; "none" switches the role off."""
+        """Return the topic that the file names for a role; "none" disables the role."""
         return self.section(role).topic
 
     def columns(self, role: str) -> dict[str, str]:
-        """Return quantity -> column of a CSV file, empty where the file does not say."""
+        """Return quantity -> column of a CSV file, empty if none are stated."""
         return {str(key): name for key, name in (self.section(role).columns or {}).items()}
 
     def section(self, role: str) -> DvlSection | CompassSection | UsblSection | GpsSection | DepthSection:

@@ -20,19 +20,19 @@ def toml_text(
 
 
 def shortest_degrees(angle_rad: float) -> float:
-    """Degrees with the fewest digits that bring back the angle: 0.1 deg in a scenario is 0.1 in its file."""
+    """Return degrees with the fewest digits that restore the angle: 0.1 deg in a scenario is 0.1 in its file."""
     candidates = [float(f"{math.degrees(angle_rad):.{digits}g}") for digits in range(1, 18)]
     return next((deg for deg in candidates if math.radians(deg) == angle_rad), candidates[-1])
 
 
 def stated(value: object, sensor: str = "") -> dict[str, str]:
-    """Return the quantities of a declared dataclass as keys and TOML values; ``sensor``: whose unit some have."""
+    """Return the quantities of a declared dataclass as keys and TOML values; ``sensor``: the owner of their units."""
     numbers = {quantity: getattr(value, name) for name, quantity in quantities(type(value), sensor).items()}
     return {one.key: repr(shortest_degrees(number) if one.angle else number) for one, number in numbers.items()}
 
 
 def changed(value: object, usual: object) -> dict[str, str]:
-    """Return the quantities of a value that are not the usual ones, as keys and TOML values."""
+    """Return the quantities that differ from the usual ones, as keys and TOML values."""
     known = stated(usual)
     return {key: text for key, text in stated(value).items() if text != known[key]}
 

@@ -1,4 +1,4 @@
-"""TOML documents held against typed sections: a mistake becomes one sentence that names the key and what it takes.
+"""TOML documents checked against typed sections: an error is one sentence that names the key and the allowed values.
 
 Configurations, scenarios and baselines are all checked here.
 """
@@ -26,15 +26,15 @@ def read_text(file: Path) -> str:
     except OSError as err:
         raise UsageError(f"{file}: cannot be read ({err.strerror})") from err
     except UnicodeDecodeError as err:
-        raise UsageError(f"{file}: is not TOML ({err})") from err
+        raise UsageError(f"{file}: is not valid TOML ({err})") from err
 
 
 def read_document(file: Path) -> dict[str, object]:
-    """Return what a TOML file says, unchecked; raise UsageError if it is not TOML."""
+    """Return a TOML file's content, unchecked; raise UsageError if it is not TOML."""
     try:
         return tomllib.loads(read_text(file))
     except tomllib.TOMLDecodeError as err:
-        raise UsageError(f"{file}: is not TOML ({err})") from err
+        raise UsageError(f"{file}: is not valid TOML ({err})") from err
 
 
 def checked(value: object, form: type[Form], where: object, key: str = "") -> Form:
@@ -57,9 +57,9 @@ def sections(annotation: object) -> list[type[Struct]]:
 
 
 def _refuse_unknown_keys(value: object, annotation: object, path: str, where: object) -> None:
-    """Refuse what msgspec lets pass or reports without a hint: foreign keys, unknown kinds, nan and inf."""
+    """Refuse what msgspec accepts or reports without a hint: unknown keys, unknown kinds, nan and inf."""
     if isinstance(value, float) and not math.isfinite(value):
-        raise UsageError(f"{where}: {_place(path, annotation)} = {value} is no finite number")
+        raise UsageError(f"{where}: {_place(path, annotation)} = {value} is not a finite number")
     if isinstance(value, list):
         for row, inner in enumerate(cast("list[object]", value)):
             _refuse_unknown_keys(inner, annotation, f"{path}[{row}]", where)
@@ -85,13 +85,13 @@ def _refuse_unknown_keys(value: object, annotation: object, path: str, where: ob
 
 
 def _sentence(message: str, form: object, key: str) -> str:
-    """Turn msgspec's "Expected `float`, got `str` - at `$.dvl.mount_deg`" into "[dvl] mount_deg: expected ..."."""
+    """Rewrite msgspec's "Expected `float`, got `str` - at `$.dvl.mount_deg`" into "[dvl] mount_deg: expected ..."."""
     what, _, place = message.partition(" - at ")
     path = re.sub(r"^.*\$\.?|`$", "", place)
     if invalid := re.fullmatch(r"Invalid enum value '?(.*?)'?", what):
         what = f"{invalid[1]} is not allowed (allowed: {', '.join(dict.fromkeys(_words(_annotation(path, form))))})"
     elif what.startswith("Object missing required field"):
-        what = f"lacks the key {what.split('`')[1]}"
+        what = f"the key {what.split('`')[1]} is missing"
     elif what.startswith("Expected"):
         what = what.replace("`", "").replace("Expected", "expected").replace(" | null", "")
         what = re.sub(r"\b(float|int)\b", "number", what).replace("str", "text").replace("object", "table")
@@ -106,7 +106,7 @@ def _place(path: str, annotation: object) -> str:
 
 
 def _annotation(path: str, form: object) -> object:
-    """Return the type of what a dotted path leads to from ``form``."""
+    """Return the type at a dotted path in ``form``."""
     for name in path.replace("[...]", "").split(".") if path else ():
         hints = [typing.get_type_hints(section, include_extras=True) for section in sections(form)]
         form = next((hint[name] for hint in hints if name in hint), None)
@@ -114,7 +114,7 @@ def _annotation(path: str, form: object) -> object:
 
 
 def _words(annotation: object) -> list[str]:
-    """Return the words that a type takes."""
+    """Return the allowed values of a type as words."""
     if typing.get_origin(annotation) is Literal:
         return [str(word) for word in typing.get_args(annotation)]
     if annotation is float:

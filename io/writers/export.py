@@ -1,7 +1,7 @@
-"""A log, or a stretch of it, written anew in canonical form, with the configuration that replays it as it was.
+"""Rewrite a log, or a time span of it, in canonical form, with the configuration that replays it alike.
 
-Conventions, mounts and offsets of the original have been applied; a latency is kept as one, so that stamps, and with
-them the epochs of a replay, stay what they were.
+Conventions, mounts and offsets of the original have been applied; a latency remains one, so that stamps, and with
+them the epochs of a replay, do not change.
 """
 
 import json
@@ -35,7 +35,7 @@ from usbldr.io.writers.write_log import (
 def cut_log(log: Log, start_s: float, end_s: float) -> Log:
     """Return the records valid from start to end, seconds of the log, ends included; raise LogError if none is left.
 
-    A known start is forgotten where the beginning is cut off.
+    A known start is dropped if the beginning is cut off.
     """
     tables = {
         sensor: table[(table["time_s"] >= start_s) & (table["time_s"] <= end_s)].reset_index(drop=True)
@@ -43,7 +43,7 @@ def cut_log(log: Log, start_s: float, end_s: float) -> Log:
     }
     tables = {sensor: table for sensor, table in tables.items() if len(table)}
     if not tables:
-        raise LogError(f"{log.path}: no record lies between {start_s:g} and {end_s:g} s")
+        raise LogError(f"{log.path}: no record is between {start_s:g} and {end_s:g} s")
     known = log.assumptions if start_s <= 0 else replace(log.assumptions, start=None)
     return replace(log, tables=tables, assumptions=known, truth=_cut_truth(log.truth, start_s, end_s))
 
@@ -60,10 +60,10 @@ def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | Non
 def export(
     log: Log, out: Path, force: bool = False, stated: str | None = None, read: Sequence[Path] = ()
 ) -> tuple[Log, Path]:
-    """Write a log to ``out``, in the stated form or the one of its name; ``read``: what it was read from, if known.
+    """Write a log to ``out``, in the stated format or that of its name; ``read``: the files it was read from, if known.
 
     Return what was written, as tables, and the configuration's path. Raises UsageError as
-    log_files.write_log_atomically does, and where that would touch what was read.
+    write_log_atomically does, and for a file that was read.
     """
     form = log_format_of(out, stated)
     _refuse_own(log, out, configuration_place(out, form), read)
@@ -78,18 +78,18 @@ def export(
 
 
 def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
-    """Refuse to write over what was read, and to put beside the log a configuration that it would then be read by."""
-    simulated = log.format == "simulated"  # its path is but a name
+    """Raise UsageError if a file that was read would be overwritten, or get a new configuration."""
+    simulated = log.format == "simulated"  # its path is only a name
     known = read if simulated else [log.path, *read, *([log.configuration] if log.configuration else [])]
     refuse_inputs(out, known)
     own = log.path.resolve()
     if not simulated and place.resolve() in configuration_places(own, own.is_dir()):
-        raise UsageError(f"{out}: its configuration {place.name} would also be that of {log.path}; choose another name")
+        raise UsageError(f"{out}: its configuration {place.name} would also apply to {log.path}; choose another name")
     refuse_inputs(place, known)
 
 
 def _latencies(log: Log) -> dict[str, float]:
-    """Return by sensor what was taken off its stamps."""
+    """Return by sensor the latency that was subtracted from its stamps."""
     return {role: latency for role in ROLES if (latency := log.settings.section(role).latency_s)}
 
 
@@ -144,7 +144,7 @@ def _configuration(
 
 
 def _skipped(log: Log) -> int:
-    """Return how many GPS rows lie before the truth that is made of them."""
+    """Return how many GPS rows precede the truth that is made from them."""
     if log.truth is None or "gps" not in log.tables:
         return 0
     first = (log.truth.time_s[0], *log.truth.position_m[0])

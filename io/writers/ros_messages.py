@@ -1,4 +1,4 @@
-"""A log as ROS messages of the usual types, for every container of them.
+"""A log as ROS messages of the usual types, for every file format that holds them.
 
 Values keep all their digits. Log time is the time of arrival, the header's stamp the time of validity.
 """
@@ -20,7 +20,7 @@ RosMessage: TypeAlias = Any  # rosbags makes the classes of messages at run time
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """How a sensor's table becomes messages, and what a configuration has to say of them."""
+    """How a sensor's table becomes messages, and the configuration that reads them."""
 
     topic: str
     type: str
@@ -116,7 +116,7 @@ def _navsat(m: Makers, row: TableRow) -> RosMessage:
 
 
 def _known_validity(m: Makers, row: TableRow) -> RosMessage:
-    """The DVL message that knows of validity beside the velocity, so that standing still stays valid."""
+    """The DVL message with a flag of validity, so that zero velocity stays valid."""
     return m.make(
         "dvl_msgs/msg/DVL",
         m.header(row, "dvl_link"),
@@ -135,7 +135,7 @@ def _known_validity(m: Makers, row: TableRow) -> RosMessage:
 
 
 def _fix(m: Makers, row: TableRow) -> RosMessage:
-    """A position and its covariance in the plane; one sd stands for a round covariance."""
+    """A position and its covariance in the plane; one sd means a circular covariance."""
     covariance = np.zeros(36)
     variance = row.get("sd_m", math.nan) ** 2
     if "cov_ee_m2" in row or not math.isnan(variance):
@@ -188,16 +188,16 @@ EXPORTED: Mapping[str, Channel] = {
     "depth": Channel("/depth", "sensor_msgs/msg/FluidPressure", _pressure, {"topic": "/depth", "unit": "Pa"}),
     "truth": Channel("/truth", POSE, _fix, {"topic": "/truth", "frame": "ENU"}),
 }
-"""As CHANNELS, with messages that carry every canonical value: each record's own sigma, and its validity."""
+"""As CHANNELS, with messages that carry every canonical value: the sigma and the validity of each record."""
 
 LOCAL_GPS = Channel("/gps/fix", POSE, _fix, {"topic": "/gps/fix", "frame": "ENU"})
-"""For a plane whose place on earth nobody knows."""
+"""For a local plane without a known origin."""
 
 
 def channels_of(log: Log, exported: bool) -> Mapping[str, Channel]:
-    """Return how each sensor becomes messages; ``exported``: such that carry every canonical value.
+    """Return how each sensor becomes messages; ``exported``: messages that carry every canonical value.
 
-    Fixes that have each its own covariance always carry it.
+    Fixes with their own covariance always carry it.
     """
     if not exported:
         fixes = log.tables.get("usbl")

@@ -1,4 +1,4 @@
-"""Write a log with its configuration, in any format that can be read back, whole or not at all."""
+"""Write a log with its configuration, in any format that can be read back, completely or not at all."""
 
 import os
 import shutil
@@ -13,17 +13,17 @@ from usbldr.io.settings.configuration import own_configuration
 
 LogFormat: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
 FORMS: Mapping[str, LogFormat] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
-OTHER_FORMATS = (".csv", ".json", ".txt", ".zip")  # a folder would not be called so
+OTHER_FORMATS = (".csv", ".json", ".txt", ".zip")  # no folder would have such a name
 FOLDERS: tuple[LogFormat, ...] = ("csv", "rosbag2")
 OURS = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # in a folder; and *.db3
-WRITTEN_BY = "Written by: usbldr"  # how the configuration of every log that we write begins
+WRITTEN_BY = "Written by: usbldr"  # first words of the configuration of every written log
 
 
 def log_format_of(out: Path, stated: str | None = None) -> LogFormat:
-    """Return the form that the user states, else the one that the name means.
+    """Return the stated format, else the one of the name.
 
     NAME.mcap, NAME.bag and NAME.db3 are files, NAME_db3 is a rosbag2 folder, any other name a folder of CSV files.
-    Raises UsageError for a name that means another format.
+    Raises UsageError for a name of another format.
     """
     for form in ("mcap", "bag", "db3", "rosbag2", "csv"):
         if stated == form:
@@ -36,17 +36,17 @@ def log_format_of(out: Path, stated: str | None = None) -> LogFormat:
 
 
 def configuration_place(out: Path, form: LogFormat) -> Path:
-    """Return where the configuration of a written log stands."""
+    """Return the path of the configuration of a written log."""
     return own_configuration(out, form in FOLDERS)
 
 
 def write_log_atomically(
     out: Path, form: LogFormat, configuration: str, make: Callable[[Path], None], force: bool
 ) -> Path:
-    """Let ``make`` write the log to a path of the name of ``out``; return where its configuration stands.
+    """Let ``make`` write the log to a path of the name of ``out``; return the path of its configuration.
 
-    Everything is made in a hidden sibling and then renamed, so that an interrupted run leaves nothing under the name.
-    Raises UsageError where something is there already (and ``force`` is not set), or where nothing can be written.
+    Everything is written to a hidden folder beside it and then renamed, so that an interrupted run leaves nothing.
+    Raises UsageError if the path exists (and ``force`` is not set), or cannot be written.
     """
     folder, place = form in FOLDERS, configuration_place(out, form)
     for path in [out] if folder else [out, place]:
@@ -110,7 +110,7 @@ def write_records(log: Log, target: Path, form: LogFormat, remarks: Mapping[str,
 
 
 def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[str, str]]:
-    """Return by section what a configuration has to say of the messages' conventions."""
+    """Return by section the keys of the configuration that state the messages' conventions."""
     if form == "csv":
         return {}
     from usbldr.io.writers.ros_messages import channels_of
@@ -120,19 +120,19 @@ def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[
 
 
 def _refuse_foreign(folder: Path) -> None:
-    """Even with --force a folder is only replaced if it is empty, or a log that we wrote and nothing else."""
+    """Raise UsageError unless a folder is empty or holds only a log that usbldr wrote."""
     if not folder.is_dir():
         raise UsageError(f"{folder}: is a file; name a file NAME.mcap, NAME.bag or NAME.db3, or another folder")
     held = sorted(file.name for file in folder.iterdir())
     foreign = [name for name in held if name not in OURS and not name.endswith(".db3")]
     if foreign:
-        raise UsageError(f"{folder}: holds {foreign[0]}, which is no part of a written log; choose another folder")
+        raise UsageError(f"{folder}: holds {foreign[0]}, which usbldr did not write; choose another folder")
     if held and not _is_ours(folder):
-        raise UsageError(f"{folder}: is no log that usbldr wrote, so it is not replaced; choose another folder")
+        raise UsageError(f"{folder}: is not a log written by usbldr, so it is not replaced; choose another folder")
 
 
 def _is_ours(folder: Path) -> bool:
-    """Tell whether the configuration in a folder says that we wrote it."""
+    """Return whether the configuration in a folder was written by usbldr."""
     try:
         text = (folder / "usbldr.toml").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):

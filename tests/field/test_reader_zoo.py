@@ -28,7 +28,7 @@ ZOO: dict[str, tuple[int, int | None, str]] = {
     "12_nav2_turtlebot.mcap": (0, 8197, "no topic here is a sensor"),
     "13_tf_example.bag": (0, 518, "no topic here is a sensor"),
     "14_tutorial.mcap": (0, 153, "gps: location (type and name), 51 of 51 records used"),
-    "15_cdr_test": (0, 7, "metadata.yaml names cdr_test_0.db3, which is not there; cdr_test.db3 is read in its place"),
+    "15_cdr_test": (0, 7, "metadata.yaml names cdr_test_0.db3, which is missing; cdr_test.db3 is read instead"),
     "16_compressed_bag": (3, None, "is compressed with zstd; unpack it first (zstd -d"),
     "17_multiple_files": (0, 52, "2021-09-01T08:52:01.838Z to 2021-09-01T08:52:27.339Z"),
     "18_cdr_test": (0, 7, "no topic here is a sensor"),

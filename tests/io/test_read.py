@@ -74,7 +74,7 @@ def test_a_log_cut_before_its_first_message_says_both(tmp_path: Path) -> None:
         read_log(file)
 
     assert str(fault.value) == (
-        f"{file}: holds no messages (the file is cut or broken at byte 36 of 60: 0 messages could be read)"
+        f"{file}: holds no messages (the file is truncated or damaged at byte 36 of 60: 0 messages could be read)"
     )
 
 
@@ -170,7 +170,7 @@ def test_a_log_time_beyond_all_calendars_costs_only_its_message(tmp_path: Path) 
     log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), beyond]))
 
     assert len(log.tables["dvl"]) == 11
-    assert [f.text for f in log.findings if f.lost_data] == ["1 messages have an impossible log time and are left out"]
+    assert [f.text for f in log.findings if f.lost_data] == ["1 messages have an impossible log time; left out"]
 
 
 def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Path) -> None:
@@ -235,4 +235,4 @@ def test_a_topic_that_was_passed_over_is_told(tmp_path: Path) -> None:
 
     assert log.provenance["compass"].topic == "/compass_hdg"
     (said,) = [finding.text for finding in log.findings if finding.code == "ROLE-PREFERRED"]
-    assert "it comes before /imu (sensor_msgs/msg/Imu, 11 messages)" in said
+    assert "its type is preferred to that of /imu (sensor_msgs/msg/Imu, 11 messages)" in said

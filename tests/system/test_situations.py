@@ -44,7 +44,7 @@ def test_what_may_not_be_read_is_named(tmp_path: Path, folder: bool, monkeypatch
     with pytest.raises(LogError) as fault:
         open_log(log)
 
-    assert str(fault.value) == f"{log}: may not be read (Permission denied)"
+    assert str(fault.value) == f"{log}: cannot be read (Permission denied)"
 
 
 def test_a_recording_under_way_is_read_whatever_its_name(tmp_path: Path) -> None:
@@ -90,6 +90,6 @@ def test_a_sensor_without_one_readable_message_is_an_error_with_the_reason(tmp_p
         read_log(file)
 
     assert str(fault.value) == (
-        f"{file}: no message of /compass_hdg (compass) could be read: /compass_hdg: 1 messages do not fit the "
-        "definition that the file gives for them: they are in XCDR2, not in plain CDR"
+        f"{file}: no message of /compass_hdg (compass) could be read: /compass_hdg: 1 messages do not match "
+        "their definition in the file: they are in XCDR2, not plain CDR"
     )

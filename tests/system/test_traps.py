@@ -132,16 +132,14 @@ def test_a_hipaps_own_heading_serves_where_it_is_named(tmp_path: Path) -> None:
 def test_a_heading_sentence_of_unknown_fields_is_refused(tmp_path: Path) -> None:
     line = sentence("PTSAH,#16068,124544.449,18,12,2017,271.5")
 
-    with pytest.raises(UsageError, match=r"/PTSAH .* cannot serve as compass: it has fields that are not known here"):
+    with pytest.raises(UsageError, match=r"/PTSAH .* cannot be used as compass: it has unknown fields"):
         logged_nmea(tmp_path, f"1600000000 {line}", compass="/PTSAH")
 
 
 def test_fixes_within_a_message_of_ros_are_refused_by_what_they_are(tmp_path: Path) -> None:
     row = (T0, "/gps", "some_foxglove_msgs/msg/LocationFixes", {})
 
-    with pytest.raises(
-        UsageError, match="it holds messages within messages, which are read from protobuf and JSON alone"
-    ):
+    with pytest.raises(UsageError, match="it holds nested messages, which are read only from protobuf and JSON"):
         logged(tmp_path, [row], topics={"gps": "/gps"})
 
 
@@ -150,7 +148,7 @@ def test_a_course_is_no_heading(tmp_path: Path) -> None:
     fix = (T0, "/gps", kind, {"header.stamp": T0, "latitude": 45.0, "longitude": 7.0, "track": 90.0})
 
     assert list(logged(tmp_path, [fix]).tables) == ["gps"]
-    with pytest.raises(UsageError, match="tells the course over ground, which is no heading"):
+    with pytest.raises(UsageError, match="holds the course over ground, not a heading"):
         logged(tmp_path, [fix], topics={"compass": "/gps"})
 
 

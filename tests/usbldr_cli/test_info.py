@@ -103,7 +103,7 @@ def test_a_cut_log_is_listed_with_exit_code_3(tmp_path: Path) -> None:
     code, page = run(file)
 
     assert code == 3
-    assert "TRUNCATED: the file is cut or broken at byte" in page
+    assert "TRUNCATED: the file is truncated or damaged at byte" in page
 
 
 def test_a_log_without_sensors_says_so(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_files_that_are_no_sensor_are_listed(tmp_path: Path) -> None:
     code, page = run(folder)
 
     assert code == 0
-    assert "cannot be read: /events: its columns fit no sensor" in page
+    assert "cannot be read: /events: its columns match no sensor" in page
 
 
 def test_many_topics_are_cut_short_unless_all_are_asked_for(tmp_path: Path) -> None:

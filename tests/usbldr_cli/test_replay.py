@@ -39,7 +39,7 @@ def test_lost_data_is_said_on_stderr_and_ends_in_exit_3(
     code, said = fault(monkeypatch, capsys, "replay", str(dive), "-f", "dr", "-q", "-o", str(dive.parent / "run"))
 
     assert code == 3
-    assert said.startswith("usbldr: paper.mcap: the file is cut or broken")
+    assert said.startswith("usbldr: paper.mcap: the file is truncated or damaged")
     assert said.endswith("[TRUNCATED]\n")
     assert (dive.parent / "run" / "report.json").is_file()
 
@@ -52,7 +52,7 @@ def test_a_strict_replay_of_a_cut_log_writes_nothing(
     code, said = fault(monkeypatch, capsys, "replay", str(dive), "--strict", "-o", str(dive.parent / "run"))
 
     assert code == 3
-    assert "cut or broken" in said
+    assert "truncated or damaged" in said
     assert not (dive.parent / "run").exists()
 
 

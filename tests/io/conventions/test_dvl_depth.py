@@ -314,7 +314,7 @@ def test_speeds_that_look_like_millimetres_are_pointed_out(tmp_path: Path) -> No
     with pytest.raises(LogError) as fault:
         logged(tmp_path, [twist(T0, 800.0, 12.0)])
 
-    assert str(fault.value).endswith('1 faster than 20 m/s; if they are mm/s, state unit = "mm/s" under [dvl]')
+    assert str(fault.value).endswith('1 faster than 20 m/s; if they are in mm/s, state unit = "mm/s" under [dvl]')
 
 
 def test_a_dvl_in_millimetres_is_refused_though_it_lay_still_at_first(tmp_path: Path) -> None:

@@ -259,11 +259,11 @@ def test_offsets_scale_with_the_speed_of_sound_and_places_do_not(tmp_path: Path)
 @pytest.mark.parametrize(
     ("usbl", "sentence"),
     [
-        ('head = { topic = "/ship", lat_deg = 1.0, lon_deg = 2.0 }', "state either where the head is or the topic"),
+        ('head = { topic = "/ship", lat_deg = 1.0, lon_deg = 2.0 }', "state either the head's position or its topic"),
         ('head = { heading_topic = "/gyro" }', "state either lat_deg and lon_deg or east_m and north_m"),
         ('head = { topic = "/ship", lever_arm_m = [1.0, 0.0, 0.0] }', "state heading_topic or heading_deg"),
         ("beacon = { lat_deg = 45.0 }", "state either lat_deg and lon_deg or east_m and north_m"),
-        ("beacon = { east_m = 0.0, north_m = 0.0 }\nhead = { east_m = 0.0, north_m = 0.0 }", "either at a known place"),
+        ("beacon = { east_m = 0.0, north_m = 0.0 }\nhead = { east_m = 0.0, north_m = 0.0 }", "state either head"),
         ('frame = "body"', "the head's position is missing"),
     ],
 )

@@ -66,13 +66,13 @@ def test_a_locator_that_cannot_place_the_vehicle_is_left_out(tmp_path: Path) -> 
 
 HIPAP, SURER = "PSIMSSB,180554.432,M44,A,,", "log Cartesian coordinates (C) or latitudes and longitudes (R)"
 NOT_READ = {
-    f"{HIPAP}P,N,M,61.3,39.0,34.0,0.1,N,,": "holds polar coordinates, whose order and units are not known here; log",
+    f"{HIPAP}P,N,M,61.3,39.0,34.0,0.1,N,,": "holds polar coordinates, whose order and units are unknown; log",
     f"{HIPAP}U,E,M,461300.0,5039017.0,34.0,0.1,N,,": f"holds UTM coordinates without their zone; {SURER}",
-    f"{HIPAP}C,G,M,61.3,39.0,34.0,0.1,N,,": "holds Cartesian coordinates in an orientation G",
-    f"{HIPAP}R,E,M,0.785,0.122,34.0,0.1,N,,": "holds radians east-up, of which it is not known here which is",
-    "PSONALL,2401,CRP,133707.52,461300.0,5039017.0,999.9": "holds eastings and northings of a grid that it does not",
-    "PTSAY,#1,124544.4,18,12,2017,1,17.9,-25.5,F,13.1,1,9999.0": "holds offsets along axes that are not known here",
-    "PEVOSSA,122640.00,2,1,N,R,12.5,-30.0,1.0,-30,180,,": "tells angles alone, which are no fix; log PEVOSSB",
+    f"{HIPAP}C,G,M,61.3,39.0,34.0,0.1,N,,": "holds Cartesian coordinates in the unknown orientation G",
+    f"{HIPAP}R,E,M,0.785,0.122,34.0,0.1,N,,": "holds radians east-up, and it is unknown which one is",
+    "PSONALL,2401,CRP,133707.52,461300.0,5039017.0,999.9": "holds eastings and northings of an unnamed grid",
+    "PTSAY,#1,124544.4,18,12,2017,1,17.9,-25.5,F,13.1,1,9999.0": "holds offsets along unknown axes",
+    "PEVOSSA,122640.00,2,1,N,R,12.5,-30.0,1.0,-30,180,,": "holds only angles, not a fix; log PEVOSSB",
     "PEVOSSB,122640.00,2,1,B,T,R,1.0,2.0,3.0,0.5,-30,180,,": "has a frame that is tilted with the instrument",
     "PEVOSSB,122640.00,2,1,T,T,R,1.0,2.0,3.0,0.5,-30,180,,": "has a frame that is tilted with the instrument",
 }
@@ -83,8 +83,8 @@ def test_what_no_manual_settles_is_refused_with_the_reason(tmp_path: Path, body:
     with pytest.raises(UsageError) as fault:
         heard(tmp_path, body)
 
-    assert f"cannot serve as usbl: it {NOT_READ[body]}" in str(fault.value)
-    assert str(fault.value).endswith("(--usbl none: do without)")
+    assert f"cannot be used as usbl: it {NOT_READ[body]}" in str(fault.value)
+    assert str(fault.value).endswith("(--usbl none: replay without usbl)")
 
 
 def test_radians_may_be_called_geodetic(tmp_path: Path) -> None:

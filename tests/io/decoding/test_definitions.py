@@ -88,8 +88,8 @@ def test_bytes_of_no_known_layout_are_named_with_the_way_out(tmp_path: Path) -> 
     log = Db3Log(file)
 
     assert [topic.problem for topic in log.topics()] == [
-        "the file carries no definition of its type dvl_msgs/msg/DVL, and its messages do not fit the 2 known layouts; "
-        "--msg-path DIR names a folder with the right dvl_msgs/msg/DVL.msg"
+        "the file holds no definition of its type dvl_msgs/msg/DVL, and its messages do not match the 2 known layouts; "
+        "name a folder that holds the right dvl_msgs/msg/DVL.msg with --msg-path DIR"
     ]
 
 
@@ -133,10 +133,10 @@ def test_the_option_for_it_stands_in_every_command_that_takes_a_log(own: Path) -
     with_it = run("info", log, "--msg-path", own / "src")
     wrong = run("info", log, "--msg-path", own / "gone")
 
-    assert "our_msgs/msg/Compass; --msg-path DIR names a folder with our_msgs/msg/Compass.msg" in without.output
+    assert "msgs/msg/Compass; name a folder that holds our_msgs/msg/Compass.msg with --msg-path DIR" in without.output
     assert "--msg-path" not in with_it.output
     assert isinstance(wrong.exception, UsageError)
-    assert str(wrong.exception) == (f"--msg-path {own / 'gone'}: no such folder; PACKAGE/msg/TYPE.msg is looked for")
+    assert str(wrong.exception) == (f"--msg-path {own / 'gone'}: no such folder; expected PACKAGE/msg/TYPE.msg")
 
 
 @pytest.mark.parametrize("content", [b"float64 = =", b"\xff\xfe\x00"])
@@ -144,7 +144,7 @@ def test_a_definition_that_makes_no_sense_is_named(tmp_path: Path, content: byte
     (tmp_path / "our_msgs").mkdir()
     (tmp_path / "our_msgs" / "Bad.msg").write_bytes(content)
 
-    with pytest.raises(UsageError, match=r"our_msgs/Bad\.msg: is no message definition \("):
+    with pytest.raises(UsageError, match=r"our_msgs/Bad\.msg: is not a message definition \("):
         with_folders([str(tmp_path)])
 
 

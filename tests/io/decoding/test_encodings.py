@@ -175,9 +175,7 @@ def test_json_without_the_name_of_a_type_is_refused(tmp_path: Path) -> None:
         writer.add_message(writer.register_channel("location", "json", 0), T0, in_json(T0, BERMUDA), T0)
         writer.finish()
 
-    with pytest.raises(
-        LogError, match=r"location cannot be read as the gps: its messages \(json\) carry no definition"
-    ):
+    with pytest.raises(LogError, match=r"location cannot be read as gps: its messages \(json\) have no definition"):
         read_log(tmp_path / "dive.mcap", Request(topics={"gps": "location"}))
 
 
@@ -209,7 +207,7 @@ def test_bytes_that_do_not_fit_are_counted(tmp_path: Path, channel: Channel, enc
 
     assert len(log.tables["gps"]) == 1
     (said,) = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
-    assert said == "location: 3 messages do not fit the definition that the file gives for them"
+    assert said == "location: 3 messages do not match their definition in the file"
 
 
 def test_the_first_of_several_fixes_counts(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_bag_that_was_never_closed_has_lost_nothing(tmp_path: Path) -> None:
     assert (finding.code, finding.lost_data) == ("UNINDEXED", False)
     assert finding.text == (
         "the bag was never closed, its index is missing; 1000 messages could be read, the last of "
-        "2020-09-13T12:27:29.900Z (rosbag reindex makes it whole)"
+        "2020-09-13T12:27:29.900Z (rosbag reindex repairs it)"
     )
 
 
@@ -104,7 +104,7 @@ def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
     assert sum(topic.count for topic in log.topics()) == 0
     (finding,) = log.findings()
     assert finding.text == (
-        "1 chunks are damaged or packed in a way that is not known (zzzz): 0 of 1000 messages could be read"
+        "1 chunks are damaged or use an unknown compression (zzzz): 0 of 1000 messages could be read"
     )
 
 

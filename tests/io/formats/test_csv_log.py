@@ -34,7 +34,7 @@ def test_a_stem_is_a_topic_and_columns_tell_the_type(tmp_path: Path) -> None:
     }
     assert topics["/dvl"].count == 2
     assert (topics["/dvl"].first_ns, topics["/dvl"].last_ns) == (T0 + 5, T0 + 7)
-    assert topics["/events"].problem.startswith("its columns fit no sensor")
+    assert topics["/events"].problem.startswith("its columns match no sensor")
 
 
 def test_columns_come_in_order_of_arrival_and_to_the_nanosecond(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_a_missing_column_is_an_error_that_lists_the_header(tmp_path: Path) -> N
         read_log(folder)
 
     assert str(fault.value) == (
-        f"{folder}: /dvl cannot be read as the dvl: dvl.csv has no column forward_mps "
+        f"{folder}: /dvl cannot be read as dvl: dvl.csv has no column forward_mps "
         "(its columns: time_ns, starboard_mps, fwd)"
     )
     assert list(read_log(folder, Request(topics={"dvl": "none"})).tables) == ["compass"]
@@ -143,7 +143,7 @@ def test_a_file_without_a_header_is_an_error_that_says_so(tmp_path: Path) -> Non
         read_log(tmp_path / "dvl.csv")
 
     assert str(fault.value) == (
-        f"{tmp_path / 'dvl.csv'}: has no header: its first line is numbers; put the names of its columns before them"
+        f"{tmp_path / 'dvl.csv'}: has no header: its first line holds numbers; insert a line with the column names"
     )
 
 
@@ -205,5 +205,5 @@ def test_truth_in_the_folder_is_the_truth(tmp_path: Path) -> None:
 def test_a_folder_whose_columns_all_fit_nothing_says_how_to_name_them(tmp_path: Path) -> None:
     (tmp_path / "events.csv").write_text("when,what\n1,started\n2,ended\n")
 
-    with pytest.raises(LogError, match=r"no topic can be read: /events: .* name them by columns"):
+    with pytest.raises(LogError, match=r"no topic can be read: /events: .* name them with the key columns"):
         read_log(tmp_path)

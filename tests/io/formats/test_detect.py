@@ -30,7 +30,7 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"", "the file is empty"),
         (b"\0\1\2\3not a log", "unknown format (starts with b'\\x00\\x01\\x02\\x03not a lo'); usbldr reads " + FORMATS),
         (b"hello world", "unknown format (starts with b'hello world'); usbldr reads " + FORMATS),
-        (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; bring it to version 2.0 first "
+        (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; convert it to version 2.0 first "
          "(rosbag fix IN.bag OUT.bag)"),
         (b"\x28\xb5\x2f\xfdrest", "is compressed with zstd; unpack it first (zstd -d)"),
         (b"\x1f\x8brest", "is compressed with gzip; unpack it first (gunzip)"),

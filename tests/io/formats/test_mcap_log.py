@@ -224,7 +224,7 @@ def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -
 
     np.testing.assert_array_equal(heading.columns["data"], [12.5, 12.5])
     (finding,) = log.findings()
-    assert finding.text == "/heading: 2 messages do not fit the definition that the file gives for them"
+    assert finding.text == "/heading: 2 messages do not match their definition in the file"
     assert finding.lost_data
 
 
@@ -236,7 +236,7 @@ def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str
 
     assert len(log.read({"/heading": ["data"]})["/heading"].received_ns) == 1
     (finding,) = log.findings()
-    assert finding.text.endswith(f"the definition that the file gives for them: they are in {name}, not in plain CDR")
+    assert finding.text.endswith(f"their definition in the file: they are in {name}, not plain CDR")
 
 
 def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
@@ -246,7 +246,7 @@ def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
 
     assert len(log.read(TWIST_X)["/dvl"].received_ns) == 0
     (finding,) = log.findings()
-    assert "1 chunks are damaged or packed in a way that is not known (snap) (logged between" in finding.text
+    assert "1 chunks are damaged or use an unknown compression (snap) (logged between" in finding.text
     assert finding.text.endswith(": 0 of 2000 messages could be read")
 
 

@@ -113,7 +113,7 @@ def test_wrong_checksums_are_dropped_and_counted(tmp_path: Path) -> None:
         tmp_path, *(f"{1600000000 + k} {line}" for k, line in enumerate([RECORDED_GGA, bad, RECORDED_GGA]))
     )
 
-    assert codes(log)["NMEA-CHECKSUM"] == ("ship.nmea: 1 of 3 sentences have a wrong checksum or are cut; left out")
+    assert codes(log)["NMEA-CHECKSUM"] == ("ship.nmea: 1 of 3 sentences are cut or have a wrong checksum; left out")
     assert log.provenance["gps"].messages == 2
 
 
@@ -126,7 +126,7 @@ def test_a_sentence_without_the_fields_of_its_kind_is_lost_and_counted(tmp_path:
     (lost,) = [finding for finding in log.findings if finding.lost_data]
     assert (lost.code, lost.text) == (
         "UNDECODED",
-        "/HEHDT: 1 sentences do not have the fields of their kind; left out",
+        "/HEHDT: 1 sentences do not have the fields of their type; left out",
     )
 
 

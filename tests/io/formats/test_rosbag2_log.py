@@ -143,7 +143,7 @@ def test_a_renamed_file_is_read_in_place_of_the_one_named(tmp_path: Path) -> Non
 
     assert x_of(folder) == list(range(10))
     assert (finding.code, finding.lost_data) == ("RENAMED", False)
-    assert finding.text == "metadata.yaml names old_0.db3, which is not there; dive_0.db3 is read in its place"
+    assert finding.text == "metadata.yaml names old_0.db3, which is missing; dive_0.db3 is read instead"
 
 
 def test_metadata_that_names_nothing_that_is_there_is_an_error(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_metadata_that_names_nothing_that_is_there_is_an_error(tmp_path: Path) -
         open_log(folder)
 
     assert str(fault.value) == (
-        f"{folder}: metadata.yaml names dive_0.db3, which is not there (the folder holds metadata.yaml)"
+        f"{folder}: metadata.yaml names dive_0.db3, which is missing (the folder holds metadata.yaml)"
     )
 
 
@@ -212,7 +212,7 @@ def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: 
 
     assert x_of(file) == [0, 1, 2, 3, 4]
     assert problems["/dvl"] == ""
-    assert problems["/x"].startswith("the file carries no definition of its type my_msgs/msg/X")
+    assert problems["/x"].startswith("the file holds no definition of its type my_msgs/msg/X")
 
 
 @pytest.mark.parametrize("keep", [0.02, 0.25, 0.5, 0.75, 0.9, 0.99])
@@ -224,7 +224,7 @@ def test_a_cut_db3_is_an_error_that_says_how_to_save_it(tmp_path: Path, keep: fl
     with pytest.raises(LogError) as fault:
         x_of(file)
 
-    assert str(fault.value).startswith(f"{file}: no readable rosbag2 recording (")
+    assert str(fault.value).startswith(f"{file}: is not a readable rosbag2 recording (")
     assert ".recover" in str(fault.value)
 
 
@@ -236,4 +236,5 @@ def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(LogError) as fault:
         open_log(tmp_path / "a.db3").topics()
 
-    assert str(fault.value) == f"{tmp_path / 'a.db3'}: is sqlite3, but no rosbag2 recording (no such table: messages)"
+    said = "is a sqlite3 file, but not a rosbag2 recording (no such table: messages)"
+    assert str(fault.value) == f"{tmp_path / 'a.db3'}: {said}"

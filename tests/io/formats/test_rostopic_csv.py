@@ -127,7 +127,7 @@ def test_two_files_of_one_topic_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(LogError) as fault:
         read_log(folder)
 
-    assert str(fault.value) == f"{folder}: dvl.csv and dvl.txt are both /dvl"
+    assert str(fault.value) == f"{folder}: dvl.csv and dvl.txt are both /dvl; rename one"
 
 
 LONG = f"""

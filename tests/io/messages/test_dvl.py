@@ -133,8 +133,8 @@ def test_beam_and_earth_coordinates_are_refused_in_a_sentence(tmp_path: Path, mo
 
 
 USELESS = {
-    "nortek_dvl333_msgs/msg/BottomTrack": "holds velocities along the beams alone; record XYZ velocities",
-    "holoocean_interfaces/msg/DVLSensorRange": "holds ranges and no velocities",
+    "nortek_dvl333_msgs/msg/BottomTrack": "holds only velocities along the beams; record XYZ velocities",
+    "holoocean_interfaces/msg/DVLSensorRange": "holds ranges, not velocities",
 }
 
 
@@ -145,7 +145,8 @@ def test_a_dvl_that_tells_no_velocity_is_refused_with_the_reason(tmp_path: Path,
         logged(tmp_path, [row(kind, {})], topics={"dvl": "/sensor"} if named else {})
 
     assert str(fault.value) == (
-        f"{tmp_path / 'dive.mcap'}: /sensor ({kind}) cannot serve as dvl: it {USELESS[kind]} (--dvl none: do without)"
+        f"{tmp_path / 'dive.mcap'}: /sensor ({kind}) cannot be used as dvl: "
+        f"it {USELESS[kind]} (--dvl none: replay without dvl)"
     )
 
 

@@ -89,7 +89,7 @@ def test_an_ordinary_log_of_mavros_has_its_heading_without_a_choice() -> None:
     (said,) = roles.findings
     assert (said.code, said.text) == (
         "ROLE-PREFERRED",
-        "/mavros/global_position/compass_hdg: taken for the compass, for by its type it comes before /mavros/imu/data "
+        "/mavros/global_position/compass_hdg: used as compass; its type is preferred to that of /mavros/imu/data "
         "(sensor_msgs/msg/Imu, 10 messages); choose another with --compass TOPIC or with topic under [compass]",
     )
 
@@ -204,7 +204,7 @@ def test_a_topic_without_messages_is_an_error() -> None:
     empty = topic("/dvl/twist", DVL.type, TWIST, count=0)
 
     assert str(choose_roles(LOG, [empty], {"dvl": "/dvl/twist"}, {}).unresolved["dvl"]) == (
-        "dive.mcap: /dvl/twist, named for the dvl, has no messages"
+        "dive.mcap: /dvl/twist, chosen as dvl, has no messages"
     )
     assert taken(choose_roles(LOG, [empty], {}, {})) == {}
 
@@ -214,7 +214,7 @@ def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
 
     assert isinstance(fault, UsageError)
     assert str(fault) == (
-        "dive.mcap: /gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot serve as dvl "
+        "dive.mcap: /gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot be used as dvl "
         "(only dvl, linkquestdvl, odometry, teledyneexplorerdvl, transducerreportstamped, twiststamped, "
         "twistwithcovariancestamped)"
     )
@@ -225,7 +225,7 @@ def test_an_unreadable_topic_is_an_error_only_where_it_is_named() -> None:
 
     assert taken(choose_roles(LOG, [json, DVL], {}, {})) == {"dvl": "/dvl/twist"}
     assert str(choose_roles(LOG, [json], {"gps": "/gps/fix"}, {}).unresolved["gps"]) == (
-        "dive.mcap: /gps/fix cannot be read as the gps: encoding json is not supported"
+        "dive.mcap: /gps/fix cannot be read as gps: encoding json is not supported"
     )
 
 

@@ -116,7 +116,7 @@ def test_ranges_and_angles_alone_are_no_fix(tmp_path: Path) -> None:
     [("vehicle_interface/msg/AcousticModemUSBLANGLES", "angles"), ("labust_msgs/msg/AcousticModemRange", "ranges")],
 )
 def test_messages_of_angles_or_ranges_alone_are_refused_with_the_reason(tmp_path: Path, kind: str, what: str) -> None:
-    with pytest.raises(UsageError, match=f"it tells {what} alone, which are no fix"):
+    with pytest.raises(UsageError, match=f"it holds only {what}, not a fix"):
         logged(tmp_path, [row(kind, {})], HEAD)
 
 
@@ -250,9 +250,9 @@ def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accurac
 TOPSIDE: dict[str, tuple[str, str]] = {
     "/waterlinked/odom": (
         ODOMETRY,
-        "it counts along the axes of the topside box from its first fix; take /waterlinked/fix",
+        "it is measured along the axes of the topside box from its first fix; use /waterlinked/fix",
     ),
-    "/waterlinked/utm": ("geometry_msgs/msg/Point", "it holds UTM coordinates without their zone; take the topic of"),
+    "/waterlinked/utm": ("geometry_msgs/msg/Point", "it holds UTM coordinates without their zone; use the topic of"),
 }
 
 
@@ -269,7 +269,7 @@ def test_a_topside_box_is_heard_by_its_latitudes_alone(tmp_path: Path, topic: st
 
 def test_a_layout_that_nobody_knows_is_refused_by_its_name(tmp_path: Path) -> None:
     with pytest.raises(
-        UsageError, match=r"/usbl is of type collaborative/msg/USBL, which cannot serve as usbl \(only "
+        UsageError, match=r"/usbl is of type collaborative/msg/USBL, which cannot be used as usbl \(only "
     ):
         logged(tmp_path, [row("collaborative/msg/USBL", {})], '[usbl]\ntopic = "/usbl"')
 

@@ -34,10 +34,10 @@ def written(tmp_path: Path, text: str) -> Path:
         ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, columns, axes, "
          "mount_deg, unit, scale_error, sd_mps, sd_scale, min_good_beams, lever_arm_m, time, latency_s, noise)"),
         ("[dvl]\nmount_deg = 'x'", "[dvl] mount_deg: expected number, got text"),
-        ("[dvl]\nlatency_s = nan", "[dvl] latency_s = nan is no finite number"),
+        ("[dvl]\nlatency_s = nan", "[dvl] latency_s = nan is not a finite number"),
         ("[dvl]\nsd_mps = -1", "[dvl] sd_mps: expected number >= 1e-06"),
-        ("[dvl]\naxes = 'FFD'", '[dvl]: axes = "FFD" is not three directions at right angles; name where x, y and z '
-         "point by one letter each: F or B, S (R) or P (L), U or D"),
+        ("[dvl]\naxes = 'FFD'", '[dvl]: axes = "FFD" is not three perpendicular directions; give one letter each '
+         "for x, y and z: F or B, S (R) or P (L), U or D"),
         ("[dvl]\nlever_arm_m = [1, 2]", "[dvl] lever_arm_m: expected array of length 3, got 2"),
         ("[dvl]\nnoise = { kind = 'cauchy' }", "[dvl] noise: kind is missing or unknown (allowed: gaussian, mixture, "
          "student-t, contamination)"),
@@ -47,18 +47,18 @@ def written(tmp_path: Path, text: str) -> Path:
         ("[usbl]\nsd_m = 'messages'", "[usbl] sd_m: messages is not allowed (allowed: a number, message)"),
         ("[usbl]\nframe = 'body'", "[usbl]: the head's position is missing (head = { lat_deg = ..., lon_deg = ..., "
          "depth_m = ... })"),
-        ("[usbl]\nhead = { topic = '/ship', east_m = 1.0 }", "[usbl] head: state either where the head is "
-         "or the topic that tells it"),
+        ("[usbl]\nhead = { topic = '/ship', east_m = 1.0 }", "[usbl] head: state either the head's "
+         "position or its topic"),
         ("[usbl]\nhead = { lat_deg = 1.0 }", "[usbl] head: state either lat_deg and lon_deg or east_m and north_m"),
         ("[usbl]\nrelative_to = 'head'", "[usbl]: the head's position is missing (head = { lat_deg = ..., lon_deg = "
          "..., depth_m = ... })"),
-        ("[usbl]\nsd_m = 1.0\nbearing_sd_deg = 1.0", "[usbl]: sd_m excludes range_sd_m, range_sd_rel and "
-         "bearing_sd_deg"),
-        ("[map]\norigin_lat_deg = 1.0", "[map]: lacks the key origin_lon_deg"),
+        ("[usbl]\nsd_m = 1.0\nbearing_sd_deg = 1.0", "[usbl]: sd_m cannot be combined with range_sd_m, range_sd_rel "
+         "or bearing_sd_deg"),
+        ("[map]\norigin_lat_deg = 1.0", "[map]: the key origin_lon_deg is missing"),
         ("[truth]\ncolumns = { time = 't' }", "[truth] columns: time is not allowed (allowed: time_ns, time_unix_s, "
          "time_s, x, y, sd_m)"),
         ("[truth]\ntopic = '/a'\nfile = 'b'", "[truth]: state either topic or file"),
-        ("[truth]\ntopic = '/a'\ncolumns = { x = 'b' }", "[truth]: columns belong to a file, not to a topic"),
+        ("[truth]\ntopic = '/a'\ncolumns = { x = 'b' }", "[truth]: columns need file, not topic"),
         ("schema = 2", "schema: 2 is not allowed (allowed: 1)"),
     ],
 )  # fmt: skip
@@ -74,7 +74,7 @@ def test_a_key_that_would_not_act_is_refused_by_name(tmp_path: Path, text: str, 
 def test_what_is_no_toml_is_said(tmp_path: Path) -> None:
     file = written(tmp_path, "[dvl\n")
 
-    with pytest.raises(UsageError, match="is not TOML"):
+    with pytest.raises(UsageError, match="is not valid TOML"):
         read_configuration(file)
 
 

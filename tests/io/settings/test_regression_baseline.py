@@ -126,24 +126,24 @@ def test_an_update_follows_any_layout(tmp_path: Path) -> None:
     [
         ("schema = 1", "schema = 2", "schema: 2 is not allowed (allowed: 1)"),
         ("schema = 1", "schema = 1\nextra = 3", "there is no section extra (allowed: schema, row)"),
-        ("schema = 1", "schema = ", "is not TOML (Invalid value (at line 2, column 10))"),
+        ("schema = 1", "schema = ", "is not valid TOML (Invalid value (at line 2, column 10))"),
         ('name = "first"', 'name = ""', "row 1: name: expected text of length >= 1"),
         ('name = "second"', 'name = "first"', "two rows are called 'first': give each its own name"),
-        ('log = "dive.mcap"\n', "", "row 'first': lacks the key log"),
+        ('log = "dive.mcap"\n', "", "row 'first': the key log is missing"),
         ('filter = "adf"', "filter = 3", "row 'first': filter: expected text, got number"),
         ("seeds = 3", "seeds = 0", "row 'second': seeds: expected number >= 1"),
         ("particles = 50", "particles = true", "row 'second': particles: expected"),
         ("rel = 0.1", "rel = -0.1", "row 'second': [metrics] rmse_horizontal_m.rel: expected number >= 0.0"),
         ("rel = 0.1", "real = 0.1", "row 'second': [metrics.rmse_horizontal_m] has no key real; did you mean rel?"),
         ("rel = 0.1\n", "", "row 'second': metrics.rmse_horizontal_m states no tolerance: give abs, rel or both"),
-        ("rel = 0.1", "rel = inf", "row 'second': [metrics] rmse_horizontal_m.rel = inf is no finite number"),
+        ("rel = 0.1", "rel = inf", "row 'second': [metrics] rmse_horizontal_m.rel = inf is not a finite number"),
         (
             'direction = "both"',
             'direction = "up"',
             "row 'first': [metrics] nees_mean.direction: up is not allowed (allowed: lower, higher, both)",
         ),
         (GOOD[GOOD.index("[row.metrics.rmse") :], "[row.metrics]\n", "row 'second': metrics is empty"),
-        (GOOD[GOOD.index("[[row]]") :], "", "has no [[row]]: a check of nothing would always pass"),
+        (GOOD[GOOD.index("[[row]]") :], "", "has no [[row]]: such a check would always pass"),
     ],
 )
 def test_a_wrong_file_is_refused_with_row_and_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:

@@ -74,9 +74,7 @@ def test_no_input_is_overwritten_even_with_force(dive: Path, name: str) -> None:
         if name == "truth.csv" and command[0] == "check":
             continue
         said = refusal(*command)
-        assert said.removeprefix(f"{here / name} ").startswith(
-            ("is the log:", "is read here, too:", "is the baseline:")
-        )
+        assert said.removeprefix(f"{here / name} ").startswith(("is the log:", "is also an input:", "is the baseline:"))
 
     assert {file: file.read_bytes() for file in here.iterdir()} == before
 
@@ -112,7 +110,7 @@ def test_a_run_never_replaces_a_folder_that_it_reads(dive: Path, command: str) -
 
     said = refusal(command, dive, "--config", run / "compare.csv", "--force", "-o", run)
 
-    assert said == f"{run} holds {run / 'compare.csv'}, which is read here: choose another --output"
+    assert said == f"{run} contains the input {run / 'compare.csv'}: choose another --output"
     assert (run / "compare.csv").is_file()
 
 
@@ -124,7 +122,7 @@ def test_nothing_is_written_into_the_folder_of_a_log_but_its_configuration(tmp_p
     said = refusal("replay", folder, "-o", tmp_path / "run", "--json", folder / "dvl.csv", "--force")
     done = run("init", folder, "--force")
 
-    assert said == f"{folder / 'dvl.csv'} lies in {folder}, which is read here: choose another file for --json"
+    assert said == f"{folder / 'dvl.csv'} is inside the input {folder}: choose another file for --json"
     assert done.exception is None
     assert "usbldr init" in (folder / "usbldr.toml").read_text(encoding="utf-8")
 
