@@ -24,8 +24,8 @@ def input_files(log: Path, request: Request) -> tuple[Path, ...]:
         configuration = read_configuration(file) if file else configuration
     found += [log.resolve().parent / stated.path for stated in configuration.file]
     truth = configuration.truth.file if request.truth is None else request.truth
-    judge = find_truth_file(truth, log, from_option=request.truth is not None) if truth else None
-    return (*found, *([judge] if judge else []))
+    truth_file = find_truth_file(truth, log, from_option=request.truth is not None) if truth else None
+    return (*found, *([truth_file] if truth_file else []))
 
 
 def output_conflict(place: Path, read: Iterable[Path], inside: bool) -> str | None:

@@ -142,9 +142,9 @@ def decode_topics(
     ``messages`` may hold more than is wanted; only the payloads of the wanted topics are stored.
     """
     chosen = {key: _decoder(log, streams[key]) for key in chosen_streams(streams, wanted)}
-    kept = {key: (list[int](), list[bytes]()) for key in chosen}  # log times, payloads
+    collected = {key: (list[int](), list[bytes]()) for key in chosen}  # log times, payloads
     for key, time_ns, data in messages:
-        rows = kept.get(key)
+        rows = collected.get(key)
         if rows is not None:
             rows[0].append(time_ns)
             rows[1].append(bytes(data))
@@ -152,7 +152,7 @@ def decode_topics(
     unfit: dict[str, Finding] = {}
     for key, decoder in chosen.items():
         paths = wanted[key[0]]
-        times, payloads = kept.pop(key)
+        times, payloads = collected.pop(key)
         read = concatenated(_pieces(decoder, payloads, paths), paths)
         if len(read.rows) < len(times):
             missing = np.delete(np.arange(len(times)), read.rows).tolist()

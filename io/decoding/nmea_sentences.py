@@ -30,7 +30,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
-BETTER = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
+PREFERRED = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
 """Sentences that repeat the position of another, which is used if both are present."""
 
 
@@ -63,14 +63,14 @@ class Sentences:
         rows = decode_sentences(self.kind, self.contents)
         good = np.array([row is not None for row in rows], dtype=np.bool_)
         order = np.flatnonzero(good)[np.argsort(self.received_ns[good], kind="stable")]
-        told: list[SentenceValues] = [row for i in map(int, order) if (row := rows[i]) is not None]
+        decoded: list[SentenceValues] = [row for i in map(int, order) if (row := rows[i]) is not None]
         columns: dict[str, Column] = {}
         for path in paths:
             if path == "header.stamp" and self.stamp_ns is not None:
                 columns[path] = self.stamp_ns[order]
             else:
                 place = known.columns.index(path)
-                columns[path] = np.array([row[place] for row in told])
+                columns[path] = np.array([row[place] for row in decoded])
         return Records(self.received_ns[order], columns), int(np.sum(~good))
 
 
@@ -85,8 +85,8 @@ class SentenceSet:
         """Return by topic the name and the topic's information for the user."""
         found: dict[str, tuple[str, TopicInfo]] = {}
         for name, sentences in self.by_name.items():
-            better = BETTER.get(sentences.kind)
-            alone = better is None or name.removesuffix(sentences.kind) + better not in self.by_name
+            preferred = PREFERRED.get(sentences.kind)
+            alone = preferred is None or name.removesuffix(sentences.kind) + preferred not in self.by_name
             found[f"{prefix}/{name}"] = name, sentences.info(f"{prefix}/{name}", alone)
         return found
 
@@ -110,11 +110,11 @@ def find_sentences(
 
     ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the beginnings of the lines are used.
     """
-    found, wrong, silent = _scan_lines(lines, received_ns)
+    found, wrong, without = _scan_lines(lines, received_ns)
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
     topic = "" if received_ns is None else source  # a file is none
-    findings = _counted(source, topic, rows, wrong + len(found) - len(rows), silent)
+    findings = _counted(source, topic, rows, wrong + len(found) - len(rows), without)
     if not rows:
         return SentenceSet({}, tuple(findings))
     time, midnight = np.array([row.time_of_day for row in rows]), np.array([row.midnight for row in rows])
@@ -122,12 +122,12 @@ def find_sentences(
     own = np.where(midnight != NO_TIME, midnight + time, on_nearest_date(time, received))
     by_name: dict[str, Sentences] = {}
     for name in dict.fromkeys(row.name for row in rows):
-        these = [i for i, row in enumerate(rows) if row.name == name]
-        kind, logged = kind_of(name), received[these]
-        stamps = stamp_ns[[rows[i].line for i in these]] if stamp_ns is not None else None
+        indices = [i for i, row in enumerate(rows) if row.name == name]
+        kind, logged = kind_of(name), received[indices]
+        stamps = stamp_ns[[rows[i].line for i in indices]] if stamp_ns is not None else None
         if SENTENCE_KINDS.get(kind, SentenceKind()).time is not None:
-            stamps = np.where(time[these] == NO_TIME, logged if stamps is None else stamps, own[these])
-        by_name[name] = Sentences(kind, [rows[i].content for i in these], logged, stamps)
+            stamps = np.where(time[indices] == NO_TIME, logged if stamps is None else stamps, own[indices])
+        by_name[name] = Sentences(kind, [rows[i].content for i in indices], logged, stamps)
     return SentenceSet(by_name, (*findings, *more))
 
 
@@ -136,7 +136,7 @@ def _scan_lines(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[
     from pynmeagps import calc_checksum  # pyright: ignore
 
     found: list[_FoundSentence] = []
-    wrong, silent, last = 0, 0, NO_TIME
+    wrong, without, last = 0, 0, NO_TIME
     for number, line in enumerate(lines):
         begin = 0
         for match in SENTENCE.finditer(line):
@@ -145,15 +145,15 @@ def _scan_lines(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[
             logged = prefixed_ns(line[begin : match.start()]) if received_ns is None else int(received_ns[number])
             last = logged if logged != NO_TIME else last
             begin = match.end()
-            told = _sentence_time(name, body.split(","))
-            if told is None or (checksum and str(calc_checksum(content)) != checksum.upper()):
+            sentence_time = _sentence_time(name, body.split(","))
+            if sentence_time is None or (checksum and str(calc_checksum(content)) != checksum.upper()):
                 wrong += 1
             else:
-                full, time, midnight = told
+                full, time, midnight = sentence_time
                 content = content if kind_of(full) in SENTENCE_KINDS else ""
                 found.append(_FoundSentence(full, content, bool(checksum), number, last, time, midnight))
-        silent += begin == 0 and bool(line.strip())
-    return found, wrong, silent
+        without += begin == 0 and bool(line.strip())
+    return found, wrong, without
 
 
 def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int] | None:
@@ -166,8 +166,8 @@ def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int] | N
     time = NO_TIME
     if kind.time is not None and kind.time < len(fields):
         time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
-    told = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
-    return full, time, date_ns(told) if time != NO_TIME and told and len(told) == len(kind.date) else NO_TIME
+    date = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
+    return full, time, date_ns(date) if time != NO_TIME and date and len(date) == len(kind.date) else NO_TIME
 
 
 def _received(
@@ -182,15 +182,15 @@ def _received(
     except ValueError:
         text = f"{source}: neither its lines nor its sentences contain a time; they are taken as 1 s apart"
         return np.arange(len(logged), dtype=np.int64) * 1_000_000_000, [Finding("NMEA-TIME", text)]
-    said = "lines without log time: sentences are timed by the time they contain, the others evenly between"
-    findings = [Finding("NMEA-TIME", f"{source}: {said}")]
+    text = "lines without log time: sentences are timed by the time they contain, the others evenly between"
+    findings = [Finding("NMEA-TIME", f"{source}: {text}")]
     if not dated:
         text = f"{source}: no sentence contains a date; the first day is taken as 1970-01-01; set clock_offset_s"
         findings.append(Finding("NMEA-DATE", text))
     return received, findings
 
 
-def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int, silent: int) -> list[Finding]:
+def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int, without: int) -> list[Finding]:
     total, unchecked = len(rows) + wrong, sum(not row.checked for row in rows)
     findings: list[Finding] = []
     if wrong:
@@ -200,8 +200,8 @@ def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int
         findings.append(
             Finding("NMEA-UNCHECKED", f"{source}: {unchecked} of {total} sentences have no checksum", topic)
         )
-    if silent:
-        findings.append(Finding("NMEA-OTHER", f"{source}: {silent} lines hold no NMEA sentence", topic))
+    if without:
+        findings.append(Finding("NMEA-OTHER", f"{source}: {without} lines hold no NMEA sentence", topic))
     return findings
 
 

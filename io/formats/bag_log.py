@@ -21,7 +21,7 @@ class BagLog:
     format = "ROS 1 bag"
 
     def __init__(self, path: Path) -> None:
-        """Open nothing yet; ``path`` has been found to be a bag by its first bytes."""
+        """Open nothing yet; ``path`` is a bag by its first bytes."""
         self.path = path
         self._unfit: dict[str, Finding] = {}
 
@@ -32,19 +32,20 @@ class BagLog:
     @cached_property
     def _scan(self) -> tuple[dict[TopicType, Stream], BagScan]:
         """Return the stream of each (topic, type), and the finished scan."""
-        found: dict[TopicType, Stream] = {}
+        streams: dict[TopicType, Stream] = {}
         connections: dict[int, Stream] = {}
         with self.path.open("rb") as file:
-            walk = BagScan(file, self.path.stat().st_size)
-            for record in walk:
+            scan = BagScan(file, self.path.stat().st_size)
+            for record in scan:
                 if isinstance(record, Connection):
                     key = (record.topic, record.type)
-                    if key not in found:
-                        found[key] = Stream(*key, "ros1", decoder_of(record.type, record.definition, "ros1", "ros1msg"))
-                    connections[record.number] = found[key]
+                    if key not in streams:
+                        decoder = decoder_of(record.type, record.definition, "ros1", "ros1msg")
+                        streams[key] = Stream(*key, "ros1", decoder)
+                    connections[record.number] = streams[key]
                 elif record.connection in connections:
                     connections[record.connection].add_messages(1, record.time_ns, record.time_ns)
-        return found, walk
+        return streams, scan
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; if a topic has several types, the one with most messages."""
@@ -62,24 +63,24 @@ class BagLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the bag."""
-        found, walk = self._scan
-        said: list[Finding] = []
-        last = max((stream.last_ns for stream in found.values() if stream.last_ns is not None), default=None)
+        streams, scan = self._scan
+        findings: list[Finding] = []
+        last = max((stream.last_ns for stream in streams.values() if stream.last_ns is not None), default=None)
         until = f", the last of {utc(last)}" if last is not None else ""
-        could = f"{walk.messages} messages could be read{until}"
-        if not walk.complete:
-            text = f"the bag is truncated or damaged at byte {walk.broken_at} of {walk.size}: {could}"
-            said.append(
+        readable = f"{scan.messages} messages could be read{until}"
+        if not scan.complete:
+            text = f"the bag is truncated or damaged at byte {scan.broken_at} of {scan.size}: {readable}"
+            findings.append(
                 Finding(
-                    "TRUNCATED", text, lost_data=walk.expected_messages == 0 or walk.messages < walk.expected_messages
+                    "TRUNCATED", text, lost_data=scan.expected_messages == 0 or scan.messages < scan.expected_messages
                 )
             )
-        elif not walk.indexed:
-            text = f"the bag was never closed, its index is missing; {could} (rosbag reindex repairs it)"
-            said.append(Finding("UNINDEXED", text))
-        if walk.lost_chunks:
-            total = f" of {walk.expected_messages}" if walk.expected_messages else ""
-            damaged = f"{walk.lost_chunks} chunks are damaged{unknown_compression_text(walk.unknown)}"
-            text = f"{damaged}: {walk.messages}{total} messages could be read"
-            said.append(Finding("DAMAGED", text, lost_data=True))
-        return (*said, *self._unfit.values())
+        elif not scan.indexed:
+            text = f"the bag was never closed, its index is missing; {readable} (rosbag reindex repairs it)"
+            findings.append(Finding("UNINDEXED", text))
+        if scan.lost_chunks:
+            total = f" of {scan.expected_messages}" if scan.expected_messages else ""
+            damaged = f"{scan.lost_chunks} chunks are damaged{unknown_compression_text(scan.unknown)}"
+            text = f"{damaged}: {scan.messages}{total} messages could be read"
+            findings.append(Finding("DAMAGED", text, lost_data=True))
+        return (*findings, *self._unfit.values())

@@ -103,13 +103,13 @@ class BagScan:
             except CutError:
                 self.broken_at = self.good_until if self.broken_at is None else self.broken_at
                 chunks = self._chunks_by_index() if chunks is None else chunks
-                further = min(
+                next_chunk = min(
                     (at for at in [*chunks, self._index_at] if self.good_until < at < self.size), default=None
                 )
-                if further is None:
+                if next_chunk is None:
                     return
                 self.lost_chunks += 1
-                self.good_until = further
+                self.good_until = next_chunk
 
     def _records(self) -> Iterator[Record]:
         while word := self.file.read(WORD.size):
@@ -183,10 +183,10 @@ class BagScan:
             seconds, nanoseconds = TIME.unpack(fields.get(b"time", b"").ljust(TIME.size, b"\0")[: TIME.size])
             self.messages += 1
             return BagMessage(number, seconds * 1_000_000_000 + nanoseconds, data)
-        about = _fields(bytes(data))
+        info = _fields(bytes(data))
         try:
-            name = (about.get(b"topic") or fields[b"topic"]).decode()
-            return Connection(number, name, about[b"type"].decode(), about[b"message_definition"])
+            name = (info.get(b"topic") or fields[b"topic"]).decode()
+            return Connection(number, name, info[b"type"].decode(), info[b"message_definition"])
         except (KeyError, UnicodeDecodeError) as err:
             raise CutError from err
 

@@ -84,26 +84,26 @@ class CsvLog:
     def _sheets(self) -> Mapping[str, Sheet | None]:
         """Return how each topic's columns are interpreted."""
         sheets = {topic: self._recognised(topic, source) for topic, source in self._sources.items()}
-        for asked in self._configured:
-            topic = self._topic(asked)
+        for stated in self._configured:
+            topic = self._topic(stated)
             if topic is not None:
                 source = self._sources[topic]
-                sheets[topic] = configured_sheet(asked.sensor, asked.columns, source.header, str(source.file))
+                sheets[topic] = configured_sheet(stated.sensor, stated.columns, source.header, str(source.file))
         return sheets
 
-    def _topic(self, asked: ConfiguredColumns) -> str | None:
+    def _topic(self, stated: ConfiguredColumns) -> str | None:
         """Return the topic that the configuration names, None if it is not in this log."""
-        if asked.topic is not None:
-            slashed = "/" + asked.topic.lstrip("/")
+        if stated.topic is not None:
+            slashed = "/" + stated.topic.lstrip("/")
             last = "/" + slashed.rpartition("/")[2]
             return next((topic for topic in (slashed, last) if topic in self._sources), None)
-        wanted = {plain(name) for name in asked.columns.values()}
+        wanted = {plain(name) for name in stated.columns.values()}
         fitting = [t for t, source in self._sources.items() if wanted <= set(map(plain, source.header))]
         if len(fitting) > 1:
-            raise UsageError(f"[{asked.sensor}] columns match {', '.join(fitting)}; state topic, too", path=self.path)
+            raise UsageError(f"[{stated.sensor}] columns match {', '.join(fitting)}; state topic, too", path=self.path)
         if not fitting:
             names = ", ".join(sorted(wanted))
-            raise UsageError(f"no file has the columns {names} of [{asked.sensor}]; state topic, too", path=self.path)
+            raise UsageError(f"no file has the columns {names} of [{stated.sensor}]; state topic, too", path=self.path)
         return fitting[0]
 
     def _recognised(self, topic: str, source: CsvSource) -> Sheet | None:

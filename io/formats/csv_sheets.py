@@ -157,8 +157,8 @@ def _sensor(stem: str, header: set[str]) -> str | None:
     if name in OWN_COLUMNS:
         return name
     fitting = [s for s, kind in OWN_COLUMNS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
-    wished = [sensor for sensor in fitting if sensor in name] or fitting
-    return wished[0] if len(wished) == 1 else None
+    named = [sensor for sensor in fitting if sensor in name] or fitting
+    return named[0] if len(named) == 1 else None
 
 
 def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[str], file: str) -> Sheet:

@@ -40,7 +40,7 @@ class Db3Log:
     format = "rosbag2 (sqlite3)"
 
     def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
-        """Open nothing yet; ``path`` has been found to be sqlite3 by its first bytes."""
+        """Open nothing yet; ``path`` is sqlite3 by its first bytes."""
         self.path = path
         self._known = known
         self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may recover the rest"
@@ -154,10 +154,9 @@ class Db3Log:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
-        said = self._said_of_journal()
-        return (*said, *self._unfit.values())
+        return (*self._journal_findings(), *self._unfit.values())
 
-    def _said_of_journal(self) -> list[Finding]:
+    def _journal_findings(self) -> list[Finding]:
         with self.path.open("rb") as file:
             journaled = file.read(20)[18:] == b"\2\2"
         journal = f"{self.path.name}-wal"

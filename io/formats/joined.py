@@ -43,8 +43,8 @@ class JoinedLog:
         largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=lambda topic: topic.count)}
         pieces: dict[str, list[Records]] = {topic: [] for topic in wanted}
         for part in self.parts:
-            here = {_key(topic) for topic in part.reader.topics() if topic.count}
-            own = {topic: paths for topic, paths in wanted.items() if largest[topic] in here}
+            present = {_key(topic) for topic in part.reader.topics() if topic.count}
+            own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
             for topic, records in part.reader.read(own).items() if own else ():
                 pieces[topic].append(_moved(records, part.offset_ns))
         return {topic: _in_one(pieces[topic], paths) for topic, paths in wanted.items()}

@@ -58,7 +58,7 @@ def read_index(file: BufferedReader) -> Index:
         return Index({}, {}, {}, {}, None)
     chunks = {chunk.chunk_start_offset: chunk for chunk in summary.chunk_indexes}
     inside: dict[int, frozenset[int]] = {}
-    seen: dict[int, ChannelSummary] | None = {}
+    summaries: dict[int, ChannelSummary] | None = {}
     try:
         for place, chunk in chunks.items():
             found = dict(_entries(file, chunk))
@@ -66,12 +66,12 @@ def read_index(file: BufferedReader) -> Index:
             for channel, entries in found.items():
                 times = entries[:, 0]
                 new = ChannelSummary(len(times), int(times.min()), int(times.max()))
-                seen[channel] = _together(seen[channel], new) if channel in seen else new
+                summaries[channel] = _together(summaries[channel], new) if channel in summaries else new
     except (*DAMAGE, OSError):
-        seen = None
-    if seen is not None and not _agrees(seen, summary):
-        seen = None
-    return Index(summary.schemas, summary.channels, chunks, inside, seen)
+        summaries = None
+    if summaries is not None and not _agrees(summaries, summary):
+        summaries = None
+    return Index(summary.schemas, summary.channels, chunks, inside, summaries)
 
 
 def _entries(file: BufferedReader, chunk: ChunkIndex) -> Iterator[tuple[int, Entries]]:
@@ -93,14 +93,14 @@ def _together(a: ChannelSummary, b: ChannelSummary) -> ChannelSummary:
     return ChannelSummary(a.messages + b.messages, min(a.first_ns, b.first_ns), max(a.last_ns, b.last_ns))
 
 
-def _agrees(seen: Mapping[int, ChannelSummary], summary: Summary) -> bool:
+def _agrees(summaries: Mapping[int, ChannelSummary], summary: Summary) -> bool:
     """Return whether the index lists as many messages as the file's statistics, all of known channels."""
     if summary.statistics is None:
         return False
     stated = {channel: count for channel, count in summary.statistics.channel_message_counts.items() if count}
-    possible = all(one.last_ns < 1 << 63 for one in seen.values())
-    named = summary.channels.keys() >= seen.keys()
-    return named and possible and stated == {channel: one.messages for channel, one in seen.items()}
+    possible = all(one.last_ns < 1 << 63 for one in summaries.values())
+    named = summary.channels.keys() >= summaries.keys()
+    return named and possible and stated == {channel: one.messages for channel, one in summaries.items()}
 
 
 def indexed_messages(

@@ -36,11 +36,11 @@ class McapLog:
     format = "MCAP"
 
     def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
-        """Open nothing yet; ``path`` has been found to be MCAP by its first bytes."""
+        """Open nothing yet; ``path`` is MCAP by its first bytes."""
         self.path = path
         self._definitions = known
         self._unfit: dict[str, Finding] = {}
-        self._walk: McapScan | None = None  # the last scan of the file; None: it was read by its index
+        self._last_scan: McapScan | None = None  # None: the file was read by its index
         self._schemas: dict[int, Schema] = {}
         self._known: dict[TopicType, Stream] = {}
         self._keys: dict[int, TopicType] = {}  # by the file's channel numbers
@@ -63,8 +63,8 @@ class McapLog:
             return self._known
         for record in (*self._index.schemas.values(), *self._index.channels.values()):
             self._register(record)
-        for channel, seen in self._index.channel_summaries.items():
-            self._known[self._keys[channel]].add_messages(*seen)
+        for channel, summary in self._index.channel_summaries.items():
+            self._known[self._keys[channel]].add_messages(*summary)
         return self._known
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
@@ -95,8 +95,8 @@ class McapLog:
         still be read.
         """
         with self.path.open("rb") as file:
-            self._walk = McapScan(file, self.path.stat().st_size, self._index.chunks)
-            for record in chain(self._index.schemas.values(), self._index.channels.values(), self._walk):
+            self._last_scan = McapScan(file, self.path.stat().st_size, self._index.chunks)
+            for record in chain(self._index.schemas.values(), self._index.channels.values(), self._last_scan):
                 if not isinstance(record, McapMessage):
                     self._register(record)
                 elif key := self._keys.get(record.channel):
@@ -140,35 +140,36 @@ class McapLog:
         """Report what is missing from the file."""
         times = [t for stream in self._streams.values() for t in (stream.first_ns, stream.last_ns) if t is not None]
         span = f", the last {(max(times) - min(times)) / 1e9:.1f} s after the first" if times else ""
-        said = [] if self._walk is None else _losses(self._walk, span)
-        return (*said, *self._unfit.values())
+        findings = [] if self._last_scan is None else _losses(self._last_scan, span)
+        return (*findings, *self._unfit.values())
 
 
-def _losses(walk: McapScan, span: str) -> list[Finding]:
+def _losses(scan: McapScan, span: str) -> list[Finding]:
     """Report what a scan could not read."""
-    said: list[Finding] = []
-    if not walk.complete:
+    findings: list[Finding] = []
+    if not scan.complete:
         text = (
-            f"the file is truncated or damaged at byte {walk.broken_at} of {walk.size}: "
-            f"{walk.messages} messages could be read{span}"
+            f"the file is truncated or damaged at byte {scan.broken_at} of {scan.size}: "
+            f"{scan.messages} messages could be read{span}"
         )
-        said.append(Finding("TRUNCATED", text, lost_data=True))
-    elif not walk.finished:
-        said.append(Finding("TRUNCATED", f"the file's index is missing; all {walk.messages} messages could be read"))
-    if walk.lost_chunks:
-        total = f" of {walk.expected_messages}" if walk.expected_messages is not None else ""
-        first, last = min(start for start, _ in walk.lost_chunks), max(end for _, end in walk.lost_chunks)
+        findings.append(Finding("TRUNCATED", text, lost_data=True))
+    elif not scan.finished:
+        text = f"the file's index is missing; all {scan.messages} messages could be read"
+        findings.append(Finding("TRUNCATED", text))
+    if scan.lost_chunks:
+        total = f" of {scan.expected_messages}" if scan.expected_messages is not None else ""
+        first, last = min(start for start, _ in scan.lost_chunks), max(end for _, end in scan.lost_chunks)
         text = (
-            f"{len(walk.lost_chunks)} chunks are damaged{unknown_compression_text(walk.unknown)} "
-            f"(logged between {utc(first)} and {utc(last)}): {walk.messages}{total} messages could be read"
+            f"{len(scan.lost_chunks)} chunks are damaged{unknown_compression_text(scan.unknown)} "
+            f"(logged between {utc(first)} and {utc(last)}): {scan.messages}{total} messages could be read"
         )
-        said.append(Finding("DAMAGED", text, lost_data=True))
-    elif walk.complete and walk.broken_at is not None:
-        text = f"the file is broken at byte {walk.broken_at} of {walk.size}: {walk.messages} messages could be read"
-        said.append(
-            Finding("DAMAGED", text, lost_data=walk.expected_messages is None or walk.messages < walk.expected_messages)
+        findings.append(Finding("DAMAGED", text, lost_data=True))
+    elif scan.complete and scan.broken_at is not None:
+        text = f"the file is damaged at byte {scan.broken_at} of {scan.size}: {scan.messages} messages could be read"
+        findings.append(
+            Finding("DAMAGED", text, lost_data=scan.expected_messages is None or scan.messages < scan.expected_messages)
         )
-    if walk.undated:
-        text = f"{walk.undated} messages have an impossible log time; left out"
-        said.append(Finding("DAMAGED", text, lost_data=True))
-    return said
+    if scan.undated:
+        text = f"{scan.undated} messages have an impossible log time; left out"
+        findings.append(Finding("DAMAGED", text, lost_data=True))
+    return findings

@@ -61,14 +61,14 @@ class McapScan:
             except DAMAGE:
                 if self.complete:
                     return
-                here = self.good_until
-                self.broken_at = here if self.broken_at is None else self.broken_at
-                further = min((place for place in self.chunks if place > here), default=None)
-                if further is None:
+                start = self.good_until
+                self.broken_at = start if self.broken_at is None else self.broken_at
+                next_chunk = min((place for place in self.chunks if place > start), default=None)
+                if next_chunk is None:
                     return
-                inside = [chunk for place, chunk in self.chunks.items() if place <= here < place + chunk.chunk_length]
+                inside = [chunk for place, chunk in self.chunks.items() if place <= start < place + chunk.chunk_length]
                 self.lost_chunks += [(chunk.message_start_time, chunk.message_end_time) for chunk in inside]
-                self.good_until = further
+                self.good_until = next_chunk
 
     def _records(self) -> Iterator[Record]:
         chunks = ChunkReader(self.file)

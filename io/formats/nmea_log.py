@@ -41,7 +41,7 @@ class NmeaFile:
         self._undecoded: dict[str, int] = {}
 
     @cached_property
-    def _spoken(self) -> SentenceSet:
+    def _sentences(self) -> SentenceSet:
         try:
             with self.path.open(encoding="utf-8", errors="replace") as lines:
                 return find_sentences(self.path.name, lines)
@@ -50,7 +50,7 @@ class NmeaFile:
 
     @cached_property
     def _topics(self) -> Mapping[str, tuple[str, TopicInfo]]:
-        return self._spoken.topics("")
+        return self._sentences.topics("")
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the kinds of sentences."""
@@ -60,12 +60,12 @@ class NmeaFile:
         """Parse the wanted kinds."""
         found: dict[str, Records] = {}
         for topic, paths in wanted.items():
-            found[topic], self._undecoded[topic] = self._spoken.by_name[self._topics[topic][0]].records(paths)
+            found[topic], self._undecoded[topic] = self._sentences.by_name[self._topics[topic][0]].records(paths)
         return found
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was dropped."""
-        return (*self._spoken.findings, *undecoded_findings(self._undecoded))
+        return (*self._sentences.findings, *undecoded_findings(self._undecoded))
 
 
 class LogWithSentences:
@@ -78,7 +78,7 @@ class LogWithSentences:
         self._undecoded: dict[str, int] = {}
 
     @cached_property
-    def _spoken(self) -> Mapping[str, SentenceSet]:
+    def _sentences(self) -> Mapping[str, SentenceSet]:
         """Return the sentences by the topic that carries them."""
         stamped = {t.name for t in self._carried.topics() if t.has("header.stamp")}
         wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in self._carriers.items()}
@@ -93,8 +93,8 @@ class LogWithSentences:
     @cached_property
     def _topics(self) -> Mapping[str, tuple[SentenceSet, str, TopicInfo]]:
         found: dict[str, tuple[SentenceSet, str, TopicInfo]] = {}
-        for topic, told in self._spoken.items():
-            found |= {full: (told, name, info) for full, (name, info) in told.topics(topic).items()}
+        for topic, sentences in self._sentences.items():
+            found |= {full: (sentences, name, info) for full, (name, info) in sentences.topics(topic).items()}
         return found
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -107,14 +107,14 @@ class LogWithSentences:
         found = dict(self._carried.read(own)) if own else {}
         for topic, paths in wanted.items():
             if topic not in own:
-                told, name, _ = self._topics[topic]
-                found[topic], self._undecoded[topic] = told.by_name[name].records(paths)
+                sentences, name, _ = self._topics[topic]
+                found[topic], self._undecoded[topic] = sentences.by_name[name].records(paths)
         return found
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what the log lost, and which sentences were dropped."""
-        said = [f for told in self._spoken.values() for f in told.findings if told.by_name or f.code != "NMEA-OTHER"]
-        return (*self._carried.findings(), *said, *undecoded_findings(self._undecoded))
+        own = [f for s in self._sentences.values() for f in s.findings if s.by_name or f.code != "NMEA-OTHER"]
+        return (*self._carried.findings(), *own, *undecoded_findings(self._undecoded))
 
 
 def with_sentences(log: Reader) -> Reader:
@@ -123,7 +123,7 @@ def with_sentences(log: Reader) -> Reader:
     for topic in log.topics():
         last = topic.type.rpartition("/")[2].lower()
         field = CARRIERS.get(last)
-        told = last == "sentence" or SENTENCE_TOPIC_WORDS.search(topic.name.lower())
-        if field and told and topic.count and not topic.problem and topic.has(field):
+        suggested = last == "sentence" or SENTENCE_TOPIC_WORDS.search(topic.name.lower())
+        if field and suggested and topic.count and not topic.problem and topic.has(field):
             carriers[topic.name] = field
     return LogWithSentences(log, carriers) if carriers else log

@@ -25,13 +25,13 @@ def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
     """Return the reader of a recording; raise LogError if a folder holds none that can be read."""
     if not path.is_dir():
         return _reader(path, known)
-    there = _parts(path)
+    parts = _parts(path)
     named = _named(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else []
     findings: list[Finding] = []
     if named:
-        files, findings = _found(path, [path / name for name in named], there)
+        files, findings = _found(path, [path / name for name in named], parts)
     else:
-        files, findings = _numbered(path, there), _gaps(there)
+        files, findings = _numbered(path, parts), _gaps(parts)
     return JoinedLog(path, "rosbag2 folder", tuple(LogPart(_reader(file, known)) for file in files), tuple(findings))
 
 
@@ -69,7 +69,7 @@ def _named(metadata: Path) -> list[str]:
     return [Path(str(name)).name for name in names]  # early rosbag2 wrote the folder before each
 
 
-def _found(folder: Path, named: list[Path], there: list[Path]) -> tuple[list[Path], list[Finding]]:
+def _found(folder: Path, named: list[Path], parts: list[Path]) -> tuple[list[Path], list[Finding]]:
     """Return which of the named files can be read, and the findings about the others."""
     present = [file for file in named if file.is_file()]
     missing = [file for file in named if not file.is_file()]
@@ -82,34 +82,34 @@ def _found(folder: Path, named: list[Path], there: list[Path]) -> tuple[list[Pat
     if not missing:
         return present, []
     names = ", ".join(file.name for file in missing)
-    others = [file for file in there if file not in present]
+    others = [file for file in parts if file not in present]
     if len(others) == len(missing):
         other = ", ".join(file.name for file in others)
         text = f"metadata.yaml names {names}, which is missing; {other} is read instead"
-        return sorted([*present, *others], key=there.index), [Finding("RENAMED", text)]
+        return sorted([*present, *others], key=parts.index), [Finding("RENAMED", text)]
     if not present:
         inside = ", ".join(sorted(child.name for child in folder.iterdir())[:5])
         raise LogError(f"metadata.yaml names {names}, which is missing (the folder holds {inside})", path=folder)
     return present, [Finding("MISSING-PART", f"{names} is missing: metadata.yaml names it", lost_data=True)]
 
 
-def _numbered(folder: Path, there: list[Path]) -> list[Path]:
+def _numbered(folder: Path, parts: list[Path]) -> list[Path]:
     """Return the parts of a folder without metadata; raise LogError if they are several recordings."""
-    if not there:
+    if not parts:
         packed = next(file.name for file in sorted(folder.iterdir()) if file.name.endswith(PACKED))
         raise LogError(f"{packed} is compressed with zstd; unpack it first (zstd -d {packed})", path=folder)
-    recordings = {(re.sub(r"_\d+$", "", file.stem), file.suffix) for file in there}
+    recordings = {(re.sub(r"_\d+$", "", file.stem), file.suffix) for file in parts}
     if len(recordings) > 1:
-        names = ", ".join(file.name for file in there[:5])
+        names = ", ".join(file.name for file in parts[:5])
         raise LogError(
             f"holds {len(recordings)} recordings ({names}); name one of them, or join them with --with", path=folder
         )
-    return there
+    return parts
 
 
-def _gaps(there: list[Path]) -> list[Finding]:
+def _gaps(parts: list[Path]) -> list[Finding]:
     """Report which of several numbered parts are missing."""
-    found = [re.fullmatch(r"(.*)_(\d+)", file.stem) for file in there]
+    found = [re.fullmatch(r"(.*)_(\d+)", file.stem) for file in parts]
     numbers = {int(match[2]) for match in found if match}
     missing = sorted(set(range(max(numbers, default=0) + 1)) - numbers) if len(numbers) > 1 else []
     if not missing:

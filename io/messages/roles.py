@@ -69,29 +69,29 @@ def choose_roles(
 ) -> Roles:
     """Fill the roles; ``options`` and ``configured`` map roles to topics, or to "none" to leave a role empty."""
     chosen: dict[str, TopicChoice] = {}
-    unclear: dict[str, UsbldrError] = {}
+    errors: dict[str, UsbldrError] = {}
     for role in ROLES:
         name = options.get(role) or configured.get(role)
         if name is not None and name != "none":
             try:
                 chosen[role] = topic_named(log, topics, role, name, "option" if role in options else "configuration")
             except UsbldrError as err:
-                unclear[role] = err
+                errors[role] = err
     for role in ROLES:
         if role not in options and role not in configured:
             taken = {choice.topic.name for choice in chosen.values()}
-            found, behind = candidates(role, topics, taken)
+            found, lower_ranked = candidates(role, topics, taken)
             if len(found) > 1:
-                unclear[role] = UsageError(_which(role, found), path=log)
+                errors[role] = UsageError(_choice_text(role, found), path=log)
             elif found:
                 layout = message_layout_of(role, found[0])
                 assert layout is not None, "a candidate has a layout"
-                chosen[role] = TopicChoice(found[0], layout, "type and name", tuple(behind))
-            elif broken := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
-                unclear[role] = _unreadable(log, role, broken[0])
-            elif useless := [topic for topic in topics if topic.count and _useless(role, topic)]:
-                unclear[role] = _refused(log, role, useless[0])
-    return Roles({role: chosen[role] for role in ROLES if role in chosen}, unclear)
+                chosen[role] = TopicChoice(found[0], layout, "type and name", tuple(lower_ranked))
+            elif unreadable := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
+                errors[role] = _unreadable(log, role, unreadable[0])
+            elif unusable := [topic for topic in topics if topic.count and _unusable(role, topic)]:
+                errors[role] = _refused(log, role, unusable[0])
+    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors)
 
 
 def topic_named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> TopicChoice:
@@ -154,8 +154,8 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
     best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
     free = [topic for topic in best if topic.name not in taken]
     first = min((rank for topic in free if (rank := ranks[topic]) is not None), default=None)
-    behind = [topic for topic in free if ranks[topic] not in (first, None)]
-    return Candidates([topic for topic in free if topic not in behind], behind)
+    lower_ranked = [topic for topic in free if ranks[topic] not in (first, None)]
+    return Candidates([topic for topic in free if topic not in lower_ranked], lower_ranked)
 
 
 def _hints(name: str) -> set[str]:
@@ -178,7 +178,7 @@ def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
     return LogError(f"{topic.name} cannot be read as {role}: {topic.problem}", path=log)
 
 
-def _useless(role: str, topic: TopicInfo) -> bool:
+def _unusable(role: str, topic: TopicInfo) -> bool:
     """Return whether a topic's type is known for the role but not usable, not counting types used only if named."""
     layout = message_layout_of(role, topic)
     return layout is not None and layout.unsupported != "" and layout.recognised != "only when named"
@@ -194,7 +194,7 @@ def _refused(log: Path, role: str, topic: TopicInfo) -> UsageError:
     return UsageError(f"{topic.name} ({topic.type}) {why} (--{role} none: replay without {role})", path=log)
 
 
-def _which(role: str, found: Sequence[TopicInfo]) -> str:
+def _choice_text(role: str, found: Sequence[TopicInfo]) -> str:
     described = "; ".join(f"{t.name} ({t.type}, {t.count} messages, {t.rate_hz:.2f} Hz)" for t in found)
     choose = f"choose one with --{role} TOPIC or with topic under [{role}] in the configuration"
     return f"{len(found)} topics could be the {role}: {described}; {choose}"

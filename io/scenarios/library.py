@@ -106,7 +106,7 @@ def _noise(stated: Section | None, sensor: str) -> NoiseFamily:
     return noise_family_of(stated, Gaussian(), sensor)
 
 
-def _told(stated: Section | None, sensor: str) -> NoiseFamily | None:
+def _assumed_noise(stated: Section | None, sensor: str) -> NoiseFamily | None:
     return None if stated is None else _noise(stated, sensor)
 
 
@@ -144,7 +144,7 @@ def _dvl(stated: DvlSensor) -> Dvl:
         outliers=_outliers(stated.outlier_mps, stated),
         timing=_timing(stated),
         told_sd_mps=stated.told_sd_mps,
-        told_noise=_told(stated.told_noise, "dvl"),
+        told_noise=_assumed_noise(stated.told_noise, "dvl"),
     )
 
 
@@ -161,7 +161,7 @@ def _compass(stated: CompassSensor) -> Compass:
         outliers=_outliers((math.radians(stated.outlier_deg[0]), math.radians(stated.outlier_deg[1])), stated),
         timing=_timing(stated),
         told_sd_rad=None if told_sd is None else math.radians(told_sd),
-        told_noise=_told(stated.told_noise, "compass"),
+        told_noise=_assumed_noise(stated.told_noise, "compass"),
     )
 
 
@@ -181,7 +181,7 @@ def _usbl(stated: UsblSensor) -> Usbl:
         multipath=stated.multipath and _multipath(stated.multipath),
         timing=_timing(stated),
         told_accuracy=stated.told_accuracy and _accuracy(stated.told_accuracy),
-        told_noise=_told(stated.told_noise, "usbl"),
+        told_noise=_assumed_noise(stated.told_noise, "usbl"),
     )
 
 

@@ -51,10 +51,10 @@ def cut_log(log: Log, start_s: float, end_s: float) -> Log:
 def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | None:
     if truth is None:
         return None
-    kept = (truth.time_s >= start_s) & (truth.time_s <= end_s)
-    if not kept.any():
+    inside = (truth.time_s >= start_s) & (truth.time_s <= end_s)
+    if not inside.any():
         return None
-    return replace(truth, time_s=truth.time_s[kept], position_m=truth.position_m[kept], sd_m=truth.sd_m[kept])
+    return replace(truth, time_s=truth.time_s[inside], position_m=truth.position_m[inside], sd_m=truth.sd_m[inside])
 
 
 def export(

@@ -15,7 +15,7 @@ LogFormat: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
 FORMS: Mapping[str, LogFormat] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
 OTHER_FORMATS = (".csv", ".json", ".txt", ".zip")  # no folder would have such a name
 FOLDERS: tuple[LogFormat, ...] = ("csv", "rosbag2")
-OURS = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # in a folder; and *.db3
+WRITTEN = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # and *.db3
 WRITTEN_BY = "Written by: usbldr"  # first words of the configuration of every written log
 
 
@@ -55,13 +55,13 @@ def write_log_atomically(
     if not folder and out.is_dir():
         raise UsageError(f"{out}: is a folder; give the file another name")
     if folder and out.exists():
-        _refuse_foreign(out)
+        _refuse_unless_written(out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        workshop = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+        temporary = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
     except OSError as err:
         raise UsageError(f"{out}: cannot be written ({err.strerror})") from err
-    made, old = workshop / out.name, workshop / "old log"
+    made, old = temporary / out.name, temporary / "old log"
     try:
         make(made)
         if folder:
@@ -69,15 +69,15 @@ def write_log_atomically(
             if out.exists():
                 os.replace(out, old)
         else:
-            (workshop / "usbldr.toml").write_text(configuration, encoding="utf-8")
-            os.replace(workshop / "usbldr.toml", place)
+            (temporary / "usbldr.toml").write_text(configuration, encoding="utf-8")
+            os.replace(temporary / "usbldr.toml", place)
         os.replace(made, out)
     except OSError as err:
         raise UsageError(f"{out}: cannot be written ({err.strerror})") from err
     finally:
         if old.exists() and not out.exists():  # interrupted between the two renames
             os.replace(old, out)
-        shutil.rmtree(workshop, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
     return place
 
 
@@ -119,19 +119,19 @@ def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[
     return {sensor: dict(channel.conventions) for sensor, channel in channels.items() if sensor in log.tables}
 
 
-def _refuse_foreign(folder: Path) -> None:
+def _refuse_unless_written(folder: Path) -> None:
     """Raise UsageError unless a folder is empty or holds only a log that usbldr wrote."""
     if not folder.is_dir():
         raise UsageError(f"{folder}: is a file; name a file NAME.mcap, NAME.bag or NAME.db3, or another folder")
     held = sorted(file.name for file in folder.iterdir())
-    foreign = [name for name in held if name not in OURS and not name.endswith(".db3")]
+    foreign = [name for name in held if name not in WRITTEN and not name.endswith(".db3")]
     if foreign:
         raise UsageError(f"{folder}: holds {foreign[0]}, which usbldr did not write; choose another folder")
-    if held and not _is_ours(folder):
+    if held and not _written_by_usbldr(folder):
         raise UsageError(f"{folder}: is not a log written by usbldr, so it is not replaced; choose another folder")
 
 
-def _is_ours(folder: Path) -> bool:
+def _written_by_usbldr(folder: Path) -> bool:
     """Return whether the configuration in a folder was written by usbldr."""
     try:
         text = (folder / "usbldr.toml").read_text(encoding="utf-8")
