@@ -1,7 +1,7 @@
-"""Constant errors of the sensors as states: which there are, how they start, and what was found of them.
+"""Sensor errors as states: their names, their prior sigmas, and their estimates in units for users.
 
-Inside, angles are counter-clockwise radians; at the border they are clockwise degrees, as headings are. Everywhere an
-error is the sensor's: positive means that it reads too much. The equations stand in sensors.py.
+Inside the filters, angles are counter-clockwise radians; for users they are clockwise degrees, as headings are. An
+error is positive if the sensor reads too much. sensors.py has the equations.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,8 @@ SENSOR_ERRORS = sensor_errors_of(SensorErrors)
 STATES: Mapping[str, tuple[str, ...]] = {error.key: tuple(error.states) for error in SENSOR_ERRORS.values()}
 """The keys of --calibrate and the states that each adds."""
 AUTO = "auto"
-"""Asks for those that the log can tell: observability.py answers before a filter runs."""
-MAX_SIGMA_RATIO = 0.8  # of the sigma before: what stays wider has hardly been observed
+"""Estimate the errors that are observable in the log: observability.py decides before a filter runs."""
+MAX_SIGMA_RATIO = 0.8  # of posterior over prior sigma; above it an error is hardly observable
 
 
 REPORTED_QUANTITIES: Mapping[str, ReportedQuantity] = {
@@ -29,7 +29,7 @@ REPORTED_QUANTITIES: Mapping[str, ReportedQuantity] = {
 
 
 class EstimatedError(NamedTuple):
-    """One error as the filter saw it over time."""
+    """One sensor error, estimated over T epochs."""
 
     name: str  # with its unit
     unit: str
@@ -38,25 +38,25 @@ class EstimatedError(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The name in words, without the unit."""
+        """The name in words, without its unit."""
         return self.name.removesuffix(f"_{self.unit}").replace("_", " ")
 
 
 def layout_for(calibrate: Sequence[str]) -> StateLayout:
-    """Return the layout with these keys' states behind those of the motion; raise UsageError for an unknown key."""
+    """Return the layout with the states of these keys after the motion states; raise UsageError for an unknown key."""
     unknown = [key for key in calibrate if key not in STATES]
     if unknown:
-        raise UsageError(f"no error of a sensor is called {unknown[0]!r} (to calibrate: {', '.join(STATES)})")
+        raise UsageError(f"unknown sensor error {unknown[0]!r} to calibrate (known: {', '.join(STATES)})")
     return StateLayout(MOTION_STATES + tuple(name for key in STATES if key in calibrate for name in STATES[key]))
 
 
 def prior_sd(errors: SensorErrors) -> Mapping[str, float]:
-    """Return each state's 1-sigma before anything is measured; all means are 0."""
+    """Return state -> prior 1-sigma, in the units of the states; all prior means are 0."""
     return {state: getattr(errors, field) for field, error in SENSOR_ERRORS.items() for state in error.states}
 
 
 def assumed_sd(errors: SensorErrors) -> Mapping[str, float]:
-    """Return each error's 1-sigma before anything is measured, by its name and in its unit at the border."""
+    """Return error name -> prior 1-sigma, in the units for users."""
     return {
         REPORTED_QUANTITIES[state].name: abs(REPORTED_QUANTITIES[state].factor) * sd
         for state, sd in prior_sd(errors).items()
@@ -64,13 +64,13 @@ def assumed_sd(errors: SensorErrors) -> Mapping[str, float]:
 
 
 def estimated_errors(trajectory: Trajectory) -> tuple[EstimatedError, ...]:
-    """Return the errors that a filter estimated, in the units of the border; none for a track without them."""
+    """Return the errors that a filter estimated, in the units for users; empty for a track without such states."""
     if trajectory.cov is None:
         return ()
-    told: list[EstimatedError] = []
+    estimated: list[EstimatedError] = []
     for row, state in enumerate(trajectory.names):
         if state in REPORTED_QUANTITIES:
             name, unit, factor, *_ = REPORTED_QUANTITIES[state]
             sd = abs(factor) * np.sqrt(np.maximum(trajectory.cov[:, row, row], 0.0))
-            told.append(EstimatedError(name, unit, factor * trajectory.mean[:, row] + 0.0, sd))  # no -0.0
-    return tuple(told)
+            estimated.append(EstimatedError(name, unit, factor * trajectory.mean[:, row] + 0.0, sd))  # no -0.0
+    return tuple(estimated)

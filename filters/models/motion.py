@@ -1,9 +1,10 @@
-"""How the vehicle moves between two epochs: eq. (4) of the paper, put right, in three parts.
+"""The motion of the vehicle between two epochs: eq. (4) of the paper, corrected, in three parts.
 
 psi += r dt/2; x += (u cos psi - v sin psi) dt, y += (u sin psi + v cos psi) dt; psi += r dt/2. The two half turns are
-linear and exact; only the move is non-linear, and only in psi. u, v and r are random walks. Of the calibration states
-the correlated error of the USBL decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias wanders,
-and the others stay. Each part is the *increment* of a few rows, so a rule need not look at the rest of the state.
+linear and exact; only the displacement is nonlinear, and only in psi. u, v and r are random walks. Of the calibration
+states the correlated error of the USBL decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias is a
+random walk, and the others are constant. Each part is the *increment* of a few rows, so that a moment transform handles
+those rows alone.
 """
 
 import math
@@ -20,10 +21,10 @@ from usbldr.filters.types import Array, Vector
 
 
 class MotionModel(Protocol):
-    """What happens to the state from t0_s to t1_s."""
+    """x(t1_s) = f(x(t0_s)) + w for n states, f as a sequence of increments."""
 
     def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, StateFunction]]:
-        """Yield the rows that change and the increment that they get, in order."""
+        """Yield the rows that change and their increment, in order."""
         ...
 
     def noise(self, t0_s: float, t1_s: float) -> Vector:
@@ -42,11 +43,11 @@ class YawIncrement:
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Read the turn rate."""
+        """Linear in the turn rate."""
         return (self.rate_row,)
 
     def predict(self, x: Array) -> Array:
-        """Return the turn, (1, N)."""
+        """Return the change of yaw, rad, (1, N)."""
         return x[self.rate_row, None] * self.dt_s
 
     def jacobian(self, x: Array) -> Array:
@@ -60,15 +61,15 @@ class YawIncrement:
 
 @dataclass(frozen=True, slots=True)
 class PositionIncrement:
-    """Displacement east and north with the velocity of the body, eq. (1)."""
+    """Displacement east and north by the body velocity: eq. (1) times dt."""
 
-    nonlinear: tuple[int, ...]  # psi
-    linear: tuple[int, ...]  # u, v
+    nonlinear: tuple[int, ...]  # row of psi
+    linear: tuple[int, ...]  # rows of u, v
     dt_s: float
     rows: slice | None = None
 
     def predict(self, x: Array) -> Array:
-        """Return the displacement east and north, (2, N)."""
+        """Return the displacement east and north, m, (2, N)."""
         psi, u, v = x[self.nonlinear[0]], x[self.linear[0]], x[self.linear[1]]
         c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
         return np.array([u * c - v * s, u * s + v * c])
@@ -86,7 +87,7 @@ class PositionIncrement:
 
 @dataclass(frozen=True, slots=True)
 class GaussMarkovIncrement:
-    """c *= factor, for neighbouring states."""
+    """c *= factor, for neighbouring rows: a first-order Gauss-Markov process without its noise."""
 
     linear: tuple[int, ...]
     factor: float
@@ -94,11 +95,11 @@ class GaussMarkovIncrement:
     nonlinear: tuple[int, ...] = ()
 
     def predict(self, x: Array) -> Array:
-        """Return what is lost, (k, N)."""
+        """Return the decay (factor - 1) c, (k, N)."""
         return (self.factor - 1) * x[list(self.linear)]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the loss of each by each, (k, k, 1)."""
+        """Return (factor - 1) I, (k, k, 1)."""
         return (self.factor - 1) * np.eye(len(self.linear))[:, :, None]
 
     def residual(self, a: Array, b: Array) -> Array:
@@ -115,7 +116,7 @@ class VehicleMotion:
     errors: SensorErrors = SensorErrors()
 
     def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, StateFunction]]:
-        """Yield half a turn, the move, half a turn; then what the USBL's correlated error loses."""
+        """Yield half the turn, the displacement, half the turn; then the decay of the USBL's correlated error."""
         dt_s = t1_s - t0_s
         psi, u, v, r, x, y = self.layout.rows("psi", "u", "v", "r", "x", "y")
         half_turn = (slice(psi, psi + 1), YawIncrement(r, dt_s / 2))

@@ -1,7 +1,7 @@
-"""Measurement noise as a mixture of Gaussian modes: the one form that every policy understands.
+"""Measurement noise as a mixture of Gaussian modes: the one form that all mode updates accept.
 
-A noise *family* (Gaussian, Mixture, Contamination, StudentT) makes the modes for a nominal covariance R: mode j is
-drawn with probability shares[j] and is N(0, cov[j]); mode 0 is the nominal one. Eq. (23) of the paper is Mixture().
+A noise *family* (Gaussian, Mixture, Contamination, StudentT) makes the modes for a nominal covariance R: mode j has
+probability probabilities[j] and is N(0, cov[j]); mode 0 is the nominal one. Eq. (23) of the paper is Mixture().
 """
 
 import math
@@ -19,17 +19,17 @@ from usbldr.filters.types import Array, Vector
 class Noise:
     """Modes of one measurement of k scalars."""
 
-    probabilities: Array  # (J,) add to 1; (J, N) where each member of a bank has its own
+    probabilities: Array  # (J,) add to 1; (J, N) if each member of a bank has its own
     cov: Array  # (J, k, k) or (J, k, k, N), in the measurement's units squared
-    per_scalar: bool = False  # each scalar that correlates with no other draws a mode of its own
+    per_scalar: bool = False  # uncorrelated scalars draw their modes independently
 
     @property
     def mixture_cov(self) -> Array:
-        """Covariance of the whole mixture, (k, k): what a single Gaussian has to take."""
+        """Covariance of the whole mixture, (k, k): the R of a moment-matched Gaussian."""
         return np.einsum("j,jkl->kl", self.probabilities, self.cov)
 
     def blocks(self) -> tuple[slice, ...]:
-        """Return the scalars that draw a mode together: each alone if their errors are independent, else all."""
+        """Return the slices of scalars that share a mode: one each if their errors are independent, else all in one."""
         k = self.cov.shape[1]
         if k == 1 or not self.per_scalar or self.cov[:, ~np.eye(k, dtype=np.bool_)].any():
             return (slice(0, k),)
@@ -50,7 +50,7 @@ class Noise:
 
 
 class NoiseFamily(Protocol):
-    """How a sensor errs, whatever its nominal covariance."""
+    """The distribution of a sensor's noise, for any nominal covariance."""
 
     @property
     def per_scalar(self) -> bool:
@@ -90,7 +90,7 @@ class Mixture:
 
 @dataclass(frozen=True, slots=True)
 class Contamination:
-    """N(0, R), or with probability share a gross error of its own size, R + sd^2 I, in the sensor's unit."""
+    """N(0, R) with probability 1 - share, N(0, R + sd^2 I) with probability share: outliers of size sd."""
 
     # by judgement: about twice as many as on uib_field, 13 of 591 fixes
     share: Annotated[float, Quantity("share", SHARE)] = 0.05
@@ -108,8 +108,8 @@ class Contamination:
 class StudentT:
     """Student's t with ``dof`` degrees of freedom and scale R, as nine slices of its Gamma-distributed precision.
 
-    Each slice holds a ninth of the probability and stands for it by the precision at its median, so the heaviest mode
-    is about the 5.6th percentile of the precision; the few per cent beyond are cut.
+    Each slice has a ninth of the probability and is represented by the precision at its median, so the widest mode is
+    at the 5.6th percentile of the precision; the tail beyond it is cut.
     """
 
     # [degrees of freedom] the usual choice: tails are heavy, and the variance is finite
@@ -134,7 +134,7 @@ FAMILIES: dict[str, type[Any]] = {
 
 
 class BankNoise:
-    """The noise of a sensor by the families of N members of a bank, which all have J modes, per scalar or for all.
+    """The noise of a sensor for N members of a bank, each with its own family of J modes.
 
     The modes of every family are affine in R: mode j has gain g_j R + offset o_j I.
     """
@@ -148,7 +148,7 @@ class BankNoise:
         self.gain = np.stack([noise.cov[:, 0, 0] for noise in one], axis=1) - self.offset
 
     def modes(self, R: Array) -> Noise:
-        """Return every member's modes for the nominal covariance R, (k, k), or (k, k, N) where each has its own."""
+        """Return every member's modes for the nominal covariance R, (k, k), or (k, k, N) if each has its own."""
         eye, of_each = np.eye(len(R))[:, :, None], R.reshape(*R.shape[:2], -1)
         cov = self.gain[:, None, None] * of_each + self.offset[:, None, None] * eye
         return Noise(self.probabilities, cov, self.per_scalar)
@@ -165,7 +165,7 @@ def chi_square_quantile(probability: float, dof: float) -> float:
 
 def normal_quantile(probability: float) -> float:
     """Return the quantile of N(0, 1)."""
-    from statistics import NormalDist  # costs 20 ms: only where a quantile is asked for
+    from statistics import NormalDist  # the import takes 20 ms: only if a quantile is needed
 
     return NormalDist().inv_cdf(probability)
 
@@ -173,7 +173,7 @@ def normal_quantile(probability: float) -> float:
 def robust_sd(differences: Sequence[float] | Vector) -> float:
     """Return the 1-sigma of one record from first differences of its series: 1.4826 MAD / sqrt(2).
 
-    The median absolute deviation does not see the few large differences of manoeuvres and outliers.
+    The median absolute deviation ignores the few large differences of manoeuvres and outliers; NaN if there are none.
     """
     d = np.asarray(differences, dtype=np.float64)
     d = d[np.isfinite(d)]

@@ -1,6 +1,6 @@
-"""What a filter is told beside the measurements: how the vehicle moves, how each sensor errs, where it starts.
+"""What a filter is given besides the measurements: process noise, measurement noise, sensor errors, the start.
 
-The defaults are the generic ones that serve every log; a configuration or a scenario states its own.
+The defaults apply to every log; a configuration or a scenario states others. Stored in radians, metres and seconds.
 """
 
 import math
@@ -28,21 +28,21 @@ LeverArm = tuple[float, float, float]  # starboard, forward, up of the vehicle's
 class ProcessNoise:
     """Random walks of the motion model: 1-sigma after one second."""
 
-    # [m/√s] by judgement: what velocity and yaw do not explain
+    # [m/√s] by judgement: drift that velocity and yaw do not explain
     position_m: Annotated[float, Quantity("position_m", SPREAD["m"])] = 0.02
-    # [rad/√s] small: the turn rate moves the yaw
+    # [rad/√s] small, as the turn rate has its own noise
     yaw_rad: Annotated[float, Quantity("heading_deg", SPREAD["deg"])] = 0.002
-    # [m/s/√s] thrust and current; learnt from cruising it would refuse manoeuvres
+    # [m/s/√s] thrust and current; a value fitted to straight legs would reject manoeuvres
     velocity_mps: Annotated[float, Quantity("velocity_mps", SPREAD["mps"])] = 0.05
     # [rad/s/√s] by judgement: a turn begins and ends within seconds
     turn_rate_radps: Annotated[float, Quantity("turn_rate_dps", SPREAD["deg"])] = 0.1
-    # beside position_m where no state explains the DVL's scale: that error drifts, too
+    # added to position_m if the DVL's scale is not a state: the scale error causes drift, too
     uncalibrated_m: Annotated[float, Quantity("uncalibrated_m", SPREAD["m"])] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """How large a sensor's constant errors may be before a filter estimates them: 1-sigma, and how they wander."""
+    """Prior 1-sigma of the sensor errors that a filter may estimate, and how they change over time."""
 
     # makers of DVLs state 0.2 to 1 %
     scale: Annotated[
@@ -68,7 +68,7 @@ class SensorErrors:
     ] = math.radians(5.0)
     # [rad/√s] 1.2 degrees after an hour
     heading_walk_rad: Annotated[float, Quantity("heading_walk_deg", SPREAD["deg"])] = math.radians(0.02)
-    # amplitude of the sine, and of the cosine, of the heading: it reads H + A sin H + B cos H
+    # of A and of B each: the compass reads H + A sin H + B cos H at heading H
     deviation_rad: Annotated[
         float,
         Quantity("deviation_sd_deg", SD["deg"]),
@@ -80,13 +80,13 @@ class SensorErrors:
             },
         ),
     ] = math.radians(2.0)
-    # sound takes 0.2 s for 300 m, and drivers as long
+    # sound takes 0.2 s for 300 m, and drivers about as long
     latency_s: Annotated[
         float,
         Quantity("latency_sd_s", Limits(1e-6, 600.0)),
         SensorError("latency", {"usbl_latency": ReportedQuantity("usbl_latency_s", "s", 1.0, "usbl", "latency_s")}),
     ] = 0.3
-    # in the long run, each axis
+    # stationary, each axis
     usbl_bias_m: Annotated[
         float,
         Quantity("usbl_bias_sd_m", SD["m"]),
@@ -98,16 +98,16 @@ class SensorErrors:
             },
         ),
     ] = 0.3
-    # time constant
+    # time constant of the correlated error
     usbl_bias_s: Annotated[float, Quantity("usbl_bias_time_s", SECONDS)] = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A known start. Without one the first fixes tell the position.
+    """A known start. Without one the position starts at the first fixes.
 
-    Yaw and velocity start at the first compass and DVL records, the turn rate at 0; the sigmas say how far off they
-    may be. A bootstrap particle filter has to hit the start by chance, and is lost where they are wide.
+    Yaw and velocity start at the first compass and DVL records, the turn rate at 0, with these sigmas. A bootstrap
+    particle filter samples the start and diverges if the sigmas are wide.
     """
 
     east_m: Annotated[float, Quantity("east_m", METRES)]
@@ -125,29 +125,29 @@ UNKNOWN_START = Start(math.nan, math.nan, math.nan)
 
 
 class StateObservability(NamedTuple):
-    """What a log tells of one key of calibration.STATES."""
+    """Whether one key of calibration.STATES is observable in a log."""
 
     key: str
-    sigma_ratio: float  # sigma at the end of the log, as a share of that before
+    sigma_ratio: float  # posterior over prior sigma, at the end of the log
     conclusion: str  # "observable", "only in turns", "not observable"
 
 
 class TunedParameter(NamedTuple):
-    """A number that the log itself was asked for, see tuning.py."""
+    """A parameter estimated from the log, see tuning.py."""
 
     name: str  # with its unit
     before: float
     after: float
-    low: float  # one sigma down, by the width of the likelihood
+    low: float  # one sigma down, from the width of the likelihood
     high: float  # one sigma up
-    identified: bool  # False: the log hardly knows it, so it stays as it was
+    identified: bool  # False: the likelihood is too flat, and the value is unchanged
 
 
-DR_WALK_NAME = "position_walk_m"  # the name under which ProcessNoise.position_m is settled
+DR_WALK_NAME = "position_walk_m"  # of ProcessNoise.position_m in noise changes
 
 
 class NoiseChange(NamedTuple):
-    """A number of the noise that a log contradicted, see observability.py."""
+    """A parameter of the noise that the log contradicted, and its new value; see observability.py."""
 
     name: str  # with its unit
     before: float
@@ -165,13 +165,13 @@ class Assumptions:
     dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
     usbl_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the transponder on the vehicle
     start: Start | None = None
-    calibrate: tuple[str, ...] = ()  # keys of calibration.STATES, or AUTO until the log has been asked
+    calibrate: tuple[str, ...] = ()  # keys of calibration.STATES; AUTO until identification has replaced it
     errors: SensorErrors = SensorErrors()
-    observed: tuple[StateObservability, ...] = ()  # why these are calibrated, where the log was asked
-    noise_changes: tuple[NoiseChange, ...] = ()  # what it said of the noise then
-    gps: NoiseFamily = Contamination()  # where it aids
+    observed: tuple[StateObservability, ...] = ()  # reasons of the choice, if identification made it
+    noise_changes: tuple[NoiseChange, ...] = ()  # made by identification
+    gps: NoiseFamily = Contamination()  # of fixes in the windows of aid
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
-    aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and no truth
-    dvl_sd_scale: float = 1.0  # every sigma of that sensor, whoever stated it, is this many times as large
-    usbl_sd_scale: float = 1.0  # the same of the USBL
-    tuned: tuple[TunedParameter, ...] = ()  # what the log was asked for of these
+    aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and not truth
+    dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL
+    usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL
+    tuned: tuple[TunedParameter, ...] = ()  # of the above, those estimated from the log

@@ -1,4 +1,4 @@
-"""Numbers of the model as people state them: the key with its unit, the limits, the sensor error that it belongs to.
+"""Numbers of the model as users state them: key with unit, limits, and the sensor error that each belongs to.
 
 Each is declared once, in the annotation of its field. The sections of usbldr.toml, their text, --noise and the
 states of --calibrate follow from that. A key that ends in _deg or _dps is in degrees, its field in radians.
@@ -11,28 +11,28 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 SENSOR_UNITS: Mapping[str, str] = {"dvl": "mps", "compass": "deg", "usbl": "m", "gps": "m"}
-"""The unit of a sensor's noise, as keys end in it."""
+"""Unit of a sensor's noise, as in the endings of keys."""
 
 
 class Limits(NamedTuple):
-    """How small and how large a number may be and still mean something, far wider than any vehicle."""
+    """Least and most allowed value, far wider than any vehicle needs."""
 
     least: float
     most: float
-    above: bool = False  # the least itself is refused
+    above: bool = False  # the least itself is not allowed
 
 
 SHARE = Limits(1e-9, 1 - 1e-9)
 SECONDS = Limits(1e-3, 1e9)
-METRES = Limits(-1e7, 1e7)  # on the plane, which ends long before
+METRES = Limits(-1e7, 1e7)  # far beyond the local plane
 SD = {"m": Limits(1e-6, 1e6), "deg": Limits(1e-6, 360.0), "mps": Limits(1e-6, 1e3)}
-SPREAD = {unit: Limits(0.0, sd.most) for unit, sd in SD.items()}  # of what may have none
+SPREAD = {unit: Limits(0.0, sd.most) for unit, sd in SD.items()}  # of a sigma that may be 0
 
 
 class Quantity(NamedTuple):
-    """How the number of a field is stated."""
+    """Key and limits of the number of a field."""
 
-    key: str  # with its unit; "{unit}" stands for the one of the sensor
+    key: str  # with its unit; "{unit}" is replaced by that of the sensor
     limits: Limits = SD["m"]  # of a key in the sensor's unit: SD of that unit
     required: bool = False  # there is no default
 
@@ -47,14 +47,14 @@ class Quantity(NamedTuple):
 
 
 class ReportedQuantity(NamedTuple):
-    """How a state of an error is told to people, and which key takes that error off the readings."""
+    """Name and unit of a sensor error in reports, and the key that removes the error from the records."""
 
     name: str  # with its unit
-    unit: str  # "" for a share of the reading
+    unit: str  # "" for a relative error
     factor: float  # from the state to that unit
     section: str = ""
     key: str = ""  # "" if there is none
-    digits: int = 3  # written of it
+    digits: int = 3  # decimal places
 
 
 class SensorError(NamedTuple):
@@ -65,8 +65,8 @@ class SensorError(NamedTuple):
 
 
 def quantities(owner: type, sensor: str = "") -> dict[str, Quantity]:
-    """Return field -> quantity of a dataclass; ``sensor``: the one whose unit "{unit}" is."""
-    found: dict[str, Quantity] = {}
+    """Return field -> quantity of a dataclass; ``sensor``: replaces "{unit}" by its unit."""
+    by_field: dict[str, Quantity] = {}
     hints = typing.get_type_hints(owner, include_extras=True)
     for field in dataclasses.fields(owner):
         for quantity in typing.get_args(hints[field.name])[1:]:
@@ -76,12 +76,12 @@ def quantities(owner: type, sensor: str = "") -> dict[str, Quantity]:
                     unit = SENSOR_UNITS[sensor]
                     required |= unit != "m"  # a default in metres means nothing elsewhere
                     quantity = Quantity(quantity.key.format(unit=unit), SD[unit])
-                found[field.name] = quantity._replace(required=required)
-    return found
+                by_field[field.name] = quantity._replace(required=required)
+    return by_field
 
 
 def sensor_errors_of(owner: type) -> dict[str, SensorError]:
-    """Return field -> sensor error whose 1-sigma before anything is measured that field holds."""
+    """Return field -> sensor error whose prior 1-sigma is that field."""
     hints = typing.get_type_hints(owner, include_extras=True)
     return {
         name: error for name, hint in hints.items() for error in typing.get_args(hint) if isinstance(error, SensorError)

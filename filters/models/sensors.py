@@ -1,7 +1,7 @@
-"""What each sensor would read in a given state, and one reading of it.
+"""Measurement models z = h(x) + v of DVL, compass and position fixes, and one measurement of each.
 
-Every model is a Function (sigma_points.py): DVL and compass pick states or are affine; a USBL fix is a point of the
-track at its own time of validity, a little before the epoch at which it is used.
+Every model is a StateFunction (sigma_points.py): DVL and compass select states or are affine in them; a USBL fix is
+the position at its own time of validity, usually before the epoch at which it is used.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from usbldr.filters.types import Array, Vector
 
 
 class Measurement(NamedTuple):
-    """A reading of k scalars with the model and the noise that explain it; a fix has both axes, east and north."""
+    """k measured scalars with their model and noise; a fix has both axes, east and north."""
 
     z: Vector  # (k,)
     model: StateFunction
@@ -31,7 +31,7 @@ class Measurement(NamedTuple):
     bilinear: bool = False  # the model multiplies a state by a constant error that is a state, too
 
     def parts(self) -> "Sequence[Measurement]":
-        """Return what a filter takes one after the other: each axis of a fix if their errors are independent."""
+        """Return the parts that are used in sequence: each axis of a fix if their errors are independent, else all."""
         if len(self.z) == 1 or len(blocks := self.noise.blocks()) == 1:
             return (self,)
         assert isinstance(self.model, UsblFix)
@@ -48,7 +48,7 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DirectState:
-    """One state read directly: the compass reads psi, a DVL at the reference point u and v."""
+    """z = one state: psi for a compass, u or v for a DVL at the reference point."""
 
     row: int
     angle: bool = False
@@ -56,12 +56,12 @@ class DirectState:
 
     @property
     def rows(self) -> slice:
-        """Pick the state."""
+        """Rows of the state."""
         return slice(self.row, self.row + 1)
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Read the state."""
+        """Linear in the state."""
         return (self.row,)
 
     def predict(self, x: Array) -> Array:
@@ -73,13 +73,13 @@ class DirectState:
         return np.ones((1, 1, 1))
 
     def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference, of angles the shorter way round."""
+        """Return a - b, wrapped to half a turn for angles."""
         return wrapped(a - b) if self.angle else a - b
 
 
 @dataclass(frozen=True, slots=True)
 class BodyVelocity:
-    """What one axis of a DVL reads: z = (1 + s) (u' cos a + v' sin a), a = d for starboard, d + 90 deg for forward.
+    """One axis of a DVL: z = (1 + s) (u' cos a + v' sin a), a = d for starboard, d + 90 deg for forward.
 
     u' = u - forward r and v' = v + starboard r at a DVL off the reference point; s is its scale error, d the angle of
     its axes in the body.
@@ -95,23 +95,23 @@ class BodyVelocity:
 
     @property
     def nonlinear(self) -> tuple[int, ...]:
-        """Bend with scale and angle, where they are states."""
+        """Nonlinear in scale and angle, if they are states."""
         return tuple(row for row in (self.scale_row, self.mount_row) if row is not None)
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Read the velocity and the turn rate."""
+        """Linear in velocity and turn rate."""
         return (*self.velocity_rows, self.rate_row)
 
     def predict(self, x: Array) -> Array:
-        """Return the reading, (1, N)."""
-        gain, along, across = self._seen(x)
+        """Return the velocity that the DVL reads, m/s, (1, N)."""
+        gain, along, across = self._gain_and_axis(x)
         u, v = self._velocity(x)
         return (gain * (along * u + across * v))[None]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives by scale and angle where they are states, then by u, v and r, (1, 3 to 5, N)."""
-        gain, along, across = self._seen(x)
+        """Return the derivatives by scale and angle if they are states, then by u, v and r, (1, 3 to 5, N)."""
+        gain, along, across = self._gain_and_axis(x)
         starboard, forward = self.arm_m
         by_state: list[Array | float] = [gain * along, gain * across, gain * (starboard * across - forward * along)]
         if self.nonlinear:
@@ -119,13 +119,13 @@ class BodyVelocity:
             by_angle = gain * (along * v - across * u)
             by_state[:0] = [by_angle] if self.mount_row is not None else []
             by_state[:0] = [along * u + across * v] if self.scale_row is not None else []
-        seen = np.empty((1, len(by_state), x.shape[1]))
+        J = np.empty((1, len(by_state), x.shape[1]))
         for column, derivative in enumerate(by_state):
-            seen[0, column] = derivative
-        return seen
+            J[0, column] = derivative
+        return J
 
     def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference."""
+        """Return a - b."""
         return a - b
 
     def _velocity(self, x: Array) -> tuple[Array, Array]:
@@ -134,7 +134,7 @@ class BodyVelocity:
         starboard, forward = self.arm_m
         return x[u] - forward * r, x[v] + starboard * r
 
-    def _seen(self, x: Array) -> tuple[Array, Array, Array]:
+    def _gain_and_axis(self, x: Array) -> tuple[Array, Array, Array]:
         """Return 1 + s, cos a and sin a, (N,) or (1,) each."""
         gain = np.ones(1) if self.scale_row is None else 1 + x[self.scale_row]
         c, s = np.ones(1), np.zeros(1)
@@ -145,7 +145,7 @@ class BodyVelocity:
 
 @dataclass(frozen=True, slots=True)
 class ScaledVelocity:
-    """What `BodyVelocity` is where the scale alone errs and the DVL sits on the reference point: z = (1 + s) u or v."""
+    """z = (1 + s) u or v: `BodyVelocity` with a scale error alone and the DVL at the reference point."""
 
     scale_row: int
     velocity_row: int
@@ -153,16 +153,16 @@ class ScaledVelocity:
 
     @property
     def nonlinear(self) -> tuple[int, ...]:
-        """Bend with the scale."""
+        """Nonlinear in the scale."""
         return (self.scale_row,)
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Read the velocity."""
+        """Linear in the velocity."""
         return (self.velocity_row,)
 
     def predict(self, x: Array) -> Array:
-        """Return the reading, (1, N)."""
+        """Return the velocity that the DVL reads, m/s, (1, N)."""
         return ((1 + x[self.scale_row]) * x[self.velocity_row])[None]
 
     def jacobian(self, x: Array) -> Array:
@@ -170,13 +170,13 @@ class ScaledVelocity:
         return np.array([[x[self.velocity_row], 1 + x[self.scale_row]]])
 
     def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference."""
+        """Return a - b."""
         return a - b
 
 
 @dataclass(frozen=True, slots=True)
 class DeviatingCompass:
-    """z = psi + b0 + b_s sin psi + b_c cos psi: a constant bias, and the deviation by iron aboard."""
+    """z = psi + b0 + b_s sin psi + b_c cos psi: a constant bias, and the deviation by magnetic parts of the vehicle."""
 
     psi_row: int
     bias_rows: tuple[int, ...] = ()  # b0, or none
@@ -185,25 +185,25 @@ class DeviatingCompass:
 
     @property
     def nonlinear(self) -> tuple[int, ...]:
-        """Bend with psi where the compass deviates."""
+        """Nonlinear in psi if there is a deviation."""
         return (self.psi_row,) if self.deviation_rows else ()
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Read the errors, and psi where nothing bends."""
+        """Linear in the errors, and in psi if there is no deviation."""
         psi = () if self.deviation_rows else (self.psi_row,)
         return psi + self.bias_rows + self.deviation_rows
 
     def predict(self, x: Array) -> Array:
-        """Return the yaw that the compass shows, (1, N)."""
-        seen = x[self.psi_row] + x[list(self.bias_rows)].sum(axis=0)
+        """Return the yaw that the compass reads, rad, (1, N)."""
+        yaw = x[self.psi_row] + x[list(self.bias_rows)].sum(axis=0)
         if self.deviation_rows:
             b_s, b_c = x[list(self.deviation_rows)]
-            seen = seen + b_s * np.sin(x[self.psi_row]) + b_c * np.cos(x[self.psi_row])
-        return seen[None]
+            yaw = yaw + b_s * np.sin(x[self.psi_row]) + b_c * np.cos(x[self.psi_row])
+        return yaw[None]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives by psi, b0, b_s and b_c, those that there are, (1, 1 to 4, N)."""
+        """Return the derivatives by psi, b0, b_s and b_c, as far as they are states, (1, 1 to 4, N)."""
         by_state: list[Array] = [np.ones_like(x[self.psi_row])] * (1 + len(self.bias_rows))
         if self.deviation_rows:
             c, s = np.cos(x[self.psi_row]), np.sin(x[self.psi_row])
@@ -212,16 +212,16 @@ class DeviatingCompass:
         return np.array([by_state])
 
     def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference, the shorter way round."""
+        """Return a - b, wrapped to half a turn."""
         return wrapped(a - b)
 
 
 @dataclass(frozen=True, slots=True)
 class UsblFix:
-    """East and north (or one of them) of the transponder at ``offset_s`` from the epoch, usually a little before it.
+    """East and north (or one of them) of the transponder at ``offset_s`` from the epoch, usually before it.
 
-    h = (x, y) + t (V_E, V_N) + lever arm + c, with V at the heading psi + r t/2 and the arm at psi + r t. Stamps that
-    are late by tau tell of t = offset - tau; c is the correlated error. Both are 0 where they are no states.
+    h = (x, y) + t (V_E, V_N) + lever arm + c, with V at the yaw psi + r t/2 and the lever arm at psi + r t. A stamp
+    that is late by tau gives t = offset - tau; c is the correlated error. Both are 0 if they are not states.
     """
 
     layout: StateLayout
@@ -231,7 +231,7 @@ class UsblFix:
 
     @property
     def rows(self) -> slice | None:
-        """Pick x and y where the fix is of the epoch itself and the transponder at the reference point."""
+        """Rows of x and y if the fix is valid at the epoch and the transponder at the reference point; else None."""
         if self.offset_s or any(self.lever_m[:2]) or self.layout.existing("usbl_latency", "usbl_bias_east"):
             return None
         first = self.layout.index("x") + self.axes[0]
@@ -239,16 +239,16 @@ class UsblFix:
 
     @property
     def nonlinear(self) -> tuple[int, ...]:
-        """Bend with psi and r, and with the latency."""
+        """Nonlinear in psi, r and the latency."""
         return self.layout.rows("psi", "r") + self.layout.existing("usbl_latency")
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Read velocity and position, and the correlated error."""
+        """Linear in velocity, position and the correlated error."""
         return self.layout.rows("u", "v", "x", "y") + self.layout.existing("usbl_bias_east", "usbl_bias_north")
 
     def predict(self, x: Array) -> Array:
-        """Return the transponder's east and north, (k, N)."""
+        """Return the transponder's east and north, m, (k, N)."""
         psi, u, v, r, east, north = x[:6]
         t = self.offset_s - self.layout.value(x, "usbl_latency")
         c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
@@ -261,7 +261,7 @@ class UsblFix:
         return np.array([both[axis] for axis in self.axes])
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives by the states of curved and affine, (k, 6 to 9, N)."""
+        """Return the derivatives by the states of ``nonlinear`` and ``linear``, (k, 6 to 9, N)."""
         psi, u, v, r, _, _ = x[:6]
         t = self.offset_s - self.layout.value(x, "usbl_latency")
         c, s = np.cos(psi + r * t / 2), np.sin(psi + r * t / 2)
@@ -272,8 +272,8 @@ class UsblFix:
         one, zero = np.ones_like(psi), np.zeros_like(psi)
         both: list[list[Array]] = []
         for axis in (0, 1):
-            turned_V = (-V[1], V[0])[axis] * t  # by the heading of the move
-            turned_arm = (-arm[1], arm[0])[axis]  # by the heading of the arm
+            turned_V = (-V[1], V[0])[axis] * t  # derivative of the displacement by yaw
+            turned_arm = (-arm[1], arm[0])[axis]  # derivative of the lever arm by yaw
             by_state = [turned_V + turned_arm, turned_V * t / 2 + turned_arm * t]
             if self.layout.existing("usbl_latency"):
                 by_state.append(-(V[axis] + turned_V * r / 2 + turned_arm * r))
@@ -284,12 +284,12 @@ class UsblFix:
         return np.array([both[axis] for axis in self.axes])
 
     def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference."""
+        """Return a - b."""
         return a - b
 
 
 def compass_model(layout: StateLayout) -> StateFunction:
-    """Return the model of a compass: it reads psi, and whatever errors are states."""
+    """Return the model of a compass with the errors that are states."""
     psi, bias = layout.index("psi"), layout.existing("heading_bias")
     deviation = layout.existing("deviation_sin", "deviation_cos")
     if not bias and not deviation:

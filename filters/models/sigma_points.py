@@ -1,12 +1,12 @@
-"""How a Gaussian passes through a function: linearised, cubature, unscented.
+"""Moment transforms: mean and covariance of g(x) for Gaussian x, linearised, by cubature or unscented.
 
-This is the only difference between ekf, ckf and ukf. A Function is affine in all states but the few it names as
-``curved``; sigma points in the other directions would only repeat the affine part, so they are summed in closed form.
-With the curved states first in the Cholesky root the result equals the full set of 2n points (tests/test_rules.py).
+This is the only difference between ekf, ckf and ukf. A StateFunction is affine in all states but those it names as
+``nonlinear``; sigma points in the other directions only repeat the affine part, so they are summed in closed form. With
+the nonlinear states first in the Cholesky root the result equals that of all 2n points (test_sigma_points.py).
 
-Points see a function between them. Once the yaw is known so badly that they lie more than a quarter turn off, they see
-another side of the circle: what they say of the displacement is small whatever the truth, and a vehicle without a
-compass would seem to know where it is. There every rule is linearised, which overstates what a turn can do.
+If the yaw is so uncertain that points are more than a quarter turn from the mean, sine and cosine at them no longer
+represent the function: the covariance of the displacement is too small, and a vehicle without a compass would appear to
+know its position. Each transform is then linearised, which overstates the effect of the yaw.
 
 I. Arasaratnam and S. Haykin, "Cubature Kalman Filters", IEEE Trans. Automatic Control 54(6), 2009,
 doi:10.1109/TAC.2009.2019800; S. Julier and J. Uhlmann, "Unscented filtering and nonlinear estimation", Proc. IEEE
@@ -32,17 +32,17 @@ class StateFunction(Protocol):
 
     @property
     def rows(self) -> slice | None:
-        """Where g merely picks neighbouring states: which; None otherwise."""
+        """The rows, if g only selects neighbouring states; None otherwise."""
         ...
 
     @property
     def nonlinear(self) -> tuple[int, ...]:
-        """Return the states in which g is not affine while the others are held."""
+        """Rows of the states in which g is not affine if the others are constant."""
         ...
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Return the other states that g reads."""
+        """Rows of the other states that g depends on."""
         ...
 
     def predict(self, x: Array) -> Array:
@@ -50,7 +50,7 @@ class StateFunction(Protocol):
         ...
 
     def jacobian(self, x: Array) -> Array:
-        """Return dg/dx by the states curved + affine, in that order: (k, c + a, N) or (k, c + a, 1)."""
+        """Return dg/dx by the c states of ``nonlinear``, then the a of ``linear``: (k, c + a, N) or (k, c + a, 1)."""
         ...
 
     def residual(self, a: Array, b: Array) -> Array:
@@ -67,7 +67,7 @@ class TransformedMoments(NamedTuple):
 
 
 class MomentTransform(Protocol):
-    """Pass N(m, P) through g."""
+    """Return the moments of g(x) for x ~ N(m, P), of N Gaussians at once."""
 
     def __call__(self, g: StateFunction, m: Array, P: Array) -> TransformedMoments:
         """Return the moments of g(x) for x ~ N(m, P): (n, N) and (n, n, N) in."""
@@ -103,11 +103,11 @@ class Unscented:
         if unknown_yaw.all():
             return linearised(g, m, P)
         both = zip(linearised(g, m, P), _by_points(g, m, P, base, scale), strict=True)
-        return TransformedMoments(*(np.where(unknown_yaw, straight, bent) for straight, bent in both))
+        return TransformedMoments(*(np.where(unknown_yaw, linear, by_points) for linear, by_points in both))
 
 
 def _by_points(g: StateFunction, m: Array, P: Array, base: Array, scale: float) -> TransformedMoments:
-    """Return the moments by points at sqrt(scale) sigma about the mean, where g is ``base``."""
+    """Return the moments by points at sqrt(scale) sigma about the mean m, with ``base`` = g(m)."""
     root, rest = _partial_root(P, g.nonlinear)
     step = math.sqrt(scale) * root  # (n, c, N)
     cov, cross = _linear_moments(rest, g.linear, g.jacobian(m)[:, len(g.nonlinear) :])
@@ -131,7 +131,7 @@ def _pick(rows: slice, m: Array, P: Array) -> TransformedMoments:
 
 
 def _linear_moments(P: Array, columns: Sequence[int], J: Array) -> tuple[Array, Array]:
-    """Return J P J' and P J' for a g that reads only some columns: P (n, n, N), J (k, q, N)."""
+    """Return J P J' and P J' for a g that depends on these columns only: P (n, n, N), J (k, q, N)."""
     cross = np.zeros((len(P), len(J), P.shape[-1]))
     cov = np.zeros((len(J), len(J), P.shape[-1]))
     for q, column in enumerate(columns):
@@ -142,7 +142,7 @@ def _linear_moments(P: Array, columns: Sequence[int], J: Array) -> tuple[Array, 
 
 
 def _partial_root(P: Array, pivots: Sequence[int]) -> tuple[Array, Array]:
-    """Return the pivots' Cholesky columns, (n, c, N), and what they leave of P; a zero pivot has a zero column."""
+    """Return the Cholesky columns of the pivots, (n, c, N), and the rest of P; a zero pivot has a zero column."""
     columns: list[Array] = []
     rest = P
     for i in pivots:

@@ -1,6 +1,6 @@
-"""Which row of the state is what: the one place that knows an index.
+"""Names and rows of the states: the only place that defines indices.
 
-The order is the paper's eq. (2) with psi first, so that a Cholesky root moves psi in its first column alone.
+The order is the paper's eq. (2) with psi first, so that only the first column of a Cholesky root changes psi.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class StateLayout:
         return len(self.names)
 
     def index(self, name: str) -> int:
-        """Return the row of a state that exists."""
+        """Return the row of a state; raise ValueError if the layout lacks it."""
         return self.names.index(name)
 
     def rows(self, *names: str) -> tuple[int, ...]:
@@ -32,7 +32,7 @@ class StateLayout:
         return tuple(self.names.index(name) for name in names if name in self.names)
 
     def value(self, x: Array, name: str) -> Array | float:
-        """Return one state of x, (n, ...), or 0 where the layout has no such state."""
+        """Return one state of x, (n, ...), or 0 if the layout has no such state."""
         return x[self.names.index(name)] if name in self.names else 0.0
 
 

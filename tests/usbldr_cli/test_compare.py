@@ -219,7 +219,7 @@ def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: 
         (("paper", "--filters", "cpf,dr", "--gate", "0.99"), "--gate is for ekf, ckf, ukf"),
         (
             ("paper", "--calibrate", "speed"),
-            "no error of a sensor is called 'speed' (to calibrate: scale,",
+            "unknown sensor error 'speed' to calibrate (known: scale,",
         ),
         (("paper", "--noise", "usbl=cauchy"), "--noise usbl=cauchy: write SENSOR=KIND"),
         (("paper", "--truth", "x.csv"), "paper: a scenario takes no --config"),

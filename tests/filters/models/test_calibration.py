@@ -133,7 +133,7 @@ def test_an_unexplained_scale_widens_the_position_and_an_estimated_one_does_not(
 
 
 def test_an_error_that_is_unknown_or_that_the_filter_cannot_estimate_is_a_sentence() -> None:
-    with pytest.raises(UsageError, match=r"called 'speed' \(to calibrate: scale, misalignment"):
+    with pytest.raises(UsageError, match=r"'speed' to calibrate \(known: scale, misalignment"):
         layout_for(("speed",))
     with pytest.raises(UsageError, match="pf cannot estimate heading"):
         run("pf", weaving_dive(Faults()), replace(ASSUMED, calibrate=("scale", "heading")))
