@@ -1,6 +1,6 @@
 """The mathematics of usbldr: models, noise, filters, evaluation and simulation. NumPy only.
 
-Conventions, stated once for the whole package:
+Conventions of the whole package:
 
 * navigation frame: local east, north, up in metres;
 * body frame: u to starboard, v forward, z up;

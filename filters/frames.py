@@ -16,7 +16,7 @@ def wrapped(angle: Angle, half_turn: float = math.pi) -> Angle:
 
 
 def heading_deg(yaw_rad: Vector) -> Vector:
-    """Return headings, degrees clockwise from north from 0 to 360, of yaw angles."""
+    """Return headings in degrees clockwise from north, 0 to 360, for yaw angles in radians: (n,) both."""
     return np.degrees(-yaw_rad) % 360.0
 
 

@@ -1,7 +1,7 @@
-"""The values that travel between the packages: arrays in, arrays out, nothing mutable.
+"""Immutable values that the packages exchange.
 
-A Timeline goes into a filter, a Trajectory comes out, a Truth judges it. io/ builds and writes them; filters/ knows
-nothing else of a log.
+A Timeline goes into a filter, a Trajectory comes out, and is evaluated against a Truth. io/ builds and writes them;
+filters/ has no other access to a log. Times are seconds since the start of the log.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ Mask: TypeAlias = NDArray[np.bool_]  # (n,)
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """A stretch of the log in which a sensor gave nothing, longer than its own rate explains."""
+    """A stretch of the log without records of a sensor, longer than its rate explains."""
 
     sensor: str  # "dvl", "compass" or "usbl"
     start_s: float
@@ -36,69 +36,70 @@ class Timeline:
 
     start_ns: int  # absolute time of time_s = 0, nanoseconds since 1970
     time_s: Vector  # (K,) k / fast rate
-    slow: Indices  # (M,) the epochs at which errors are taken: time_s[slow] is the slow grid
-    dvl_mps: Array  # (K, 2) starboard, forward; NaN: no record of its own
+    slow: Indices  # (M,) epochs of the slow grid, at which errors are evaluated
+    dvl_mps: Array  # (K, 2) starboard, forward; NaN: no record in its interval
     dvl_count: Indices  # (K,) records averaged
     dvl_sd_mps: Vector  # (K,) one record's 1-sigma per axis
-    yaw_rad: Vector  # (K,) psi, unwrapped over the whole log; NaN: no record of its own
+    yaw_rad: Vector  # (K,) psi, unwrapped over the whole log; NaN: no record in its interval
     yaw_count: Indices  # (K,)
     yaw_sd_rad: Vector  # (K,) one record's 1-sigma
-    dr_mps: Array  # (K, 2) starboard, forward for dead reckoning: interpolated across short gaps, held beyond
-    dr_yaw_rad: Vector  # (K,) likewise
+    # (K, 2) starboard, forward for dead reckoning: interpolated across short gaps, constant across longer ones
+    dr_mps: Array
+    dr_yaw_rad: Vector  # (K,) as dr_mps
     fix_time_s: Vector  # (F,) time of validity, ascending
-    fix_received_s: Vector  # (F,) when the vehicle knew of it
+    fix_received_s: Vector  # (F,) when it reached the vehicle
     fix_m: Array  # (F, 2) east, north
     fix_cov_m2: Array  # (F, 2, 2)
-    gps_time_s: Vector  # (G,) surface or truth GPS, for starting dead reckoning, and in stated windows for a filter
+    gps_time_s: Vector  # (G,) surface or truth GPS, starts dead reckoning; aids a filter only in stated windows
     gps_m: Array  # (G, 2) east, north
     outages: tuple[Outage, ...] = ()
-    gps_sd_m: Vector | None = None  # (G,) 1-sigma per axis; NaN, or None at all, where unknown
+    gps_sd_m: Vector | None = None  # (G,) 1-sigma per axis; NaN, or None for all, if unknown
 
     def with_fixes(self, rows: Indices | Mask) -> "Timeline":
-        """Return the timeline with these of its fixes alone, in this order; outages stay those of the log."""
+        """Return the timeline with these fixes only, in this order; outages are unchanged."""
         names = ("fix_time_s", "fix_received_s", "fix_m", "fix_cov_m2")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The reference track, T points, and what kind of truth it is."""
+    """The reference track of T points, and its kind."""
 
     time_s: Vector  # (T,) ascending, without repeats
     position_m: Array  # (T, 2) east, north
-    sd_m: Vector  # (T,) 1-sigma per axis; NaN where unknown
+    sd_m: Vector  # (T,) 1-sigma per axis; NaN if unknown
     kind: str  # "gps", "slam", "simulated" or "other": printed beside every error
     source: str  # topic or file
-    max_gap_s: float = 30.0  # errors are not taken inside longer gaps
+    max_gap_s: float = 30.0  # no errors are evaluated inside longer gaps
 
 
 OUTCOMES = ("used", "down-weighted", "rejected")  # of an update, from good to bad
 
 
 class Update(NamedTuple):
-    """What became of one measurement."""
+    """How one measurement was used: innovation, NIS and outcome."""
 
     sensor: str  # "dvl", "compass", "usbl", "gps"
     axis: str  # "starboard", "forward", "yaw" or "position"; "east" or "north" of a part of a fix
     row: int  # which fix of the Timeline for USBL and GPS, which epoch otherwise
     time_s: float  # when it was used
     innovation: tuple[float, ...]  # measured minus predicted: m, m/s or rad; east and north of a fix
-    innovation_sd: tuple[float, ...]  # 1-sigma of the innovation by the filter's own account
+    innovation_sd: tuple[float, ...]  # predicted 1-sigma of the innovation
     nis: float  # innovation squared, normalised by its covariance under the whole noise model
-    dof: int  # what nis should be on average
+    dof: int  # number of scalars: the expected NIS
     outcome: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate or guard)
     nominal_probability: float  # posterior probability of the nominal noise mode
-    shift: tuple[float, ...] | None = None  # by which it moved each state; None where it told no position
-    in_sequence: tuple["Update", ...] = ()  # of each axis of a fix, if they were taken one after the other
+    shift: tuple[float, ...] | None = None  # change of each state, (n,); None if not of a position fix
+    in_sequence: tuple["Update", ...] = ()  # updates of the axes of a fix, if used in sequence
 
     @property
     def parts(self) -> "tuple[Update, ...]":
-        """What was taken one after the other; the update itself if that was all at once."""
+        """The updates of each axis if used in sequence; else the update itself."""
         return self.in_sequence or (self,)
 
     @classmethod
     def combined(cls, parts: Sequence["Update"]) -> "Update":
-        """Return what became of a measurement that was taken in parts: their sums, and the worst of their outcomes."""
+        """Return the update of a measurement that was used in parts: summed NIS and shift, worst outcome."""
         first = parts[0]
         if len(parts) == 1:
             return first
@@ -117,26 +118,26 @@ class Update(NamedTuple):
 
 
 class Reacquisition(NamedTuple):
-    """Fixes that told of another place than the track had, and what was made of them in the end."""
+    """Fixes that contradicted the track, and whether they were accepted in the end."""
 
-    since_s: float  # the first of them
-    outage_s: float  # how long there had been no fix before; infinite at the start
-    resolved_s: float  # when the track took the side that it kept
-    refused: int  # fixes that the track did not follow while it was not clear
-    jump_m: float  # the farthest that it jumped when it took another side; 0 where it did not
-    accepted: bool  # the track went where the fixes told
+    since_s: float  # time of the first of them
+    outage_s: float  # time without fixes before; inf at the start
+    resolved_s: float  # time of the decision
+    refused: int  # fixes rejected until then
+    jump_m: float  # largest jump of the track at a change of hypothesis; 0 without
+    accepted: bool  # the track followed the fixes
 
 
 class OutageRecovery(NamedTuple):
-    """The end of a silence of the USBL, what its first fixes said of the track, and what they did to it."""
+    """The end of a USBL outage: residual of its first fixes and their correction of the track."""
 
-    start_s: float  # of the silence
+    start_s: float  # of the outage
     end_s: float
-    sd_start_m: float  # 1-sigma of the position in its worst direction, when the silence began
-    sd_end_m: float  # when it ended
-    residual_m: float  # how far the first fixes lay from where the track then was, by their median
-    sigmas: float  # the same in terms of what track and fixes claim together
-    correction_m: float  # how far they moved the track
+    sd_start_m: float  # largest 1-sigma of the position in any direction at the start
+    sd_end_m: float  # the same at the end
+    residual_m: float  # distance of the median of the first fixes from the predicted track
+    sigmas: float  # the same, in sigmas of track and fixes together
+    correction_m: float  # displacement of the track by these fixes
 
 
 def track_label(method: str, smoothed: bool) -> str:
@@ -146,10 +147,10 @@ def track_label(method: str, smoothed: bool) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """An estimated track of T epochs in n states, and the story of its measurements.
+    """An estimated track of T epochs in n states, with the updates of its measurements.
 
     ``names`` label the states: psi (rad), u, v (m/s), r (rad/s), x, y (m), then calibration states. A plain track such
-    as raw USBL has only x and y. ``cov`` is None where the method claims no uncertainty.
+    as raw USBL has only x and y. ``cov`` is None if the method has no covariance.
     """
 
     method: str
@@ -160,7 +161,7 @@ class Trajectory:
     updates: tuple[Update, ...] = ()
     ess: Vector | None = None  # (T,) effective number of particles, of N
     particles: int = 1  # fixed: of a filter without particles
-    acceptance: Vector | None = None  # (T,) share of accepted moves; NaN where none was tried
+    acceptance: Vector | None = None  # (T,) share of accepted moves; NaN if none was tried
     warnings: tuple[str, ...] = ()
     seconds: float = float("nan")  # wall time that the filter took
     reacquisitions: tuple[Reacquisition, ...] = ()
@@ -186,5 +187,5 @@ class Trajectory:
         return self.cov[:, xy][:, :, xy]
 
     def state(self, name: str) -> Vector | None:
-        """Return one state over time, (T,), or None where the track has no such state."""
+        """Return one state over time, (T,), or None if the track has no such state."""
         return self.mean[:, self.names.index(name)] if name in self.names else None

@@ -1,4 +1,4 @@
-"""Windows of time: from, to, in seconds of the log, both ends included."""
+"""Time windows (from, to) in seconds since the start of the log, both ends included."""
 
 from collections.abc import Sequence
 
@@ -7,17 +7,17 @@ from numpy.typing import NDArray
 
 from usbldr.filters.types import Vector
 
-TimeWindow = tuple[float, float]  # from, to: seconds of the log, both ends included
+TimeWindow = tuple[float, float]  # from, to: seconds since the start of the log
 
 
 def in_windows(time_s: Vector, windows: Sequence[TimeWindow]) -> NDArray[np.bool_]:
-    """Return which times, (T,), lie in any of the windows."""
-    found = np.zeros(len(time_s), np.bool_)
+    """Return whether each time, (T,), is in any of the windows: (T,)."""
+    inside = np.zeros(len(time_s), np.bool_)
     for start_s, end_s in windows:
-        found |= (time_s >= start_s) & (time_s <= end_s)
-    return found
+        inside |= (time_s >= start_s) & (time_s <= end_s)
+    return inside
 
 
 def windows_text(windows: Sequence[TimeWindow]) -> str:
-    """Say the windows as one would write them: "0 to 60, 500 to 520 s"."""
+    """Return the windows as text: "0 to 60, 500 to 520 s"."""
     return ", ".join(f"{start_s:g} to {end_s:g}" for start_s, end_s in windows) + " s"

@@ -1,8 +1,8 @@
-"""The bounds of a simulated dive: the true states, with which no filter is acquainted, and what can be known of them.
+"""Posterior Cramer-Rao bounds of a simulated dive, from its true states.
 
 A dive of ``paper-drawn`` is one draw from the filters' own model, so the mean over seeds of each dive's bound is the
-local bound of docs/studies/bounds.md, and the errors of a good filter come to it. Of another scenario the bound is for
-the process noise that the filters assume, and may be beaten.
+local bound of docs/studies/bounds.md, and a good filter reaches it. For another scenario the bound holds for
+the process noise that the filters assume, and errors may be smaller.
 """
 
 import math
@@ -24,7 +24,7 @@ OF_SIGMA = math.sqrt(2 / math.pi)  # fixed: the mean absolute error of a Gaussia
 
 
 class PositionBound(NamedTuple):
-    """The least sigma of east and north at the M epochs at which errors are taken."""
+    """The least sigma of east and north at the M epochs of the slow grid."""
 
     time_s: Vector  # (M,)
     filter_sd_m: Array  # (M, 2)
@@ -52,7 +52,7 @@ def position_bound(simulated: SimulatedDive, timeline: Timeline, assumptions: As
 def dive_bounds(simulated: SimulatedDive, timeline: Timeline, assumptions: Assumptions) -> Bounds:
     """Return the least covariances, at the epochs of the timeline, of the states that the assumptions calibrate.
 
-    The timeline is that of the dive's own records. Raises UsageError where there is no bound (pcrlb.py).
+    The timeline is that of the dive's own records. Raises UsageError if there is no bound (pcrlb.py).
     """
     layout = layout_for(assumptions.calibrate)
     return bounds(
@@ -66,8 +66,8 @@ def dive_bounds(simulated: SimulatedDive, timeline: Timeline, assumptions: Assum
 def true_states(simulated: SimulatedDive, layout: StateLayout, time_s: Vector) -> Array:
     """Return the states of the layout at instants (K,): (K, n).
 
-    Of the USBL's correlated error only the mean, 0, is kept, and between the stamps of the DVL the truth is
-    interpolated: a Jacobian feels neither.
+    The USBL's correlated error is set to its mean, 0, and the truth is interpolated between the stamps of the DVL:
+    Jacobians do not depend on the first and hardly on the second.
     """
     truth, scenario = simulated.truth, simulated.scenario
     dvl, compass, late = scenario.dvl, scenario.compass, scenario.usbl.timing

@@ -1,7 +1,7 @@
-"""Fisher information of a measurement's noise: what one reading can tell at most, whatever the estimator.
+"""Fisher information of a measurement's noise: the most that one measurement can contribute to any estimator.
 
 For noise of density p about a prediction it is the integral of p'p'/p, in one over the unit squared: 1/R for N(0, R),
-and 0.529/R for each scalar of eq. (23) (0.589/R where both axes of a fix share their mode).
+and 0.529/R for each scalar of eq. (23) (0.589/R if both axes of a fix share their mode).
 
 The integrals are sums over a grid of points c sinh(t), evenly spaced in t: fine where the narrowest mode bends the
 density and as far out as the widest reaches. For smooth integrands that fall off like these the error of such a sum
@@ -22,7 +22,7 @@ GRID_SIGMAS = 9.0  # of the widest mode
 
 
 def fisher_information(noise: Noise) -> Array:
-    """Return the information of one reading of k scalars about their true value, (k, k).
+    """Return the Fisher information of one measurement of k scalars, (k, k), in one over its units squared.
 
     The work grows as 150^k, so k is 1 or 2. Raises UsageError for noise without variance.
     """
@@ -30,7 +30,7 @@ def fisher_information(noise: Noise) -> Array:
     try:
         root = np.linalg.cholesky(nominal)
     except np.linalg.LinAlgError as err:
-        raise UsageError("there is no bound where a sensor has no noise: give each of its sigmas a value") from err
+        raise UsageError("no bound exists if a sensor has no noise: set its sigmas above 0") from err
     unroot = np.linalg.inv(root).astype(np.float64, copy=False)
     whitened = unroot @ noise.cov @ unroot.T
     # a mixture of multiples of R is the same for each R once whitened; rounding makes it so to the bit
@@ -44,7 +44,7 @@ def _rounded(values: Array) -> tuple[float, ...]:
 
 @functools.lru_cache(maxsize=4096)
 def _whitened_information(shares: tuple[float, ...], flat: tuple[float, ...], shape: tuple[int, ...]) -> Array:
-    """Return the information of modes given as numbers, so that equal ones are worked out once."""
+    """Return the information of modes given as numbers, so that equal ones are computed once."""
     modes = np.array(flat).reshape(shape)
     widest = modes[np.argmax(np.trace(modes, axis1=1, axis2=2))]
     axes: Array = np.linalg.eigh(widest).eigenvectors  # turned so that a lengthy mode lies along the grid

@@ -10,7 +10,8 @@ prior may be singular:
 
     J' = (Q + E[F] (J + M)^-1 E[F]')^-1 + sum E[H' I H],    M = E[(F - E[F])' Q^-1 (F - E[F])],
 
-and the smoother adds to J what the future tells, by the same formula run backwards. Units are those of the states.
+and the smoother adds the information of later measurements to J, by the same formula backwards. Units are those of the
+states.
 
 P. Tichavsky, C. Muravchik and A. Nehorai, "Posterior Cramer-Rao bounds for discrete-time nonlinear filtering", IEEE
 Trans. Signal Processing 46(5), 1998, doi:10.1109/78.668800.
@@ -40,7 +41,7 @@ class Bounds(NamedTuple):
 
 
 class TransitionTerms(NamedTuple):
-    """What the motion from one epoch to the next says about both, for B recursions side by side."""
+    """The transition from one epoch to the next, for B recursions side by side."""
 
     F: Array  # (B, n, n) Jacobian
     Q: Array  # (n, n) process noise
@@ -52,8 +53,8 @@ def bounds(steps: Sequence[Step], motion: MotionModel, truth: Array, prior_cov: 
 
     ``truth`` holds the true states at the end of each step: (K, n), or (K, n, T) for T draws from the prior and the
     motion, over which expectations are taken. ``prior_cov`` (n, n) belongs to the start of the first step, at which the
-    truth is taken to be that of its end. Raises UsageError where the bound does not exist: noise without variance, or
-    truths that differ where the motion bends but has no process noise.
+    truth is taken to be that of its end. Raises UsageError if the bound does not exist: noise without variance, or
+    different truths with nonlinear motion but no process noise.
     """
     return _recursion(steps, motion, np.atleast_3d(truth), prior_cov, together=True)
 
@@ -62,14 +63,14 @@ def local_bounds(steps: Sequence[Step], motion: MotionModel, truth: Array, prior
     """Return the mean over the truths, (K, n, T), of the bounds that each has alone.
 
     This lies above ``bounds`` of all of them together and is no proven bound of a mean error over truths, but it is
-    what a good filter comes to where its errors are small beside the bends of the model (docs/studies/bounds.md).
+    what a good filter reaches if its errors are small against the nonlinearity of the model (docs/studies/bounds.md).
     """
     total = Bounds(np.zeros((len(truth), *prior_cov.shape)), np.zeros((len(truth), *prior_cov.shape)))
     for first in range(0, truth.shape[2], BATCH_SIZE):
         some = truth[:, :, first : first + BATCH_SIZE]
-        found = _recursion(steps, motion, some, prior_cov, together=False)
+        batch = _recursion(steps, motion, some, prior_cov, together=False)
         share = some.shape[2] / truth.shape[2]
-        total = Bounds(total.filtered + share * found.filtered, total.smoothed + share * found.smoothed)
+        total = Bounds(total.filtered + share * batch.filtered, total.smoothed + share * batch.smoothed)
     return total
 
 
@@ -79,7 +80,7 @@ def mean_absolute_error(cov: Array, row: int) -> float:
 
 
 def parallel_sum(A: Array, B: Array) -> Array:
-    """Return (A^-1 + B)^-1 for symmetric A, B without negative eigenvalues, (..., n, n), even where A is singular."""
+    """Return (A^-1 + B)^-1 for symmetric A, B without negative eigenvalues, (..., n, n), even if A is singular."""
     if not B.any():
         return A
     result = np.linalg.solve(np.eye(A.shape[-1]) + A @ B, A)
@@ -107,7 +108,7 @@ def _recursion(steps: Sequence[Step], motion: MotionModel, truth: Array, prior_c
 
 
 def _link(motion: MotionModel, x: Array, step: Step, together: bool) -> TransitionTerms:
-    """Return the link from the truths x, (n, T), over a step; time may stand still."""
+    """Return the link from the truths x, (n, T), over a step; the step may have no duration."""
     n, count = x.shape
     nothing = np.zeros((n, n))
     if step.t1_s == step.t0_s:
@@ -117,12 +118,14 @@ def _link(motion: MotionModel, x: Array, step: Step, together: bool) -> Transiti
     if not together or count == 1:
         return TransitionTerms(F, np.diag(q), nothing)
     mean = F.mean(axis=0)
-    # equal numbers have a mean that may differ in the last bit, which no noise would forgive
+    # equal numbers have a mean that may differ in the last bit, which would need process noise
     spread = np.where(np.ptp(F, axis=0) > 0, F - mean, 0.0)
-    bent = spread.any(axis=(0, 2))
-    if not q[bent].all():
-        raise UsageError("there is no bound over several truths without process noise where the motion is not linear")
-    weighted = (spread[:, bent] / np.sqrt(q[bent])[:, None]).reshape(-1, n)
+    nonlinear = spread.any(axis=(0, 2))
+    if not q[nonlinear].all():
+        raise UsageError(
+            "no bound over several truths exists if a nonlinear motion has no process noise: set it above 0"
+        )
+    weighted = (spread[:, nonlinear] / np.sqrt(q[nonlinear])[:, None]).reshape(-1, n)
     return TransitionTerms(mean[None], np.diag(q), weighted.T @ weighted / count)
 
 

@@ -1,4 +1,4 @@
-"""What a simulated dive is made of: how the vehicle moves, how its sensors err, and what a filter is told beforehand.
+"""A scenario of a simulated dive: motion of the vehicle, errors of its sensors, and the assumptions given to a filter.
 
 The dives themselves are TOML files (docs/scenarios.md). Frames, units and signs are the package's; a sensor's scale,
 bias, misalignment, latency and clock offset are its errors: positive means that the sensor reads too much (too far
@@ -31,41 +31,41 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class RandomWalkMotion:
-    """In place of legs a walk drawn for each seed from what the filters are told: start, process noise, DVL scale."""
+    """Instead of legs, a random walk drawn per seed from the filters' assumptions: start, process noise, DVL scale."""
 
     step_s: float = 0.2  # fixed: of the filters' motion model
-    dvl_scale_sd: float = 0.0  # drawn about the stated scale error
+    dvl_scale_sd: float = 0.0  # about the stated scale error
     dvl_misalignment_sd_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """When records come, and which of them are lost.
+    """Stamps, delays and losses of records.
 
-    A record stamped t (by the dive's clock) tells of t - latency, arrives after the delay, and is written by the
-    sensor's own clock.
+    A record stamped t (by the clock of the dive) is valid at t - latency, arrives after the delay, and is written with
+    the clock of the sensor.
     """
 
     latency_s: float = 0.0
     delay_s: float = 0.0
-    delay_spread_s: float = 0.0  # each record takes up to so much longer, drawn evenly
-    jitter_s: float = 0.0  # each stamp lies up to so much later than the rate says, drawn evenly
+    delay_spread_s: float = 0.0  # additional delay of each record, uniform from 0
+    jitter_s: float = 0.0  # additional lateness of each stamp, uniform from 0
     clock_offset_s: float = 0.0  # of stamps and arrivals: the sensor's clock minus the dive's
-    dropout_share: float = 0.0  # of the records, each by itself
-    silences_s: Intervals = ()  # no record is stamped there
+    dropout_share: float = 0.0  # of the records, independently
+    silences_s: Intervals = ()  # outages: no record is stamped in them
 
 
 @dataclass(frozen=True, slots=True)
 class CorrelatedError:
     """A slowly changing error beside the noise, a first-order Gauss-Markov process for each axis."""
 
-    sd: float  # in the long run, in the sensor's unit
+    sd: float  # stationary, in the sensor's unit
     time_constant_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class Outliers:
-    """Gross errors beside the noise: now and then a record lies off, in any direction, by any of these distances."""
+    """Gross errors besides the noise: a share of the records is off in a random direction, by a uniform distance."""
 
     share: float
     least: float  # in the sensor's unit
@@ -74,7 +74,7 @@ class Outliers:
 
 @dataclass(frozen=True, slots=True)
 class Dvl:
-    """(z_u, z_v) = (1 + s)(u' cos d + v' sin d, -u' sin d + v' cos d) + bias + noise, u' and v' where the DVL sits."""
+    """(z_u, z_v) = (1 + s)(u' cos d + v' sin d, -u' sin d + v' cos d) + bias + noise, u' and v' at the DVL."""
 
     rate_hz: float
     sd_mps: float
@@ -87,7 +87,7 @@ class Dvl:
     correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     timing: Timing = Timing()
-    told_sd_mps: float | None = None  # None, here and below: the truth is told
+    told_sd_mps: float | None = None  # assumed by a filter; None, here and below: as simulated
     told_noise: NoiseFamily | None = None
 
 
@@ -120,7 +120,7 @@ class AcousticHead:
 class Accuracy:
     """1-sigma of a fix: sqrt(sd_m^2 + (sd_rel r)^2) at slant range r, for each axis.
 
-    With a bearing's sigma that is the sigma along the line of sight, and r times the bearing's the one across.
+    With a bearing sigma this is the sigma along the line of sight, and r times the bearing sigma the one across.
     """
 
     sd_m: float = 0.0
@@ -154,23 +154,23 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Multipath:
-    """Clusters of false fixes: within one, each fix that is struck lies beside the vehicle by the same vector."""
+    """Clusters of outliers: affected fixes of one cluster have the same offset."""
 
     least_m: float
     most_m: float
     scatter_m: float = 0.0
     share: float = 1.0  # fixed, all: of the fixes in a cluster
     clusters_s: Intervals = ()
-    every_s: float = 0.0  # between the beginnings of further clusters at random, on average; 0: none
-    lasts_s: float = 0.0  # each, on average
+    every_s: float = 0.0  # mean interval between the starts of random clusters; 0: none
+    lasts_s: float = 0.0  # mean duration of a random cluster
 
 
 @dataclass(frozen=True, slots=True)
 class Usbl:
     """A fix is head + (1 + s) R(d) (transponder - head) + bias + noise, the transponder at position + R(psi) lever.
 
-    An ``inverted`` one is mounted on the vehicle and hears a fixed beacon, here the head; it turns what it hears by the
-    vehicle's own compass, so the systematic error of that adds to d.
+    An ``inverted`` one is mounted on the vehicle and measures a fixed beacon, here the head; it rotates its
+    measurements by the vehicle's compass, whose systematic error adds to d.
     """
 
     rate_hz: float
@@ -179,7 +179,7 @@ class Usbl:
     head: AcousticHead = AcousticHead()
     inverted: bool = False
     scale_error: float = 0.0  # s: of ranges
-    misalignment_rad: float = 0.0  # d: how far the head turns what it hears
+    misalignment_rad: float = 0.0  # d: rotation of the head
     bias_m: tuple[float, float] = (0.0, 0.0)  # east, north
     lever_m: LeverArm = AT_REFERENCE  # of the end that is on the vehicle
     correlated: CorrelatedError | None = None
@@ -192,7 +192,7 @@ class Usbl:
 
 @dataclass(frozen=True, slots=True)
 class Gps:
-    """The truth of the log: the antenna's position, with noise only where a scenario asks for it."""
+    """The truth of the log: the position of the antenna, without noise unless the scenario has some."""
 
     rate_hz: float
     sd_m: float = 0.0
@@ -210,7 +210,7 @@ Sensor: TypeAlias = Dvl | Compass | Usbl | Gps
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A dive: how the vehicle moves, how its sensors err, and what a filter is told beforehand."""
+    """A dive: motion of the vehicle, errors of its sensors, and the assumptions given to a filter."""
 
     name: str
     about: str
@@ -226,5 +226,5 @@ class Scenario:
     depth_m: float = 0.0
     current_mps: tuple[float, float] = (0.0, 0.0)  # of the water, east and north
     drawn: RandomWalkMotion | None = None
-    process: ProcessNoise = field(default_factory=ProcessNoise)  # told to the filter; the truth has it only if drawn
-    start: Start | None = None  # told to the filter
+    process: ProcessNoise = field(default_factory=ProcessNoise)  # assumed by a filter; part of the truth only if drawn
+    start: Start | None = None  # assumed by a filter

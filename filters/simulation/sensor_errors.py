@@ -1,7 +1,7 @@
-"""How a simulated sensor errs at random: noise, correlated errors, outliers, clusters of false fixes.
+"""Random errors of simulated sensors: noise, correlated errors, outliers, multipath clusters.
 
-Every function draws from the generator that it is given, so that one kind of error leaves the draws of the others
-alone. Errors are in the sensor's own unit.
+Each kind of error draws from a generator of its own, so that it does not change the draws of the others. Errors are in
+the sensor's own unit.
 """
 
 from typing import TypeAlias
@@ -19,7 +19,7 @@ Flags: TypeAlias = NDArray[np.bool_]  # (n,)
 def draw_noise(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
     """Return noise of ``count`` records, (count, k), for the nominal covariance R: (k, k), or (count, k, k).
 
-    Each scalar draws its own mode, from the diagonal of R, where the family says so; else a record draws one for all.
+    If the family is per scalar, each scalar draws its own mode, from the diagonal of R; else one for the record.
     """
     k = R.shape[-1]
     if family.per_scalar:
@@ -46,31 +46,31 @@ def _draw_records(family: NoiseFamily, R: Array, count: int, rng: np.random.Gene
 
 
 def correlated_error(error: CorrelatedError, time_s: Vector, axes: int, rng: np.random.Generator) -> Array:
-    """Return a stationary first-order Gauss-Markov process at the times, (n, axes), each axis by itself.
+    """Return a stationary first-order Gauss-Markov process at the times, (n, axes), axes independent.
 
     c_k+1 = phi c_k + sd sqrt(1 - phi^2) N(0, 1), phi = exp(-dt/T): exact for any intervals.
     """
     phi = np.exp(-np.diff(time_s, prepend=time_s[:1]) / error.time_constant_s)
     drive = error.sd * rng.standard_normal((len(time_s), axes))
     drive[1:] *= np.sqrt(1 - phi[1:, None] ** 2)
-    found, c = np.empty_like(drive), np.zeros(axes)
+    error_by_time, c = np.empty_like(drive), np.zeros(axes)
     for k, step in enumerate(drive):
         c = phi[k] * c + step
-        found[k] = c
-    return found
+        error_by_time[k] = c
+    return error_by_time
 
 
 def outlier_errors(outliers: Outliers, count: int, axes: int, rng: np.random.Generator) -> Array:
-    """Return what outliers add to the records, (count, axes): nothing to most, the others in any direction."""
-    struck = rng.random(count) < outliers.share
-    far = np.where(struck, rng.uniform(outliers.least, outliers.most, count), 0.0)
+    """Return what outliers add to the records, (count, axes): 0 for inliers, a random direction for outliers."""
+    affected = rng.random(count) < outliers.share
+    far = np.where(affected, rng.uniform(outliers.least, outliers.most, count), 0.0)
     return far[:, None] * _directions(count, axes, rng)
 
 
 def multipath_errors(multipath: Multipath, time_s: Vector, duration_s: float, rng: np.random.Generator) -> Array:
-    """Return what multipath adds to the fixes, (n, 2): in a cluster the same vector to each, and a little scatter.
+    """Return what multipath adds to the fixes, (n, 2): the same vector for all in a cluster, plus scatter.
 
-    Clusters come at the stated times, and others at random: a Poisson process of lengths that are exponential.
+    Clusters are at the stated times and at random: a Poisson process with exponential durations.
     """
     clusters = list(multipath.clusters_s)
     begin_s = rng.exponential(multipath.every_s) if multipath.every_s else np.inf
@@ -78,22 +78,22 @@ def multipath_errors(multipath: Multipath, time_s: Vector, duration_s: float, rn
         clusters.append((begin_s, begin_s + rng.exponential(multipath.lasts_s)))
         begin_s += rng.exponential(multipath.every_s)
     n = len(time_s)
-    struck, scatter = rng.random(n) < multipath.share, multipath.scatter_m * rng.standard_normal((n, 2))
+    affected, scatter = rng.random(n) < multipath.share, multipath.scatter_m * rng.standard_normal((n, 2))
     far_m, direction = (
         rng.uniform(multipath.least_m, multipath.most_m, len(clusters)),
         _directions(len(clusters), 2, rng),
     )
     error_m = np.zeros((n, 2))
-    for place_m, cluster in zip(far_m[:, None] * direction, clusters, strict=True):
-        here = struck & in_intervals((cluster,), time_s)
-        error_m[here] = place_m + scatter[here]
+    for offset_m, cluster in zip(far_m[:, None] * direction, clusters, strict=True):
+        here = affected & in_intervals((cluster,), time_s)
+        error_m[here] = offset_m + scatter[here]
     return error_m
 
 
-def in_intervals(stretches_s: Intervals, time_s: Vector) -> Flags:
-    """Tell which times (n,) lie in one of the stretches [from, to)."""
+def in_intervals(intervals_s: Intervals, time_s: Vector) -> Flags:
+    """Return whether each time, (n,), is in one of the intervals [from, to)."""
     inside = np.zeros(len(time_s), dtype=bool)
-    for start_s, end_s in stretches_s:
+    for start_s, end_s in intervals_s:
         inside |= (time_s >= start_s) & (time_s < end_s)
     return inside
 

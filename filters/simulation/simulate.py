@@ -1,7 +1,7 @@
-"""Simulated dives: a vehicle whose motion is known exactly, and what its sensors would have said.
+"""Simulate a dive: the exact motion of a vehicle and the records of its sensors.
 
-Frames, units and signs are the package's. What a dive is made of stands in scenario.py, how the vehicle moves in
-true_motion.py, how sensors err at random in sensor_errors.py.
+Frames, units and signs are the package's. scenario.py defines a dive, true_motion.py the motion,
+sensor_errors.py the random errors.
 """
 
 import math
@@ -26,19 +26,19 @@ from usbldr.filters.simulation.true_motion import TrueMotion, TrueTrack, leg_mot
 from usbldr.filters.types import Array, Vector
 
 RANDOM_STREAMS = ("dvl", "compass", "usbl", "gps", "dive")
-"""Each draws from a generator of its own, spawned in this order: append, and the draws of the others stay."""
+"""Each has its own generator, spawned in this order: append new ones, so that the draws of the others do not change."""
 
 ERROR_STREAMS = ("jitter", "delay", "outliers", "dropouts", "correlated", "multipath")
-"""Likewise what a sensor draws beside its noise."""
+"""The same for the errors of a sensor besides its noise."""
 
 
 class SensorRecords(NamedTuple):
-    """What one sensor said."""
+    """The n records of one sensor, of k scalars."""
 
     time_s: Vector  # (n,) stamps, ascending
     received_s: Vector  # (n,)
     value: Array  # (n, k): starboard, forward in m/s; yaw in rad, not wrapped; east, north in m
-    valid: Flags  # (n,) False: the sensor itself says that this is not what was asked for
+    valid: Flags  # (n,) False: flagged invalid by the sensor
 
 
 class SimulatedDive(NamedTuple):
@@ -49,8 +49,8 @@ class SimulatedDive(NamedTuple):
     compass: SensorRecords
     usbl: SensorRecords
     gps: SensorRecords
-    fix_cov_m2: Array  # (F, 2, 2) what the USBL states of each fix, at the slant range and bearing that it had
-    scenario: Scenario  # with what was drawn of it
+    fix_cov_m2: Array  # (F, 2, 2) stated by the USBL, at the slant range and bearing of each fix
+    scenario: Scenario  # with its drawn errors
 
 
 def simulate(scenario: Scenario, seed: int) -> SimulatedDive:
@@ -63,9 +63,9 @@ def simulate(scenario: Scenario, seed: int) -> SimulatedDive:
     dvl, compass, usbl, gps = scenario.dvl, scenario.compass, scenario.usbl, scenario.gps
 
     def usbl_noise(at_s: Vector) -> tuple[Array, Array]:
-        seen = _line_of_sight(usbl, track(at_s))
-        variances = usbl.accuracy.variances(seen, scenario.depth_m - usbl.head.depth_m)
-        return variances[:, :, None] * np.eye(2), usbl.accuracy.axes(seen)
+        line_m = _line_of_sight(usbl, track(at_s))
+        variances = usbl.accuracy.variances(line_m, scenario.depth_m - usbl.head.depth_m)
+        return variances[:, :, None] * np.eye(2), usbl.accuracy.axes(line_m)
 
     made = {
         "dvl": _records(scenario, dvl, lambda t: _velocities(dvl, track(t)), dvl.sd_mps**2 * np.eye(2), seeds["dvl"]),
@@ -79,9 +79,9 @@ def simulate(scenario: Scenario, seed: int) -> SimulatedDive:
             scenario, gps, lambda t: _at(track(t), gps.lever_m) + gps.bias_m, gps.sd_m**2 * np.eye(2), seeds["gps"]
         ),
     }
-    heard_s = made["usbl"].time_s - usbl.timing.clock_offset_s - usbl.timing.latency_s
-    told = usbl.accuracy if usbl.told_accuracy is None else usbl.told_accuracy
-    stated_m2 = told.covariance(_line_of_sight(usbl, track(heard_s)), scenario.depth_m - usbl.head.depth_m)
+    valid_s = made["usbl"].time_s - usbl.timing.clock_offset_s - usbl.timing.latency_s
+    accuracy = usbl.accuracy if usbl.told_accuracy is None else usbl.told_accuracy
+    stated_m2 = accuracy.covariance(_line_of_sight(usbl, track(valid_s)), scenario.depth_m - usbl.head.depth_m)
     return SimulatedDive(track(_stamps(scenario, dvl.rate_hz)), **made, fix_cov_m2=stated_m2, scenario=scenario)
 
 
@@ -100,15 +100,15 @@ def _with_drawn_errors(scenario: Scenario, rng: np.random.Generator) -> Scenario
 def _records(
     scenario: Scenario,
     sensor: Sensor,
-    see: Callable[[Vector], Array],
+    measure: Callable[[Vector], Array],
     R: Array | Callable[[Vector], tuple[Array, Array]],
     seeds: np.random.SeedSequence,
     multipath: Multipath | None = None,
 ) -> SensorRecords:
-    """Return a sensor's records: what it sees at each time, (n, k), and all that is added to it.
+    """Return the records of a sensor: its error-free values at each time, (n, k), plus all its errors.
 
-    R is the nominal covariance (k, k), or tells for each time the one along axes of its own, (n, k, k), and those axes.
-    What is drawn of time is rounded to milliseconds, as a stamp in integer nanoseconds can say it.
+    R is the nominal covariance (k, k), or a function from times to covariances along own axes, (n, k, k), and those
+    axes. Drawn times are rounded to milliseconds, which a stamp in integer nanoseconds represents exactly.
     """
     of = dict(zip(ERROR_STREAMS, map(np.random.default_rng, seeds.spawn(len(ERROR_STREAMS))), strict=True))
     timing = sensor.timing
@@ -120,9 +120,9 @@ def _records(
     of_noise = np.random.default_rng(seeds)
     if callable(R):
         cov, axes = R(at_s)
-        value = see(at_s) + np.einsum("nij,nj->ni", axes, draw_noise(sensor.noise, cov, n, of_noise))
+        value = measure(at_s) + np.einsum("nij,nj->ni", axes, draw_noise(sensor.noise, cov, n, of_noise))
     else:
-        value = see(at_s) + draw_noise(sensor.noise, R, n, of_noise)
+        value = measure(at_s) + draw_noise(sensor.noise, R, n, of_noise)
     k = value.shape[1]
     if sensor.correlated is not None:
         value = value + correlated_error(sensor.correlated, t, k, of["correlated"])
@@ -130,11 +130,11 @@ def _records(
         value = value + outlier_errors(sensor.outliers, n, k, of["outliers"])
     if multipath is not None:
         value = value + multipath_errors(multipath, t, scenario.duration_s, of["multipath"])
-    heard = (t <= scenario.duration_s + 1e-9) & ~in_intervals(timing.silences_s, t)
-    heard &= of["dropouts"].random(n) >= timing.dropout_share
+    present = (t <= scenario.duration_s + 1e-9) & ~in_intervals(timing.silences_s, t)
+    present &= of["dropouts"].random(n) >= timing.dropout_share
     valid = ~in_intervals(sensor.water_track_s, at_s) if isinstance(sensor, Dvl) else np.ones(n, dtype=bool)
     t, received_s = t + timing.clock_offset_s, received_s + timing.clock_offset_s
-    return SensorRecords(t[heard], received_s[heard], value[heard], valid[heard])
+    return SensorRecords(t[present], received_s[present], value[present], valid[present])
 
 
 def _velocities(dvl: Dvl, truth: TrueMotion) -> Array:
@@ -155,15 +155,15 @@ def _deviation(compass: Compass, yaw_rad: Vector) -> Vector:
 
 
 def _fixes(usbl: Usbl, compass: Compass, truth: TrueMotion) -> Array:
-    astray_rad = np.full(len(truth.time_s), usbl.misalignment_rad)
+    rotation_rad = np.full(len(truth.time_s), usbl.misalignment_rad)
     if usbl.inverted:
-        astray_rad += compass.bias_rad + _deviation(compass, truth.yaw_rad)
+        rotation_rad += compass.bias_rad + _deviation(compass, truth.yaw_rad)
     head = np.array([usbl.head.east_m, usbl.head.north_m])
-    return head + (1 + usbl.scale_error) * rotated(astray_rad, _line_of_sight(usbl, truth)) + usbl.bias_m
+    return head + (1 + usbl.scale_error) * rotated(rotation_rad, _line_of_sight(usbl, truth)) + usbl.bias_m
 
 
 def _line_of_sight(usbl: Usbl, truth: TrueMotion) -> Array:
-    """Return where the vehicle's end of the line of sight lies from the fixed one, east and north, (n, 2)."""
+    """Return the line of sight from the fixed end to that on the vehicle, east and north, (n, 2)."""
     return _at(truth, usbl.lever_m) - [usbl.head.east_m, usbl.head.north_m]
 
 

@@ -1,4 +1,4 @@
-"""How a simulated vehicle really moved: legs in closed form, or a walk drawn from the filters' own motion model.
+"""The true motion of a simulated vehicle: legs in closed form, or a random walk from the filters' motion model.
 
 Frames, units and signs are the package's. A current carries the vehicle along: its legs are velocities through the
 water, its track and its velocity are over ground.
@@ -57,10 +57,10 @@ def leg_motion(scenario: Scenario, time_s: Vector) -> TrueMotion:
 
 
 def random_walk_track(scenario: Scenario, drawn: RandomWalkMotion, rng: np.random.Generator) -> TrueTrack:
-    """Draw the start about the first leg's motion and a walk from there, as the filters' motion model says.
+    """Draw the start about the first leg's motion, then a random walk by the filters' motion model.
 
-    Each step is half a turn, a move, half a turn, then the process noise, as in motion.py; between two steps the
-    vehicle moves as that step began. The sigmas are those that the filters are told.
+    Each step is half the turn, the displacement, half the turn, then the process noise, as in motion.py; between two
+    steps velocity and turn rate are constant. The sigmas are those that the filters assume.
     """
     assert scenario.start is not None, "a drawn dive has a start to be drawn about"
     start, process, leg, T = scenario.start, scenario.process, scenario.legs[0], drawn.step_s

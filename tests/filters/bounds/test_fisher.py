@@ -80,5 +80,5 @@ def test_a_mixture_tells_more_than_the_gaussian_that_matches_it() -> None:
 
 
 def test_noise_without_variance_has_no_bound() -> None:
-    with pytest.raises(UsageError, match="no bound where a sensor has no noise"):
+    with pytest.raises(UsageError, match="no bound exists if a sensor has no noise"):
         fisher_information(Gaussian().modes(np.zeros((1, 1))))
