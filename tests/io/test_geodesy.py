@@ -10,7 +10,7 @@ from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 ORIGIN = Origin(39.718033330, 2.587106667, "[map]")
 
 
-def test_near_the_origin_an_arc_second_is_as_long_as_the_radii_of_wgs84_say() -> None:
+def test_near_the_origin_an_arc_second_has_the_length_of_wgs84_radii() -> None:
     a, e2 = 6378137.0, 0.00669437999014
     sine = math.sin(math.radians(ORIGIN.lat_deg))
     meridian, vertical = a * (1 - e2) / (1 - e2 * sine**2) ** 1.5, a / math.sqrt(1 - e2 * sine**2)

@@ -187,7 +187,7 @@ MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
 
 
 @pytest.mark.parametrize(
-    ("usbl", "gps", "toml", "said"),
+    ("usbl", "gps", "toml", "sentence"),
     [
         (PLACE, PLACE, "", None),
         (PLACE[::-1], PLACE, "", "/usbl/fix and /gps/fix lie "),
@@ -202,7 +202,7 @@ MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
     ],
 )
 def test_places_that_cannot_be_of_one_dive_are_told(
-    tmp_path: Path, usbl: tuple[float, float], gps: tuple[float, float], toml: str, said: str | None
+    tmp_path: Path, usbl: tuple[float, float], gps: tuple[float, float], toml: str, sentence: str | None
 ) -> None:
     fixes = [
         fix(T0 + k * SECOND, *at, topic=name) for k in range(5) for at, name in ((usbl, "/usbl/fix"), (gps, "/gps/fix"))
@@ -212,8 +212,8 @@ def test_places_that_cannot_be_of_one_dive_are_told(
     log = read_log(write_mcap(tmp_path / "dive.mcap", [*(r for r in short_dive() if r[1] != "/usbl"), *fixes]))
 
     found = [finding.text for finding in log.findings if finding.code == "PLACES-APART"]
-    assert len(found) == (said is not None)
-    assert all(text.startswith(said or "") for text in found)
+    assert len(found) == (sentence is not None)
+    assert all(text.startswith(sentence or "") for text in found)
 
 
 def test_the_fixes_of_a_usbl_do_not_become_the_truth_where_the_gps_serves_as_usbl(tmp_path: Path) -> None:
@@ -234,5 +234,5 @@ def test_a_topic_that_was_passed_over_is_told(tmp_path: Path) -> None:
     log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), *number]))
 
     assert log.provenance["compass"].topic == "/compass_hdg"
-    (said,) = [finding.text for finding in log.findings if finding.code == "ROLE-PREFERRED"]
-    assert "its type is preferred to that of /imu (sensor_msgs/msg/Imu, 11 messages)" in said
+    (sentence,) = [finding.text for finding in log.findings if finding.code == "ROLE-PREFERRED"]
+    assert "its type is preferred to that of /imu (sensor_msgs/msg/Imu, 11 messages)" in sentence

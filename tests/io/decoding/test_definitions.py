@@ -126,7 +126,7 @@ def test_a_folder_of_definitions_makes_messages_readable(own: Path, folder: str)
     np.testing.assert_array_equal(read.columns["heading.degrees"], np.arange(5.0))
 
 
-def test_the_option_for_it_stands_in_every_command_that_takes_a_log(own: Path) -> None:
+def test_every_command_that_reads_a_log_has_the_option_for_it(own: Path) -> None:
     log = str(own / "own")
 
     without = run("info", log)

@@ -155,7 +155,7 @@ NO_SCHEMA = [("", b""), ("jsonschema", b""), ("jsonschema", b"{}"), ("jsonschema
 
 
 @pytest.mark.parametrize(("encoding", "definition"), NO_SCHEMA)
-def test_json_whose_schema_tells_no_field_is_read_by_its_messages(
+def test_json_whose_schema_has_no_field_is_read_by_its_messages(
     tmp_path: Path, encoding: str, definition: bytes
 ) -> None:
     known = {"position_covariance": (np.eye(3) * 4.0).ravel().tolist(), "position_covariance_type": 2}
@@ -180,10 +180,10 @@ def test_json_without_the_name_of_a_type_is_refused(tmp_path: Path) -> None:
 
 
 def test_times_in_json_without_schema_are_known_by_their_look() -> None:
-    told = {"stamp": "2020-09-13T12:26:40.5Z", "header": {"stamp": {"sec": 5, "nanosec": 7}}, "name": "B01"}
-    decoder = JsonDecoder("x", schema_of([json.dumps(told).encode()]))
+    sample = {"stamp": "2020-09-13T12:26:40.5Z", "header": {"stamp": {"sec": 5, "nanosec": 7}}, "name": "B01"}
+    decoder = JsonDecoder("x", schema_of([json.dumps(sample).encode()]))
 
-    values = decoder.extractor(["stamp", "header.stamp", "name"])(json.dumps(told).encode())
+    values = decoder.extractor(["stamp", "header.stamp", "name"])(json.dumps(sample).encode())
 
     assert values == (T0 + SECOND // 2, 5_000_000_007, "B01")
 
@@ -195,8 +195,8 @@ def test_a_heading_may_be_absent(tmp_path: Path, channel: Channel, encode: Any) 
     log = read_log(write(tmp_path / "dive.mcap", channel, payloads), Request(topics={"compass": "location"}))
 
     assert log.tables["compass"]["heading_deg"].tolist() == pytest.approx([90.0])
-    (said,) = [finding.text for finding in log.findings if finding.code == "COMPASS-INVALID"]
-    assert said == "location: 1 of 2 records are invalid and left out (1 not a number)"
+    (sentence,) = [finding.text for finding in log.findings if finding.code == "COMPASS-INVALID"]
+    assert sentence == "location: 1 of 2 records are invalid and left out (1 not a number)"
 
 
 @BOTH
@@ -206,8 +206,8 @@ def test_bytes_that_do_not_fit_are_counted(tmp_path: Path, channel: Channel, enc
     log = read_log(write(tmp_path / "dive.mcap", channel, payloads))
 
     assert len(log.tables["gps"]) == 1
-    (said,) = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
-    assert said == "location: 3 messages do not match their definition in the file"
+    (sentence,) = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
+    assert sentence == "location: 3 messages do not match their definition in the file"
 
 
 def test_the_first_of_several_fixes_counts(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_the_first_of_several_fixes_counts(tmp_path: Path) -> None:
 
 
 def test_a_velocity_that_is_not_set_is_not_standing_still(tmp_path: Path) -> None:
-    """proto3 gives zeros for a message that is absent; a DVL that was not heard is none."""
+    """proto3 gives zeros for a message that is absent; an absent DVL message is not zero velocity."""
     still = Dvl(velocity_valid=True)
     still.velocity.x = 0.0
     payloads = [still.SerializeToString(), Dvl(velocity_valid=True).SerializeToString()]
@@ -292,7 +292,7 @@ def test_the_json_log_of_a_tutorial_has_its_gps(field_logs: Path) -> None:
     assert len(log.tables["gps"]) == 51
 
 
-def test_the_protobuf_log_of_a_ship_tells_its_fields(field_logs: Path) -> None:
+def test_the_fields_of_a_ships_protobuf_log_are_found(field_logs: Path) -> None:
     reader = open_log(field_logs / "reader_zoo" / "11_test.mcap")
     topic = max(reader.topics(), key=lambda topic: topic.count)
 

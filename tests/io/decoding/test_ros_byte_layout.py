@@ -143,8 +143,8 @@ def test_messages_of_one_layout_need_no_decoder(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_array_equal(read["orientation.z"], [one.orientation.z for one in made])
 
 
-def test_messages_of_other_lengths_stand_among_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Same size, other lengths: "ab", "" and "", "ab" move a number, and nothing but the lengths tells."""
+def test_messages_of_other_lengths_may_be_among_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Same size, other lengths: "ab", "" and "", "ab" move a number, and only the lengths show it."""
     store = get_typestore(Stores.EMPTY)
     definition = "string a\nuint8 x\nstring b\n"
     store.register(get_types_from_msg(definition, "two_msgs/msg/Two"))
@@ -182,7 +182,7 @@ def test_big_endian_messages_are_left_to_the_slow_decoder() -> None:
         ("sensor_msgs/msg/BatteryState", ["voltage", "header.frame_id", "location", "serial_number"]),
     ],
 )
-def test_bent_messages_are_read_exactly_where_rosbags_reads_them(
+def test_damaged_messages_are_read_exactly_if_rosbags_reads_them(
     ros_version: int, type_name: str, paths: list[str]
 ) -> None:
     decoder, payloads, _ = messages(ros_version, type_name, 300, 2)

@@ -62,7 +62,7 @@ def test_a_bag_that_was_never_closed_has_lost_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
-def test_a_bag_cut_anywhere_gives_an_unbroken_beginning_and_says_so(tmp_path: Path, compression: str) -> None:
+def test_a_bag_cut_anywhere_gives_an_unbroken_beginning_and_is_reported(tmp_path: Path, compression: str) -> None:
     whole = write_bag(tmp_path / "whole.bag", many(), compression, 8192).read_bytes()
     counts: list[int] = []
     for end in range(13, len(whole), max(1, len(whole) // 61)):
@@ -96,7 +96,7 @@ def test_a_flipped_bit_costs_one_chunk(tmp_path: Path) -> None:
     assert set(x) < set(np.arange(500.0))
 
 
-def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
+def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
     whole = write_bag(tmp_path / "a.bag", many(), chunk_size=1 << 20).read_bytes()
     (tmp_path / "b.bag").write_bytes(whole.replace(b"compression=none", b"compression=zzzz"))
     log = BagLog(tmp_path / "b.bag")

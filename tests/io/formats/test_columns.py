@@ -41,7 +41,7 @@ def dive(folder: Path, configuration: str = CONFIGURATION) -> Path:
     return folder
 
 
-def test_columns_are_taken_as_the_configuration_names_them(tmp_path: Path) -> None:
+def test_columns_are_read_as_the_configuration_names_them(tmp_path: Path) -> None:
     tables = read_log(dive(tmp_path / "dive")).tables
 
     np.testing.assert_allclose(tables["dvl"]["forward_mps"], [1.0, 1.1], rtol=1e-15)

@@ -13,7 +13,7 @@ from usbldr.io.read import Request, read_log
 DVL = f"time_ns,received_ns,starboard_mps,forward_mps\n{T0},{T0 + 7},0.1,1.25\n{T0 + 2},{T0 + 5},,-1e-3"
 
 
-def test_a_stem_is_a_topic_and_columns_tell_the_type(tmp_path: Path) -> None:
+def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> None:
     folder = write_csv(
         tmp_path / "dive",
         dvl=DVL,
@@ -136,7 +136,7 @@ def test_a_column_that_is_there_twice_is_an_error(tmp_path: Path) -> None:
     )
 
 
-def test_a_file_without_a_header_is_an_error_that_says_so(tmp_path: Path) -> None:
+def test_a_file_without_a_header_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "dvl.csv").write_text("1600000000,0.5,1.25\n1600000001,0.5,1.25\n", encoding="utf-8")
 
     with pytest.raises(LogError) as fault:
@@ -167,7 +167,7 @@ def test_a_single_file_is_a_log_of_one_sensor(tmp_path: Path) -> None:
     assert [topic.name for topic in CsvLog(folder / "dvl.csv").topics()] == ["/dvl"]
 
 
-def test_words_may_say_whether_a_record_is_valid(tmp_path: Path) -> None:
+def test_words_may_state_whether_a_record_is_valid(tmp_path: Path) -> None:
     text = "time_ns,starboard_mps,forward_mps,valid\n1,0,1,True\n2,0,1,False\n3,0,1,1\n4,0,1,0\n5,0,0,true"
 
     log = read_log(write_csv(tmp_path / "dive", dvl=text))
@@ -202,7 +202,7 @@ def test_truth_in_the_folder_is_the_truth(tmp_path: Path) -> None:
     assert (truth.source, truth.kind) == ("/truth", "other")
 
 
-def test_a_folder_whose_columns_all_fit_nothing_says_how_to_name_them(tmp_path: Path) -> None:
+def test_a_folder_of_unknown_columns_is_an_error_with_advice(tmp_path: Path) -> None:
     (tmp_path / "events.csv").write_text("when,what\n1,started\n2,ended\n")
 
     with pytest.raises(LogError, match=r"no topic can be read: /events: .* name them with the key columns"):

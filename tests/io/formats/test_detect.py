@@ -1,4 +1,4 @@
-"""Formats are told by content; what is none of ours is named."""
+"""Formats are recognised by content; unsupported ones are named."""
 
 from pathlib import Path
 
@@ -55,7 +55,7 @@ def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
     assert str(fault.value) == f"{tmp_path / 'gone.mcap'}: no such file or folder"
 
 
-def test_a_folder_without_text_is_an_error_that_says_what_it_holds(tmp_path: Path) -> None:
+def test_a_folder_without_text_is_an_error_that_lists_its_content(tmp_path: Path) -> None:
     (tmp_path / "dive.pdf").write_bytes(b"%PDF\0")
 
     with pytest.raises(LogError) as fault:

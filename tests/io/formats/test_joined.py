@@ -36,7 +36,7 @@ def test_two_files_are_one_dive(tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(log.tables[sensor], table)
 
 
-def test_a_clock_offset_is_taken_off_stamps_and_log_times(tmp_path: Path) -> None:
+def test_a_clock_offset_is_subtracted_from_stamps_and_log_times(tmp_path: Path) -> None:
     """The ship's clock shows 2.5 s more than the vehicle's: clock_offset_s = 2.5."""
     whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
@@ -52,7 +52,7 @@ def test_a_clock_offset_is_taken_off_stamps_and_log_times(tmp_path: Path) -> Non
         pd.testing.assert_frame_equal(log.tables["usbl"], whole.tables["usbl"])
 
 
-def test_a_clock_offset_is_taken_off_whatever_field_tells_the_time(tmp_path: Path) -> None:
+def test_a_clock_offset_is_subtracted_from_any_field_of_time(tmp_path: Path) -> None:
     kind = "clocks_msgs/msg/LocationFix"
     define({kind: "builtin_interfaces/Time timestamp\nstring frame_id\nfloat64 latitude\nfloat64 longitude\n"})
     late = T0 + 2_500_000_000

@@ -35,7 +35,7 @@ def chunks_of(file: Path) -> list[ChunkIndex]:
 
 
 def bent_in(file: Path, number: int) -> int:
-    """Flip one bit in the middle of a chunk; return where."""
+    """Flip one bit in the middle of a chunk; return its place."""
     chunk = chunks_of(file)[number]
     at = chunk.chunk_start_offset + chunk.chunk_length // 2
     bent = bytearray(file.read_bytes())
@@ -65,7 +65,7 @@ def test_every_kind_of_container_gives_the_same_columns(
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
-def test_a_file_as_its_index_says_is_not_walked_through(
+def test_a_file_that_agrees_with_its_index_is_not_scanned(
     tmp_path: Path, compression: CompressionType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 4096)
@@ -95,7 +95,7 @@ def test_chunks_without_a_wanted_message_are_not_looked_at(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("what", ["place", "time"])
-def test_an_index_that_lies_is_not_believed(tmp_path: Path, what: str) -> None:
+def test_a_wrong_index_is_not_used(tmp_path: Path, what: str) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
     chunk = chunks_of(file)[3]
     offset = min(chunk.message_index_offsets.values()) + 9 + 2 + 4 + (8 if what == "place" else 0)
@@ -137,7 +137,7 @@ def test_records_come_in_the_order_of_their_log_times(tmp_path: Path) -> None:
     np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(4) * SECOND)
 
 
-def test_log_time_is_arrival_whatever_the_header_says(tmp_path: Path) -> None:
+def test_log_time_is_arrival_whatever_the_header_stamp(tmp_path: Path) -> None:
     log = McapLog(write_mcap(tmp_path / "a.mcap", [point(T0 + 5, 1.0, 2.0, delay_s=1.5)]))
 
     fixes = log.read({"/usbl": ["header.stamp"]})["/usbl"]
@@ -147,7 +147,7 @@ def test_log_time_is_arrival_whatever_the_header_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
-def test_a_file_cut_anywhere_gives_an_unbroken_beginning_and_says_so(
+def test_a_file_cut_anywhere_gives_an_unbroken_beginning_and_is_reported(
     tmp_path: Path, chunked: bool, compression: CompressionType
 ) -> None:
     whole = write_mcap(tmp_path / "whole.mcap", many(), compression, chunked, 8192).read_bytes()
@@ -239,7 +239,7 @@ def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str
     assert finding.text.endswith(f"their definition in the file: they are in {name}, not plain CDR")
 
 
-def test_a_compression_nobody_knows_is_named(tmp_path: Path) -> None:
+def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 1 << 20)
     file.write_bytes(file.read_bytes().replace(b"\x04\0\0\0zstd", b"\x04\0\0\0snap"))
     log = McapLog(file)

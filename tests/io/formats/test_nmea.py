@@ -1,4 +1,4 @@
-"""NMEA sentences, in files and in topics, against what their makers' manuals and recordings say they mean."""
+"""NMEA sentences, in files and in topics, against the manuals and recordings of their vendors."""
 
 import contextlib
 import math
@@ -56,8 +56,8 @@ def test_times_around_midnight_fall_on_either_side_of_it() -> None:
     assert of_tomorrow == [midnight + SECOND]
 
 
-def test_without_log_times_midnight_is_where_the_clock_jumps_back(tmp_path: Path) -> None:
-    """One RMC tells the date; a GGA after midnight is of the day after."""
+def test_without_log_times_midnight_is_the_jump_back_of_the_clock(tmp_path: Path) -> None:
+    """One RMC holds the date; a GGA after midnight is of the next day."""
     lines = [
         sentence("GPRMC,235959.00,A,4500.000,N,00700.000,E,1.0,90.0,311219,,,A"),
         sentence("GPGGA,235959.50,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"),
@@ -70,14 +70,14 @@ def test_without_log_times_midnight_is_where_the_clock_jumps_back(tmp_path: Path
     np.testing.assert_allclose(log.tables["gps"]["time_s"], [0, 1])
 
 
-def test_without_any_date_the_first_day_is_1970_and_that_is_said(tmp_path: Path) -> None:
+def test_without_any_date_the_first_day_is_1970_and_is_reported(tmp_path: Path) -> None:
     log = logged_nmea(tmp_path, RECORDED_GGA)
 
     assert log.start_ns == (7 * 3600 + 56 * 60 + 17) * SECOND + 340_000_000
     assert "1970-01-01" in codes(log)["NMEA-DATE"]
 
 
-def test_sentences_without_a_time_lie_evenly_between_those_with_one() -> None:
+def test_sentences_without_a_time_are_spaced_evenly_between_those_with_one() -> None:
     received, dated = times_from_sentences(np.array([10, NO_TIME, NO_TIME, NO_TIME, 14]) * 1, np.full(5, NO_TIME))
 
     assert received.tolist() == [10, 11, 12, 13, 14]
@@ -130,7 +130,7 @@ def test_a_sentence_without_the_fields_of_its_kind_is_lost_and_counted(tmp_path:
     )
 
 
-def test_a_line_without_checksum_is_believed_and_counted(tmp_path: Path) -> None:
+def test_a_line_without_checksum_is_used_and_counted(tmp_path: Path) -> None:
     log = logged_nmea(tmp_path, "1600000000 " + RECORDED_GGA.partition("*")[0])
 
     assert codes(log)["NMEA-UNCHECKED"] == "ship.nmea: 1 of 1 sentences have no checksum"
@@ -146,7 +146,7 @@ def test_a_gga_of_quality_zero_is_no_fix(tmp_path: Path) -> None:
     assert "GPS-INVALID" in codes(log)
 
 
-def test_rmc_repeats_the_position_of_gga_and_is_used_where_that_is_missing(tmp_path: Path) -> None:
+def test_rmc_repeats_the_position_of_gga_and_is_used_if_that_is_missing(tmp_path: Path) -> None:
     rmc = sentence("GPRMC,122640.00,A,4500.000,N,00700.000,E,1.0,90.0,130920,,,A")
     gga = sentence("GPGGA,122640.00,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
 
@@ -184,7 +184,7 @@ def test_a_ths_that_calls_itself_invalid_is_left_out(tmp_path: Path) -> None:
     assert logged_nmea(tmp_path, *lines).tables["compass"]["heading_deg"].tolist() == [10, 12]
 
 
-def test_a_hipap_north_up_tells_x_north_and_y_east_of_the_head(tmp_path: Path) -> None:
+def test_a_hipap_north_up_has_x_north_and_y_east_of_the_head(tmp_path: Path) -> None:
     log = logged_nmea(tmp_path, f"1600000000 {NORTH_UP}", toml="[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }")
     usbl = log.tables["usbl"]
 
@@ -216,7 +216,7 @@ def test_hipap_radians_are_latitude_and_longitude(tmp_path: Path) -> None:
     assert usbl["cov_ee_m2"][0] == pytest.approx(1.5**2)
 
 
-def test_ranger_tells_decimal_degrees_and_its_ship_is_no_target(tmp_path: Path) -> None:
+def test_ranger_has_decimal_degrees_and_its_ship_is_not_a_target(tmp_path: Path) -> None:
     toml = "[map]\norigin_lat_deg = 51.3306281\norigin_lon_deg = -0.83563975\n"
 
     log = logged_nmea(tmp_path, f"1600000000 {RANGER_SHIP}", f"1600000000 {RANGER}", toml=toml)
@@ -226,7 +226,7 @@ def test_ranger_tells_decimal_degrees_and_its_ship_is_no_target(tmp_path: Path) 
     assert log.tables["usbl"]["cov_nn_m2"][0] == pytest.approx(5.33**2)
 
 
-def test_the_ellipse_of_ranger_lies_along_its_direction(tmp_path: Path) -> None:
+def test_the_ellipse_of_ranger_is_along_its_direction(tmp_path: Path) -> None:
     """Semi-axes 4 and 1 m, the long one 30 degrees clockwise from north."""
     line = sentence("PSONLLD,122640.00,2401,A,45.0,7.0,10.0,4.0,1.0,30.0,0.6,,,,")
     along, across = np.array([0.5, math.sqrt(3) / 2]), np.array([math.sqrt(3) / 2, -0.5])
@@ -239,7 +239,7 @@ def test_the_ellipse_of_ranger_lies_along_its_direction(tmp_path: Path) -> None:
     assert along @ R @ across == pytest.approx(0, abs=1e-12)
 
 
-def test_gaps_tells_its_own_date_and_beacon_zero_is_the_ship(tmp_path: Path) -> None:
+def test_gaps_holds_the_date_and_beacon_zero_is_the_ship(tmp_path: Path) -> None:
     toml = f"[map]\norigin_lat_deg = {43 + 5.25355 / 60}\norigin_lon_deg = {6 + 31.76852 / 60}\n"
 
     log = logged_nmea(tmp_path, GAPS, GAPS_SHIP, toml=toml)
@@ -285,7 +285,7 @@ def test_a_gga_on_a_usbl_topic_is_the_target(tmp_path: Path) -> None:
     assert log.tables["usbl"]["north_m"][0] == pytest.approx(0.054 / 60 * 111132, abs=0.1)
 
 
-def test_a_file_of_sentences_is_told_by_its_content(tmp_path: Path) -> None:
+def test_a_file_of_sentences_is_recognised_by_its_content(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(f"time,text\n1600000000.5,{RECORDED_GGA}\n1600000001.5,{GAPS}\n", encoding="utf-8")
 
     log = open_log(tmp_path / "a.csv")
@@ -297,7 +297,7 @@ def test_a_file_of_sentences_is_told_by_its_content(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("cut", range(1, 24))
 def test_a_file_cut_anywhere_gives_what_is_whole(tmp_path: Path, cut: int) -> None:
-    """Also where the cut leaves a shorter number: 12 of 123.5 is no heading."""
+    """Also if the cut leaves a shorter number: 12 of 123.5 is not a heading."""
     whole = "".join(f"{1600000000 + k} {sentence('HEHDT,123.5,T')}\n" for k in range(3))
     (tmp_path / "cut.txt").write_text(whole[:-cut], encoding="utf-8")
 
@@ -317,7 +317,7 @@ def test_bytes_that_are_no_text_are_lines_without_a_sentence(tmp_path: Path) -> 
     assert codes(log)["NMEA-OTHER"] == "noisy.txt: 1 lines hold no NMEA sentence"
 
 
-def test_a_date_that_no_ship_has_seen_is_none(tmp_path: Path) -> None:
+def test_an_impossible_date_is_none(tmp_path: Path) -> None:
     log = logged_nmea(tmp_path, f"2017-12-18T12:45:46Z {GAPS.partition('*')[0].replace('2017', '9999')}", toml=MAP)
 
     assert log.start_ns == np.datetime64("2017-12-18T12:45:44.449", "ns").astype(int)

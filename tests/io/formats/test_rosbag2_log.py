@@ -92,7 +92,7 @@ def test_a_journal_that_is_none_is_lost_data(tmp_path: Path) -> None:
     assert (finding.code, finding.lost_data) == ("JOURNAL", True)
 
 
-def test_a_recording_with_a_journal_that_is_not_there_is_said_to_have_had_one(tmp_path: Path) -> None:
+def test_a_recording_with_a_missing_journal_is_reported(tmp_path: Path) -> None:
     file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
     with sqlite3.connect(file) as database:
         database.execute("PRAGMA journal_mode=wal")
@@ -158,7 +158,7 @@ def test_metadata_that_names_nothing_that_is_there_is_an_error(tmp_path: Path) -
     )
 
 
-def test_metadata_that_is_no_yaml_is_as_good_as_none(tmp_path: Path) -> None:
+def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
     folder = parts(tmp_path / "dive", 0)
     (folder / "metadata.yaml").write_text("{ : [")
 
@@ -216,7 +216,7 @@ def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: 
 
 
 @pytest.mark.parametrize("keep", [0.02, 0.25, 0.5, 0.75, 0.9, 0.99])
-def test_a_cut_db3_is_an_error_that_says_how_to_save_it(tmp_path: Path, keep: float) -> None:
+def test_a_cut_db3_is_an_error_that_names_a_way_to_recover_it(tmp_path: Path, keep: float) -> None:
     file = write_rosbag2(tmp_path / "dive", short_dive() * 50) / "dive.db3"
     whole = file.read_bytes()
     file.write_bytes(whole[: round(keep * len(whole))])
@@ -236,5 +236,5 @@ def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(LogError) as fault:
         open_log(tmp_path / "a.db3").topics()
 
-    said = "is a sqlite3 file, but not a rosbag2 recording (no such table: messages)"
-    assert str(fault.value) == f"{tmp_path / 'a.db3'}: {said}"
+    sentence = "is a sqlite3 file, but not a rosbag2 recording (no such table: messages)"
+    assert str(fault.value) == f"{tmp_path / 'a.db3'}: {sentence}"

@@ -149,7 +149,7 @@ def test_a_long_file_gives_each_sensor_its_rows(tmp_path: Path) -> None:
         np.testing.assert_allclose(log.tables["usbl"]["received_s"] * 1e9, [7], rtol=1e-12)
 
 
-def test_a_broken_number_of_a_long_file_is_told_with_its_line(tmp_path: Path) -> None:
+def test_a_broken_number_of_a_long_file_is_reported_with_its_line(tmp_path: Path) -> None:
     file = write_csv(tmp_path / "dive", everything=LONG.replace("0.2,1.5", "0.2,fast")) / "everything.csv"
 
     with pytest.raises(LogError) as fault:

@@ -79,7 +79,7 @@ SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
 
 
 @pytest.mark.parametrize("kind", SOUTH_EAST_WHEN_NAMED)
-def test_what_is_no_compass_serves_only_where_it_is_named(tmp_path: Path, kind: str) -> None:
+def test_what_is_not_a_compass_is_used_only_if_it_is_named(tmp_path: Path, kind: str) -> None:
     rows = [row(kind, SOUTH_EAST_WHEN_NAMED[kind])]
 
     assert heading(logged(tmp_path, rows, topics={"compass": "/heading"})) == pytest.approx([135.0], abs=1e-4)
@@ -110,11 +110,11 @@ def test_a_value_that_means_no_data_is_none(tmp_path: Path, case: str) -> None:
         logged(tmp_path, [row(kind, values)], topics={"compass": "/heading"})
 
 
-def test_each_azimuth_is_read_by_what_it_says_of_itself(tmp_path: Path) -> None:
-    said = [(math.pi / 2, 0, 0), (0.0, 1, 0), (0.0, 1, 1), (math.pi, 0, 1)]  # angle; degrees?; clockwise from north?
+def test_each_azimuth_is_read_by_its_own_unit_and_sense(tmp_path: Path) -> None:
+    angles = [(math.pi / 2, 0, 0), (0.0, 1, 0), (0.0, 1, 1), (math.pi, 0, 1)]  # angle; degrees?; clockwise from north?
     rows = [
         row(AZIMUTH, {"azimuth": a, "unit": unit, "orientation": sense, "reference": 1}, k)
-        for k, (a, unit, sense) in enumerate(said)
+        for k, (a, unit, sense) in enumerate(angles)
     ]
 
     log = logged(tmp_path, rows)
@@ -123,7 +123,7 @@ def test_each_azimuth_is_read_by_what_it_says_of_itself(tmp_path: Path) -> None:
     assert Convention("north", "true", "records") in log.provenance["compass"].conventions
 
 
-def test_an_azimuth_tells_its_variance_in_its_own_unit(tmp_path: Path) -> None:
+def test_the_variance_of_an_azimuth_is_in_its_own_unit(tmp_path: Path) -> None:
     rows = [
         row(AZIMUTH, {"azimuth": 1.0, "variance": v, "unit": u, "reference": 1}, u) for u, v in enumerate([1e-4, 4.0])
     ]
@@ -136,9 +136,9 @@ def test_an_azimuth_tells_its_variance_in_its_own_unit(tmp_path: Path) -> None:
 def test_a_grid_azimuth_is_left_out(tmp_path: Path) -> None:
     rows = [row(AZIMUTH, {"azimuth": 1.0, "reference": north}, north) for north in (1, 2)]
 
-    (said,) = [f.text for f in logged(tmp_path, rows).findings if f.code == "COMPASS-INVALID"]
+    (sentence,) = [f.text for f in logged(tmp_path, rows).findings if f.code == "COMPASS-INVALID"]
 
-    assert said == "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
+    assert sentence == "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
 
 
 NOAA = [  # test values that NOAA publishes with the models: lat, lon, decimal year, degrees of declination
@@ -172,12 +172,12 @@ def test_a_magnetic_heading_gets_the_declination_of_its_place_and_day(tmp_path: 
     log = logged(tmp_path, rows, SEATTLE)
 
     assert heading(log)[0] == pytest.approx(350 + 15.3 - 360, abs=0.4)  # 16.4 in 2013 and 15.07 in 2025 (NOAA)
-    said = log.convention("compass", "declination_deg")
-    assert said.value == pytest.approx(15.3, abs=0.4)
-    assert (said.chosen_by, said.note) == ("model", "WMM-2020 at 47.62, -122.35 ([map]) on 2020-09-13")
+    convention = log.convention("compass", "declination_deg")
+    assert convention.value == pytest.approx(15.3, abs=0.4)
+    assert (convention.chosen_by, convention.note) == ("model", "WMM-2020 at 47.62, -122.35 ([map]) on 2020-09-13")
 
 
-def test_a_heading_that_tells_no_north_gets_a_declination_only_on_request(tmp_path: Path) -> None:
+def test_a_heading_of_unknown_north_gets_a_declination_only_on_request(tmp_path: Path) -> None:
     rows = [row(QUATERNION, turned("quaternion", 0.0))]
 
     assert heading(logged(tmp_path, rows, SEATTLE)) == [0.0]
@@ -193,7 +193,7 @@ def test_the_first_gps_fix_may_place_the_compass(tmp_path: Path) -> None:
 
 
 def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Path) -> None:
-    """Counter-clockwise from east, by the message; only of a quaternion does the frame's name tell the sense."""
+    """Counter-clockwise from east, by the message; only for a quaternion does the frame's name decide the sense."""
     named = {"header.frame_id": "base_ned"}
     settled = {
         AZIMUTH: {"azimuth": 30.0, "unit": 1, "orientation": 0, "reference": 1},
@@ -218,7 +218,7 @@ def test_only_the_magnetic_records_of_a_compass_get_the_declination(tmp_path: Pa
     assert heading(logged(tmp_path, rows, "[compass]\ndeclination_deg = 3.0")) == [10.0, 13.0]
 
 
-def test_a_declination_for_true_headings_is_not_used_and_that_is_said(tmp_path: Path) -> None:
+def test_a_declination_for_true_headings_is_not_used_and_is_reported(tmp_path: Path) -> None:
     rows = [row(WHOI, {"heading": 10.0, "is_true_heading": True})]
 
     log = logged(tmp_path, rows, "[compass]\ndeclination_deg = 3.0")
@@ -229,16 +229,16 @@ def test_a_declination_for_true_headings_is_not_used_and_that_is_said(tmp_path: 
     ]
 
 
-def test_a_magnetic_heading_without_a_place_stays_magnetic_and_that_is_said(tmp_path: Path) -> None:
+def test_a_magnetic_heading_without_a_place_stays_magnetic_and_is_reported(tmp_path: Path) -> None:
     log = logged(tmp_path, [row(WHOI, {"heading": 10.0})])
 
     assert heading(log) == [10.0]
-    (said,) = [f.text for f in log.findings if f.code == "HEADING-MAGNETIC"]
-    assert said.startswith("/heading: headings are magnetic by their own account and stay so, for no position is known")
+    (text,) = [f.text for f in log.findings if f.code == "HEADING-MAGNETIC"]
+    assert text.startswith("/heading: headings are magnetic by their own account and stay so, for no position is known")
 
 
 @pytest.mark.parametrize(
-    ("topic", "toml", "said"),
+    ("topic", "toml", "reported"),
     [
         ("/adcp/heading_magnetic", "", True),
         ("/nmea/hdm/heading", "", True),
@@ -247,15 +247,15 @@ def test_a_magnetic_heading_without_a_place_stays_magnetic_and_that_is_said(tmp_
     ],
 )
 def test_a_plain_heading_called_magnetic_asks_for_a_declination(
-    tmp_path: Path, topic: str, toml: str, said: bool
+    tmp_path: Path, topic: str, toml: str, reported: bool
 ) -> None:
     log = logged(tmp_path, [(T0 + k, topic, "std_msgs/msg/Float64", {"data": 10.0 + k}) for k in range(3)], toml)
 
     assert heading(log) == [10.0, 11.0, 12.0]
-    assert ("HEADING-MAGNETIC" in {finding.code for finding in log.findings}) == said
+    assert ("HEADING-MAGNETIC" in {finding.code for finding in log.findings}) == reported
 
 
-def test_a_declination_that_nobody_can_know_is_refused(tmp_path: Path) -> None:
+def test_a_declination_that_cannot_be_computed_is_refused(tmp_path: Path) -> None:
     rows = [row(QUATERNION, turned("quaternion", 0.0))]
     with pytest.raises(UsageError) as nowhere:
         logged(tmp_path, rows, '[compass]\ndeclination_deg = "auto"')
@@ -276,6 +276,6 @@ def test_a_declination_that_nobody_can_know_is_refused(tmp_path: Path) -> None:
 def test_an_imu_that_never_turns_is_pointed_out(tmp_path: Path) -> None:
     still = [(T0 + k, "/imu", IMU, {"header.stamp": T0 + k, "orientation.w": 1.0}) for k in range(100)]
 
-    (said,) = [f.text for f in logged(tmp_path, still).findings if f.code == "HEADING-CONSTANT"]
+    (sentence,) = [f.text for f in logged(tmp_path, still).findings if f.code == "HEADING-CONSTANT"]
 
-    assert said == "/imu: all 100 headings are 90.0 deg; does it measure any?"
+    assert sentence == "/imu: all 100 headings are 90.0 deg; does it measure any?"

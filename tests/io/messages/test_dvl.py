@@ -104,8 +104,8 @@ def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(tmp_path
     log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, after_s=1)])
 
     assert list(log.tables["dvl"]["valid"]) == [True, False]
-    (said,) = (finding.text for finding in log.findings if finding.code == "DVL-INVALID")
-    assert said == f"/sensor: 1 of 2 records are invalid and not used (1 {cause})"
+    (sentence,) = (finding.text for finding in log.findings if finding.code == "DVL-INVALID")
+    assert sentence == f"/sensor: 1 of 2 records are invalid and not used (1 {cause})"
 
 
 def test_a_covariance_of_zeros_is_unknown_and_no_fault(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ USELESS = {
 
 @pytest.mark.parametrize("kind", USELESS)
 @pytest.mark.parametrize("named", [True, False])
-def test_a_dvl_that_tells_no_velocity_is_refused_with_the_reason(tmp_path: Path, kind: str, named: bool) -> None:
+def test_a_dvl_without_velocity_is_refused_with_the_reason(tmp_path: Path, kind: str, named: bool) -> None:
     with pytest.raises(UsageError) as fault:
         logged(tmp_path, [row(kind, {})], topics={"dvl": "/sensor"} if named else {})
 
@@ -180,7 +180,7 @@ def test_the_velocity_of_an_odometry_is_in_its_child_frame(tmp_path: Path) -> No
 
 
 def test_a_report_that_knows_both_its_times_is_moved_back_by_their_difference(tmp_path: Path) -> None:
-    """The DVL's own clock may be anywhere: only the difference of its two times counts."""
+    """The DVL's own clock may be anywhere: only the difference of its two times is used."""
     kind = "waterlinked_dvl/msg/TransducerReportStamped"
     values = FORWARD_2_STARBOARD_1[kind]
 

@@ -69,7 +69,7 @@ def test_each_kind_of_fix_is_a_latitude_and_a_longitude(tmp_path: Path, kind: st
     assert log.truth.kind == "gps"
 
 
-def test_decimal_degrees_of_a_gga_message_are_taken_as_such(tmp_path: Path) -> None:
+def test_decimal_degrees_of_a_gga_message_are_read_as_such(tmp_path: Path) -> None:
     values = {"lat": 32.25, "lon": 64.75, "lat_dir": "S", "lon_dir": "W", "gps_qual": 1}
 
     table = logged(tmp_path, [row("nmea_msgs/msg/Gpgga", values)]).tables["gps"]
@@ -93,8 +93,8 @@ def test_a_message_without_fix_is_counted_and_left_out(tmp_path: Path, kind: str
     log = logged(tmp_path, [row(kind, IN_BERMUDA[kind]), row(kind, {**IN_BERMUDA[kind], **change})])
 
     assert len(log.tables["gps"]) == 1
-    (said,) = [finding.text for finding in log.findings if finding.code == "GPS-INVALID"]
-    assert said == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
+    (sentence,) = [finding.text for finding in log.findings if finding.code == "GPS-INVALID"]
+    assert sentence == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
 
 
 SIGMA: dict[str, Mapping[str, Any]] = {  # 0.5 m for each axis
@@ -173,8 +173,8 @@ def test_the_relative_altitude_of_mavros_is_a_height(tmp_path: Path) -> None:
 def test_depths_above_the_water_are_pointed_out(tmp_path: Path) -> None:
     log = logged(tmp_path, [row("holoocean_interfaces/msg/DepthSensor", {"depth": -4.0}, "/sensor")])
 
-    (said,) = [finding.text for finding in log.findings if finding.code == "DEPTH-SIGN"]
-    assert said == (
+    (sentence,) = [finding.text for finding in log.findings if finding.code == "DEPTH-SIGN"]
+    assert sentence == (
         "/sensor: a median depth of -4.0 m, above the water; "
         'if it counts the other way, state positive = "up" under [depth]'
     )
@@ -191,8 +191,8 @@ def test_a_receiver_that_repeats_its_last_fix_is_found_without_a_depth_sensor(tm
 
     log = logged(tmp_path, rows)
 
-    (said,) = still(log)
-    assert said.startswith(
+    (sentence,) = still(log)
+    assert sentence.startswith(
         "/gps/fix: 20 of 50 fixes repeat the one before to the last digit for more than 5 s, in 1 stretches, "
         "the longest of 20.0 s from 14.0 s on"
     )
@@ -201,7 +201,7 @@ def test_a_receiver_that_repeats_its_last_fix_is_found_without_a_depth_sensor(tm
 
 @pytest.mark.parametrize("drift_deg", [1e-13, 0.0])
 def test_a_receiver_at_rest_for_a_moment_is_none_that_repeats(tmp_path: Path, drift_deg: float) -> None:
-    """It moves by less than any receiver tells, or not at all for five seconds."""
+    """It moves by less than a receiver's resolution, or not at all for five seconds."""
     seconds = 60 if drift_deg else 6
     rows = [fix(T0 + k * SECOND, 32.25 + k * drift_deg, -64.75) for k in range(seconds)]
 

@@ -1,4 +1,4 @@
-"""Which topic is taken for which sensor, and what is said where that is unclear."""
+"""Which topic is used for which sensor, and the errors if that is ambiguous."""
 
 from pathlib import Path
 
@@ -62,7 +62,7 @@ def test_two_candidates_are_an_error_that_lists_them_and_the_option() -> None:
     )
 
 
-def test_a_telling_name_beats_a_telling_type_alone() -> None:
+def test_a_name_that_suggests_the_sensor_beats_a_type_alone() -> None:
     anonymous = topic("/sensor_7", IMU_DATA.type, IMU)
 
     assert taken(choose_roles(LOG, [anonymous, IMU_DATA], {}, {})) == {"compass": "/imu/data"}
@@ -86,15 +86,15 @@ def test_an_ordinary_log_of_mavros_has_its_heading_without_a_choice() -> None:
 
     assert taken(roles) == {"compass": "/mavros/global_position/compass_hdg"}
     assert roles.unresolved == {}
-    (said,) = roles.findings
-    assert (said.code, said.text) == (
+    (finding,) = roles.findings
+    assert (finding.code, finding.text) == (
         "ROLE-PREFERRED",
         "/mavros/global_position/compass_hdg: used as compass; its type is preferred to that of /mavros/imu/data "
         "(sensor_msgs/msg/Imu, 10 messages); choose another with --compass TOPIC or with topic under [compass]",
     )
 
 
-def test_a_heading_that_nobody_ranks_is_a_choice_for_the_user() -> None:
+def test_an_unranked_heading_is_a_choice_for_the_user() -> None:
     gyro = topic("/gyro", "ds_sensor_msgs/msg/Compass", ("header.stamp", "heading", "is_true_heading"))
 
     for topics in ([gyro, HDG], [gyro, MAVROS_IMU], [HDG, topic("/b/compass_hdg", HDG.type, HDG.fields)]):
@@ -140,18 +140,18 @@ def test_messages_of_the_dvl_come_before_what_was_made_of_them(rank: int) -> Non
 
 
 @pytest.mark.parametrize("rank", range(4))
-def test_two_of_one_rank_are_a_choice_whatever_stands_behind(rank: int) -> None:
+def test_two_of_one_rank_are_a_choice_whatever_ranks_lower(rank: int) -> None:
     behind = [topic for topics in ONE_AFTER_THE_OTHER[rank + 1 :] for topic in topics]
     one, other = ONE_AFTER_THE_OTHER[rank]
 
     roles = choose_roles(LOG, [one, *behind, other], {}, {})
 
-    said = str(roles.unresolved["dvl"])
-    assert said.startswith(f"dive.mcap: 2 topics could be the dvl: {one.name} (")
-    assert f"; {other.name} (" in said
+    sentence = str(roles.unresolved["dvl"])
+    assert sentence.startswith(f"dive.mcap: 2 topics could be the dvl: {one.name} (")
+    assert f"; {other.name} (" in sentence
 
 
-def test_a_type_that_is_taken_elsewhere_leaves_the_role_to_the_next() -> None:
+def test_a_topic_used_elsewhere_leaves_the_role_to_the_next() -> None:
     roles = choose_roles(LOG, [HDG, MAVROS_IMU], {"depth": HDG.name}, {})
 
     assert taken(roles) == {"compass": MAVROS_IMU.name, "depth": HDG.name}
@@ -220,7 +220,7 @@ def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
     )
 
 
-def test_an_unreadable_topic_is_an_error_only_where_it_is_named() -> None:
+def test_an_unreadable_topic_is_an_error_only_if_it_is_named() -> None:
     json = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported")
 
     assert taken(choose_roles(LOG, [json, DVL], {}, {})) == {"dvl": "/dvl/twist"}

@@ -53,7 +53,7 @@ HEADED: dict[str, Mapping[str, Any]] = {  # south-east: 45 degrees to the right 
 
 
 @pytest.mark.parametrize("kind", HEADED)
-def test_a_pose_that_is_named_tells_a_heading(tmp_path: Path, kind: str) -> None:
+def test_a_pose_that_is_named_has_a_heading(tmp_path: Path, kind: str) -> None:
     assert logged_one(tmp_path, kind, HEADED[kind], "/nav", "compass").tables["compass"]["heading_deg"][
         0
     ] == pytest.approx(135)
@@ -79,7 +79,7 @@ def test_a_float_may_be_a_heading_in_degrees_or_radians(tmp_path: Path, unit: st
 @pytest.mark.parametrize(
     ("kind", "frame", "z"), [(POSE, "map", -12.0), (POSE, "map_ned", 12.0), (POSE_COVARIANCE, "", -12.0)]
 )
-def test_a_pose_that_is_named_tells_a_depth_below_its_z(tmp_path: Path, kind: str, frame: str, z: float) -> None:
+def test_a_pose_that_is_named_has_a_depth_from_its_z(tmp_path: Path, kind: str, frame: str, z: float) -> None:
     at = "pose.position.z" if kind == POSE else "pose.pose.position.z"
 
     log = logged_one(tmp_path, kind, {at: z, "header.frame_id": frame}, "/nav", "depth")
@@ -120,7 +120,7 @@ NORTH: dict[str, str] = {
 
 
 @pytest.mark.parametrize(("kind", "topic", "role"), [(kind, "/gps/pose", "gps") for kind in NORTH])
-def test_geographic_messages_are_known_by_a_telling_name(tmp_path: Path, kind: str, topic: str, role: str) -> None:
+def test_geographic_messages_are_recognised_by_their_names(tmp_path: Path, kind: str, topic: str, role: str) -> None:
     values = {f"{NORTH[kind]}.latitude": 45.001, f"{NORTH[kind]}.longitude": 7.0}
 
     table = logged_one(tmp_path, kind, values, topic, toml=MAP).tables[role]

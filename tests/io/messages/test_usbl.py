@@ -80,7 +80,7 @@ THIRTY_EAST_FORTY_NORTH: dict[str, Mapping[str, Any]] = {
 
 
 @pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
-def test_modems_tell_east_and_north_of_their_head(tmp_path: Path, kind: str) -> None:
+def test_modems_measure_east_and_north_of_their_head(tmp_path: Path, kind: str) -> None:
     log = logged(tmp_path, [row(kind, THIRTY_EAST_FORTY_NORTH[kind])], HEAD)
 
     assert places(log)[0] == pytest.approx([130, 240])
@@ -130,7 +130,7 @@ def test_accuracy_of_usbllong_is_its_sd_and_a_negative_one_is_no_fix(tmp_path: P
     assert "1 of negative accuracy" in codes(log)["USBL-INVALID"]
 
 
-def test_usbllong_tells_how_old_a_fix_is(tmp_path: Path) -> None:
+def test_usbllong_states_the_age_of_a_fix(tmp_path: Path) -> None:
     """Sent 0.4 s after it was measured by the modem's own clock, whatever that counts from."""
     kind = "evologics_ros_sync/msg/EvologicsUsbllong"
     fix = {**THIRTY_EAST_FORTY_NORTH[kind], "current_time": 1234.9, "measurement_time": 1234.5}
@@ -190,8 +190,8 @@ def test_a_holoocean_beacon_is_seen_from_the_bow_counter_clockwise(tmp_path: Pat
     assert Convention("time", "timestamp", "type") in log.provenance["usbl"].conventions
 
 
-def test_a_holoocean_vehicle_may_hear_a_fixed_beacon_itself(tmp_path: Path) -> None:
-    """It heads east and has the beacon to port, so it lies south of it."""
+def test_a_holoocean_vehicle_may_carry_the_usbl_head(tmp_path: Path) -> None:
+    """It heads east and has the beacon to port, so it is south of it."""
     toml = "[usbl]\nbeacon = { east_m = 100.0, north_m = 200.0 }"
     east = [yaw(T0 + k * SECOND, 0.0) for k in range(-1, 2)]
 
@@ -201,17 +201,17 @@ def test_a_holoocean_vehicle_may_hear_a_fixed_beacon_itself(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("kind", ["OWAY", "OWAYU", "MSG_REQ", "MSG_RESP", "MSG_REQU", "MSG_REQX", ""])
-def test_only_the_replies_that_tell_a_range_are_fixes(tmp_path: Path, kind: str) -> None:
+def test_only_replies_with_a_range_are_fixes(tmp_path: Path, kind: str) -> None:
     toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
-    told = [{**ABEAM, "timestamp": T0 + k * SECOND, "msg_type": m} for k, m in enumerate(["MSG_RESPX", kind])]
+    messages = [{**ABEAM, "timestamp": T0 + k * SECOND, "msg_type": m} for k, m in enumerate(["MSG_RESPX", kind])]
 
-    log = logged(tmp_path, [row(HOLOOCEAN, values, k) for k, values in enumerate(told)], toml)
+    log = logged(tmp_path, [row(HOLOOCEAN, values, k) for k, values in enumerate(messages)], toml)
 
     assert len(places(log)) == 1
     assert "1 of range or angle alone" in codes(log)["USBL-INVALID"]
 
 
-def test_sonardyne_tells_the_age_of_a_position(tmp_path: Path) -> None:
+def test_sonardyne_states_the_age_of_a_position(tmp_path: Path) -> None:
     kind = "sonardyne_msgs/msg/Position"
     values = {"name": "AUV", "latitude": 45.0009, "longitude": 7.0}
     rows = [row(kind, {**values, "age": 0.75}), row(kind, {**values, "latitude": 45.001, "age": 0.25}, 1.0)]
@@ -257,17 +257,17 @@ TOPSIDE: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("topic", TOPSIDE)
-def test_a_topside_box_is_heard_by_its_latitudes_alone(tmp_path: Path, topic: str) -> None:
-    kind, said = TOPSIDE[topic]
+def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str) -> None:
+    kind, sentence = TOPSIDE[topic]
     values: Mapping[str, Any] = {"header.stamp": T0} if kind == ODOMETRY else {}
     rows = [(T0, topic, kind, values), row(FIX, {"latitude": 45.0, "longitude": 7.0}, topic="/waterlinked/fix")]
 
     assert logged(tmp_path, rows, MAP).provenance["usbl"].topic == "/waterlinked/fix"
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(UsageError, match=sentence):
         logged(tmp_path, rows, f'{MAP}[usbl]\ntopic = "{topic}"')
 
 
-def test_a_layout_that_nobody_knows_is_refused_by_its_name(tmp_path: Path) -> None:
+def test_an_unknown_layout_is_refused_by_its_name(tmp_path: Path) -> None:
     with pytest.raises(
         UsageError, match=r"/usbl is of type collaborative/msg/USBL, which cannot be used as usbl \(only "
     ):
@@ -314,11 +314,11 @@ def test_the_first_variance_of_a_pose_of_degrees_is_norths(tmp_path: Path) -> No
     assert log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy()[0] == pytest.approx([4.0, 9.0])
 
 
-@pytest.mark.parametrize("said", ["", '[usbl]\nkind = "latlon"'])
-def test_a_pose_of_degrees_that_was_never_filled_in_is_no_fix(tmp_path: Path, said: str) -> None:
+@pytest.mark.parametrize("section", ["", '[usbl]\nkind = "latlon"'])
+def test_a_pose_of_degrees_that_was_never_filled_in_is_no_fix(tmp_path: Path, section: str) -> None:
     fixes = [cola2(0.0, 0.0, 0), *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(1, 5))]
 
-    log = logged(tmp_path, fixes, MAP + said)
+    log = logged(tmp_path, fixes, MAP + section)
 
     assert places(log)[:, 1] == pytest.approx(1e-5 * 111132 * np.arange(1, 5), abs=0.01)
     assert "1 at latitude and longitude 0" in codes(log)["USBL-INVALID"]
@@ -335,9 +335,9 @@ def test_a_pose_of_degrees_polled_again_is_one_fix_and_metres_are_each_their_own
     assert len(metres.tables["usbl"]) == 15
 
 
-@pytest.mark.parametrize("said", ['kind = "position"', 'frame = "NED"', "head = { east_m = 0.0, north_m = 0.0 }"])
-def test_whoever_speaks_of_metres_is_believed(tmp_path: Path, said: str) -> None:
-    log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)], f"{MAP}[usbl]\n{said}")
+@pytest.mark.parametrize("stated", ['kind = "position"', 'frame = "NED"', "head = { east_m = 0.0, north_m = 0.0 }"])
+def test_a_statement_of_metres_is_followed(tmp_path: Path, stated: str) -> None:
+    log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)], f"{MAP}[usbl]\n{stated}")
 
     assert sorted(places(log)[0]) == pytest.approx([7, 45])
 
@@ -349,7 +349,7 @@ def test_metres_far_from_the_origins_degrees_stay_metres(tmp_path: Path) -> None
 
 
 def test_a_magnetic_north_is_turned_by_its_declination(tmp_path: Path) -> None:
-    """10 deg east: what lies 100 m along magnetic north is 17.4 m east of true north."""
+    """10 deg east: a point 100 m along magnetic north is 17.4 m east of true north."""
     fix = {"includes_position": True, "position_easting": 0, "position_northing": 1000}
 
     log = logged(tmp_path, [row(SEATRAC_RAW, fix)], HEAD + "mount_deg = 10.0")

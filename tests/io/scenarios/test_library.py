@@ -219,7 +219,7 @@ def test_every_key_of_a_file_arrives_in_the_dive_with_angles_counter_clockwise(t
     )
 
 
-def test_a_file_like_another_says_only_what_differs(tmp_path: Path) -> None:
+def test_a_file_like_another_states_only_what_differs(tmp_path: Path) -> None:
     text = 'schema = 1\nlike = "paper"\nabout = "slower"\n[dvl]\nrate_hz = 2.0\n[drawn]\ndvl_scale_sd = 0.02\n'
     paper = find_scenario("paper")
 
@@ -276,7 +276,7 @@ def test_a_mistake_in_a_scenario_is_one_sentence_with_file_and_key(
     assert "\n" not in str(fault.value)
 
 
-def test_every_shipped_scenario_reads_and_says_what_it_is_about() -> None:
+def test_every_shipped_scenario_can_be_read_and_has_a_description() -> None:
     assert {"paper", "lawnmower"} <= set(scenario_names())
     for name in scenario_names():
         found = find_scenario(name)
@@ -285,7 +285,7 @@ def test_every_shipped_scenario_reads_and_says_what_it_is_about() -> None:
         assert sum(leg.duration_s for leg in found.legs) >= found.duration_s - 1e-9, name
 
 
-def test_a_file_is_a_scenario_wherever_a_log_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_a_scenario_wherever_a_log_is_expected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     _file(tmp_path, 'schema = 1\nlike = "paper"\nabout = "a short one"\nduration_s = 20.0\n', "short.toml")
 

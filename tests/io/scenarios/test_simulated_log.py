@@ -69,7 +69,7 @@ def test_the_tables_are_the_simulation_in_canonical_columns() -> None:
     np.testing.assert_array_equal(log.truth.position_m, dive.truth.position_m[::5])
 
 
-def test_gps_latitudes_lie_at_sea_level_over_the_stated_origin() -> None:
+def test_gps_latitudes_are_at_sea_level_over_the_stated_origin() -> None:
     log = simulated_log(PAPER, 0)
     gps, origin = log.tables["gps"], log.origin
     assert origin is not None
@@ -311,7 +311,7 @@ def _usbldr(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_the_command_says_what_it_wrote(tmp_path: Path) -> None:
+def test_the_command_reports_what_it_wrote(tmp_path: Path) -> None:
     out = tmp_path / "new" / "paper.mcap"
 
     run = _usbldr("simulate", "paper", "-o", str(out), "--seed", "4")
@@ -346,8 +346,8 @@ def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path) -> None:
         time.sleep(0.002)
 
     os.kill(run.pid, signal.SIGINT)
-    _, said = run.communicate(timeout=20)
+    _, errors = run.communicate(timeout=20)
 
     assert run.returncode == 130
-    assert said.strip() == b"usbldr: interrupted"
+    assert errors.strip() == b"usbldr: interrupted"
     assert list(tmp_path.iterdir()) == []

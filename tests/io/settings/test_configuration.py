@@ -1,4 +1,4 @@
-"""usbldr.toml: which file is taken, which keys are refused and how, and what a run is told."""
+"""usbldr.toml: which file is used, which keys are refused and how, and the assumptions of a run."""
 
 import math
 import re
@@ -71,7 +71,7 @@ def test_a_key_that_would_not_act_is_refused_by_name(tmp_path: Path, text: str, 
     assert str(fault.value) == f"{file}: {sentence}"
 
 
-def test_what_is_no_toml_is_said(tmp_path: Path) -> None:
+def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
     file = written(tmp_path, "[dvl\n")
 
     with pytest.raises(UsageError, match="is not valid TOML"):
@@ -89,7 +89,7 @@ def test_the_field_configuration_of_uib_has_the_nominal_mount() -> None:
     assert read_configuration(file).dvl.mount_deg == 135.0
 
 
-def test_letters_name_where_x_y_and_z_point() -> None:
+def test_letters_name_the_directions_of_x_y_and_z() -> None:
     assert axis_signs("FRD") == axis_signs("FSD") == ((1, 1), (0, 1), (2, -1))
     assert axis_signs("FLU") == axis_signs("FPU") == ((1, 1), (0, -1), (2, 1))
     assert axis_signs("SFU") == ((0, 1), (1, 1), (2, 1))
@@ -130,7 +130,7 @@ def test_an_absent_configuration_is_a_usage_error(tmp_path: Path) -> None:
 
 
 def test_without_keys_a_run_has_the_default_assumptions(tmp_path: Path) -> None:
-    """And the log is asked which errors of its sensors it can tell."""
+    """And the sensor errors that are observable in the log are estimated."""
     assert assumptions(read_configuration(written(tmp_path, ""))) == Assumptions(calibrate=("auto",))
     none = written(tmp_path, "[calibrate]\nstates = []")
     assert assumptions(read_configuration(none)) == Assumptions()

@@ -49,8 +49,8 @@ from usbldr_cli.options.noise_option import noise_family
 
 log, out = sys.argv[1:]
 assert noise_family("compass=wide:9:2:scalar")[1].factor == 9.0
-told = noise_text(read_log(Path(log)).assumptions.usbl, "usbl")
-assert told == '{ kind = "wide", factor = 5.0, sd_m = 3.0, per = "record" }'
+text = noise_text(read_log(Path(log)).assumptions.usbl, "usbl")
+assert text == '{ kind = "wide", factor = 5.0, sd_m = 3.0, per = "record" }'
 cli(["replay", log, "-f", "adf", "--calibrate", "none", "--noise", "dvl=wide:2:0.01", "-o", out, "-q"])
 '''
 
@@ -59,8 +59,8 @@ def test_a_noise_family_is_added_in_one_place(tmp_path: Path) -> None:
     log, script, own = tmp_path / "dive.mcap", tmp_path / "script.py", tmp_path / "dive.usbldr.toml"
     scenario = replace(find_scenario("lawnmower"), duration_s=60.0)
     write_scenario(scenario, 0, log)
-    told = scenario.usbl.told_noise or scenario.usbl.noise
-    text, usual = own.read_text(encoding="utf-8"), noise_text(told, "usbl")
+    assumed = scenario.usbl.told_noise or scenario.usbl.noise
+    text, usual = own.read_text(encoding="utf-8"), noise_text(assumed, "usbl")
     before, section, after = text.partition("[usbl]")
     wide = '{ kind = "wide", factor = 5.0, sd_m = 3.0 }'
     assert usual in after
@@ -96,7 +96,7 @@ def test_the_text_of_a_model_is_read_as_that_model(value: Any) -> None:
     assert len(read) == len(quantities(type(value))) == len(type(value).__dataclass_fields__)
 
 
-def test_an_error_that_can_be_taken_off_names_a_key_of_its_sensor() -> None:
+def test_an_error_that_can_be_subtracted_names_a_key_of_its_sensor() -> None:
     usual = Configuration()
     keys = [(one.section, one.key) for one in REPORTED_QUANTITIES.values() if one.key]
 

@@ -1,4 +1,4 @@
-"""The baseline file: what it may say, which sentence refuses it, and what an update leaves alone."""
+"""The baseline file: its allowed content, the errors, and what an update does not change."""
 
 import re
 from pathlib import Path
