@@ -1,4 +1,4 @@
-"""What a user ought to know of a log: a stable code, its level, a sentence, and where and how much.
+"""What a user should know of a log: a stable code, its level, a sentence, a place and a value.
 
 docs/findings.md explains each code.
 """
@@ -31,7 +31,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "NO-HEADER": "info",
     "SAME-STAMP": "info",
 }
-"""Codes that are more or less than a warning."""
+"""Codes whose level is not a warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +41,13 @@ class Finding:
     code: str  # "DVL-INVALID", "OUT-OF-ORDER", "TRUNCATED"
     level: Level = field(init=False)
     text: str  # one sentence
-    topic: str = ""  # "": not one topic's affair
-    time_s: float | None = None  # since the log's start: when it is worst
+    topic: str = ""  # "": concerns no single topic
+    time_s: float | None = None  # of the worst value, since the log's start
     worst: float | None = None
     unit: str = ""  # of worst
     lost_data: bool = False  # part of the input could not be read: exit code 3
 
     def __post_init__(self) -> None:
-        """Take the level from the table; lost data are an error."""
+        """Take the level from the table; lost data is an error."""
         level = "error" if self.lost_data else FINDING_LEVELS.get(self.code, "warning")
         object.__setattr__(self, "level", level)

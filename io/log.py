@@ -1,4 +1,4 @@
-"""A log in canonical form: one table per sensor, where each came from, and what was noticed on the way."""
+"""A log in canonical form: one table per sensor, where each came from, and findings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -38,17 +38,17 @@ class Log:
     origin: Origin | None = None
     truth: Truth | None = None
     configuration: Path | None = None  # which usbldr.toml was read
-    settings: Configuration = Configuration()  # what it says
+    settings: Configuration = Configuration()  # its content
     findings: tuple[Finding, ...] = ()
-    raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if they were asked for
+    raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if requested
 
     def convention(self, role: str, key: str) -> Convention:
-        """Return by which convention a sensor was read, NO_CONVENTION if nothing says it."""
+        """Return by which convention a sensor was read, NO_CONVENTION if unknown."""
         return self.provenance[role].convention(key) if role in self.provenance else NO_CONVENTION
 
 
 def missing_sensor_text(log: Log, role: str) -> str:
-    """Say that a log holds no records of a sensor, which ones it holds, and how to give them."""
+    """Return a sentence that a log has no records of a sensor, which sensors it has, and how to add one."""
     have = ", ".join(log.tables) or "none"
     return (
         f"no {role} data (sensors in this log: {have}); name its topic by --{role} TOPIC, "

@@ -1,4 +1,4 @@
-"""From what a user names to an opened log: its configuration is found, its columns are named, its files are joined."""
+"""Open a log as the user names it: find its configuration, name its columns, join its files."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -19,9 +19,9 @@ from usbldr.io.settings.sensor_sections import Configuration
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What the user asks beside the log itself; it beats the configuration."""
+    """The options of the user; they override the configuration."""
 
-    configuration: str | None = None  # a file, or "none": ignore what lies beside the log
+    configuration: str | None = None  # a file, or "none": ignore usbldr.toml
     topics: Mapping[str, str] = field(default_factory=dict[str, str])  # role -> topic or "none"
     truth: str | None = None  # a file, a topic or "none"
     joined: tuple[str, ...] = ()  # further files of the same dive
@@ -38,14 +38,14 @@ class OpenedLog:
     reader: Reader
     paths: tuple[Path, ...]  # of the log and the files joined to it
     configuration: Configuration
-    file: Path | None  # where the configuration stands
+    file: Path | None  # of the configuration
 
 
 def open_configured(path: Path, request: Request) -> OpenedLog:
     """Open a log with the files that belong to it.
 
-    A file stated under [[file]] has its clock offset taken off its times; so has the log itself, if it is stated there.
-    Raises LogError for what cannot be read, UsageError for a configuration that makes no sense.
+    The clock offset of a file under [[file]] is subtracted from its times; the log itself may be one of them.
+    Raises LogError for what cannot be read, UsageError for an invalid configuration.
     """
     if not path.exists():
         raise LogError("no such file or folder", path=path)
@@ -81,13 +81,13 @@ def _opened(path: Path, configuration: Configuration, request: Request) -> Reade
 
 
 def digest_paths(paths: Sequence[Path]) -> str:
-    """Return the digest of a file or folder; of several, that of their digests."""
+    """Return the digest of a file or folder; of several, the digest of their digests."""
     digests = [_sha256(path) for path in paths]
     return digests[0] if len(digests) == 1 else hashlib.sha256("\n".join(digests).encode()).hexdigest()
 
 
 def _sha256(path: Path) -> str:
-    """Return the digest of a file; of a folder, that of its files' digests by name, its configuration apart."""
+    """Return the digest of a file; of a folder, the digest of its files' digests by name, without its configuration."""
     if path.is_dir():
         files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix != ".toml"]
         return hashlib.sha256("\n".join(_sha256(file) for file in files).encode()).hexdigest()

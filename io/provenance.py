@@ -1,4 +1,4 @@
-"""Which records a sensor's table was made of, and by which conventions, as values; only here are they put in words."""
+"""Which records a sensor's table was made of, and by which conventions; only here are they put in words."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -17,10 +17,10 @@ CHOSEN_BY_TEXTS: Mapping[ChosenBy, str] = {
     "data": "by the log",
     "model": "World Magnetic Model",
 }
-"""Who chose a convention, if the word alone does not say it."""
+"""Texts of who chose a convention, if not the word itself."""
 
 CONVENTION_TEXTS: Mapping[str, str] = {
-    "age_s": "stamps moved back by {}",
+    "age_s": "stamps shifted back by {}",
     "bearing_from": "bearings count from the {}",
     "bearing_sd_deg": "bearing sd {}",
     "bias_deg": "bias {} subtracted",
@@ -28,7 +28,7 @@ CONVENTION_TEXTS: Mapping[str, str] = {
     "deviation_cos_deg": "deviation {} cos H subtracted",
     "deviation_sin_deg": "deviation {} sin H subtracted",
     "east_m": "at {} east",
-    "heading_deg": "turned by {}",
+    "heading_deg": "rotated by {}",
     "horizontal_range": "slant to horizontal range by {}",
     "latency_s": "latency {} subtracted",
     "lever_arm_m": "at {} starboard, forward, up of the antenna",
@@ -39,7 +39,7 @@ CONVENTION_TEXTS: Mapping[str, str] = {
     "range_sd_m": "range sd {}",
     "range_sd_rel": "range sd {} of the slant range",
     "relative_to": "relative to the {}",
-    "scale_error": "scale error {} taken off",
+    "scale_error": "scale error {} removed",
     "sd_deg": "sd {}",
     "sd_m": "sd {}",
     "sd_mps": "sd {}",
@@ -49,7 +49,7 @@ CONVENTION_TEXTS: Mapping[str, str] = {
     "surface_pa": "surface {}",
     "time": "timed by {}",
 }
-"""What a convention means, with a place for its value; of other keys, the key and the value say it."""
+"""Texts of conventions, with a place for the value; for other keys, the key and the value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Convention:
     value: str | float
     chosen_by: ChosenBy
     unit: str = ""
-    note: str = ""  # more of who chose it, for people alone: a frame_id, a model, how many records
+    note: str = ""  # details for people: a frame_id, a model, how many records
     of: str = ""  # "": the sensor itself; else what it counts from: "ship", "head"
 
 
@@ -84,22 +84,22 @@ class Provenance:
 
 
 def chosen_by_text(convention: Convention) -> str:
-    """Say who chose a convention: "by type", "by frame_id: base_ned"."""
+    """Return who chose a convention: "by type", "by frame_id: base_ned"."""
     who = CHOSEN_BY_TEXTS.get(convention.chosen_by, convention.chosen_by)
     return f"{who}: {convention.note}" if convention.note else who
 
 
 def convention_text(convention: Convention) -> str:
-    """Say a convention in one sentence: "axes FRD (by type)", "mount 135 deg (configuration)"."""
+    """Return a convention in one sentence: "axes FRD (by type)", "mount 135 deg (configuration)"."""
     value = convention.value
     shown = value if isinstance(value, str) else f"{value:g}"
-    what = CONVENTION_TEXTS.get(convention.key, f"{convention.key} {{}}")
-    what = what.format(f"{shown} {convention.unit}" if convention.unit else shown)
-    return f"{convention.of + ': ' if convention.of else ''}{what} ({chosen_by_text(convention)})"
+    text = CONVENTION_TEXTS.get(convention.key, f"{convention.key} {{}}")
+    text = text.format(f"{shown} {convention.unit}" if convention.unit else shown)
+    return f"{convention.of + ': ' if convention.of else ''}{text} ({chosen_by_text(convention)})"
 
 
 def provenance_values(provenance: Provenance) -> dict[str, Any]:
     """Return a provenance as JSON has it: each convention with its values and its sentence."""
-    told = asdict(provenance)
-    told["conventions"] = [asdict(c) | {"text": convention_text(c)} for c in provenance.conventions]
-    return told
+    values = asdict(provenance)
+    values["conventions"] = [asdict(c) | {"text": convention_text(c)} for c in provenance.conventions]
+    return values

@@ -1,4 +1,4 @@
-"""From a file to a Log: the door of this package."""
+"""Read a file to a Log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,14 +37,14 @@ from usbldr.io.settings.sensor_sections import Configuration, GpsSection
 def read_log(path: Path, request: Request = DEFAULT_REQUEST) -> Log:
     """Read a log in any format of detect.FORMATS.
 
-    Raises LogError where it cannot be read or lacks what was named, UsageError where options, configuration and log do
-    not fit together. A missing sensor is no error here (see `require`).
+    Raises LogError if it cannot be read or lacks a named topic, UsageError if options, configuration and log do not fit
+    together. A missing sensor is no error here (see `require`).
     """
     return read(open_configured(path, request), request)
 
 
 def require(log: Log, roles: Sequence[str]) -> None:
-    """Raise LogError that says what is there if the log lacks one of the sensors."""
+    """Raise LogError that lists the sensors of the log if one is missing."""
     for role in roles:
         if role not in log.tables:
             raise LogError(missing_sensor_text(log, role), path=log.path)
@@ -56,19 +56,19 @@ def configured_topics(configuration: Configuration) -> dict[str, str]:
 
 
 def roles_of(path: Path, topics: Sequence[TopicInfo], request: Request, configuration: Configuration) -> Roles:
-    """Fill the roles; a ship's receiver or gyro that the configuration names for the head is none of the vehicle's."""
+    """Fill the roles; a ship's receiver or gyro that the configuration names for the head is not the vehicle's."""
     head, stated = configuration.usbl.head, configured_topics(configuration)
     ships = [find_topic(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
-    wished = [find_topic(topics, name) for name in (*request.topics.values(), *stated.values())]
-    others = [topic for topic in topics if topic not in ships or topic in wished]
+    named = [find_topic(topics, name) for name in (*request.topics.values(), *stated.values())]
+    others = [topic for topic in topics if topic not in ships or topic in named]
     return choose_roles(path, others, request.topics, stated)
 
 
 def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[str]] | None = None) -> Log:
     """Read an opened log (see `read_log`).
 
-    With ``raw_fields`` (role -> fields), the log keeps the records of its roles as their messages have them, and with
-    them these fields if the messages have them.
+    With ``raw_fields`` (role -> fields), the log keeps the unconverted records of its roles, with these fields if the
+    messages have them.
     """
     reader, configuration = opened.reader, opened.configuration
     path, topics = reader.path, reader.topics()
@@ -84,7 +84,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
     _refuse_truth_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
     as_logged = _raws(reader, choices, raw_fields or {})
-    raws, moved = align_clocks(as_logged, _timed_by_log(configuration))
+    raws, shifted = align_clocks(as_logged, _timed_by_log(configuration))
 
     origin = _origin(configuration, raws)
     try:
@@ -132,7 +132,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         truth=truth,
         configuration=opened.file,
         settings=configuration,
-        findings=(*reader.findings(), *roles.findings, *moved, *findings),
+        findings=(*reader.findings(), *roles.findings, *shifted, *findings),
         raws={} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES},
     )
 
@@ -148,7 +148,7 @@ def _without_messages(reader: Reader) -> LogError:
 
 @dataclass(frozen=True, slots=True)
 class TruthSource:
-    """Where the truth comes from: a file, a topic, nowhere (off), else the GPS."""
+    """The source of the truth: a file, a topic, none (off), else the GPS."""
 
     file: Path | None = None
     topic: TopicChoice | None = None
@@ -167,7 +167,7 @@ def _truth_source(
         if file is not None:
             return TruthSource(file, chosen_by="option")
         if find_topic(topics, option) is None:
-            raise LogError(f"truth {option} is neither a file here or beside the log nor a topic of it", path=path)
+            raise LogError(f"truth {option} is neither a file, here or beside the log, nor a topic", path=path)
         return TruthSource(topic=topic_named(path, topics, "truth", option, "option"), chosen_by="option")
     if section.file is not None:
         file = find_truth_file(section.file, path, from_option=False)
@@ -182,12 +182,12 @@ def _truth_source(
     )
 
 
-def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, TopicChoice], judge: str | None) -> None:
-    """Raise UsageError where a sensor of the filter reads the topic that the filter is judged by."""
-    if judge is None or judge not in choices:
+def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, TopicChoice], truth_role: str | None) -> None:
+    """Raise UsageError if a sensor of the filter reads the topic of the truth."""
+    if truth_role is None or truth_role not in choices:
         return
     for role in ("dvl", "compass", "usbl", SHIP, SHIP_HEADING):
-        if role in choices and choices[role].topic.name == choices[judge].topic.name:
+        if role in choices and choices[role].topic.name == choices[truth_role].topic.name:
             raise UsageError(
                 f"{choices[role].topic.name} cannot be the {role} and the truth at once: "
                 'name another --truth, or "none"',
@@ -275,7 +275,7 @@ def _converted(
 def _truth_section(configuration: Configuration, raws: Mapping[str, RawRecords], truth_by: str) -> GpsSection:
     """Return how a truth topic is read: as the GPS, if it is that, else by [truth] frame.
 
-    A topic of latitudes that an option puts in the place of the configured truth does not have that truth's frame.
+    A topic of latitudes that an option puts instead of the configured truth does not have that truth's frame.
     """
     same = "gps" in raws and raws["gps"].topic == raws["truth"].topic
     section = configuration.gps if same else GpsSection()
@@ -285,7 +285,7 @@ def _truth_section(configuration: Configuration, raws: Mapping[str, RawRecords],
 
 
 def _start_ns(tables: Mapping[str, pd.DataFrame], topics: Sequence[TopicInfo]) -> int:
-    """Return the earliest stamp of the DVL, compass and USBL records used; without any, of whatever there is."""
+    """Return the earliest stamp of the DVL, compass and USBL records used; without any, of all records."""
     used = [tables[role] for role in ("dvl", "compass", "usbl") if role in tables]
     used = [table[table["valid"]] if "valid" in table else table for table in used] or list(tables.values())
     if used:
@@ -294,20 +294,20 @@ def _start_ns(tables: Mapping[str, pd.DataFrame], topics: Sequence[TopicInfo]) -
 
 
 def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
-    """Raise LogError with each sensor's span where DVL, compass and USBL have no moment in common."""
+    """Raise LogError with each sensor's span if DVL, compass and USBL do not overlap in time."""
     spans = {
         role: (int(tables[role]["time_ns"].min()), int(tables[role]["time_ns"].max()))
         for role in ("dvl", "compass", "usbl")
         if role in tables
     }
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
-        said = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
+        spans_text = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
         hint = 'if a clock is wrong, try time = "log" or state latency_s'
-        raise LogError(f"the sensors do not overlap in time: {said}; {hint}", path=path)
+        raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
 
 
 def _kind(source: TruthSource) -> str:
-    """Return the kind of truth that a source is unless the configuration says it."""
+    """Return the kind of truth of a source, unless the configuration states it."""
     if source.file is not None or (source.topic is not None and source.topic.layout.defaults.get("frame") != "latlon"):
         return "other"
     return "gps"

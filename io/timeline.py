@@ -1,8 +1,8 @@
-"""From the tables of a log to the grid that filters walk on: the one place where time is cut into epochs.
+"""From the tables of a log to the epochs of the filters: the one place where time is divided into epochs.
 
 Epochs are at k / fast rate seconds. An epoch carries a DVL or compass measurement only from the records of its own
-interval, so that each record is used once and none is invented: a slow DVL leaves epochs without a measurement.
-Interpolated values serve dead reckoning alone, and a USBL fix keeps its own time.
+interval, so that each record is used once: a slow DVL leaves epochs without a measurement.
+Only dead reckoning uses interpolated values, and a USBL fix keeps its own time.
 """
 
 import math
@@ -18,18 +18,18 @@ from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 
 LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
-MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: a quiet, rounded record repeats itself and would claim 0
+MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9  # so that epochs can be counted
 MAX_EPOCHS = 20_000_000  # 46 days at 5 Hz
-LONGEST_LOG_S = 30 * 86400.0  # a span beyond is a wrong stamp, and a grid over it would fill the memory
+LONGEST_LOG_S = 30 * 86400.0  # a longer span means a wrong stamp, and its epochs would fill the memory
 
 
 def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
-    """Cut a log into epochs, from time 0 to the last DVL, compass or USBL record.
+    """Divide a log into epochs, from time 0 to the last DVL, compass or USBL record.
 
-    Where a latency was subtracted, the first records may lie before 0: no epoch is theirs, and the first fixes are used
-    at time 0 with their offset.
-    Raises LogError without a usable DVL or compass record, UsageError where the rates do not fit together.
+    If a latency was subtracted, the first records may be before 0: they have no epoch, and the first fixes are used at
+    time 0 with their offset.
+    Raises LogError without a usable DVL or compass record, UsageError if the rates do not fit together.
     """
     every = _epochs_per_slow(fast_hz, slow_hz)
     t_d, dvl, sd_d = _dvl(log)
@@ -44,7 +44,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it
     count = 1 + int(max(ends))
     if count > MAX_EPOCHS:
-        raise UsageError(f"{fast_hz:g} Hz over {last_s:.0f} s are {count:.2g} epochs; take a lower --fast-hz")
+        raise UsageError(f"{fast_hz:g} Hz over {last_s:.0f} s are {count:.2g} epochs; use a lower --fast-hz")
     time_s = np.arange(count) / fast_hz
 
     dvl_count, dvl_mean = _averages(_epoch_of(t_d, fast_hz), np.column_stack([dvl, sd_d**2]), count)
@@ -121,12 +121,12 @@ def _compass(log: Log) -> tuple[Vector, Vector, Vector]:
 
 
 def _fixes(log: Log) -> pd.DataFrame:
-    """Usable fixes by time of validity; a fix that was logged twice counts once, from its first arrival."""
+    """Usable fixes by time of validity; a fix that was logged twice is used once, from its first arrival."""
     if "usbl" not in log.tables:
         return pd.DataFrame(columns=list(COLUMNS["usbl"]))
     table = log.tables["usbl"]
     table = table[np.isfinite(table[["time_s", "east_m", "north_m"]].to_numpy(dtype=float)).all(axis=1)]
-    arrival = np.fmax(table["time_s"], table["received_s"])  # never before it was true; unknown: at once
+    arrival = np.fmax(table["time_s"], table["received_s"])  # not before it was valid; unknown: without delay
     table = table.assign(received_s=arrival).sort_values(["time_s", "received_s"], kind="stable")
     return table.drop_duplicates(["time_s", "east_m", "north_m"])
 
@@ -148,7 +148,7 @@ def _sorted(log: Log, sensor: str) -> pd.DataFrame:
 
 
 def _one_per_stamp(time_s: Vector, values: Array) -> tuple[Vector, Array]:
-    """Average the records that share a stamp: they are one measurement, said twice or differently."""
+    """Average the records that share a stamp: they are one measurement."""
     stamps, group = np.unique(time_s, return_inverse=True)
     if len(stamps) == len(time_s):
         return time_s, values
@@ -161,7 +161,7 @@ def _epoch_of(time_s: Vector, fast_hz: float) -> Indices:
 
 
 def _averages(group: Indices, values: Array, count: int) -> tuple[Indices, Array]:
-    """Return how many records fell into each of ``count`` groups and their means, (count, k), NaN where none did."""
+    """Return how many records fell into each of ``count`` groups and their means, (count, k), NaN if none did."""
     values, group = values[group >= 0], group[group >= 0]
     n = np.bincount(group, minlength=count)
     sums = np.column_stack([np.bincount(group, weights=column, minlength=count) for column in values.T])
@@ -169,7 +169,7 @@ def _averages(group: Indices, values: Array, count: int) -> tuple[Indices, Array
 
 
 def _filled(sd: Vector) -> Vector:
-    """Give epochs without a record the usual sigma, so that the column is a number everywhere."""
+    """Give epochs without a record the median sigma, so that no value is NaN."""
     return np.where(np.isnan(sd), np.nanmedian(sd), sd)
 
 

@@ -21,18 +21,18 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import CompassSection
 
-COMPASS_SD_DEG = 0.3  # where nobody says
+COMPASS_SD_DEG = 0.3  # if not stated
 MAGNETIC, UTM_GRID = 0, 2  # of compass_msgs/Azimuth: reference
 DEGREES = 1  # fixed: of its unit; 0: radians
 CLOCKWISE = 1  # fixed: of its orientation, from north; 0: counter-clockwise from east
-NEWTON_STEPS = 8  # from 30 degrees off to far below what a compass can tell
+NEWTON_STEPS = 8  # from 30 degrees to far below a compass's resolution
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
-MIN_CONSTANT_RECORDS = 100  # records without any change make one wonder
+MIN_CONSTANT_RECORDS = 100  # fewer may be equal by chance
 
 
 @dataclass(frozen=True, slots=True)
 class KeyTexts:
-    """How sentences call the keys that would mend a heading."""
+    """The keys that correct a heading, as messages name them."""
 
     declination: str = "declination_deg under [compass]"
     radians: str = 'state [compass] unit = "rad"'
@@ -47,8 +47,8 @@ def compass(
 ) -> ConvertedTable:
     """Turn headings to degrees clockwise from true north, 0 to 360; invalid records are left out.
 
-    ``place`` is where declination is taken. Raises LogError where all records are invalid, UsageError where a
-    declination is asked for that nobody can know.
+    ``place`` is that of the declination. Raises LogError if all records are invalid, UsageError if a declination is
+    requested but its place or time is unknown.
     """
     times = times_of(raw, section.time, section.latency_s)
     heading, causes, chosen, findings = _clockwise(raw, section, keys)
@@ -82,39 +82,39 @@ def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
 def _clockwise(
     raw: RawRecords, section: CompassSection, keys: KeyTexts
 ) -> tuple[Vector, dict[str, Mask], list[Convention], list[Finding]]:
-    """Return headings clockwise from whatever north, degrees (n,); by cause which are invalid; what was assumed."""
-    settled = "angle" in raw.values and "convention" in {*raw.layout.defaults, *raw.layout.fixed}
-    by_frame = "NED" if named_ned(raw.frame_id) and not settled else None
-    convention, who, findings = chosen_convention(raw, "convention", section.convention or by_frame, "ENU")
+    """Return headings clockwise from any north, degrees (n,); which are invalid, by cause; conventions."""
+    defined = "angle" in raw.values and "convention" in {*raw.layout.defaults, *raw.layout.fixed}
+    by_frame = "NED" if named_ned(raw.frame_id) and not defined else None
+    convention, chosen_by, findings = chosen_convention(raw, "convention", section.convention or by_frame, "ENU")
     if by_frame and not section.convention:
         chosen = [Convention("convention", convention, "frame_id", note=raw.frame_id)]
     else:
-        chosen = [Convention("convention", convention, "records" if convention == PER_RECORD else who)]
+        chosen = [Convention("convention", convention, "records" if convention == PER_RECORD else chosen_by)]
     if section.unit is not None and "angle" not in raw.values:
-        text = f"{raw.topic.name}: unit of the configuration is not used; it tells no plain angles"
+        text = f"{raw.topic.name}: unit of the configuration is not used; its records are not plain angles"
         findings = [*findings, Finding("KEY-UNUSED", text, raw.topic.name)]
     if "field_x" in raw.values:
         return _magnetometer(raw, convention, chosen, findings)
     if "angle" not in raw.values:
         yaw, causes = _yaw_deg(raw)
         return (90.0 - yaw if convention == "ENU" else yaw), causes, chosen, findings
-    unit, unit_who, more = chosen_convention(raw, "unit", section.unit, "deg")
+    unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "deg")
     unit_note = ""
     angle, findings = raw.number("angle"), [*findings, *more]
     largest = float(np.max(np.abs(angle[np.isfinite(angle)]), initial=0.0))
     if unit == BY_RANGE:
-        unit, unit_who, unit_note = ("deg" if largest > 7.0 else "rad"), "values", f"up to {largest:.3g}"
+        unit, unit_by, unit_note = ("deg" if largest > 7.0 else "rad"), "values", f"up to {largest:.3g}"
     in_degrees = raw.number("unit_code") == DEGREES if unit == PER_RECORD else np.full(len(angle), unit == "deg")
     from_east = raw.number("sense_code") != CLOCKWISE if convention == PER_RECORD else convention == "ENU"
     angle = np.where(in_degrees, angle, np.degrees(angle))
-    if unit_who == "default" and largest < 6.3:
+    if unit_by == "default" and largest < 6.3:
         text = f"{raw.topic.name}: no value is above 6.3; if they are radians, {keys.radians}"
         findings = [*findings, Finding("HEADING-UNIT", text, raw.topic.name)]
     causes = {
         "not a number": ~np.isfinite(angle),
         "from the north of a UTM grid": raw.number("north_code") == UTM_GRID,
     }
-    chosen.append(Convention("unit", unit, "records" if unit == PER_RECORD else unit_who, note=unit_note))
+    chosen.append(Convention("unit", unit, "records" if unit == PER_RECORD else unit_by, note=unit_note))
     return np.where(from_east, 90.0 - angle, angle), causes, chosen, findings
 
 
@@ -144,7 +144,7 @@ def _magnetometer(
 
 
 def _magnetic(raw: RawRecords) -> Mask | None:
-    """Return which records (n,) count from magnetic north by their own account; None: they do not tell."""
+    """Return which records (n,) count from magnetic north by their type or fields; None: not stated."""
     if "north_code" in raw.values:
         return raw.number("north_code") == MAGNETIC
     if "is_true" in raw.values:
@@ -155,30 +155,30 @@ def _magnetic(raw: RawRecords) -> Mask | None:
 def _declination(
     raw: RawRecords, section: CompassSection, place: Origin | None, time_ns: int, keys: KeyTexts
 ) -> tuple[Vector, list[Convention], list[Finding]]:
-    """Return the degrees to add to each record, (n,), how they came about, and what a user ought to know."""
+    """Return the degrees to add to each record, (n,), their conventions, and findings."""
     magnetic, stated_deg = _magnetic(raw), section.declination_deg
-    nothing = np.zeros(len(raw.received_ns))
+    zero = np.zeros(len(raw.received_ns))
     if magnetic is not None and not magnetic.any():
         if not stated_deg:
-            return nothing, [Convention("north", "true", "records")], []
+            return zero, [Convention("north", "true", "records")], []
         key = keys.declination.split()[0]
         text = f"{raw.topic.name}: {key} of the configuration is not used; its records count from true north"
-        return nothing, [Convention("north", "true", "records")], [Finding("KEY-UNUSED", text, raw.topic.name)]
+        return zero, [Convention("north", "true", "records")], [Finding("KEY-UNUSED", text, raw.topic.name)]
     if stated_deg is None and magnetic is None:
         if not MAGNETIC_NAME.search(raw.topic.name.lower()):
-            return nothing, [], []
+            return zero, [], []
         text = (
-            f"{raw.topic.name}: taken for headings from true north, but its name says magnetic; state "
+            f"{raw.topic.name}: read as true headings, but the topic's name suggests magnetic; state "
             f'{keys.declination}: "auto" or a number, 0 if they are true'
         )
-        return nothing, [], [Finding("HEADING-MAGNETIC", text, raw.topic.name)]
+        return zero, [], [Finding("HEADING-MAGNETIC", text, raw.topic.name)]
     if isinstance(stated_deg, float):
-        value, who, how = stated_deg, "configuration", ""
+        value, chosen_by, model_text = stated_deg, "configuration", ""
     elif place is not None:
         from usbldr.io.conventions.declination import declination  # loads the model
 
         try:
-            (value, how), who = declination(place, time_ns), "model"
+            (value, model_text), chosen_by = declination(place, time_ns), "model"
         except UsageError as err:
             raise UsageError(f"{raw.topic.name}: {err}", path=raw.log, topic=raw.topic.name) from err
     elif stated_deg == "auto":
@@ -188,14 +188,14 @@ def _declination(
         )
     else:
         text = (
-            f"{raw.topic.name}: headings are magnetic by their own account and stay so, for no position is known; "
+            f"{raw.topic.name}: headings are magnetic and are not corrected, because no position is known; "
             f"state {keys.declination}, or origin_lat_deg and origin_lon_deg under [map]"
         )
         finding = Finding("HEADING-MAGNETIC", text, raw.topic.name)
-        return nothing, [Convention("north", "magnetic", "records")], [finding]
-    some = [] if magnetic is None or magnetic.all() else [f"to {np.sum(magnetic)} magnetic records"]
-    note = ", ".join([how, *some] if how else some)
-    chosen = [Convention("declination_deg", value, who, "deg", note)] if value else []
+        return zero, [Convention("north", "magnetic", "records")], [finding]
+    partly = [] if magnetic is None or magnetic.all() else [f"to {np.sum(magnetic)} magnetic records"]
+    note = ", ".join([model_text, *partly] if model_text else partly)
+    chosen = [Convention("declination_deg", value, chosen_by, "deg", note)] if value else []
     return np.where(True if magnetic is None else magnetic, value, 0.0), chosen, []
 
 
@@ -218,13 +218,13 @@ def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, Conventio
     known = np.isfinite(sd)
     if not known.any():
         return np.full(len(sd), COMPASS_SD_DEG), Convention("sd_deg", COMPASS_SD_DEG, "default", "deg")
-    who: ChosenBy = "configuration" if section.sd_deg else "column names"
-    chosen = Convention("sd_deg", float(np.nanmedian(sd)), who, "deg", "median of the records")
+    chosen_by: ChosenBy = "configuration" if section.sd_deg else "column names"
+    chosen = Convention("sd_deg", float(np.nanmedian(sd)), chosen_by, "deg", "median of the records")
     return np.where(known, sd, COMPASS_SD_DEG), chosen
 
 
 def _constant(raw: RawRecords, heading: Vector) -> list[Finding]:
     if len(heading) < MIN_CONSTANT_RECORDS or np.any(heading != heading[0]):
         return []
-    text = f"{raw.topic.name}: all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; does it measure any?"
+    text = f"{raw.topic.name}: all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; check the sensor"
     return [Finding("HEADING-CONSTANT", text, raw.topic.name)]

@@ -1,7 +1,7 @@
 """Magnetic declination by the World Magnetic Model: true minus magnetic north, degrees, east positive.
 
 The model is NOAA's and the British Geological Survey's, one set of coefficients every five years, by pygeomag. It is
-good to about 0.4 degrees away from the magnetic poles and from iron; depth under water makes no difference.
+accurate to about 0.4 degrees away from the magnetic poles and from iron; depth under water makes no difference.
 """
 
 from datetime import UTC, datetime
@@ -13,7 +13,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.frames import wrapped
 from usbldr.io.geodesy import Origin
 
-FIRST_YEAR, LAST_YEAR = 2010, 2029  # of the coefficients that pygeomag brings
+FIRST_YEAR, LAST_YEAR = 2010, 2029  # of pygeomag's coefficients
 
 
 def declination(place: Origin, time_ns: int) -> tuple[float, str]:
@@ -24,7 +24,7 @@ def declination(place: Origin, time_ns: int) -> tuple[float, str]:
     moment = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC)
     if not FIRST_YEAR <= moment.year <= LAST_YEAR:
         raise UsageError(
-            f"no magnetic model for {moment:%Y-%m-%d} (there are those of {FIRST_YEAR} to {LAST_YEAR}); "
+            f"no magnetic model for {moment:%Y-%m-%d} (available: {FIRST_YEAR} to {LAST_YEAR}); "
             "state declination_deg under [compass] as a number"
         )
     begin, end = (datetime(moment.year + k, 1, 1, tzinfo=UTC) for k in (0, 1))

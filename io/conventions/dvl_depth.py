@@ -23,7 +23,7 @@ from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
 WATER_PA_PER_M = 1025.0 * 9.80665  # fixed: sea water
 SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
-IN_THE_AIR_M = 0.5  # a sensor that is higher for half of the log counts the wrong way
+IN_THE_AIR_M = 0.5  # above this for half of the log: the sign is wrong
 ESTIMATED = "estimated from the records"  # by the timeline
 ANY_COLUMNS = "docs/configuration.md#any-columns"
 IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
@@ -51,12 +51,12 @@ class ConvertedTable:
 def chosen_convention(
     raw: RawRecords, key: str, value: str | None, default: str
 ) -> tuple[str, ChosenBy, list[Finding]]:
-    """Return a key's value, who chose it, and a finding where the configuration asks for what the log rules out."""
+    """Return a key's value, who chose it, and a finding if the log contradicts the configuration."""
     if key in raw.layout.fixed:
         fixed = raw.layout.fixed[key]
         if value in (None, fixed):
             return fixed, "column names", []
-        text = f'{raw.topic.name}: {key} = "{value}" of the configuration is not used; its columns say {fixed}'
+        text = f'{raw.topic.name}: {key} = "{value}" of the configuration is not used; its columns are {fixed}'
         text += f"; name them by columns to read them otherwise ({ANY_COLUMNS})"
         return fixed, "column names", [Finding("KEY-UNUSED", text, raw.topic.name)]
     if value is not None:
@@ -79,11 +79,11 @@ def converted_table(
 
 
 def valid_mask(
-    raw: RawRecords, causes: Mapping[str, Mask], sensor: str, verdict: str, advice: str = ""
+    raw: RawRecords, causes: Mapping[str, Mask], sensor: str, treatment: str, advice: str = ""
 ) -> tuple[Mask, list[Finding]]:
     """Return which records (n,) are good, and a finding that counts the others by their first cause.
 
-    Raises LogError where none is good, ending in the advice.
+    Raises LogError if none is good, ending in the advice.
     """
     good = np.ones(len(raw.received_ns), dtype=np.bool_)
     counts: dict[str, int] = {}
@@ -100,23 +100,23 @@ def valid_mask(
             path=raw.log,
             topic=raw.topic.name,
         )
-    text = f"{raw.topic.name}: {bad} of {len(good)} records are invalid and {verdict} ({parts})"
+    text = f"{raw.topic.name}: {bad} of {len(good)} records are invalid and {treatment} ({parts})"
     return good, [Finding(f"{sensor.upper()}-INVALID", text, raw.topic.name)]
 
 
 def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     """Turn velocities to starboard, forward, up in m/s; invalid records stay in the table and are marked.
 
-    Raises LogError where all are invalid, or where so many are too fast that the unit must be another.
+    Raises LogError if all are invalid, or so many too fast that the unit must be wrong.
     """
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
-    axes, who, findings = chosen_convention(raw, "axes", section.axes, by_frame)
-    by_default = who == "default"
-    unit, unit_who, more = chosen_convention(raw, "unit", section.unit, "m/s")
+    axes, chosen_by, findings = chosen_convention(raw, "axes", section.axes, by_frame)
+    by_default = chosen_by == "default"
+    unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "m/s")
     to_mps = MPS_PER_UNIT[unit]
     chosen = [
-        Convention("axes", axes, "frame_id" if by_default else who, note=raw.frame_id if by_default else ""),
-        Convention("unit", unit, unit_who),
+        Convention("axes", axes, "frame_id" if by_default else chosen_by, note=raw.frame_id if by_default else ""),
+        Convention("unit", unit, unit_by),
     ]
 
     instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
@@ -132,10 +132,10 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     if section.min_good_beams is not None and "good_beams" not in raw.values:
         raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
     causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
-    free = section.unit is None or unit_who == "column names"
-    own = IN_MILLIMETRES if unit_who == "column names" else ""
+    free = section.unit is None or unit_by == "column names"
+    own = IN_MILLIMETRES if unit_by == "column names" else ""
     valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
-    if unit_who == "default" and in_millimetres(raw, causes):
+    if unit_by == "default" and in_millimetres(raw, causes):
         fast = int(np.sum(causes[TOO_FAST]))
         raise LogError(
             f"{fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
@@ -163,29 +163,29 @@ def _dvl_sd(raw: RawRecords, section: DvlSection, to_mps: float) -> tuple[Vector
         return np.full(len(raw.received_ns), section.sd_mps), chosen
     if section.sd_mps is None and not own:
         return np.full(len(raw.received_ns), np.nan), Convention("sd_mps", ESTIMATED, "default")
-    who: ChosenBy = "column names" if own else "configuration"
+    chosen_by: ChosenBy = "column names" if own else "configuration"
     covariance = np.fmax(raw.number("covariance"), raw.number("own_covariance"))  # a type has one of them at most
     sd = np.sqrt(np.where(covariance > 0, covariance, np.nan))
     sd = to_mps * np.where(np.isfinite(sd), sd, np.where(raw.number("sd") > 0, raw.number("sd"), np.nan))
     if not np.isfinite(sd).any():
-        return sd, Convention("sd_mps", ESTIMATED, who, note="the messages state none")
-    return sd, Convention("sd_mps", float(np.nanmedian(sd)), who, "m/s", "median of the messages")
+        return sd, Convention("sd_mps", ESTIMATED, chosen_by, note="the messages state none")
+    return sd, Convention("sd_mps", float(np.nanmedian(sd)), chosen_by, "m/s", "median of the messages")
 
 
 def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
-    """Turn pressures or depths to metres below the surface; return a finding where the unit makes no sense.
+    """Turn pressures or depths to metres below the surface; return a finding if the unit makes no sense.
 
-    Raises LogError where all are invalid.
+    Raises LogError if all are invalid.
     """
-    unit, who, findings = chosen_convention(raw, "unit", section.unit, "m")
-    chosen = [Convention("unit", unit, who)]
+    unit, chosen_by, findings = chosen_convention(raw, "unit", section.unit, "m")
+    chosen = [Convention("unit", unit, chosen_by)]
     if "pressure" in raw.values:
         if unit == "m":
             raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
         pressure = raw.number("pressure") * PASCALS_PER_UNIT[unit]
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
-        surface_who = "default" if section.surface_pa is None else "configuration"
-        chosen.append(Convention("surface_pa", surface, surface_who, "Pa"))
+        surface_by = "default" if section.surface_pa is None else "configuration"
+        chosen.append(Convention("surface_pa", surface, surface_by, "Pa"))
         if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
             return Finding("DEPTH-UNIT", f"{raw.topic.name}: not used as depth: {fault} under [depth]", raw.topic.name)
         value = (pressure - surface) / WATER_PA_PER_M
@@ -196,11 +196,11 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         usual = "up" if height and not named_frd(raw.frame_id) else "down"
         if unit != "m":
             raise SettingError(f'[depth] unit = "{unit}": {raw.topic.name} holds depths in m')
-        sign, sign_who, more = chosen_convention(raw, "positive", section.positive, usual)
-        by_frame = height and sign_who == "default"
+        sign, sign_by, more = chosen_convention(raw, "positive", section.positive, usual)
+        by_frame = height and sign_by == "default"
         value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
         chosen.append(
-            Convention("positive", sign, "frame_id" if by_frame else sign_who, note=raw.frame_id if by_frame else "")
+            Convention("positive", sign, "frame_id" if by_frame else sign_by, note=raw.frame_id if by_frame else "")
         )
         findings = [*findings, *more]
         middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
@@ -217,7 +217,7 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
 
 
 def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
-    """Return why pressures (n,) cannot be absolute ones in pascals, and what to state; empty where they can."""
+    """Return why pressures (n,) cannot be absolute ones in pascals, and what to state; empty if they can."""
     known = pressure_pa[np.isfinite(pressure_pa)]
     if not len(known):
         return ""
@@ -225,7 +225,7 @@ def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
     if median < MIN_AIR_PRESSURE_PA and unit is None:
         return f"a median of {median:g} cannot be Pa; state unit"
     if low < MIN_AIR_PRESSURE_PA:
-        return f"{low:g} Pa is less than the air's: gauge pressures need surface_pa = 0"
+        return f"{low:g} Pa is below air pressure: gauge pressures need surface_pa = 0"
     return ""
 
 

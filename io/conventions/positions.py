@@ -1,4 +1,4 @@
-"""Positions of any kind as east and north on the local plane; GPS fixes are all of it."""
+"""Positions of any kind as east and north on the local plane; GPS fixes as a whole table."""
 
 from typing import cast
 
@@ -16,9 +16,9 @@ from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import GpsSection
 
 UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
-LONGEST_STILL_S = 5.0  # a receiver that says the same to the last digit for longer has no new fix
+LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 MAX_POSITION_M = 2e7  # half around the earth
-MAX_POSITION_SD_M = 1e6  # an error that is said to be larger is unknown
+MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
@@ -61,7 +61,7 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
 def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector, Vector]:
     """Return east and north, (n,) each, of positions whose frame is ENU, NED or latlon (x latitude, y longitude).
 
-    Raises LogError where latitudes are to be placed and the plane has no origin.
+    Raises LogError for latitudes if the plane has no origin.
     """
     x, y = _pair(raw)
     if "east_m" in raw.layout.required:
@@ -79,12 +79,12 @@ def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector
 
 
 def off_plane_causes(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
-    """Return as a cause which places (n,) lie on no map of this earth."""
+    """Return as a cause which places (n,) are beyond half the earth's circumference."""
     return {f"beyond {MAX_POSITION_M / 1000:.0f} km": np.fmax(np.abs(east_m), np.abs(north_m)) > MAX_POSITION_M}
 
 
 def message_covariance(raw: RawRecords, frame: str) -> Array:
-    """Return the covariance of east and north that the records state, (n, 2, 2); NaN where they know none.
+    """Return the covariance of east and north that the records state, (n, 2, 2); NaN if not stated.
 
     Of a pose in the frame latlon, x is the latitude: its variance is that of north.
     """
@@ -108,7 +108,7 @@ def message_covariance(raw: RawRecords, frame: str) -> Array:
 
 
 def _round(sd_m: Vector) -> Array:
-    """Return covariances without a direction, (n, 2, 2); NaN where the sd is no number between 0 and "
+    """Return covariances without a direction, (n, 2, 2); NaN if the sd is no number between 0 and "
     "MAX_POSITION_SD_M."""
     known = (sd_m > 0) & (sd_m <= MAX_POSITION_SD_M)
     return np.eye(2) * np.where(known, sd_m, np.nan)[:, None, None] ** 2
@@ -117,7 +117,8 @@ def _round(sd_m: Vector) -> Array:
 def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> ConvertedTable:
     """Turn GPS fixes, or another reference's positions, to east and north; fixes without validity are left out."""
     latlon = "lat_deg" in raw.layout.required
-    frame, who, findings = chosen_convention(raw, "frame", section.frame, "NED" if named_ned(raw.frame_id) else "ENU")
+    by_name = "NED" if named_ned(raw.frame_id) else "ENU"
+    frame, frame_by, findings = chosen_convention(raw, "frame", section.frame, by_name)
     if latlon != (frame == "latlon") and latlon:
         raise SettingError(f'frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
     good, invalid = valid_mask(raw, place_causes(raw, frame), "gps", "left out")
@@ -134,12 +135,13 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
         lat, lon = to_geodetic(origin, east, north)
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
     times = times_of(raw, section.time, section.latency_s)
-    made = converted_table(raw, times, columns, [Convention("frame", frame, who), sd_chosen], [*findings, *invalid])
+    chosen = [Convention("frame", frame, frame_by), sd_chosen]
+    made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
     return ConvertedTable(made.table[good].reset_index(drop=True), made.conventions, made.findings)
 
 
 def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:
-    """Return how deep each GPS fix lies below the surface, metres (n,), by two tables with a column of that time.
+    """Return the depth of each GPS fix below the surface, metres (n,), by two tables with a column of that time.
 
     NaN before the first depth and after the last.
     """
@@ -147,18 +149,18 @@ def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:
 
 
 def underwater_text(topic: str, depth_m: Vector) -> str:
-    """Return a sentence where satellite fixes at these depths are something else: empty where none is too deep."""
+    """Return a sentence if GPS fixes at these depths must be something else; empty if none is too deep."""
     wet = depth_m > UNDERWATER_M
     if not wet.any():
         return ""
     return (
         f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {np.nanmax(depth_m):.1f} m: "
-        "they may be acoustic positions or repeats; do not take them for truth"
+        "they may be acoustic positions or repeats; do not use them as truth"
     )
 
 
 def repeated_fix_text(topic: str, table: pd.DataFrame, start_ns: int) -> str:
-    """Return a sentence where latitudes and longitudes are the same to the last digit for long: empty where none are.
+    """Return a sentence if latitudes and longitudes repeat to the last digit for long; empty if none do.
 
     ``table`` is in order of time_ns. Under water a receiver repeats its last fix, with new stamps.
     """
@@ -167,13 +169,13 @@ def repeated_fix_text(topic: str, table: pd.DataFrame, start_ns: int) -> str:
     first = np.flatnonzero(np.append(True, np.any(places[1:] != places[:-1], axis=1)))  # of each run
     last = np.append(first[1:], len(table)) - 1
     length_s = (time_ns[last] - time_ns[first]) / 1e9
-    still = length_s > LONGEST_STILL_S
-    if not still.any():
+    repeated = length_s > LONGEST_STILL_S
+    if not repeated.any():
         return ""
     longest = int(np.argmax(length_s))
+    from_s = (time_ns[first[longest]] - start_ns) / 1e9
     return (
-        f"{topic}: {np.sum((last - first)[still])} of {len(table)} fixes repeat the one before to the last digit for "
-        f"more than {LONGEST_STILL_S:g} s, in {still.sum()} stretches, the longest of {length_s[longest]:.1f} s from "
-        f"{(time_ns[first[longest]] - start_ns) / 1e9:.1f} s on: so does a receiver under water, whose last fix is no "
-        "truth"
+        f"{topic}: {np.sum((last - first)[repeated])} of {len(table)} fixes repeat the previous one to the last digit "
+        f"for more than {LONGEST_STILL_S:g} s, in {repeated.sum()} stretches, the longest {length_s[longest]:.1f} s "
+        f"from {from_s:.1f} s on: the receiver may have been under water"
     )

@@ -1,4 +1,4 @@
-"""What a log that was read says of itself that cannot be: times and places apart, a truth under water or asleep."""
+"""Contradictions within a log: times or places apart, a truth under water or repeated."""
 
 from collections.abc import Mapping
 
@@ -11,11 +11,11 @@ from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.provenance import Provenance
 
-MAX_SEPARATION_M = 50_000.0  # no dive goes so far, nor does a plane that touches the earth hold
+MAX_SEPARATION_M = 50_000.0  # no dive goes so far, and the plane is not accurate beyond
 
 
 def truth_overlap_findings(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
-    """Say where the truth has no moment in common with the sensors."""
+    """Report a truth that does not overlap the sensors in time."""
     times = [tables[role]["time_ns"] for role in ("dvl", "compass", "usbl") if role in tables]
     if truth is None or not times:
         return []
@@ -30,27 +30,27 @@ def truth_overlap_findings(truth: Truth | None, tables: Mapping[str, pd.DataFram
 def position_findings(
     tables: Mapping[str, pd.DataFrame], provenance: Mapping[str, Provenance], origin: Origin | None
 ) -> list[Finding]:
-    """Say where fixes, GPS and the map's origin cannot be of one dive: no slip of theirs shows in a track's shape."""
+    """Report fixes, GPS and map origin that are too far apart for one dive."""
     places = {
         provenance[role].topic: np.median(tables[role][["east_m", "north_m"]].to_numpy(dtype=float), axis=0)
         for role in ("usbl", "gps")
         if role in tables
     }
-    where = " and ".join(places)
+    topics = " and ".join(places)
     if len(places) == 2 and (far_m := float(np.hypot(*np.subtract(*places.values())))) > MAX_SEPARATION_M:
-        told = "latitude and longitude exchanged, radians for degrees, or the [map] or head of another place"
-        return [Finding("PLACES-APART", f"{where} lie {far_m / 1000:.0f} km apart: {told}", where)]
+        causes = "exchanged latitude and longitude, radians, or the [map] or head of another place"
+        return [Finding("PLACES-APART", f"{topics} are {far_m / 1000:.0f} km apart: check for {causes}", topics)]
     far_m = max((float(np.hypot(*place)) for place in places.values()), default=0.0)
     if origin is None or far_m < MAX_SEPARATION_M:
         return []
-    text = f"{where}: {far_m / 1000:.0f} km from the map's origin ({origin.source}), where the plane is no map any more"
-    return [Finding("PLACES-APART", f"{text}: state the [map] of this dive", where)]
+    text = f"{topics}: {far_m / 1000:.0f} km from the map's origin ({origin.source}), too far for a local plane"
+    return [Finding("PLACES-APART", f"{text}: state the [map] of this dive", topics)]
 
 
 def truth_underwater_findings(
     truth: Truth, provenance: Mapping[str, Provenance], tables: Mapping[str, pd.DataFrame]
 ) -> list[Finding]:
-    """Say where GPS fixes were made below the surface."""
+    """Report GPS fixes below the surface."""
     if not {"gps", "depth"} <= tables.keys() or truth.source != provenance["gps"].topic:
         return []
     depth_m = positions.depths_of(tables["gps"], tables["depth"], "time_ns")
@@ -59,7 +59,7 @@ def truth_underwater_findings(
 
 
 def repeated_fix_findings(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:
-    """Say where a receiver repeats its last fix."""
+    """Report a receiver that repeats its last fix."""
     degrees = "lat_deg" in table and of.convention("frame").value == "latlon"
     text = positions.repeated_fix_text(of.topic, table, start_ns) if degrees else ""
     return [Finding("GPS-REPEATED", text, of.topic)] if text else []

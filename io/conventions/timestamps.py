@@ -11,9 +11,9 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.reader import Nanoseconds
 
-LOG_TIME = "log time"  # by what records are timed that have no stamp of their own
+LOG_TIME = "log time"  # times records that have no stamp
 TIMES = ("time_ns", "received_ns", "stamp_ns")
-"""Columns of a table in the making: time of validity, arrival, and the stamp before latency was taken off."""
+"""Columns of a table in the making: time of validity, arrival, and the stamp before latency was subtracted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Times:
 
 
 def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
-    """Time the records: by header unless there is none or the configuration wants log time; latency is subtracted."""
+    """Time the records: by header, or by log time if there is none or so configured; subtract the latency."""
     name, made, findings = raw.topic.name, list[Convention](), list[Finding]()
     if raw.stamp_ns is None:
         stamp = raw.received_ns
@@ -65,7 +65,7 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
 
 
 def _age_ns(raw: RawRecords) -> Nanoseconds | None:
-    """Return how old each record was when its instrument sent it, (n,), -1 where unset; None: they do not tell."""
+    """Return how old each record was when its instrument sent it, (n,), -1 if unset; None: not stated."""
     for unit, to_ns in (("us", 1000), ("ns", 1)):
         if f"transmission_{unit}" in raw.values and f"validity_{unit}" in raw.values:
             sent, valid = (raw.values[f"{what}_{unit}"].astype(np.int64) for what in ("transmission", "validity"))
@@ -79,34 +79,34 @@ def _age_ns(raw: RawRecords) -> Nanoseconds | None:
 
 
 def _whole_ns(seconds: Vector) -> Nanoseconds:
-    """Return seconds (n,) as nanoseconds, -1 where they are unknown."""
+    """Return seconds (n,) as nanoseconds, -1 if unknown."""
     return np.rint(np.where(np.isfinite(seconds), seconds, -1e-9) * 1e9).astype(np.int64)
 
 
 def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.DataFrame, list[Finding]]:
-    """Sort a table (in order of arrival) by time of validity; make one of repeated records.
+    """Sort a table (in order of arrival) by time of validity; remove repeated records.
 
-    Same time and same values: one record. Same time and other values: USBL fixes are all kept, of other sensors the
-    average is taken (of the valid ones, where records know of validity).
+    Same time and values: one record. Same time, other values: USBL fixes are all kept, records of other sensors are
+    averaged (only the valid ones, if the table has a column of validity).
     """
     findings: list[Finding] = []
     time = table["time_ns"].to_numpy()
     late = int(np.sum(np.diff(time) < 0))
     if late:
         why = "fixes arrive late; sorted by stamp, arrival kept" if sensor == "usbl" else "sorted by stamp"
-        text = f"{topic}: {late} of {len(time)} records are stamped earlier than the one before ({why})"
+        text = f"{topic}: {late} of {len(time)} records are stamped earlier than the previous one ({why})"
         findings.append(Finding("OUT-OF-ORDER", text, topic))
     table = table.sort_values("time_ns", kind="stable", ignore_index=True)
 
     values = [column for column in table if column not in ("received_ns", "stamp_ns")]
-    again = table.duplicated(subset=values)
-    if again.any():
-        text = f"{topic}: {again.sum()} of {len(table)} records repeat another's stamp and values and are left out"
+    repeated = table.duplicated(subset=values)
+    if repeated.any():
+        text = f"{topic}: {repeated.sum()} of {len(table)} records repeat another's stamp and values and are left out"
         findings.append(Finding("REPEATED", text, topic))
-        table = table[~again].reset_index(drop=True)
+        table = table[~repeated].reset_index(drop=True)
     shared = table.duplicated(subset="time_ns")
     if shared.any():
-        what = "all are kept" if sensor == "usbl" else "those of one stamp are averaged"
+        what = "all are kept" if sensor == "usbl" else "records of one stamp are averaged"
         text = f"{topic}: {shared.sum()} of {len(table)} records have another's stamp and other values; {what}"
         findings.append(Finding("SAME-STAMP", text, topic))
         if sensor != "usbl":

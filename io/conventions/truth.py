@@ -16,7 +16,7 @@ from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.settings.sensor_sections import TruthSection
 
-FINDINGS = "findings"  # what was noticed of a truth file, as an attribute of its table
+FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
 
 def find_truth_file(name: str, log: Path, from_option: bool) -> Path | None:
@@ -33,12 +33,12 @@ def truth_from_table(
     rows = table.iloc[section.skip_rows :]
     rows = rows[np.isfinite(rows["east_m"]) & np.isfinite(rows["north_m"])]
     rows = rows.sort_values("time_ns", kind="stable")
-    again = rows.duplicated(subset="time_ns")
+    repeated = rows.duplicated(subset="time_ns")
     findings: list[Finding] = list(table.attrs.get(FINDINGS, ()))
-    if again.any():
-        text = f"{source}: {again.sum()} truth rows have the time of an earlier one and are left out"
+    if repeated.any():
+        text = f"{source}: {repeated.sum()} truth rows have the time of an earlier one and are left out"
         findings.append(Finding("TRUTH-REPEATED", text, source))
-        rows = rows[~again]
+        rows = rows[~repeated]
     if rows.empty:
         raise LogError(f"{source}: no truth row is left of {len(table)} (skip_rows = {section.skip_rows})")
     truth = Truth(
@@ -55,36 +55,36 @@ def truth_from_table(
 def read_truth_file(
     file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None
 ) -> tuple[pd.DataFrame, Provenance]:
-    """Return time_ns, east_m, north_m and sd_m of a truth file, and the conventions taken.
+    """Return time_ns, east_m, north_m and sd_m of a truth file, and its conventions.
 
-    Rows that are to be skipped are not read, and hold nothing. Raises LogError for a missing column, a broken number or
-    an unknown plane; UsageError where the columns are unnamed.
+    Skipped rows are not parsed; they are NaN. Raises LogError for a missing column, a broken number or
+    an unknown plane; UsageError if the columns are unnamed.
     """
     texts = read_texts(file)
     columns, frame = _columns(file, texts, section)
-    whole = len(texts[columns["x"]])
-    rows = range(min(section.skip_rows, whole), whole)
+    row_count = len(texts[columns["x"]])
+    rows = range(min(section.skip_rows, row_count), row_count)
     cells = {key: texts[name][rows.start :] for key, name in columns.items()}
     time_ns = _times(file, cells, columns, start_ns, rows)
     x, y = (numbers(cells[axis], columns[axis], file, rows) for axis in "xy")
     sd = numbers(cells["sd_m"], columns["sd_m"], file, rows) if "sd_m" in cells else np.full(len(x), np.nan)
     east, north = _on_plane(file, frame, x, y, origin)
     columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
-    who = columns_by if section.columns is None or section.frame else "default"
+    frame_by = columns_by if section.columns is None or section.frame else "default"
     named = ", ".join(f"{key} = {name}" for key, name in columns.items())
-    chosen = [Convention("frame", frame, who), Convention("columns", named, columns_by)]
+    chosen = [Convention("frame", frame, frame_by), Convention("columns", named, columns_by)]
     chosen += [Convention("skip_rows", section.skip_rows, "configuration")] if section.skip_rows else []
     read = {"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd}
     fill = {"time_ns": 0, "east_m": np.nan, "north_m": np.nan, "sd_m": np.nan}
     table = pd.DataFrame({name: np.insert(read[name], 0, [fill[name]] * rows.start) for name in read})
     if section.columns is None and section.frame not in (None, frame):
-        text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns say {frame}'
+        text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns are {frame}'
         table.attrs[FINDINGS] = (Finding("KEY-UNUSED", text),)
-    return table, Provenance(file.name, "file", chosen_by, tuple(chosen), whole, len(rows))
+    return table, Provenance(file.name, "file", chosen_by, tuple(chosen), row_count, len(rows))
 
 
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
-    """Return which column is what, and the frame of x and y."""
+    """Return the column of each key, and the frame of x and y."""
     if section.columns is not None:
         columns = {str(key): plain(name) for key, name in section.columns.items()}
         times = [key for key in columns if key.startswith("time")]

@@ -1,10 +1,9 @@
 """USBL fixes as east and north on the local plane, with their covariance.
 
 A fix may come as latitude and longitude, as a position on the map, as an offset from the head, or as slant range and
-bearing from the head. Offsets and bearings count from true north, or from the bow of whoever carries the head: a ship,
-or the vehicle itself, which then measures a fixed beacon. A heading of the vehicle that turns a fix ties the fix to the
-compass; the filter takes both as independent, and `reference_covariance` adds what the heading's own noise does to the
-fix.
+bearing from the head. Offsets and bearings count from true north, or from the bow of the head's carrier: a ship, or
+the vehicle itself, which then measures a fixed beacon. A fix that is rotated by the vehicle's heading depends on the
+compass; the filter treats both as independent, and `reference_covariance` adds the effect of the heading's noise.
 """
 
 from collections.abc import Mapping
@@ -33,12 +32,12 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
-STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} where the vehicle carries the head"
+STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} if the vehicle carries the head"
 
 
 @dataclass(frozen=True, slots=True)
 class FixContext:
-    """What else the log holds that a fix may need."""
+    """Other data of the log that a fix may need."""
 
     raws: Mapping[str, RawRecords]  # the ship's topics, by the roles of heads
     compass: ConvertedTable | None  # the vehicle's
@@ -46,60 +45,60 @@ class FixContext:
 
 
 class PlacedFixes(NamedTuple):
-    """Where n fixes are, before they are looked at for validity."""
+    """The positions of n fixes, before the check for validity."""
 
     position_m: Array  # (n, 2) east, north
-    turned_m: Array  # (n, 2) how much of it a heading turned
+    turned_m: Array  # (n, 2) the part that a heading rotated
     vertical_m: Vector  # (n,) the vertical part of the line of sight, NaN unknown
     stated_m2: Array  # (n, 2, 2) covariance by the messages, NaN unknown
     causes: Mapping[str, Mask]
     conventions: list[Convention]
     findings: list[Finding]
     relative_to_reference: bool = False  # counted from the head or beacon, not from the map
-    by_bow: bool = False  # counted from the bow of whoever carries the head
+    by_bow: bool = False  # counted from the bow of the head's carrier
 
 
 def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: FixContext) -> ConvertedTable:
-    """Turn fixes to east and north with their covariance; those that are no numbers are left out.
+    """Turn fixes to east and north with their covariance; invalid ones are left out.
 
-    Raises LogError where none is left or where latitudes have no plane, UsageError where the section does not fit.
+    Raises LogError if none is left or latitudes have no plane, UsageError if the section does not fit.
     """
     raw, target, findings = records_of_target(raw, section.target)
-    kind, kind_who, unused = kind_of_fixes(raw, section, origin)
+    kind, kind_by, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind)
     times = times_of(raw, section.time, section.latency_s)
     end = usbl_reference(section, beside.raws, beside.compass, origin, times.time_ns)
     depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]
     drop = depth - (end.depth_m if end else 0.0)
     if kind == "latlon":
-        sight = _by_latitude(raw, origin, drop)
+        fixes = _by_latitude(raw, origin, drop)
     elif kind == "range_bearing":
-        sight = _by_range(raw, section, end, drop)
+        fixes = _by_range(raw, section, end, drop)
     else:
-        sight = _by_position(raw, section, origin, end, drop)
-    findings += [*more, *unused, *sight.findings, *_unused(raw, section, kind, sight), *(end.findings if end else ())]
+        fixes = _by_position(raw, section, origin, end, drop)
+    findings += [*more, *unused, *fixes.findings, *_unused(raw, section, kind, fixes), *(end.findings if end else ())]
     if kind != "latlon" and not (end and end.geodetic) and origin is not None and origin.source != "[map]":
         text = (
-            f"{raw.topic.name}: positions on a map whose origin nobody states; taken for the {origin.source}'s "
-            "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if they are offsets from it)"
+            f"{raw.topic.name}: the map origin is not stated; assumed at the {origin.source} (state origin_lat_deg and "
+            "origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)"
         )
         findings.append(Finding("MAP-UNKNOWN", text, raw.topic.name))
 
-    causes = {**sight.causes, **off_plane_causes(*sight.position_m.T)}
+    causes = {**fixes.causes, **off_plane_causes(*fixes.position_m.T)}
     good, invalid = valid_mask(raw, causes, "usbl", "left out")
-    line = sight.position_m - (end.place_m if end else np.nan)
-    own, sd_chosen = sensor_covariance(section, sight.stated_m2, line, sight.vertical_m)
+    line = fixes.position_m - (end.place_m if end else np.nan)
+    own, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m)
     R = with_variance_floor(
-        own + reference_covariance(end, sight.turned_m) if end is not None and sight.relative_to_reference else own
+        own + reference_covariance(end, fixes.turned_m) if end is not None and fixes.relative_to_reference else own
     )
     columns = {
-        "east_m": sight.position_m[:, 0],
-        "north_m": sight.position_m[:, 1],
+        "east_m": fixes.position_m[:, 0],
+        "north_m": fixes.position_m[:, 1],
         "cov_ee_m2": R[:, 0, 0],
         "cov_en_m2": R[:, 0, 1],
         "cov_nn_m2": R[:, 1, 1],
     }
-    chosen = [*target, Convention("kind", kind, kind_who), *sight.conventions]
+    chosen = [*target, Convention("kind", kind, kind_by), *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
     return keep_valid(converted_table(raw, times, columns, chosen, [*findings, *invalid]), good)
 
@@ -115,17 +114,17 @@ def _by_position(
 ) -> PlacedFixes:
     """Place offsets from the head or beacon, and positions on the map."""
     by_frame = "NED" if named_ned(raw.frame_id) else "ENU"
-    frame, who, findings = chosen_convention(raw, "frame", section.frame, by_frame)
-    relative, relative_who, more = chosen_convention(raw, "relative_to", section.relative_to, "head" if end else "map")
+    frame, chosen_by, findings = chosen_convention(raw, "frame", section.frame, by_frame)
+    relative, relative_by, more = chosen_convention(raw, "relative_to", section.relative_to, "head" if end else "map")
     relative = "head" if frame == "body" else relative
-    frame_chosen = Convention("frame", frame, who)
-    if who == "default" and by_frame == "NED":
+    frame_chosen = Convention("frame", frame, chosen_by)
+    if chosen_by == "default" and by_frame == "NED":
         frame_chosen = Convention("frame", frame, "frame_id", note=raw.frame_id)
-    chosen = [frame_chosen, Convention("relative_to", relative, relative_who)]
+    chosen = [frame_chosen, Convention("relative_to", relative, relative_by)]
     findings = [*findings, *more]
     if relative == "head" and end is None:
         raise LogError(
-            f"{raw.topic.name} tells positions relative to the head; {STATE_HEAD}", path=raw.log, topic=raw.topic.name
+            f"{raw.topic.name} holds positions relative to the head; {STATE_HEAD}", path=raw.log, topic=raw.topic.name
         )
     if relative == "map" or end is None:
         position = np.column_stack(on_plane(raw, frame, origin))
@@ -148,13 +147,13 @@ def _by_position(
 def _along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, Convention, list[Finding]]:
     """Return starboard and forward of the instrument, (n, 2), and those two of its axes x and y, (2, 2)."""
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
-    names, who, findings = chosen_convention(raw, "axes", section.axes, by_frame)
+    names, chosen_by, findings = chosen_convention(raw, "axes", section.axes, by_frame)
     along, axes = np.zeros((len(raw.received_ns), 3)), np.zeros((3, 2))
     for column, (name, (axis, sign)) in enumerate(zip("xyz", axis_signs(names), strict=True)):
         along[:, axis] = sign * raw.number(name)
         if name != "z":
             axes[axis, column] = sign
-    return along[:, :2], axes[:2], Convention("axes", names, who), findings
+    return along[:, :2], axes[:2], Convention("axes", names, chosen_by), findings
 
 
 def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: str) -> tuple[Vector, list[Convention]]:
@@ -163,12 +162,9 @@ def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: 
     if frame != "body":
         return np.full(len(raw.received_ns), section.mount_deg), chosen
     if not np.isfinite(end.carrier_heading.heading_deg).any():
-        whom = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
-        raise LogError(
-            f"{raw.topic.name} counts from the bow of whoever carries the head: {whom}",
-            path=raw.log,
-            topic=raw.topic.name,
-        )
+        why = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
+        text = f"{raw.topic.name} counts from the bow of the head's carrier: {why}"
+        raise LogError(text, path=raw.log, topic=raw.topic.name)
     return end.carrier_heading.heading_deg + section.mount_deg, [
         Convention("bearing_from", "bow", "configuration" if section.frame else "type"),
         *chosen,
@@ -193,7 +189,7 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     short = int(np.sum(slant < np.abs(drop)))
     if short:
         text = (
-            f"{raw.topic.name}: {short} slant ranges are shorter than the depth below the head; taken as straight below"
+            f"{raw.topic.name}: {short} slant ranges are shorter than the depth below the head; placed straight below"
         )
         findings = [*findings, Finding("USBL-SHORT", text, raw.topic.name)]
     counts = {
@@ -219,14 +215,14 @@ def _scaled(section: UsblSection) -> list[Convention]:
     return [Convention("sound_speed_scale", scale, "configuration")] if scale != 1 else []
 
 
-def _from_end(end: UsblReference, frame: str, sight: PlacedFixes) -> PlacedFixes:
+def _from_end(end: UsblReference, frame: str, fixes: PlacedFixes) -> PlacedFixes:
     """Put offsets onto the known end; the vehicle's own head measures where the beacon is from it."""
-    away = end.sign * sight.position_m
-    causes = {**sight.causes, **end.causes}
+    away = end.sign * fixes.position_m
+    causes = {**fixes.causes, **end.causes}
     if frame == "body":
         causes["without a heading at their time"] = ~np.isfinite(end.carrier_heading.heading_deg)
     turned = end.arm_m + (away if frame == "body" else 0.0)
-    return sight._replace(
+    return fixes._replace(
         position_m=end.place_m + away,
         turned_m=turned,
         causes=causes,
@@ -235,15 +231,15 @@ def _from_end(end: UsblReference, frame: str, sight: PlacedFixes) -> PlacedFixes
     )
 
 
-def _unused(raw: RawRecords, section: UsblSection, kind: str, sight: PlacedFixes) -> list[Finding]:
-    """Say which keys of the configuration could not act."""
+def _unused(raw: RawRecords, section: UsblSection, kind: str, fixes: PlacedFixes) -> list[Finding]:
+    """Report the keys of the configuration that have no effect."""
     unused = {
-        "frame": kind != "position" and section.frame is not None and not sight.by_bow,
+        "frame": kind != "position" and section.frame is not None and not fixes.by_bow,
         "relative_to": kind != "position" and section.relative_to is not None,
-        "axes": section.axes is not None and not (sight.by_bow and kind == "position"),
-        "mount_deg": section.mount_deg != 0 and not sight.relative_to_reference,
-        "sound_speed_scale": section.sound_speed_scale != 1 and not sight.relative_to_reference,
+        "axes": section.axes is not None and not (fixes.by_bow and kind == "position"),
+        "mount_deg": section.mount_deg != 0 and not fixes.relative_to_reference,
+        "sound_speed_scale": section.sound_speed_scale != 1 and not fixes.relative_to_reference,
     }
-    keys = [key for key, idle in unused.items() if idle]
+    keys = [key for key, has_no_effect in unused.items() if has_no_effect]
     text = f"{raw.topic.name}: {' and '.join(keys)} of the configuration are not used; its kind is {kind}"
     return [Finding("KEY-UNUSED", text, raw.topic.name)] if keys else []

@@ -1,7 +1,7 @@
-"""How well a USBL fix is known: the covariance of its east and north.
+"""The covariance of east and north of a USBL fix.
 
-What the sensor or the configuration says of it comes first. What the known end adds comes on top: its own place, and
-the heading that turned the line of sight.
+It is that of the sensor or the configuration, plus that of the known end: its own position, and the heading that
+rotated the line of sight.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
-MIN_USBL_SD_M = 0.15  # no fix is trusted more: floor of the eigenvalues of a covariance
+MIN_USBL_SD_M = 0.15  # floor of a covariance's eigenvalues, squared
 DEFAULT_SD_M, DEFAULT_SD_REL = 1.0, 0.02  # 2 % of the slant range, at least 1 m
 
 
@@ -23,7 +23,7 @@ def sensor_covariance(
 ) -> tuple[Array, list[Convention]]:
     """Return the covariance of each fix, (n, 2, 2), and who chose it.
 
-    ``stated_m2`` (n, 2, 2) is that of the messages, NaN where they state none; ``line_m`` (n, 2) the horizontal line of
+    ``stated_m2`` (n, 2, 2) is that of the messages, NaN if they state none; ``line_m`` (n, 2) the horizontal line of
     sight, NaN without a known end, and ``drop_m`` (n,) its vertical part.
     """
     count = len(line_m)
@@ -42,7 +42,7 @@ def sensor_covariance(
         chosen = [Convention("sd_m", section.sd_m, "configuration", "m")]
         return np.tile(np.eye(2) * section.sd_m**2, (count, 1, 1)), chosen
     known = np.isfinite(stated_m2[:, 0, 0])
-    default = np.fmax(DEFAULT_SD_M, DEFAULT_SD_REL * slant)  # fmax: 1 m where there is no known end
+    default = np.fmax(DEFAULT_SD_M, DEFAULT_SD_REL * slant)  # fmax: 1 m without a known end
     cov = np.where(known[:, None, None], stated_m2, np.eye(2) * (default**2)[:, None, None])
     guess = [Convention("sd_m", DEFAULT_SD_M, "default", "m")]
     if np.isfinite(line_m).any():
@@ -50,17 +50,17 @@ def sensor_covariance(
             Convention("sd_rel", 100 * DEFAULT_SD_REL, "default", "%"),
             Convention("min_sd_m", DEFAULT_SD_M, "default", "m"),
         ]
-    who: ChosenBy = "configuration" if section.sd_m == "message" else "default"
+    chosen_by: ChosenBy = "configuration" if section.sd_m == "message" else "default"
     if known.all():
-        return cov, [Convention("covariance", "of the messages", who)]
+        return cov, [Convention("covariance", "of the messages", chosen_by)]
     if known.any():
-        some = Convention("covariance", "of the messages", who, note=f"{np.sum(known)} of {count} state one")
+        some = Convention("covariance", "of the messages", chosen_by, note=f"{np.sum(known)} of {count} state one")
         return cov, [some, *guess]
     return cov, guess
 
 
 def stated_covariance(raw: RawRecords, frame: str, axes: Array, turn_deg: Vector) -> Array:
-    """Return the covariance of east and north that the messages state, (n, 2, 2), NaN where they state none.
+    """Return the covariance of east and north that the messages state, (n, 2, 2), NaN if they state none.
 
     ``axes`` (2, 2) are starboard and forward of x and y in a body frame; ``turn_deg`` (n,) is how far forward, or the
     frame's north, is turned clockwise from north.

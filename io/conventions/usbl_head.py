@@ -1,7 +1,7 @@
-"""The known end of a USBL's line of sight: the head, fixed or on a ship, or the beacon that a vehicle's own head hears.
+"""The known end of a USBL's line of sight: the head, fixed or on a ship, or the beacon of a vehicle's own head.
 
 Everything is taken at the time of validity of each fix: east, north and up in metres on the local plane, headings in
-degrees clockwise from true north. Between records one interpolates, across a gap of theirs never.
+degrees clockwise from true north. Records are interpolated, but never across a gap.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSection, Head, UsblSection
 
 SHIP, SHIP_HEADING = "ship", "ship's heading"  # roles of topics that the configuration names for the head
-SHIP_SD_M = 3.0  # of a ship's receiver that does not tell
+SHIP_SD_M = 3.0  # of a ship's receiver that states none
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def time_series(made: ConvertedTable, sensor: str, columns: Sequence[str]) -> Ti
 
 @dataclass(frozen=True, slots=True)
 class CarrierHeading:
-    """The heading of whoever carries the head, at the times of n fixes."""
+    """The heading of the head's carrier, at the times of n fixes."""
 
     heading_deg: Vector  # (n,) NaN: not known
     sd_deg: Vector  # (n,)
@@ -67,7 +67,7 @@ class CarrierHeading:
 
 
 def rotated_clockwise(vector_m: Array, angle_deg: Vector) -> Array:
-    """Turn vectors of starboard and forward, or of east and north, (n, 2), by angles, (n,)."""
+    """Rotate vectors of starboard and forward, or of east and north, (n, 2), by angles, (n,)."""
     return rotated(-np.radians(angle_deg), vector_m)
 
 
@@ -79,16 +79,16 @@ class UsblReference:
     sd_m: Vector  # (n,) 1-sigma per axis
     depth_m: float
     carrier_heading: CarrierHeading
-    arm_m: Array  # (n, 2) the part of the place that turns: from a ship's antenna to its head
+    arm_m: Array  # (n, 2) from a ship's antenna to its head
     sign: float  # 1: the offset points from here to the vehicle; -1: the vehicle's head measures the offset to here
-    geodetic: bool  # known by latitude and longitude, so that it lies on the plane without doubt
+    geodetic: bool  # known by latitude and longitude, so that its place on the plane is certain
     causes: Mapping[str, Mask]  # by cause which fixes cannot be placed
     conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...] = ()
 
 
 def ship_choices(path: Path, topics: Sequence[TopicInfo], head: Head | None) -> dict[str, TopicChoice]:
-    """Return the topics that the configuration names for the head; raise LogError or UsageError where they are none."""
+    """Return the topics that the configuration names for the head; raise LogError or UsageError if not found."""
     chosen: dict[str, TopicChoice] = {}
     if head is not None and head.topic is not None:
         chosen[SHIP] = topic_named(path, topics, "gps", head.topic, "configuration")
@@ -104,9 +104,9 @@ def usbl_reference(
     origin: Origin | None,
     time_ns: Nanoseconds,
 ) -> UsblReference | None:
-    """Return the known end at the times of validity (n,), None where the configuration knows neither head nor beacon.
+    """Return the known end at the times of validity (n,), None if the configuration has neither head nor beacon.
 
-    ``compass`` is the vehicle's. Raises LogError where a ship's topic holds nothing valid.
+    ``compass`` is the vehicle's. Raises LogError if a ship's topic has no valid record.
     """
     if section.beacon is not None:
         return _beacon(section.beacon, _turning(compass, section, section.beacon.max_gap_s, time_ns), origin)
@@ -173,19 +173,19 @@ def _ship(
         _arm(head, turning),
     )
     place = there[:, :2] + arm
-    told = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
-    sd = told if head.sd_m is None else np.full(len(place), head.sd_m)
+    recorded = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
+    sd = recorded if head.sd_m is None else np.full(len(place), head.sd_m)
     unknown = np.isnan(there[:, 0])
     causes: dict[str, Mask] = {f"without the ship's position within {head.max_gap_s:g} s": unknown}
     if any(head.lever_arm_m):
         causes[f"without the ship's heading within {head.max_gap_s:g} s"] = ~np.isfinite(turning.heading_deg)
-    who: ChosenBy = (
+    sd_by: ChosenBy = (
         "configuration" if head.sd_m is not None else "records" if np.isfinite(there[:, 2]).any() else "default"
     )
     chosen = [
         Convention("topic", ship.topic.name, "configuration", of=SHIP),
         *(replace(c, of=SHIP) for c in made.conventions if c.key != "sd_m"),
-        Convention("sd_m", float(np.median(sd)), who, "m", of=SHIP),
+        Convention("sd_m", float(np.median(sd)), sd_by, "m", of=SHIP),
     ]
     if any(head.lever_arm_m):
         chosen.append(Convention("lever_arm_m", str(list(head.lever_arm_m)), "configuration", "m", of="head"))
@@ -213,7 +213,7 @@ def _arm(head: Head, turning: CarrierHeading) -> Array:
 def _turning(
     made: ConvertedTable | None, section: UsblSection, longest_gap_s: float, time_ns: Nanoseconds
 ) -> CarrierHeading:
-    """Return the headings of a compass at the times, none where there is no compass."""
+    """Return the headings of a compass at the times, NaN without a compass."""
     there = np.full((len(time_ns), 2), np.nan)
     if made is not None:
         there = time_series(made, "compass", ["heading_deg", "sd_deg"]).at(time_ns, longest_gap_s)
@@ -237,7 +237,7 @@ def _place_conventions(of: str, east_m: float, north_m: float) -> tuple[Conventi
 
 
 def _place(end: Head | Beacon, origin: Origin | None) -> tuple[float, float]:
-    """Return east and north of a place that does not move."""
+    """Return east and north of a fixed place."""
     if end.east_m is not None and end.north_m is not None:
         return end.east_m, end.north_m
     assert origin is not None, "a head or beacon with latitude and longitude gives the plane its origin"

@@ -17,36 +17,31 @@ from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
 FULL_FIX = 2  # fixed: of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
-REPLIES_WITH_RANGE = (
-    "MSG_RESPU",
-    "MSG_RESPX",
-)  # of SeaTrac's kinds of messages, which HoloOcean uses: those that tell a range
-STALE_NS = 9_900 * 1_000_000_000  # fixed: COLA2 stamps a fix so long ago where it has none
+REPLIES_WITH_RANGE = ("MSG_RESPU", "MSG_RESPX")  # SeaTrac's kinds of messages with a range, as HoloOcean uses them
+STALE_NS = 9_900 * 1_000_000_000  # fixed: COLA2 stamps so if it has no fix
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
 
 
 def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRecords, list[Convention], list[Finding]]:
-    """Return the fixes of one target; raise UsageError where there are several and none or another is named."""
+    """Return the fixes of one target; raise UsageError if several exist and none, or a missing one, is named."""
     if "target" not in raw.values:
         if target is None:
             return raw, [], []
-        text = f"{raw.topic.name}: target of the configuration is not used; its records name none"
+        text = f"{raw.topic.name}: target of the configuration is not used; its records name no target"
         return raw, [], [Finding("KEY-UNUSED", text, raw.topic.name)]
-    told = _names(raw)
-    names, counts = np.unique(told, return_counts=True)
+    target_names = _names(raw)
+    names, counts = np.unique(target_names, return_counts=True)
     listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
     wanted = str(target) if target is not None else str(names[0]) if len(names) == 1 else None
     if wanted is None:
-        say = "choose one with target under [usbl]"
-        raise UsageError(
-            f"{raw.topic.name} holds fixes of {len(names)} targets: {listed}; {say}", path=raw.log, topic=raw.topic.name
-        )
+        text = f"{raw.topic.name} holds fixes of {len(names)} targets: {listed}; choose one with target under [usbl]"
+        raise UsageError(text, path=raw.log, topic=raw.topic.name)
     if wanted not in names:
         raise SettingError(f"[usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
     chosen = Convention("target", wanted, "configuration")
     if target is None:
         chosen = Convention("target", wanted, "data", note="the only one")
-    return _rows(raw, told == wanted), [chosen], []
+    return _rows(raw, target_names == wanted), [chosen], []
 
 
 def _names(raw: RawRecords) -> NDArray[np.str_]:
@@ -57,15 +52,16 @@ def _names(raw: RawRecords) -> NDArray[np.str_]:
 
 
 def without_repeats(raw: RawRecords, kind: str) -> tuple[RawRecords, list[Finding]]:
-    """Leave out latitudes and longitudes that repeat the fix before: its source is asked more often than it pings."""
-    again = np.zeros(len(raw.received_ns), dtype=np.bool_)
+    """Leave out latitudes and longitudes that repeat the fix before: its source is polled more often than it pings."""
+    repeated = np.zeros(len(raw.received_ns), dtype=np.bool_)
     if kind == "latlon" and not raw.topic.type.startswith("usbldr/"):
         columns = [column for name, column in raw.values.items() if name != "age_s" and not name.startswith("header.")]
-        again[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
-    if not again.any():
+        repeated[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
+    if not repeated.any():
         return raw, []
-    text = f"{raw.topic.name}: {again.sum()} of {len(again)} fixes repeat the one before to the last digit; left out"
-    return _rows(raw, ~again), [Finding("USBL-REPEATED", text, raw.topic.name)]
+    counts = f"{repeated.sum()} of {len(repeated)} fixes"
+    text = f"{raw.topic.name}: {counts} repeat the previous one to the last digit; left out"
+    return _rows(raw, ~repeated), [Finding("USBL-REPEATED", text, raw.topic.name)]
 
 
 def _rows(raw: RawRecords, mask: Mask) -> RawRecords:
@@ -76,26 +72,25 @@ def _rows(raw: RawRecords, mask: Mask) -> RawRecords:
 
 def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tuple[str, ChosenBy, list[Finding]]:
     """Return the kind of the fixes and who chose it; refuse one that the records cannot have."""
-    kind, who, findings = chosen_convention(raw, "kind", section.kind, "position")
+    kind, chosen_by, findings = chosen_convention(raw, "kind", section.kind, "position")
     have = {"latlon"} if "lat_deg" in raw.layout.required else {"position", "latlon"}
     have = {"range_bearing"} if "slant_range_m" in raw.layout.required else have
     if kind not in have:
         could = " or ".join(sorted(have))
         raise SettingError(f'[usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
-    free = (who, section.frame, section.relative_to, section.head, section.beacon) == (
-        "default",
-        None,
-        None,
-        None,
-        None,
-    )
-    if free and raw.layout.type.startswith("pose") and _like_latitudes(raw, origin):
+    stated = (section.frame, section.relative_to, section.head, section.beacon)
+    if (
+        chosen_by == "default"
+        and stated == (None,) * 4
+        and raw.layout.type.startswith("pose")
+        and _like_latitudes(raw, origin)
+    ):
         text = (
-            f"{raw.topic.name}: x and y are taken for latitude and longitude, for such they may be; "
+            f"{raw.topic.name}: x and y are read as latitude and longitude, because their values allow it; "
             'if they are metres, state kind = "position" under [usbl]'
         )
         return "latlon", "values", [Finding("USBL-LATLON", text, raw.topic.name)]
-    return kind, who, findings
+    return kind, chosen_by, findings
 
 
 def _like_latitudes(raw: RawRecords, origin: Origin | None) -> bool:
@@ -111,7 +106,7 @@ def _like_latitudes(raw: RawRecords, origin: Origin | None) -> bool:
 
 
 def fix_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
-    """Return by cause which fixes (n,) are none, by their places and by what their makers say of them.
+    """Return by cause which fixes (n,) are invalid, by their places and by the system's own flags.
 
     In the frame latlon, x and y are degrees.
     """
@@ -123,7 +118,7 @@ def fix_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
         "flagged invalid": raw.number("valid") == 0,
         "flagged as an outlier by the system itself": raw.number("outlier") == 1,
         "of range or angle alone": (raw.number("fix_kind") < FULL_FIX) | _without_range(raw),
-        "stamped hours before they came": _stale(raw),
+        "stamped hours before arrival": _stale(raw),
         "of negative accuracy": raw.number("sd_m") < 0,
         "exactly at the head": ((x == 0) & (y == 0) & offset) | (slant_m <= 0),
     }

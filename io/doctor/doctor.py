@@ -1,6 +1,6 @@
-"""Everything that is wrong with a log for navigation, found without being told and without truth.
+"""Everything that is wrong with a log for navigation, found without options and without truth.
 
-Works where a log cannot be replayed as it stands, too: what keeps it from that is a finding like the others.
+Works for a log that cannot be replayed as is, too: the reason is a finding like the others.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ REQUIRED_SENSORS = ("dvl", "compass", "usbl")
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """What a doctor found, errors first."""
+    """The findings of a log, errors first."""
 
     path: Path
     format: str
@@ -41,7 +41,7 @@ class Examination:
     log: Log | None  # None: it cannot be read with any choice
     timeline: Timeline | None
     alternatives: Mapping[str, Sequence[str]]  # role -> the topics that could be the sensor instead
-    sensor_check: CrossCheck | None = None  # None: there was nothing to hold against each other
+    sensor_check: CrossCheck | None = None  # None: nothing to compare
 
     @property
     def healthy(self) -> bool:
@@ -50,7 +50,7 @@ class Examination:
 
 
 def examine(path: Path, request: Request) -> Examination:
-    """Examine a log; raise LogError if it is none, UsageError if its configuration makes no sense."""
+    """Examine a log; raise LogError if it cannot be opened, UsageError if its configuration is invalid."""
     opened = open_configured(path, request)
     faults, chosen, tied = _resolve_topics(opened, request)
     log, fault = None, None
@@ -66,7 +66,7 @@ def examine(path: Path, request: Request) -> Examination:
     found = [
         Finding(
             "ROLE-UNDECIDED",
-            faults[role] + (f"; {chosen[role]} is examined here" if log else ""),
+            faults[role] + (f"; doctor uses {chosen[role]}" if log else ""),
             chosen.get(role, ""),
         )
         for role in tied
@@ -90,8 +90,8 @@ def _examine_tables(
     log: Log, found: list[Finding], sources: Sequence[HandednessEvidence], alternatives: Mapping[str, Sequence[str]]
 ) -> Examination:
     found = [*found, *_under_water(log)]
-    told = {d.code for d in found}
-    found += [f for f in log.findings if f.code not in told]
+    codes = {d.code for d in found}
+    found += [f for f in log.findings if f.code not in codes]
     for role in REQUIRED_SENSORS:
         if role not in log.tables:
             found.append(Finding("SENSOR-MISSING", missing_sensor_text(log, role)))
@@ -116,9 +116,9 @@ def _errors_first(found: Sequence[Finding]) -> tuple[Finding, ...]:
 
 
 def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str], dict[str, str], dict[str, list[str]]]:
-    """Return why roles are not filled, those that are given up, and the topics of those that several could fill.
+    """Return why roles are not filled, those set to "none", and the candidate topics of ambiguous roles.
 
-    Of several topics, those with the most messages come first.
+    Candidates with the most messages come first.
     """
     path, topics = opened.reader.path, opened.reader.topics()
     roles = roles_of(path, topics, request, opened.configuration)
@@ -133,7 +133,7 @@ def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str]
 
 
 def _clock_findings(log: Log) -> list[Finding]:
-    """Compare the delay from stamp to log of DVL and heading: both usually pass through the same computer."""
+    """Compare the delay from stamp to log of DVL and heading: usually one computer logs both."""
     found: list[Finding] = []
     settings, raws = log.settings, log.raws
     by_log = {"dvl": settings.dvl.time == "log", "compass": settings.compass.time == "log"}
@@ -157,8 +157,8 @@ def _clock_findings(log: Log) -> list[Finding]:
             topic = raws[wrong].topic.name
             headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
             text = (
-                f"{topic}: logged {after_s[wrong]:.2f} s after the time it is used for{headless}, "
-                f"{raws[right].topic.name} {after_s[right]:.2f} s after its own; if both are logged at once, state "
+                f"{topic}: logged {after_s[wrong]:.2f} s after its time of validity{headless}, "
+                f"{raws[right].topic.name} {after_s[right]:.2f} s after its own; if both have the same delay, state "
                 f"latency_s = {stated_s[wrong] - apart_s:.2f} under [{wrong}]"
             )
             found.append(Finding("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
@@ -166,15 +166,15 @@ def _clock_findings(log: Log) -> list[Finding]:
 
 
 def _implausible_delay(lag_s: float, other_s: float) -> bool:
-    """Tell whether a delay from stamp to log is none that a driver makes, while the other sensor's may be one."""
+    """Tell whether a delay from stamp to log is negative or too long for a driver, and longer than the other's."""
     late = lag_s < -THRESHOLDS.max_clock_difference_s or lag_s > THRESHOLDS.max_logging_delay_s
     return late and abs(other_s) < abs(lag_s)
 
 
 def _invalid(log: Log) -> list[Finding]:
-    """Say of the DVL's invalid records what they hold, and the largest number in one, m/s along its own axes."""
-    told = [finding for finding in log.findings if finding.code == "DVL-INVALID"]
-    if not told or "dvl" not in log.tables:
+    """Report the DVL's invalid records, and the largest velocity in one, m/s along its own axes."""
+    counted = [finding for finding in log.findings if finding.code == "DVL-INVALID"]
+    if not counted or "dvl" not in log.tables:
         return []
     table = log.tables["dvl"]
     bad = table[~table["valid"]]
@@ -184,14 +184,14 @@ def _invalid(log: Log) -> list[Finding]:
     largest = np.max(np.abs(np.nan_to_num(xyz_mps[invalid])), axis=1)
     near = {s: np.abs(largest - s) < THRESHOLDS.sentinel_tolerance_mps for s in SENTINELS_MPS}
     worst = float(largest.max())
-    counts = ", ".join(f"{np.sum(those)} say {s:g} m/s" for s, those in near.items() if those.any())
-    text = told[0].text + (f"; {counts}, a DVL's way to write that it has no bottom lock" if counts else "")
+    counts = ", ".join(f"{np.sum(records)} are {s:g} m/s" for s, records in near.items() if records.any())
+    text = counted[0].text + (f"; {counts}, a DVL's value for no bottom lock" if counts else "")
     time_s = float(bad["time_s"].iloc[0]) if len(bad) else None
     return [Finding("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
 
 
 def _delays(log: Log) -> list[Finding]:
-    """Say how late fixes arrive."""
+    """Report how late fixes arrive."""
     if "usbl" not in log.tables:
         return []
     table = log.tables["usbl"]
@@ -205,7 +205,7 @@ def _delays(log: Log) -> list[Finding]:
 
 
 def _under_water(log: Log) -> list[Finding]:
-    """A satellite fix under water is something else: an acoustic position, or an old fix repeated."""
+    """Report GPS fixes under water: acoustic positions, or an old fix repeated."""
     if "gps" not in log.tables or "depth" not in log.tables:
         return []
     gps, topic = log.tables["gps"], log.provenance["gps"].topic
@@ -230,7 +230,7 @@ def _outages(log: Log, dive_timeline: Timeline) -> list[Finding]:
         code, what = ("LOST-LOCK", "no bottom lock") if lost else ("OUTAGE", "no records")
         topic = log.provenance[role].topic
         text = (
-            f"{topic}: {what} in {len(mine)} stretches of {total_s:.0f} s together, the longest {length_s:.1f} s from "
+            f"{topic}: {what} in {len(mine)} stretches, {total_s:.0f} s in total, the longest {length_s:.1f} s from "
             f"{longest.start_s:.1f} s on"
         )
         found.append(Finding(code, text, topic, longest.start_s, length_s, "s"))

@@ -1,9 +1,8 @@
-"""The eight ways to read a log's axes, yaw and map, each held against its USBL fixes.
+"""The eight interpretations of a log's axes, yaw and map, each compared with its USBL fixes.
 
-A DVL may be mirrored, a yaw may count the other way, a map may be NED instead of ENU. Dead reckoning by each reading is
-turned and shifted onto the fixes: what is left tells readings apart, but never a reading from its mirror image, where
-all three are the other way round. That one bit another source decides. Headings in degrees clockwise, positions in
-metres, east + i north.
+A DVL may be mirrored, a yaw may count the other way, a map may be NED instead of ENU. Dead reckoning by each of them is
+rotated and shifted onto the fixes. The residual distinguishes them, except from the mirror image, in which all three
+are reversed; another source decides that. Headings in degrees clockwise, positions in metres, east + i north.
 """
 
 from collections.abc import Sequence
@@ -33,13 +32,13 @@ OPPOSITE_AXES = str.maketrans("SRPLUD", "PLSRDU")
 
 @dataclass(frozen=True, slots=True)
 class Interpretation:
-    """One way to read a log, and how well it fits."""
+    """One interpretation of a log, and how well it fits."""
 
     flips: tuple[bool, bool, bool]  # against how the log was read: DVL mirrored, yaw the other way, map mirrored
     axes: str  # [dvl] axes
     convention: str  # [compass] convention
-    frame: str  # [usbl] frame, "" where fixes have none
-    fit: RotationFit  # dead reckoning by this reading onto the fixes by this reading
+    frame: str  # [usbl] frame, "" if fixes have none
+    fit: RotationFit  # of dead reckoning to the fixes, both by this interpretation
 
     @property
     def offset_deg(self) -> float:
@@ -48,86 +47,86 @@ class Interpretation:
 
     @property
     def residual_m(self) -> float:
-        """Rms distance of the fixes from turned and shifted dead reckoning."""
+        """RMS distance of the fixes from rotated and shifted dead reckoning."""
         return self.fit.rms_m
 
     @property
     def mirror_class(self) -> tuple[bool, bool]:
-        """What a reading has in common with its mirror image and with no other reading."""
+        """What only this interpretation and its mirror image have in common."""
         dvl, yaw, world = self.flips
         return dvl != world, yaw != world
 
     @property
     def description(self) -> str:
-        """Name the reading."""
+        """Name the conventions."""
         frame = f", frame {self.frame}" if self.frame else ""
         return f"axes {self.axes}, convention {self.convention}{frame}"
 
 
 @dataclass(frozen=True, slots=True)
 class HandednessEvidence:
-    """Something beside DVL, heading and fixes that tells a reading from its mirror image."""
+    """A source other than DVL, heading and fixes that distinguishes an interpretation from its mirror image."""
 
     name: str
     flip_index: int  # of Interpretation.flips
-    flipped: bool  # what it says of that part
+    flipped: bool  # its answer
 
-    def agrees(self, reading: Interpretation) -> bool:
-        """Tell whether the reading is what the source says."""
-        return reading.flips[self.flip_index] == self.flipped
+    def agrees(self, interpretation: Interpretation) -> bool:
+        """Tell whether the interpretation agrees with the source."""
+        return interpretation.flips[self.flip_index] == self.flipped
 
 
 @dataclass(frozen=True, slots=True)
 class InterpretationResult:
-    """How a log was read, how it should be, and who decided."""
+    """How a log was read, how it should be read, and which source decided."""
 
     as_read: Interpretation
     best: Interpretation
     interpretations: tuple[Interpretation, ...]  # all, best first
     offset_sd_deg: float  # of the best one
-    decided_by: HandednessEvidence | None  # None: the mirror image is as good
+    decided_by: HandednessEvidence | None  # None: the mirror image fits equally well
     contradicting: tuple[HandednessEvidence, ...]  # sources that contradict
     plausible: tuple[Interpretation, ...]  # that fit nearly as well as the best and agree with the source
 
     @property
     def mirror_image(self) -> Interpretation | None:
-        """The best reading's mirror image; None where the fixes' frame has none."""
+        """The mirror image of the best one; None if the fixes' frame has none."""
         flips = tuple(not flip for flip in self.best.flips)
         return next((r for r in self.interpretations if r.flips == flips), None)
 
     @property
     def observable(self) -> bool:
-        """False where readings that are no mirror images of each other fit nearly alike."""
+        """False if two that are not mirror images of each other fit almost equally well."""
         return len({r.mirror_class for r in self.plausible}) == 1
 
     @property
     def heading_sense_known(self) -> bool:
-        """Tell whether the yaw's sense is known, and with it what a turn or a delay would mean."""
+        """Tell whether the yaw's sense is known, and with it the sign of a rotation or delay."""
         return len({r.mirror_class[1] for r in self.plausible}) == 1
 
 
 def compare_interpretations(
     log: Log, timeline: Timeline, sources: Sequence[HandednessEvidence] = ()
 ) -> InterpretationResult | None:
-    """Hold the readings against the fixes; None where there are too few fixes near valid dead reckoning.
+    """Fit each interpretation to the fixes; None if too few fixes are near valid dead reckoning.
 
-    ``sources`` are those that the log's tables do not hold, in order of trust, such as gravity.
+    ``sources`` are those that the log's tables do not hold, such as gravity, the most reliable first.
     """
     group = segment_numbers(timeline, timeline.fix_time_s)
     if np.sum(group >= 0) < MIN_FIXES or not np.ptp(np.abs(dead_reckoned(timeline, timeline.fix_time_s))) > 0:
         return None
     settings = log.settings
-    readings = [
+    interpretations = [
         _interpretation(log, flips, fit_rotation(reinterpret(log, timeline, flips), group)) for flips in FLIP_CLASSES
     ]
-    read = readings[0]
+    read = interpretations[0]
     if read.frame in ("ENU", "NED"):  # a map has a mirror image, which fits as well; latitudes have none
-        readings += [_mirror_image_of(log, timeline, reading, group) for reading in readings]
-    least = min(r.residual_m for r in readings)
-    plausible = [r for r in readings if r.residual_m * THRESHOLDS.clearly_better_ratio <= least]
+        interpretations += [_mirror_image_of(log, timeline, r, group) for r in interpretations]
+    least = min(r.residual_m for r in interpretations)
+    plausible = [r for r in interpretations if r.residual_m * THRESHOLDS.clearly_better_ratio <= least]
     by_fit = min(plausible, key=lambda r: (r.residual_m * (1 - 1e-6 * (r == read)), sum(r.flips)))
 
-    known = [
+    evidence = [
         *_geodetic_evidence(log),
         *_gps_evidence(log, timeline, by_fit, group),
         *sources,
@@ -135,7 +134,7 @@ def compare_interpretations(
         *_configuration_evidence(settings),
     ]
     decided_by = None
-    for source in known:
+    for source in evidence:
         agreeing = [r for r in plausible if source.agrees(r)]
         if agreeing and len(agreeing) < len(plausible) and decided_by is None:
             plausible, decided_by = agreeing, source
@@ -145,21 +144,21 @@ def compare_interpretations(
         offset_sd_deg=float(np.degrees(jackknife_rotation_sd_rad(reinterpreted, group, best.fit.latency_s))),
         as_read=read,
         best=best,
-        interpretations=tuple(sorted(readings, key=lambda r: r.residual_m)),
+        interpretations=tuple(sorted(interpretations, key=lambda r: r.residual_m)),
         decided_by=decided_by,
-        contradicting=tuple(source for source in known if decided_by is not None and not source.agrees(best)),
+        contradicting=tuple(source for source in evidence if decided_by is not None and not source.agrees(best)),
         plausible=tuple(sorted(plausible, key=lambda r: r.residual_m)),
     )
 
 
 def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
-    """Return the timeline by another reading of the same records (fixes up to a shift)."""
+    """Return the timeline by another interpretation of the same records (fixes up to a shift)."""
     settings = log.settings
     dvl, yaw, world = flips
     u, v = timeline.dr_mps.T
-    if dvl:  # the instrument's starboard changes sign, and the mount turns it as before
-        turn = np.exp(-2j * np.radians(settings.dvl.mount_deg))
-        other = -np.conj(u + 1j * v) * turn
+    if dvl:  # the instrument's starboard changes sign, and the mount rotates it as before
+        rotation = np.exp(-2j * np.radians(settings.dvl.mount_deg))
+        other = -np.conj(u + 1j * v) * rotation
         u, v = other.real, other.imag
     psi = timeline.dr_yaw_rad
     if yaw:  # heading' = 90 - heading, with bias and declination on the same side as before
@@ -172,7 +171,7 @@ def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) ->
 def _at_reference_point(
     log: Log, timeline: Timeline, velocity: Array, psi: Vector, fixes: Array
 ) -> tuple[Array, Array]:
-    """Return velocity and fixes of the vehicle's reference point, where the configuration states lever arms."""
+    """Return velocity and fixes of the vehicle's reference point, if the configuration states lever arms."""
     dvl, transponder = (np.asarray(arm[:2]) for arm in (log.assumptions.dvl_lever_m, log.assumptions.usbl_lever_m))
     if dvl.any() and len(psi) > 1:
         rate: Vector = np.gradient(psi, timeline.time_s)
@@ -185,7 +184,7 @@ def _at_reference_point(
 
 
 def topic_of(log: Log, role: str) -> str:
-    """Return the topic of a sensor, or its name where there is none."""
+    """Return the topic of a sensor, or its role if there is none."""
     return log.provenance[role].topic if role in log.provenance else role
 
 
@@ -196,18 +195,19 @@ def recorded_value(log: Log, role: str, key: str) -> str:
 
 
 def _heading_correction_deg(log: Log) -> float:
-    """Return what was added to headings: declination, less the bias."""
+    """Return what was added to headings: declination minus bias."""
     added, subtracted = (log.convention("compass", key).value for key in ("declination_deg", "bias_deg"))
     return float(added or 0.0) - float(subtracted or 0.0)
 
 
-def _mirror_image_of(log: Log, timeline: Timeline, reading: Interpretation, group: Indices) -> Interpretation:
-    dvl, yaw, world = reading.flips
+def _mirror_image_of(log: Log, timeline: Timeline, interpretation: Interpretation, group: Indices) -> Interpretation:
+    dvl, yaw, world = interpretation.flips
     flips = (not dvl, not yaw, not world)
-    return _interpretation(log, flips, fit_rotation(reinterpret(log, timeline, flips), group, [reading.fit.latency_s]))
+    fit = fit_rotation(reinterpret(log, timeline, flips), group, [interpretation.fit.latency_s])
+    return _interpretation(log, flips, fit)
 
 
-def _interpretation(log: Log, flips: tuple[bool, bool, bool], turn: RotationFit) -> Interpretation:
+def _interpretation(log: Log, flips: tuple[bool, bool, bool], rotation: RotationFit) -> Interpretation:
     dvl, yaw, world = flips
     axes = recorded_value(log, "dvl", "axes") or "SFU"
     yaw_from = recorded_value(log, "compass", "convention") or "compass"
@@ -218,12 +218,12 @@ def _interpretation(log: Log, flips: tuple[bool, bool, bool], turn: RotationFit)
         axes=axes.translate(OPPOSITE_AXES) if dvl else axes,
         convention=("NED" if yaw_from == "ENU" else "ENU") if yaw else yaw_from,
         frame=({"ENU": "NED", "NED": "ENU"}.get(frame, "")) if world else frame,
-        fit=turn,
+        fit=rotation,
     )
 
 
 def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
-    """Latitudes, longitudes and bearings know where east is."""
+    """Return evidence from fixes that define east: latitudes and longitudes, or bearings."""
     kind = recorded_value(log, "usbl", "kind")
     if kind == "latlon":
         return [HandednessEvidence("the fixes are latitudes and longitudes", 2, False)]
@@ -232,29 +232,29 @@ def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
     return []
 
 
-def _gps_evidence(log: Log, timeline: Timeline, reading: Interpretation, group: Indices) -> list[HandednessEvidence]:
-    """Hold the track by the reading, and its mirror image, against GPS up to a shift: one bit, and no estimate."""
-    reinterpreted = reinterpret(log, timeline, reading.flips)
-    turn = reading.fit
-    seen = _groups_of_gps(timeline, group)
-    used = seen >= 0
+def _gps_evidence(log: Log, timeline: Timeline, best: Interpretation, group: Indices) -> list[HandednessEvidence]:
+    """Compare the track and its mirror image with GPS up to a shift; only which fits better is used."""
+    reinterpreted = reinterpret(log, timeline, best.flips)
+    rotation = best.fit
+    stretch = _groups_of_gps(timeline, group)
+    used = stretch >= 0
     gps = as_points(timeline.gps_m)[used]
     if len(gps) < 2 or _rms(gps) < THRESHOLDS.min_gps_spread_m:
         return []
     track = (
-        np.exp(1j * turn.rotation_rad) * dead_reckoned(reinterpreted, timeline.gps_time_s[used])
-        + turn.shift_m[seen[used]]
+        np.exp(1j * rotation.rotation_rad) * dead_reckoned(reinterpreted, timeline.gps_time_s[used])
+        + rotation.shift_m[stretch[used]]
     )
     apart_m, mirrored_m = _rms(track - gps), _rms(1j * np.conj(track) - gps)
     if min(apart_m, mirrored_m) > THRESHOLDS.gps_mirror_ratio * max(apart_m, mirrored_m):
         return []
-    times = max(apart_m, mirrored_m) / max(min(apart_m, mirrored_m), 0.1)
-    name = f"GPS, to which the track fits {times:.0f} times better than its mirror image"
-    return [HandednessEvidence(name, 2, reading.flips[2] != (mirrored_m < apart_m))]
+    ratio = max(apart_m, mirrored_m) / max(min(apart_m, mirrored_m), 0.1)
+    name = f"GPS, which the track fits {ratio:.0f} times better than its mirror image does"
+    return [HandednessEvidence(name, 2, best.flips[2] != (mirrored_m < apart_m))]
 
 
 def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
-    """Return the stretch of each GPS fix, -1 where that stretch has no USBL fix."""
+    """Return the stretch of each GPS fix, -1 if that stretch has no USBL fix."""
     times = np.concatenate([timeline.fix_time_s, timeline.gps_time_s])
     both = segment_numbers(timeline, times)
     of_fixes, of_gps = both[: len(group)], both[len(group) :]
@@ -263,7 +263,7 @@ def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
 
 
 def _name_evidence(log: Log) -> list[HandednessEvidence]:
-    """Frame names and types that say a convention."""
+    """Return evidence from frame names and types that define a convention."""
     found: list[HandednessEvidence] = []
     heading, frame = log.convention("compass", "convention"), log.convention("usbl", "frame")
     for role, chosen, part in (("compass", heading, 1), ("usbl", frame, 2)):

@@ -1,6 +1,6 @@
-"""Where a map of local fixes might begin: a proposal from GPS fixes that were made beside USBL fixes.
+"""Propose the origin of a map of local fixes, from GPS fixes near in time to USBL fixes.
 
-GPS is the truth, so what is found here must not reach a run unless the user states it.
+GPS is the truth, so the proposal must not reach a run unless the user states it.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ RAYLEIGH_MEDIAN = 1.1774  # fixed: median of a Rayleigh distribution
 
 
 class OriginProposal(NamedTuple):
-    """An origin at which the fixes lie on the GPS."""
+    """An origin that brings fixes and GPS together."""
 
     lat_deg: float
     lon_deg: float
@@ -26,19 +26,19 @@ class OriginProposal(NamedTuple):
     sd_m: float  # of one pair, each axis
 
 
-def propose_origin(log: Log, timeline: Timeline | None, verdict: InterpretationResult | None) -> OriginProposal | None:
-    """Return the origin by which the fixes, read as they fit best, meet the GPS; None where too few came together."""
+def propose_origin(log: Log, timeline: Timeline | None, result: InterpretationResult | None) -> OriginProposal | None:
+    """Return the origin that brings the fixes, by their best interpretation, onto the GPS; None for too few pairs."""
     if timeline is None or log.origin is None or not len(timeline.fix_time_s) or not len(timeline.gps_time_s):
         return None
-    reinterpreted = reinterpret(log, timeline, verdict.best.flips) if verdict else timeline
-    near = np.rint(
+    reinterpreted = reinterpret(log, timeline, result.best.flips) if result else timeline
+    nearest = np.rint(
         np.interp(reinterpreted.fix_time_s, reinterpreted.gps_time_s, np.arange(len(reinterpreted.gps_time_s)))
     ).astype(np.intp)
-    beside = np.abs(reinterpreted.gps_time_s[near] - reinterpreted.fix_time_s) <= THRESHOLDS.max_pair_gap_s
-    if beside.sum() < THRESHOLDS.min_pairs:
+    paired = np.abs(reinterpreted.gps_time_s[nearest] - reinterpreted.fix_time_s) <= THRESHOLDS.max_pair_gap_s
+    if paired.sum() < THRESHOLDS.min_pairs:
         return None
-    shifts: Points = as_points(reinterpreted.gps_m)[near[beside]] - as_points(reinterpreted.fix_m)[beside]
+    shifts: Points = as_points(reinterpreted.gps_m)[nearest[paired]] - as_points(reinterpreted.fix_m)[paired]
     shift = complex(np.median(shifts.real), np.median(shifts.imag))
     lat, lon = to_geodetic(log.origin, np.array([shift.real]), np.array([shift.imag]))
     sd = float(np.median(np.abs(shifts - shift))) / RAYLEIGH_MEDIAN
-    return OriginProposal(float(lat[0]), float(lon[0]), int(beside.sum()), sd)
+    return OriginProposal(float(lat[0]), float(lon[0]), int(paired.sum()), sd)

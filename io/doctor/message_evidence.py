@@ -1,4 +1,4 @@
-"""What only the messages of a log tell, beside its tables: raw numbers, gravity, names of frames, the fixes' depth."""
+"""Evidence of handedness in the messages, not in the tables: types, gravity, frame names, the fixes' depth."""
 
 import numpy as np
 
@@ -11,29 +11,28 @@ from usbldr.io.log import Log
 
 GRAVITY_FIELD = "linear_acceleration.z"  # of an Imu
 RAW_FIELDS = {"compass": (GRAVITY_FIELD,)}
-"""What to read beside the fields that make the tables."""
+"""Fields to read in addition to those of the tables."""
 
 
 def message_evidence(log: Log) -> list[HandednessEvidence]:
-    """Return what only the messages tell of the mirror image: types, gravity, the fixes' depth, names of frames.
+    """Return the messages' evidence on the mirror image: types, gravity, the fixes' depth, names of frames.
 
-    A modem that tells east and north may well tell a depth beside them: only where no type settles the frame is the
-    sign of z, or the name of the frame, a word about it.
+    A type that defines east and north may hold a depth as z, so z and the name of the frame count only without one.
     """
     fixes, frame = log.raws.get("usbl"), recorded_value(log, "usbl", "frame")
     if fixes is None or frame not in ("ENU", "NED"):
         return _gravity(log)
-    if settled := fixes.layout.defaults.get("frame"):
-        return [HandednessEvidence(f"the fixes are {settled} by their type", 2, frame != settled), *_gravity(log)]
+    if by_type := fixes.layout.defaults.get("frame"):
+        return [HandednessEvidence(f"the fixes are {by_type} by their type", 2, frame != by_type), *_gravity(log)]
     found = _gravity(log)
     z = _median(fixes.number("z"))
     depth_m = float(np.median(log.tables["depth"]["depth_m"])) if "depth" in log.tables else 0.0
     if depth_m > UNDERWATER_M and abs(abs(z) - depth_m) < THRESHOLDS.fix_depth_tolerance * depth_m:
-        says, which = ("NED", "down") if z > 0 else ("ENU", "up")
-        found.append(HandednessEvidence(f"depth: the fixes have z {which}", 2, frame != says))
-    for says, named in (("ENU", named_enu), ("NED", named_ned)):
+        implied, which = ("NED", "down") if z > 0 else ("ENU", "up")
+        found.append(HandednessEvidence(f"depth: the fixes have z {which}", 2, frame != implied))
+    for implied, named in (("ENU", named_enu), ("NED", named_ned)):
         if named(fixes.frame_id):
-            found.append(HandednessEvidence(f'frame_id "{fixes.frame_id}"', 2, frame != says))
+            found.append(HandednessEvidence(f'frame_id "{fixes.frame_id}"', 2, frame != implied))
     return found
 
 
@@ -42,12 +41,12 @@ def _gravity(log: Log) -> list[HandednessEvidence]:
     z = _median(heading.number(GRAVITY_FIELD)) if heading else 0.0
     if heading is None or not abs(z) > THRESHOLDS.min_gravity_mps2:
         return []
-    says, which = ("NED", "down") if z < 0 else ("ENU", "up")
+    implied, which = ("NED", "down") if z < 0 else ("ENU", "up")
     name = f"gravity: {heading.topic.name} has z {which} ({z:+.1f} m/s^2 at rest)"
-    return [HandednessEvidence(name, 1, recorded_value(log, "compass", "convention") != says)]
+    return [HandednessEvidence(name, 1, recorded_value(log, "compass", "convention") != implied)]
 
 
 def _median(values: Vector) -> float:
-    """Return the median of the known values, 0 where none is known."""
+    """Return the median of the known values, 0 if none is known."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else 0.0

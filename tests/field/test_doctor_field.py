@@ -26,7 +26,7 @@ def test_the_faults_of_uib_field_are_found_without_being_told(field_logs: Path) 
     assert "/dvl: 2707 of 5422 records repeat" in found["REPEATED"]["text"]
     assert 'state convention = "NED" under [compass]' in found["HEADING-CONVENTION"]["text"]
     assert 'state frame = "NED" under [usbl]' in found["MAP-FRAME"]["text"]
-    assert "ruled out by this: gravity" in found["MAP-FRAME"]["text"]
+    assert "excluded by: gravity" in found["MAP-FRAME"]["text"]
     assert "DVL-AXES" not in found
     assert 135.0 <= found["DVL-MOUNT"]["worst"] <= 141.0
     assert found["USBL-DELAYED"]["worst"] == pytest.approx(5.98, abs=0.01)
@@ -38,10 +38,10 @@ def test_the_faults_of_uib_field_are_found_without_being_told(field_logs: Path) 
 def test_the_faults_of_stpere_are_found_without_being_told(field_logs: Path) -> None:
     found = findings(field_logs / "stpere_marina" / "stpere_marina.mcap", "--config", "none")
 
-    assert "84 say 327.67 m/s" in found["DVL-INVALID"]["text"]
+    assert "84 are 327.67 m/s" in found["DVL-INVALID"]["text"]
     assert found["DVL-INVALID"]["worst"] == pytest.approx(327.67)
     assert found["DVL-MOUNT"]["worst"] == pytest.approx(-20.0, abs=2.0)
-    assert "ruled out by this: GPS" in found["CONVENTION-CHECKED"]["text"]
+    assert "excluded by: GPS" in found["CONVENTION-CHECKED"]["text"]
     assert {"HEADING-CONVENTION", "MAP-FRAME", "DVL-AXES", "CONVENTION-UNDECIDED"}.isdisjoint(found)
     assert "USBL-LATENCY" not in found  # the synthetic fixes are stamped when they were true
 

@@ -190,8 +190,8 @@ MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
     ("usbl", "gps", "toml", "sentence"),
     [
         (PLACE, PLACE, "", None),
-        (PLACE[::-1], PLACE, "", "/usbl/fix and /gps/fix lie "),
-        (PLACE, IN_RADIANS, "", "/usbl/fix and /gps/fix lie "),
+        (PLACE[::-1], PLACE, "", "/usbl/fix and /gps/fix are "),
+        (PLACE, IN_RADIANS, "", "/usbl/fix and /gps/fix are "),
         (
             PLACE,
             PLACE,

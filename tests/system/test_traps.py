@@ -50,7 +50,7 @@ def test_a_fix_stamped_hours_before_it_came_is_none(tmp_path: Path) -> None:
 
     assert len(log.tables["usbl"]) == 4
     assert log.start_ns == T0 - SECOND // 2
-    assert "1 stamped hours before they came" in codes(log)["USBL-INVALID"]
+    assert "1 stamped hours before arrival" in codes(log)["USBL-INVALID"]
 
 
 def test_a_system_whose_clock_is_hours_off_keeps_its_fixes(tmp_path: Path) -> None:

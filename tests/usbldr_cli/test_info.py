@@ -47,8 +47,8 @@ gps: /gps/fix (type and name), 1 of 1 records used
 errors are measured against: /gps/fix, kind gps
   1 rows from 0.0 to 0.0 s, gaps up to 30 s
 
-MAP-UNKNOWN: /usbl: positions on a map whose origin nobody states; taken for the first gps fix's (state origin_lat_deg \
-and origin_lon_deg under [map], or head under [usbl] if they are offsets from it)
+MAP-UNKNOWN: /usbl: the map origin is not stated; assumed at the first gps fix (state origin_lat_deg and \
+origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)
 """
 
 

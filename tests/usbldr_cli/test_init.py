@@ -90,7 +90,7 @@ def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_o
     assert "state origin_lat_deg and origin_lon_deg under [map] if it is known, or head under [usbl]" in done.output
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
     assert "map" not in tomllib.loads(text)
-    place = re.search(r"# origin_lat_deg = (\S+) +# CHECK: .* meet the GPS .*\n# origin_lon_deg = (\S+)", text)
+    place = re.search(r"# origin_lat_deg = (\S+) +# CHECK: .* fitted to GPS .*\n# origin_lon_deg = (\S+)", text)
     assert place
     assert float(place[1]) == pytest.approx(45.0, abs=1e-5)
     assert float(place[2]) == pytest.approx(7.0, abs=1e-5)
@@ -118,7 +118,7 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
 
     assert "2 lines marked CHECK want a decision" in done.output
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
-    assert "CHECK: the fullest that can be read; it could be /usbl/raw" in text
+    assert "CHECK: the readable topic with the most messages; it could be /usbl/raw" in text
     assert "mirror image (axes FRD, convention NED, frame NED) fits as well" in text
 
 

@@ -236,7 +236,7 @@ def test_a_unit_for_a_quaternion_is_said_not_to_be_used(tmp_path: Path) -> None:
     log = logged(tmp_path, [yaw(T0 + k * SECOND, 30.0) for k in range(3)], '[compass]\nunit = "rad"')
 
     assert [f.text for f in log.findings if f.code == "KEY-UNUSED"] == [
-        "/imu: unit of the configuration is not used; it tells no plain angles"
+        "/imu: unit of the configuration is not used; its records are not plain angles"
     ]
 
 
@@ -379,7 +379,7 @@ def test_gauge_pressures_are_not_taken_for_absolute_ones(tmp_path: Path) -> None
 
     assert "depth" not in unsaid.tables
     assert codes(unsaid)["DEPTH-UNIT"].endswith(
-        "is less than the air's: gauge pressures need surface_pa = 0 under [depth]"
+        "is below air pressure: gauge pressures need surface_pa = 0 under [depth]"
     )
     assert said.tables["depth"]["depth_m"].to_numpy() == pytest.approx(np.arange(200) / 10)
 
@@ -416,7 +416,7 @@ def test_keys_that_the_column_names_settle_are_said_not_to_act(tmp_path: Path) -
     log = read_log(folder)
 
     assert codes(log) == {
-        "KEY-UNUSED": '/dvl: axes = "FRD" of the configuration is not used; its columns say SFU; name them by columns '
+        "KEY-UNUSED": '/dvl: axes = "FRD" of the configuration is not used; its columns are SFU; name them by columns '
         "to read them otherwise (docs/configuration.md#any-columns)"
     }
     assert body(log.tables["dvl"])[:2] == pytest.approx([1.0, -0.1])

@@ -19,7 +19,7 @@ def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -
     np.testing.assert_allclose(table["time_s"], [0, 1, 3])
     np.testing.assert_allclose(table["received_s"], [2, 1.1, 3])
     assert codes(log) == {
-        "OUT-OF-ORDER": "/usbl: 1 of 3 records are stamped earlier than the one before "
+        "OUT-OF-ORDER": "/usbl: 1 of 3 records are stamped earlier than the previous one "
         "(fixes arrive late; sorted by stamp, arrival kept)"
     }
 
@@ -39,7 +39,7 @@ def test_dvl_records_of_one_stamp_with_other_values_are_averaged(tmp_path: Path)
     np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], [1.5, 5.0])
     np.testing.assert_allclose(log.tables["dvl"]["starboard_mps"], [-0.3, 0.0])
     assert codes(log)["SAME-STAMP"] == (
-        "/dvl: 1 of 3 records have another's stamp and other values; those of one stamp are averaged"
+        "/dvl: 1 of 3 records have another's stamp and other values; records of one stamp are averaged"
     )
 
 

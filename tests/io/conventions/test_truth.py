@@ -88,7 +88,7 @@ def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path) 
     }
 
     assert said["ENU"] == []
-    assert said["NED"] == ['t.csv: frame = "NED" of the configuration is not used; its columns say ENU']
+    assert said["NED"] == ['t.csv: frame = "NED" of the configuration is not used; its columns are ENU']
 
 
 def test_columns_may_count_seconds_of_the_log(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_an_absent_truth_is_an_error(tmp_path: Path, option: str) -> None:
         dive(tmp_path, request=Request(truth=option))
 
     assert str(fault.value) == (
-        f"{tmp_path / 'dive.mcap'}: truth {option} is neither a file here or beside the log nor a topic of it"
+        f"{tmp_path / 'dive.mcap'}: truth {option} is neither a file, here or beside the log, nor a topic"
     )
 
 

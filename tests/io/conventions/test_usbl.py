@@ -105,12 +105,12 @@ def test_a_kind_that_the_messages_cannot_have_is_refused(tmp_path: Path) -> None
     )
 
 
-def test_a_map_whose_origin_nobody_states_is_pointed_out(tmp_path: Path) -> None:
+def test_a_map_whose_origin_is_not_stated_is_a_finding(tmp_path: Path) -> None:
     log = logged(tmp_path, [point(T0, 3.0, 4.0), fix(T0, 45.0, 7.0)])
 
     assert codes(log)["MAP-UNKNOWN"] == (
-        "/usbl: positions on a map whose origin nobody states; taken for the first gps fix's "
-        "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if they are offsets from it)"
+        "/usbl: the map origin is not stated; assumed at the first gps fix "
+        "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)"
     )
 
 
@@ -154,7 +154,7 @@ def test_a_range_shorter_than_the_depth_below_the_head_is_straight_below_and_sai
 
     assert place(log) == [100, -50]
     assert codes(log)["USBL-SHORT"] == (
-        "/usbl: 1 slant ranges are shorter than the depth below the head; taken as straight below"
+        "/usbl: 1 slant ranges are shorter than the depth below the head; placed straight below"
     )
 
 
@@ -164,7 +164,7 @@ def test_ranges_without_a_head_are_an_error(tmp_path: Path) -> None:
 
     assert str(fault.value) == (
         f"{tmp_path / 'dive'}: /usbl holds ranges and bearings; state head = {{...}} under [usbl], "
-        "or beacon = {...} where the vehicle carries the head"
+        "or beacon = {...} if the vehicle carries the head"
     )
 
 

@@ -48,7 +48,7 @@ def test_a_depth_beside_east_and_north_is_no_proof_of_a_map_with_x_north(tmp_pat
     found = findings(log)
 
     assert {"MAP-FRAME", "CONVENTION-CONTRADICTED", "CONVENTION-UNDECIDED"}.isdisjoint(found)
-    assert "ruled out by this: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
+    assert "excluded by: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
 
 
 def test_a_mirrored_compass_and_dvl_leave_the_map_of_a_modem_as_it_is(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_a_type_weighs_more_than_the_gravity_of_a_compass_that_is_mounted_upside
     found = findings(log)
 
     assert {"MAP-FRAME", "DVL-AXES", "HEADING-CONVENTION"}.isdisjoint(found)
-    assert "ruled out by this: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
+    assert "excluded by: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
     assert "gravity" in found["CONVENTION-CONTRADICTED"]["text"]
 
 
@@ -101,4 +101,4 @@ def test_a_frame_that_is_called_east_north_up_is_one(tmp_path: Path, name: str) 
 
     found = findings(write_mcap(tmp_path / "dive.mcap", rows))
 
-    assert f'ruled out by this: frame_id "{name}"' in found["CONVENTION-CHECKED"]["text"]
+    assert f'excluded by: frame_id "{name}"' in found["CONVENTION-CHECKED"]["text"]
