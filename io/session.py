@@ -5,7 +5,7 @@
     track = replay(log, grid, "cpf")
     report = evaluate(log, grid, track)
 
-One ``RunSettings`` for `replay` and `evaluate` stands for the options of the command line.
+``RunSettings`` holds the options of the command line for `replay` and `evaluate`.
 """
 
 from collections.abc import Callable, Mapping
@@ -45,7 +45,7 @@ ANCHORS = ("start", "first-fix", "first-gps", "first-truth")
 
 @dataclass(frozen=True, slots=True)
 class RunSettings(FilterSettings):
-    """What the user decides about a run, beside the log and its configuration; the defaults are the commands'."""
+    """The settings of a run; the defaults are those of the commands."""
 
     calibrate: tuple[str, ...] | None = None  # keys of calibration.STATES, or ("auto",); None: as configured, else auto
     noise: Mapping[str, NoiseFamily] = field(default_factory=dict[str, NoiseFamily])  # by sensor, over the configured
@@ -57,41 +57,43 @@ class RunSettings(FilterSettings):
 
 
 def is_simulated(log: str | Path) -> bool:
-    """Tell whether LOG is no log but a scenario: a file NAME.toml, or what is no file or folder at all."""
+    """Return whether LOG is a scenario: a file NAME.toml, or a name that is not a file or folder."""
     return not Path(log).exists() or (Path(log).suffix == ".toml" and Path(log).is_file())
 
 
 def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0) -> Log:
     """Read a log file or folder, or simulate a scenario by its name or file with a seed.
 
-    Raises LogError for what cannot be read, UsageError where request, configuration and log do not fit together.
+    Raises LogError if it cannot be read, UsageError if request, configuration and log do not fit together.
     """
     if not is_simulated(log):
         return read_log(Path(log), request)
     if not Path(log).exists() and str(log) not in scenario_names():
-        raise LogError(f"{log}: no such file or folder, nor a scenario (scenarios: {', '.join(scenario_names())})")
+        raise LogError(f"{log}: no such file, folder or scenario (scenarios: {', '.join(scenario_names())})")
     if request != DEFAULT_REQUEST:
-        raise UsageError(f"{log}: a scenario takes no --config, no topics, no --truth and no --with")
+        raise UsageError(f"{log}: a scenario takes no --config, --truth, --with or topics")
     return simulated_log(find_scenario(str(log)), seed)
 
 
 def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Assumptions:
-    """Return what a method assumes on a log: as configured, as the settings say, and as the log itself tells.
+    """Return the assumptions of a method: as configured, with the settings, and with what is identified from the log.
 
-    Where nobody asked for the errors of sensors, a method that cannot carry one goes without.
+    Without ``settings.calibrate``, sensor errors that the method cannot estimate are left out.
     """
     assumptions = replace(log.assumptions, **settings.noise)
     if settings.aid is not None:
         assumptions = replace(assumptions, aid=settings.aid)
     if settings.calibrate is not None:
         assumptions = replace(assumptions, calibrate=settings.calibrate)
-    able = method_named(method).estimates
-    if assumptions.calibrate == (AUTO,) and not able:
+    estimable = method_named(method).estimates
+    if assumptions.calibrate == (AUTO,) and not estimable:
         assumptions = replace(assumptions, calibrate=())
     if assumptions.calibrate == (AUTO,):
         assumptions = identify(timeline, assumptions)
         if settings.calibrate is None:
-            assumptions = replace(assumptions, calibrate=tuple(key for key in assumptions.calibrate if key in able))
+            assumptions = replace(
+                assumptions, calibrate=tuple(key for key in assumptions.calibrate if key in estimable)
+            )
     return tune(timeline, assumptions).assumptions if settings.tune else assumptions
 
 
@@ -105,24 +107,24 @@ def replay(
 ) -> Trajectory:
     """Run a method of METHODS over a log and return its track.
 
-    ``assumptions`` are those of `resolve`, which is called without them. ``progress`` hears how many epochs of how many
-    are done. Raises LogError where the log lacks a sensor or a start, UsageError for settings that do not fit the
-    method.
+    ``assumptions`` are those of `resolve`, which is called without them. ``progress`` is called with the number
+    of epochs done and of all. Raises LogError if the log lacks a sensor or a start, UsageError for settings that do not
+    fit the method.
     """
     able = method_named(method)
     require(log, able.sensors)
-    told = resolve(log, timeline, method, settings) if assumptions is None else assumptions
-    require_gps(timeline, told.aid, str(log.path))
-    if able.is_filter and told.start is None and not len(starting_fixes(timeline, told)[0]):
+    used = resolve(log, timeline, method, settings) if assumptions is None else assumptions
+    require_gps(timeline, used.aid, str(log.path))
+    if able.is_filter and used.start is None and not len(starting_fixes(timeline, used)[0]):
         raise LogError(f"{log.path}: {NO_START_TEXT}")
-    anchor = find_start(replace(log, assumptions=told), timeline, settings.dr_from) if able.anchored else None
-    return run(method, timeline, told, settings, progress, anchor)
+    anchor = find_start(replace(log, assumptions=used), timeline, settings.dr_from) if able.anchored else None
+    return run(method, timeline, used, settings, progress, anchor)
 
 
 def find_start(log: Log, timeline: Timeline, dr_from: str | tuple[float, float]) -> Anchor | None:
-    """Return where dead reckoning starts, None where the log has no such thing.
+    """Return where dead reckoning starts, None if the log has no such position.
 
-    Raises UsageError for a place that is none, or without an origin to place it by.
+    Raises UsageError for an invalid place, or for LAT,LON without an origin.
     """
     if isinstance(dr_from, str):
         if dr_from not in ANCHORS:
@@ -131,7 +133,7 @@ def find_start(log: Log, timeline: Timeline, dr_from: str | tuple[float, float])
     lat_deg, lon_deg = dr_from
     if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 360):
         raise UsageError(
-            f"--dr-from {lat_deg:g},{lon_deg:g} is no place: latitude within 90, longitude within 360 degrees"
+            f"--dr-from {lat_deg:g},{lon_deg:g} is not a position: latitude within 90, longitude within 360 degrees"
         )
     if log.origin is None:
         raise UsageError("--dr-from LAT,LON needs an origin: state [map] origin_lat_deg, origin_lon_deg")
@@ -140,10 +142,10 @@ def find_start(log: Log, timeline: Timeline, dr_from: str | tuple[float, float])
 
 
 def evaluate(log: Log, timeline: Timeline, track: Trajectory, settings: RunSettings = RunSettings()) -> ErrorReport:
-    """Take the errors of a track against the log's truth, as `settings` say.
+    """Compute the errors of a track against the log's truth, with `settings`.
 
-    A track on the epochs of the timeline is scored on its slow grid, any other at its own stamps; nothing is scored
-    where GPS aided. Raises LogError without a truth, or where no epoch can be compared with it.
+    A track on the epochs of the timeline is scored on its slow grid, any other at its own stamps; GPS-aided windows
+    are not scored. Raises LogError without a truth, or if no epoch can be compared with it.
     """
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
@@ -160,29 +162,29 @@ def score(
     assumptions: Assumptions | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ScoredTrack:
-    """Replay a log and take the errors of the track, if the log has a truth (see `replay` and `evaluate`)."""
-    made = replay(log, timeline, method, settings, assumptions, progress)
-    return ScoredTrack(made, None if log.truth is None else evaluate(log, timeline, made, settings))
+    """Replay a log and compute the errors of the track, if the log has a truth (see `replay` and `evaluate`)."""
+    track = replay(log, timeline, method, settings, assumptions, progress)
+    return ScoredTrack(track, None if log.truth is None else evaluate(log, timeline, track, settings))
 
 
 def reference_tracks(
     log: Log, timeline: Timeline, method: str, settings: RunSettings, assumptions: Assumptions
 ) -> tuple[ScoredTrack, ...]:
-    """Return raw fixes and dead reckoning, scored as the method's own track is, those that the log allows."""
+    """Return raw fixes and dead reckoning, scored like the track of the method, if the log allows them."""
     anchor = find_start(replace(log, assumptions=assumptions), timeline, settings.dr_from)
     possible = {"usbl": len(timeline.fix_time_s) > 0, "dr": anchor is not None}
-    found: list[ScoredTrack] = []
-    for name, there in possible.items():
-        with suppress(LogError):  # a baseline that has nothing to be judged by is no fault of the run
-            found += [score(log, timeline, name, settings, assumptions)] if there and name != method else []
-    return tuple(found)
+    tracks: list[ScoredTrack] = []
+    for name, available in possible.items():
+        with suppress(LogError):  # a reference track without truth does not fail the run
+            tracks += [score(log, timeline, name, settings, assumptions)] if available and name != method else []
+    return tuple(tracks)
 
 
 def bound(scenario: str | Path, timeline: Timeline, assumptions: Assumptions, seed: int = 0) -> PositionBound:
     """Return the posterior Cramer-Rao bound of the position on a scenario's dive: the least sigma of any filter.
 
-    The timeline is that of ``open_log(scenario, seed=seed)``, the assumptions those that the filters are told. Raises
-    UsageError for a recorded log, whose true states nobody knows, and for assumptions that have no bound.
+    The timeline is that of ``open_log(scenario, seed=seed)``, the assumptions those of the filters. Raises
+    UsageError for a recorded log, whose true states are unknown, and for assumptions that have no bound.
     """
     if not is_simulated(scenario):
         raise UsageError(f"--bound: {scenario} is a recorded log; the bound needs the true states of a scenario")

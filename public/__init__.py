@@ -1,6 +1,6 @@
-"""Replay logs of underwater vehicles through navigation filters, and take the errors against the truth.
+"""Replay logs of underwater vehicles through navigation filters, and compute the errors against the truth.
 
-Every name of ``__all__`` is described in docs/api.md, with types, units and frames. Importing this package is cheap:
+Every name of ``__all__`` is described in docs/api.md, with types, units and frames. Importing this package is fast:
 each name is imported when it is first used.
 """
 
@@ -21,7 +21,7 @@ __all__ += io.__all__
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first asked for."""
+    """Import a public name when it is first used."""
     if name == "timeline":  # a module of io has this name, so io cannot export it
         return importlib.import_module("usbldr.io.timeline").timeline
     for package in (filters, io):

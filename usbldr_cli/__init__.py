@@ -1,1 +1,1 @@
-"""The commands of usbldr, one file each. No mathematics; heavy imports sit inside the function that needs them."""
+"""The commands of usbldr, one file each. No mathematics; heavy imports are inside the functions that need them."""

@@ -1,4 +1,4 @@
-"""``usbldr check``: the gate of CI. Runs a baseline's rows again and compares each metric with its stored value."""
+"""``usbldr check``: runs the rows of a baseline again and compares each metric with its stored value, for CI."""
 
 import json
 import os
@@ -27,11 +27,15 @@ FILES = ("config", "truth", "with", "msg_path")  # options whose value may be a 
 @click.command()
 @click.argument("baseline", type=click.Path(path_type=Path))
 @click.option("--update", is_flag=True, help="Show the differences and store the new values.")
-@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Runs at a time.  [default: one for each core]")
-@click.option("--json", "json_to", is_flag=False, flag_value="-", help="Result as JSON: to a file, or alone to stdout.")
-@click.option("--markdown", "markdown_to", metavar="FILE", help="Result as a page for the summary of a CI run.")
+@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]")
+@click.option(
+    "--json", "json_to", is_flag=False, flag_value="-", help="Write the result as JSON, to a file or to stdout."
+)
+@click.option(
+    "--markdown", "markdown_to", metavar="FILE", help="Write the result as a page for the summary of a CI run."
+)
 @click.option("--force", is_flag=True, help="Replace the files of --json and --markdown.")
-@click.option("--quiet", "-q", is_flag=True, help="Print the verdict only.")
+@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def check(
     baseline: Path,
     update: bool,
@@ -41,10 +45,10 @@ def check(
     force: bool,
     quiet: bool,
 ) -> int:
-    """Run the rows of BASELINE again; exit 1 where a metric got worse than its limit allows, or is missing.
+    """Run the rows of BASELINE again; exit 1 if a metric is missing or worse than its limit allows.
 
-    A row or a log that is not there is a failure, never skipped. A metric that got better by more than its limit
-    passes, and is reported: the baseline is stale.
+    A missing row or log is a failure. A metric that is better by more than its limit passes, and is reported because
+    the baseline is stale.
 
     \b
     $ usbldr check sample_logs/baseline.toml
@@ -70,13 +74,13 @@ def check(
             write_file("--json", Path(json_to), text + "\n")
     if json_to != "-":
         _print_result(checked, quiet, update)
-    return _update(wanted, checked, told=json_to != "-") if update else code
+    return _update(wanted, checked, show=json_to != "-") if update else code
 
 
 def _refuse(
     option: str, file: Path, force: bool, baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]"
 ) -> None:
-    """Refuse a file that is the baseline or an input of a row, or that holds something."""
+    """Refuse a file that is the baseline or an input of a row, or that is not empty."""
     if file.resolve() == baseline.file.resolve():
         raise UsageError(f"{file} is the baseline: choose another file for {option}")
     for unit in {unit.log: unit for cell in units.values() for unit in cell}.values():
@@ -85,16 +89,16 @@ def _refuse(
 
 
 def _checked(baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]", jobs: int) -> "list[CheckedRow]":
-    """Run all rows at once and judge each."""
+    """Run all rows at once and compare each."""
     from usbldr_cli.runs.jobs import run_jobs
 
     outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], jobs))
-    found = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
-    return [_judged(baseline.file, row, units[row.name], found[row.name]) for row in baseline.rows]
+    by_row = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
+    return [_compared(baseline.file, row, units[row.name], by_row[row.name]) for row in baseline.rows]
 
 
 def _units(file: Path, row: "BaselineRow") -> "list[Job]":
-    """Return the runs of a row, one a seed; none where its log is not there."""
+    """Return the runs of a row, one per seed; none if its log is missing."""
     from usbldr.filters.replay.methods import method_named
     from usbldr.io.scenarios.library import scenario_names
     from usbldr_cli.runs.jobs import Job
@@ -113,7 +117,7 @@ def _units(file: Path, row: "BaselineRow") -> "list[Job]":
 
 
 def _choices(file: Path, row: "BaselineRow") -> tuple[RunChoices, Mapping[str, Any]]:
-    """Return what a row's options ask for, read by the command line's own rules."""
+    """Return a row's options, parsed as those of the command line."""
     arguments = [f"--{name.replace('_', '-')}={value}" for name, value in _stated(file.parent, row.options)]
     try:
         return _run_of_a_row.main(arguments, prog_name="row", standalone_mode=False)
@@ -124,7 +128,7 @@ def _choices(file: Path, row: "BaselineRow") -> tuple[RunChoices, Mapping[str, A
 
 
 def _stated(folder: Path, options: "Mapping[str, Option]") -> "list[tuple[str, Option]]":
-    """Return each option and value; a file is looked for beside the baseline."""
+    """Return each option and value; a file is sought beside the baseline."""
     found: list[tuple[str, Option]] = []
     for name, stated in options.items():
         for value in stated if isinstance(stated, list) else [stated]:
@@ -141,14 +145,13 @@ def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Ma
     return choices, selection
 
 
-def _judged(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "Sequence[JobResult]") -> "CheckedRow":
+def _compared(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "Sequence[JobResult]") -> "CheckedRow":
     from usbldr.filters.replay.methods import METHODS
     from usbldr_cli.runs import seed_table
     from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
 
     if not units:
-        where = file.parent / row.log
-        return CheckedRow(row, (), f"{where}: there is no such log, nor a scenario of that name", CheckError.exit_code)
+        return CheckedRow(row, (), f"{file.parent / row.log}: no such log or scenario", CheckError.exit_code)
     bad = [outcome for outcome in outcomes if outcome.fault is not None]
     if bad:
         return CheckedRow(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
@@ -164,19 +167,19 @@ def _judged(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "S
 
 
 def _print_result(checked: "Sequence[CheckedRow]", quiet: bool, update: bool) -> None:
-    """Print the table and the verdict; no verdict on values that are about to be replaced."""
+    """Print the table and the last line, which is left out if the values are about to be replaced."""
     from usbldr_cli.tables.check_verdicts import notes, summary, table
     from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
 
     if not quiet:
         click.echo(aligned(table(checked)) + "\n")
-        if told := notes(checked):
-            click.echo(pairs(told) + "\n")
+        if lines := notes(checked):
+            click.echo(pairs(lines) + "\n")
     if not update:
         click.echo(textwrap.fill(summary(checked), WIDTH, break_long_words=False, break_on_hyphens=False))
 
 
-def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", told: bool) -> int:
+def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", show: bool) -> int:
     """Store the new values, if every row gave all of its metrics."""
     from usbldr.io.settings.regression_baseline import with_new_values
     from usbldr_cli.tables.check_verdicts import MISSING
@@ -186,11 +189,11 @@ def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", tol
     ]
     if absent:
         codes = [one.exit_code for one in checked]
-        click.echo(f"usbldr: {baseline.file}: left as it was: {', '.join(absent)} did not give every metric", err=True)
+        click.echo(f"usbldr: {baseline.file}: unchanged, because a metric is missing in {', '.join(absent)}", err=True)
         return max(*codes, CheckError.exit_code)
     text = with_new_values(baseline, [{c.metric: c.new for c in one.changes if c.new is not None} for one in checked])
     if text != baseline.text:
         write_file("--update", baseline.file, text)
-    if told:
+    if show:
         click.echo(f"{baseline.file}: {'updated' if text != baseline.text else 'is up to date'}")
     return 0

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @click.option(
     "--json", "json_to", is_flag=False, flag_value="-", help="Write the table as JSON, to a file or to stdout."
 )
-@click.option("--quiet", "-q", is_flag=True, help="Print the last sentence only.")
+@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def compare(
     logs: tuple[str, ...],
     filters: str | None,
@@ -47,7 +47,7 @@ def compare(
     force: bool,
     json_to: str | None,
     quiet: bool,
-    **where: Any,
+    **selection: Any,
 ) -> int:
     """Run several filters over each LOG and tabulate their errors, with standard errors over seeds.
 
@@ -61,7 +61,7 @@ def compare(
     from usbldr_cli.runs.compare_directory import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
 
-    _refuse_inputs(logs, where, output, json_to, force)
+    _refuse_inputs(logs, selection, output, json_to, force)
     _refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
         request: dict[str, Any] = {"runs": logs}
@@ -70,14 +70,14 @@ def compare(
             prepare(output, request, force)
     else:
         methods = _methods(filters, choices)
-        request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": where}
+        request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": selection}
         for log in logs:
             if is_simulated(log):
-                open_log(log, **where)  # a misspelt name is told before hours of work
+                open_log(log, **selection)  # reports a misspelt name before hours of work
         if output is not None:
             prepare(output, request, force)
         store = None if output is None else output / UNITS
-        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, where, store)
+        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, selection, store)
         _refuse_empty(rows)
     _write(output, rows, request)
     _print_result(rows, request, output, json_to, quiet)
@@ -87,13 +87,13 @@ def compare(
 
 
 def _refuse_inputs(
-    logs: Sequence[str], where: dict[str, Any], output: Path | None, json_to: str | None, force: bool
+    logs: Sequence[str], selection: dict[str, Any], output: Path | None, json_to: str | None, force: bool
 ) -> None:
-    """Refuse to write where a log is read, or over a file."""
+    """Refuse to write over an input or an existing file."""
     from usbldr.io.inputs import output_conflict
 
     for log in logs:
-        read = inputs(log, **where)
+        read = inputs(log, **selection)
         if output is not None and (what := output_conflict(output, read, inside=False)):
             raise UsageError(f"{output} {what}: choose another --output")
         if json_to not in (None, "-"):
@@ -101,7 +101,7 @@ def _refuse_inputs(
 
 
 def _finished(folders: Sequence[str], filters: str | None) -> "list[ComparisonRow]":
-    """Return the rows of run directories that may be held against each other."""
+    """Return the rows of run directories that are comparable."""
     from usbldr_cli.runs.finished_runs import is_run, read_runs
     from usbldr_cli.runs.seed_table import require_comparable
 
@@ -115,10 +115,10 @@ def _finished(folders: Sequence[str], filters: str | None) -> "list[ComparisonRo
 
 
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:
-    """Return the names in a list of filters; refuse what none of them takes."""
+    """Return the names in a list of filters; refuse options that none of them takes."""
     from usbldr.filters.replay.methods import METHODS, methods_that
 
-    choices.settings()  # refuses what no run could take
+    choices.settings()  # refuses wrong values
     names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
     unknown = [name for name in names if name not in METHODS]
     if unknown or not names:
@@ -126,10 +126,10 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     _refuse_repeats("--filters", names)
     methods = [METHODS[name] for name in names]
     if choices.gate is not None and not any(method.takes_gate for method in methods):
-        raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, and none of them is compared")
+        raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, none of which is compared")
     for option, given in (("--aid", choices.aid is not None), ("--tune", choices.tune)):
         if given and not any(method.is_filter for method in methods):
-            raise UsageError(f"{option} is for filters, and none of them is compared")
+            raise UsageError(f"{option} is for filters, none of which is compared")
     return names
 
 
@@ -145,10 +145,10 @@ def _run(
     seeds: int,
     jobs: int,
     choices: RunChoices,
-    where: dict[str, Any],
+    selection: dict[str, Any],
     store: Path | None,
 ) -> "list[ComparisonRow]":
-    """Run everything; a method without chance runs once on a file, and on each dive of a scenario."""
+    """Run everything; a deterministic method runs once on a file, and once on each dive of a scenario."""
     from usbldr.filters.replay.methods import METHODS, track_name
     from usbldr_cli.runs.jobs import run_jobs
     from usbldr_cli.runs.seed_table import ComparisonRow
@@ -156,7 +156,7 @@ def _run(
     cells: dict[tuple[str, str], dict[int, Job]] = {}
     for log in logs:
         for method in methods:
-            cells[log, method] = _cell(log, method, seeds, choices, where)
+            cells[log, method] = _cell(log, method, seeds, choices, selection)
     seed_major = sorted(
         ((log, seed, method) for (log, method), units in cells.items() for seed in units),
         key=lambda at: (logs.index(at[0]), at[1]),  # units of one dive follow each other: it is read once
@@ -177,7 +177,7 @@ def _run(
     return rows
 
 
-def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[str, Any]) -> "dict[int, Job]":
+def _cell(log: str, method: str, seeds: int, choices: RunChoices, selection: dict[str, Any]) -> "dict[int, Job]":
     """Return the units of one method on one log, by seed."""
     from usbldr.filters.replay.methods import METHODS
     from usbldr.io.session import is_simulated
@@ -185,11 +185,11 @@ def _cell(log: str, method: str, seeds: int, choices: RunChoices, where: dict[st
 
     once = not is_simulated(log) and not METHODS[method].draws
     wanted = range(choices.seed, choices.seed + (1 if once else seeds))
-    return {seed: Job(log, method, replace(choices, seed=seed), where) for seed in wanted}
+    return {seed: Job(log, method, replace(choices, seed=seed), selection) for seed in wanted}
 
 
 def _refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
-    """Raise what went wrong where nothing came out."""
+    """Raise the errors if no run succeeded."""
     if any(row.good for row in rows):
         return
     faults = {row.fault: max(outcome.exit_code for outcome in row.outcomes) for row in rows}

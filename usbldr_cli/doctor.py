@@ -1,4 +1,4 @@
-"""``usbldr doctor``: what is wrong with a log for navigation, found from the log alone."""
+"""``usbldr doctor``: faults of a log that matter for navigation, found without any truth."""
 
 import json
 from pathlib import Path
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 @log_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def doctor(log: str, as_json: bool, **selection: Any) -> int:
-    """Say what is wrong with LOG for navigation, and what to do about it.
+    """Find faults in LOG that matter for navigation, and say what to do.
 
-    Checks sensors, clocks, gaps and gross errors, and holds the conventions of axes, heading and map against the data.
-    Each finding has a stable code, which docs/findings.md explains. Exit code 1 if there is an error among them.
+    Checks sensors, clocks, gaps and outliers, and tests the conventions of axes, heading and map against the data. Each
+    finding has a stable code, which docs/findings.md explains. Exit code 1 if one of them is an error.
 
     \b
     $ usbldr doctor dive.mcap

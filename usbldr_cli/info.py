@@ -1,4 +1,4 @@
-"""``usbldr info``: what is in a log, which topic is taken for which sensor, and by which conventions."""
+"""``usbldr info``: the topics of a log, the sensor that each is, and the conventions by which it is read."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from usbldr.io.reader import TopicInfo
     from usbldr.io.survey import Survey
 
-MAX_TOPICS_SHOWN = 40  # [rows] rows shown of a log that has more, unless --all
+MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
 
 
 @click.command()
@@ -23,10 +23,10 @@ MAX_TOPICS_SHOWN = 40  # [rows] rows shown of a log that has more, unless --all
 @click.option("--all", "all_topics", is_flag=True, help=f"List every topic, not only the first {MAX_TOPICS_SHOWN}.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: Any) -> int:
-    """Say what LOG holds and how each sensor is understood.
+    """List the topics of LOG and how each sensor is read.
 
-    Lists topics with type, count, rate and span, the sensor that each is taken for, every convention chosen and by
-    whom, and what a user ought to know of the log. Exit code 3 if a part of LOG could not be read.
+    Lists topics with type, count, rate, span and role, every convention with who chose it, and the findings on the log.
+    Exit code 3 if a part of LOG could not be read.
 
     \b
     $ usbldr info dive.mcap
@@ -60,7 +60,7 @@ def _text(found: "Survey", all_topics: bool) -> str:
     lines.append(f"configuration: {found.configuration or 'none'}")
     if found.log is not None and found.log.origin is not None:
         origin = found.log.origin
-        lines.append(f"plane: touches {origin.lat_deg:.9f}, {origin.lon_deg:.9f} deg ({origin.source})")
+        lines.append(f"origin of east and north: {origin.lat_deg:.9f}, {origin.lon_deg:.9f} deg ({origin.source})")
     lines += ["", *_topic_table(found, all_topics)]
     if found.log is not None and found.log.tables:
         for role, p in found.log.provenance.items():
@@ -70,20 +70,20 @@ def _text(found: "Survey", all_topics: bool) -> str:
     if found.findings:
         lines += ["", *(f"{finding.code}: {finding.text}" for finding in found.findings)]
     if found.fault:
-        lines += ["", f"not to be replayed as it stands: {found.fault}"]
+        lines += ["", f"cannot be replayed as is: {found.fault}"]
     elif not found.roles:
-        lines += ["", "no topic here is a sensor that usbldr knows"]
+        lines += ["", "no topic is a sensor that usbldr knows"]
     return "\n".join(lines)
 
 
 def _truth(log: "Log") -> list[str]:
     if log.truth is None:
-        return ["errors are measured against: nothing (no GPS and no other truth)"]
+        return ["truth: none (no GPS and no other reference)"]
     truth = log.truth
     span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s"
     return [
-        f"errors are measured against: {truth.source}, kind {truth.kind}",
-        f"  {len(truth.time_s)} rows from {span}, gaps up to {truth.max_gap_s:g} s",
+        f"truth: {truth.source}, kind {truth.kind}",
+        f"  {len(truth.time_s)} samples from {span}, interpolated over gaps up to {truth.max_gap_s:g} s",
     ]
 
 
@@ -123,7 +123,7 @@ def _cells(topic: "TopicInfo") -> tuple[str, str, str, str, str]:
 
 
 def _described(found: "Survey") -> dict[str, Any]:
-    """Return what JSON says: the same as the page, times in nanoseconds since 1970 where they are absolute."""
+    """Return the content of the page for JSON; times in nanoseconds since 1970 if they are absolute."""
     from dataclasses import asdict
 
     from usbldr.io.provenance import provenance_values

@@ -1,4 +1,4 @@
-"""``usbldr init``: a commented configuration for a log that has none."""
+"""``usbldr init``: write a commented configuration for a log."""
 
 from pathlib import Path
 from typing import Any
@@ -12,15 +12,13 @@ from usbldr_cli.options.output_files import refuse_file, write_file
 
 @click.command()
 @log_options
-@click.option(
-    "--output", "-o", metavar="FILE", help="Where to write it.  [default: where LOG's configuration is sought]"
-)
-@click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@click.option("--output", "-o", metavar="FILE", help="File to write.  [default: the configuration file beside LOG]")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
 def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
-    """Write a usbldr.toml for LOG with what was found, each line with where it comes from.
+    """Write a usbldr.toml for LOG, with the source of each line.
 
-    Topics, axes, frames, mounting and delays are those that fit LOG best without any truth; read the lines marked
-    CHECK. Replay accepts the file as it is.
+    Topics, axes, frames, mounting and delays are those that fit LOG best, estimated without any truth. Check the lines
+    marked CHECK. Replay accepts the file as is.
 
     \b
     $ usbldr init dive.mcap
@@ -41,10 +39,10 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     text = initial_configuration(found, selection["joined"])
     write_file("--output", target, text)
     checks = text.count("# CHECK")
-    wanted = f"; {checks} line{'s' if checks > 1 else ''} marked CHECK want{'' if checks > 1 else 's'} a decision"
-    click.echo(f"{target}: written" + (wanted if checks else ""))
+    todo = f"; check the {checks} line{'s' if checks > 1 else ''} marked CHECK" if checks else ""
+    click.echo(f"{target}: written{todo}")
     if map_origin_unknown(found):
         click.echo(
-            "where the fixes' map begins is unknown, so errors against latitudes may hold one shift in common: state "
-            "origin_lat_deg and origin_lon_deg under [map] if it is known, or head under [usbl]"
+            "the origin of the map of the fixes is unknown, so errors against latitudes may share one offset: state "
+            "origin_lat_deg and origin_lon_deg under [map], or head under [usbl]"
         )

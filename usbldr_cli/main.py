@@ -1,4 +1,4 @@
-"""The command ``usbldr``: the group, and the one place where a fault becomes a sentence and an exit code."""
+"""The command ``usbldr``: the group, which turns each error into a sentence and an exit code."""
 
 import importlib
 import sys
@@ -8,20 +8,20 @@ import click
 from usbldr.filters.errors import UsbldrError
 
 COMMANDS = {
-    "info": "What is in LOG and how each sensor is understood.",
-    "doctor": "What is wrong with LOG for navigation, and what to do about it.",
-    "init": "Write a commented configuration for LOG with what was found.",
+    "info": "List the topics of LOG and how each sensor is read.",
+    "doctor": "Find faults in LOG that matter for navigation, and say what to do.",
+    "init": "Write a commented configuration for LOG.",
     "replay": "Run a filter over LOG and report its east and north errors.",
     "compare": "Run several filters over logs and seeds, side by side.",
-    "export": "Write LOG, or a stretch of it, in another format.",
-    "check": "Run a baseline again and fail where a metric got worse: the gate for CI.",
+    "export": "Write LOG, or a part of it, in another format.",
+    "check": "Run a baseline again and fail if a metric got worse (for CI).",
     "simulate": "Write a simulated log with its truth.",
 }
-"""One line per command; its function lives in the module of the same name and is imported when it is called."""
+"""One line per command; its function is in the module of the same name, which is imported when it is called."""
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported only when called: `usbldr --help` costs hardly more than click."""
+    """A group whose commands are imported only when called: `usbldr --help` is as fast as click."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the table."""
@@ -55,14 +55,14 @@ def cli() -> None:
 
 
 def one_line(fault: click.ClickException) -> str:
-    """Return what click says of wrong options as one sentence, with the command whose --help lists the right ones."""
-    said = " ".join(fault.format_message().split())
+    """Return click's message on wrong options as one sentence that names the command's --help."""
+    text = " ".join(fault.format_message().split())
     ctx = getattr(fault, "ctx", None)
-    return f"{said.rstrip('.')}; see {ctx.command_path} --help" if ctx else said
+    return f"{text.rstrip('.')}; see {ctx.command_path} --help" if ctx else text
 
 
 def main() -> None:
-    """Run the command; a fault of log or options is one line on stderr."""
+    """Run the command; an error of log or options is one line on stderr."""
     try:
         code = cli.main(prog_name="usbldr", standalone_mode=False)
     except UsbldrError as fault:

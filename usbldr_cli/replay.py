@@ -1,4 +1,4 @@
-"""``usbldr replay``: log in, filter over it, errors against the truth, run directory out."""
+"""``usbldr replay``: run a filter over a log and write a run directory."""
 
 import json
 import math
@@ -44,16 +44,16 @@ if TYPE_CHECKING:
 @click.option(
     "--json", "json_to", is_flag=False, flag_value="-", help="Write the report as JSON, to a file or to stdout."
 )
-@click.option("--write-calibration", metavar="FILE", help="Write the sensor errors found as a configuration.")
+@click.option("--write-calibration", metavar="FILE", help="Write the estimated sensor errors as a configuration.")
 @click.option(
     "--leave-one-out",
     type=click.IntRange(min=1),
     metavar="N",
     help="Repeat the run without each of the N most influential fixes.",
 )
-@click.option("--bound", is_flag=True, help="Of a scenario: add the least error that any filter could have.")
+@click.option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.")
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
-@click.option("--quiet", "-q", is_flag=True, help="Print the last sentence only.")
+@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def replay(
     method: str,
     choices: RunChoices,
@@ -65,7 +65,7 @@ def replay(
     bound: bool,
     strict: bool,
     quiet: bool,
-    **where: Any,
+    **selection: Any,
 ) -> int:
     """Run a filter over LOG and report its east and north errors against the truth.
 
@@ -83,13 +83,14 @@ def replay(
     from usbldr.io.timeline import timeline
 
     chosen = method_named(method)
-    read = inputs(**where)
+    read = inputs(**selection)
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file is not None and (option, file) != ("--json", "-"):
             refuse_file(option, Path(file), force, read, output)
-    if bound and not is_simulated(where["log"]):
-        raise UsageError(f"--bound: {where['log']} is a recorded log; the bound needs the true states of a scenario")
-    log = open_log(seed=choices.seed, **where)
+    if bound and not is_simulated(selection["log"]):
+        text = "is a recorded log; the bound needs the true states of a scenario"
+        raise UsageError(f"--bound: {selection['log']} {text}")
+    log = open_log(seed=choices.seed, **selection)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
@@ -100,10 +101,10 @@ def replay(
     dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
     settings, configured = choices.settings(log.start_ns), log.assumptions
     log = replace(log, assumptions=resolve(log, dive_timeline, method, settings))
-    doubts = convention_warnings(log, dive_timeline)
-    for finding in doubts:
+    warnings = convention_warnings(log, dive_timeline)
+    for finding in warnings:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
-    log = replace(log, findings=(*log.findings, *doubts))
+    log = replace(log, findings=(*log.findings, *warnings))
     if write_calibration is not None:
         _refuse_without_errors(chosen, log)
     if leave_one_out is not None:
@@ -115,7 +116,7 @@ def replay(
     with run_directory(target, force) as folder:
         run = _run(method, log, dive_timeline, choices, settings)
         if bound:
-            run = _with_bound(where["log"], run, configured)
+            run = _with_bound(selection["log"], run, configured)
         if leave_one_out is not None:
             run = _with_left_out(method, run, settings, leave_one_out)
         _write(folder, run)
@@ -131,37 +132,37 @@ def _refuse_for_tracks(method: "Method", choices: RunChoices) -> None:
     """Refuse --smooth, --tune and --aid without a filter; run() refuses the filters that --smooth does not suit."""
     from usbldr.filters.replay.methods import methods_that
 
-    asked = {"aid": choices.aid is not None, "smooth": choices.smooth, "tune": choices.tune}
-    what = next((option for option, given in asked.items() if given), None)
-    if what is not None and not method.is_filter:
+    given = {"aid": choices.aid is not None, "smooth": choices.smooth, "tune": choices.tune}
+    option = next((name for name, used in given.items() if used), None)
+    if option is not None and not method.is_filter:
         filters = methods_that(lambda m: m.is_filter)
-        raise UsageError(f"{method.name} is no filter, so there is nothing to {what} (filters: {filters})")
+        raise UsageError(f"--{option} needs a filter, and {method.name} is not one (filters: {filters})")
 
 
 def _refuse_without_errors(method: "Method", log: "Log") -> None:
-    """Refuse --write-calibration where nothing of the kind will be found."""
+    """Refuse --write-calibration if no sensor errors are estimated."""
     if not method.is_filter:
-        raise UsageError(f"{method.name} is no filter, so it finds no errors of sensors to write")
+        raise UsageError(f"--write-calibration: {method.name} is not a filter, so it estimates no sensor errors")
     if not log.assumptions.calibrate:
-        hint = "ask for --calibrate auto, or name them where it finds none"
-        raise UsageError(f"--write-calibration: no errors of sensors are estimated; {hint}")
+        hint = "add --calibrate auto, or --calibrate with their names if it finds none"
+        raise UsageError(f"--write-calibration: no sensor errors are estimated; {hint}")
 
 
 def _refuse_without_shifts(method: "Method", dive_timeline: "Timeline") -> None:
-    """Refuse --leave-one-out where no fix is told of, or where the filter does not tell what a fix did to it."""
+    """Refuse --leave-one-out without fixes, or for a filter that does not report the effect of each fix."""
     from usbldr.filters.replay.methods import methods_that
 
     if method.smoother_transform is None:
-        told = methods_that(lambda m: m.smoother_transform)
+        able = methods_that(lambda m: m.smoother_transform)
         raise UsageError(
-            f"--leave-one-out: {method.name} does not tell what each fix did to it (those that do: {told})"
+            f"--leave-one-out: {method.name} does not report the effect of each fix (filters that do: {able})"
         )
     if not len(dive_timeline.fix_time_s):
         raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
 
 
 def _run(method: str, log: "Log", dive_timeline: "Timeline", choices: RunChoices, settings: "RunSettings") -> "Run":
-    """Make the track and those that people do without a filter, and judge all of them alike."""
+    """Compute and score the track and the reference tracks."""
     from usbldr.io.reports.report_json import Run
     from usbldr.io.session import reference_tracks
     from usbldr.io.settings.validation import read_document
@@ -173,7 +174,7 @@ def _run(method: str, log: "Log", dive_timeline: "Timeline", choices: RunChoices
 
 
 def _score(method: str, log: "Log", dive_timeline: "Timeline", settings: "RunSettings") -> "ScoredTrack":
-    """Make a track and take its errors, with a progress bar on stderr while it is a terminal."""
+    """Compute and score a track, with a progress bar if stderr is a terminal."""
     from usbldr.io.session import score
 
     with _bar(method, len(dive_timeline.time_s)) as progress:
@@ -187,16 +188,16 @@ def _bar(label: str, total: int) -> "Generator[Callable[[int, int], None]]":
 
 
 def _with_bound(scenario: str, run: "Run", configured: "Assumptions") -> "Run":
-    """Return the run with the bound for the noise that the scenario tells and the states that the run estimated."""
+    """Return the run with the bound for the noise of the scenario and the states that the run estimated."""
     from usbldr.io.session import bound
 
     used = run.log.assumptions
-    told = replace(configured, calibrate=used.calibrate, aid=used.aid)
-    return replace(run, bound=bound(scenario, run.timeline, told, run.seed))
+    assumptions = replace(configured, calibrate=used.calibrate, aid=used.aid)
+    return replace(run, bound=bound(scenario, run.timeline, assumptions, run.seed))
 
 
 def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int) -> "Run":
-    """Return the run with what it would have been without each of the most influential fixes."""
+    """Return the run with the effects of leaving out each of the most influential fixes."""
     from usbldr.filters.evaluation.influence import compare_without, most_influential, without_fix
 
     log, dive_timeline, (whole, report) = run.log, run.timeline, run.scored

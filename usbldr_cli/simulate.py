@@ -12,8 +12,8 @@ from usbldr_cli.options.log_options import format_option, inputs
 @click.argument("scenario", required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="NAME.mcap, NAME.bag, NAME_db3 or a folder.")
 @format_option
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed, the same bytes.")
-@click.option("--force", is_flag=True, help="Overwrite what is there.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of random numbers.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option("--list", "list_them", is_flag=True, help="List the scenarios.")
 def simulate(
     scenario: str | None, output: Path | None, form: str | None, seed: int, force: bool, list_them: bool
@@ -22,9 +22,9 @@ def simulate(
 
     SCENARIO is a name of --list, or a file NAME.toml of your own (docs/scenarios.md).
 
-    OUTPUT is written in the format that its name means: NAME.mcap (ROS 2), NAME.bag (ROS 1), NAME_db3 (rosbag2 folder)
+    The name of OUTPUT chooses the format: NAME.mcap (ROS 2), NAME.bag (ROS 1), NAME_db3 (rosbag2 folder)
     or NAME.db3 (its file alone), else a folder of CSV files. Its configuration (NAME.usbldr.toml, or usbldr.toml in
-    the folder) states noise, start and conventions, never a sensor's true error.
+    the folder) states noise, start and conventions, but no sensor error.
 
     \b
     $ usbldr simulate paper -o paper.mcap
@@ -40,14 +40,14 @@ def simulate(
         raise UsageError(f"name a scenario (scenarios: {', '.join(names)}), or a file NAME.toml")
     chosen = find_scenario(scenario)
     if output is None:
-        raise UsageError("say where to write with -o NAME.mcap, or -o FOLDER for CSV files")
+        raise UsageError("name the output with -o NAME.mcap, or -o FOLDER for CSV files")
 
     from usbldr.io.inputs import refuse_inputs
     from usbldr.io.scenarios.files import write_scenario
     from usbldr.io.writers.write_log import configuration_place, log_format_of
 
-    for place in (output, configuration_place(output, log_format_of(output, form))):
-        refuse_inputs(place, inputs(scenario))
+    for file in (output, configuration_place(output, log_format_of(output, form))):
+        refuse_inputs(file, inputs(scenario))
     log, configuration = write_scenario(chosen, seed, output, force, form)
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in log.tables.items())
     click.echo(f"{output}: scenario {chosen.name}, seed {seed}, {chosen.duration_s:g} s, records: {counts}")

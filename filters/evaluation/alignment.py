@@ -1,4 +1,4 @@
-"""Moving a track onto the truth before it is scored: for evaluation only, and said beside every number."""
+"""Moving a track onto the truth before it is scored: for evaluation only, and reported beside every number."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from usbldr.filters.frames import rotation
 from usbldr.filters.types import Array
 
 ALIGNMENTS: Mapping[str, str] = {
-    "none": "no alignment",
+    "none": "none",
     "first": "first epoch moved onto the first truth row",
     "rigid": "rotation and shift fitted to the truth",
 }
@@ -38,7 +38,7 @@ class Alignment(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Say it in full."""
+        """Describe the alignment with its numbers."""
         text = ALIGNMENTS[self.name]
         if self.name == "none":
             return text

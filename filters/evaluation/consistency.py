@@ -1,9 +1,9 @@
-"""Does a filter's error have the size that the filter says? NEES, NIS, and a verdict in words.
+"""Whether a filter's errors have the size of its covariance: NEES, NIS, sigma coverage, and a verdict in words.
 
-NEES is the squared error of east and north normalised by its covariance: 2 on average where the covariance is right
+NEES is the squared error of east and north normalised by its covariance: 2 on average if the covariance is right
 (Y. Bar-Shalom, X. Rong Li, T. Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section
-5.4). The chi-square bounds there count independent errors; those of a navigation filter stay alike for many seconds,
-so the bounds here use the effective number of independent ones.
+5.4). The chi-square bounds there count independent errors; those of a navigation filter stay correlated for many
+seconds, so the bounds here use the effective number of independent errors.
 """
 
 import math
@@ -19,7 +19,7 @@ from usbldr.filters.types import OUTCOMES, Array, Trajectory, Vector
 DOF = 2  # fixed: east and north
 CONFIDENCE = 0.95  # of the bounds of NEES and NIS: the usual one
 EXPECTED_COVERAGE = (0.683, 0.954, 0.997)  # fixed: of a normal error within 1, 2, 3 sigma of its axis
-LEAST_VARIANCE_M2 = 1e-12  # a filter that claims to know better than a micrometre is taken to claim that
+LEAST_VARIANCE_M2 = 1e-12  # (1 um)^2: the least variance that NEES divides by
 
 
 class Nees(NamedTuple):
@@ -74,11 +74,11 @@ def nees(error_m: Array, cov_m2: Array) -> Vector:
 
 
 def effective_number(whitened: Array) -> float:
-    """Return how many independent errors the M correlated rows of (M, k) are worth for a mean of squares.
+    """Return the number of independent errors whose mean square varies as that of M correlated rows (M, k).
 
     G. V. Bayley and J. M. Hammersley, "The 'effective' number of independent observations in an autocorrelated time
     series", J. R. Stat. Soc. Suppl. 8(2), 1946: M / (1 + 2 sum (1 - lag/M) rho^2) for a variance; the sum ends where
-    rho first falls to noise.
+    rho first falls to 0.
     """
     M = len(whitened)
     spectrum = np.abs(np.fft.rfft(whitened, 2 * M, axis=0)) ** 2
@@ -149,7 +149,7 @@ def _counts(fates: Sequence[str]) -> tuple[int, int, int]:
 
 
 def consistency_text(found: Nees | None) -> str:
-    """Say in words whether the filter's sigmas are to be believed; "" where it states none.
+    """Return whether the filter is consistent, over- or under-confident; "" if it has no covariance.
 
     The number is how many times too small (over-confident) or too large (under-confident) they are.
     """

@@ -1,7 +1,7 @@
-"""A configuration for the next dive: this dive's, with the errors of sensors that a filter found added to it.
+"""A configuration for the next dive: that of this dive, with the sensor errors that a filter estimated added.
 
-The file stays as its author wrote it but for those lines. Signs and units are those of docs/configuration.md: degrees
-clockwise, an error is positive where the sensor reads too much.
+All other lines stay as they are. Signs and units are those of docs/configuration.md: degrees
+clockwise, an error is positive if the sensor reads too much.
 """
 
 import tomllib
@@ -19,32 +19,32 @@ from usbldr.io.settings.configuration import parse_configuration
 from usbldr.io.settings.validation import read_text
 
 KEYS = {reported.name: reported for reported in REPORTED_QUANTITIES.values() if reported.key}
-"""By the name that an error has at the border; a USBL bias that wanders is no property of the sensor."""
+"""By the name that an error has at the border; a USBL bias that drifts is not a property of the sensor."""
 
 
 def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
-    """Return the text of a configuration that subtracts what was found beside what was subtracted already.
+    """Return the text of a configuration that also subtracts the estimated sensor errors.
 
-    An error that the dive hardly told is left as it was, and the dive's own start becomes a comment. Raises UsageError
-    where the track has no such errors, or where an error becomes too large for its key.
+    An error that was hardly observable is left as it was, and the start of the dive becomes a comment. Raises
+    UsageError if the track has no such errors, or if an error becomes too large for its key.
     """
     errors = estimated_errors(trajectory)
     if not errors:
-        raise UsageError(f"{trajectory.label} estimated no errors of sensors that could be written")
+        raise UsageError(f"{trajectory.label} estimated no sensor errors, so there is nothing to write")
     document: Any = tomlkit.parse("schema = 1\n" if log.configuration is None else read_text(log.configuration))
     title = [f"# Errors of sensors that {trajectory.label} found on {log.path.name} are added to what was stated."]
     assumed = assumed_sd(log.assumptions.errors)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
         if place is None or sd > MAX_SIGMA_RATIO * assumed[error.name]:
-            why = "it wanders, so it is that dive's own" if place is None else "that dive hardly told it"
+            why = "it drifts, so it holds for that dive only" if place is None else "it was hardly observable"
             title.append(f"# {error.title}: {value:.4f} +- {sd:.4f}, left out: {why}.")
             continue
         section = document.setdefault(place.section, tomlkit.table())
         before = float(section.get(place.key, 0.0))
         number = tomlkit.item(round(_sum(before, value, place.unit), place.digits))
         if not isinstance(section, InlineTable):  # which has no room for a comment
-            number.comment(f"{before:g} stated, {value:+.{place.digits}f} +- {sd:.{place.digits}f} found")
+            number.comment(f"{before:g} stated, {value:+.{place.digits}f} +- {sd:.{place.digits}f} estimated")
             number.trivia.comment_ws = "  "
         section[place.key] = number
     text = "\n".join(title) + "\n" + _without_start(document)
@@ -53,7 +53,7 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
 
 
 def _sum(stated: float, found: float, unit: str) -> float:
-    """Return both errors together, ``found`` once the stated one was taken off; shares of a reading multiply."""
+    """Return the sum of a stated error and the error estimated after subtracting it; relative errors multiply."""
     return stated + found if unit else (1 + stated) * (1 + found) - 1
 
 
@@ -63,6 +63,6 @@ def _without_start(document: Any) -> str:
     if "start" not in document:
         return text
     start = tomlkit.dumps(tomlkit.document().add("start", document["start"]))
-    why = "# where that dive began; state the next one's start, if it is known:\n"
-    silent = "".join(f"# {line}" if line.strip() else line for line in start.splitlines(keepends=True))
-    return text.replace(start, why + silent, 1)
+    why = "# the start of that dive; state that of the next dive, if it is known:\n"
+    commented = "".join(f"# {line}" if line.strip() else line for line in start.splitlines(keepends=True))
+    return text.replace(start, why + commented, 1)

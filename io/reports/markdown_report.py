@@ -1,4 +1,4 @@
-"""report.md: the run for a reader, with its tables, conventions, findings and pictures."""
+"""report.md: the report of a run with tables, conventions, findings and figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ Picture = tuple[str, str]  # file name, caption
 
 
 def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
-    """Write report.md; the pictures lie beside it."""
+    """Write report.md, which links to the figures beside it."""
     parts = [
         f"# {run.label} on {run.log.path.name}",
         f"**{run.verdict}.**",
@@ -30,8 +30,8 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     ]
     if run.scored.report is not None:
         parts += ["## Errors", _table(error_table(run.scored.report)), _table(method_table(run))]
-    if told := health_lines(run):
-        parts += ["## Health", _pairs(told)]
+    if lines := health_lines(run):
+        parts += ["## Health", _pairs(lines)]
     if len((fixes := influence_table(run)).rows):
         parts += ["## Influential fixes", INFLUENCE, _table(fixes)]
     if run.without_fixes:
@@ -39,8 +39,8 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     if run.warnings:
         parts += ["## Warnings", _bullets(run.warnings)]
     if pictures:
-        parts += ["## Pictures", *(f"{caption}:\n\n![{caption}]({name})" for name, caption in pictures)]
-    parts += ["## How the log was understood", _sensors(run)]
+        parts += ["## Figures", *(f"{caption}:\n\n![{caption}]({name})" for name, caption in pictures)]
+    parts += ["## How the log was read", _sensors(run)]
     if run.log.findings:
         parts += ["## Findings", _bullets([f"`{finding.code}` {finding.text}" for finding in run.log.findings])]
     parts += ["## How to read this", _bullets(_definitions(run))]
@@ -61,29 +61,29 @@ def _sensors(run: Run) -> str:
     )
     heads = ("topic", "type", "records used", "chosen by", "conventions")
     origin = run.log.origin
-    plane = "unknown, so there is no latitude and longitude"
+    place = "unknown, so there are no latitudes and longitudes"
     if origin is not None:
-        plane = f"{origin.lat_deg:.9f} N, {origin.lon_deg:.9f} E ({origin.source})"
-    facts = [("start", utc(run.log.start_ns)), ("origin", plane), ("sha256", run.log.sha256)]
+        place = f"{origin.lat_deg:.9f} N, {origin.lon_deg:.9f} E ({origin.source})"
+    facts = [("start", utc(run.log.start_ns)), ("origin", place), ("sha256", run.log.sha256)]
     return f"{_table(Table('sensor', heads, rows))}\n\n{_pairs(facts)}"
 
 
 def _definitions(run: Run) -> list[str]:
     lines = [
-        "Errors are estimate minus truth; truth is interpolated linearly to the track's own times, never across its "
-        "long gaps.",
-        "Mean, median, std, min, max and p95 of an axis are of its absolute error; bias is the signed mean. "
-        "CEP50 and CEP95 are the median and the 95th percentile of the horizontal error.",
-        "NEES is the squared error normalised by the filter's covariance (plus the truth's own sigma where known). Its "
-        "bounds count independent errors only, because neighbouring ones are alike.",
-        "`track_*.csv` is the track as the filter left it; `errors_*.csv`, `track.tum` and `truth.tum` are what was "
-        "scored, after the alignment.",
-        "Every number here stands in `report.json` under its own name.",
+        "Errors are estimate minus truth; truth is interpolated linearly to the times of the track, but not across "
+        "its long gaps.",
+        "Mean, median, std, min, max and p95 of east and north are of the absolute error; bias is the mean signed "
+        "error. CEP50 and CEP95 are the median and the 95th percentile of the horizontal error.",
+        "NEES is the squared error normalised by the filter's covariance (plus that of the truth, if known). Its "
+        "bounds use the effective number of independent errors, because successive errors are correlated.",
+        "`track_*.csv` is the track as the filter estimated it; `errors_*.csv`, `track.tum` and `truth.tum` are what "
+        "was scored, after the alignment.",
+        "Every number here is in `report.json` under its own name.",
     ]
     if run.order == "validity":
-        lines.append("Fixes were used at their time of validity, as an offline tool can; a vehicle knows them later.")
+        lines.append("Fixes were used at their time of validity, as in post-processing; a vehicle receives them later.")
     else:
-        lines.append("Each estimate knows the fixes that had arrived by then, as a vehicle under way does.")
+        lines.append("Each estimate uses only the fixes that had arrived by then, as on board a vehicle.")
     return lines
 
 

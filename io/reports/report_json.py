@@ -1,4 +1,4 @@
-"""One run in values, and its machine-readable files: report.json and the CSV tables. SI units, as the names say."""
+"""The values of one run, and its machine-readable files: report.json and the CSV tables. SI units, as named."""
 
 import dataclasses
 import json
@@ -30,7 +30,7 @@ SCHEMA = 2  # fixed: the version of report.json
 
 
 class ScoredTrack(NamedTuple):
-    """A track and its errors; no errors where the log has no truth."""
+    """A track and its errors; no errors if the log has no truth."""
 
     trajectory: Trajectory
     report: ErrorReport | None
@@ -38,17 +38,17 @@ class ScoredTrack(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Everything that the report of one run tells."""
+    """Everything that the report of one run contains."""
 
     log: Log
     timeline: Timeline
     scored: ScoredTrack
-    reference_tracks: tuple[ScoredTrack, ...] = ()  # usbl and dr, judged in the same way
+    reference_tracks: tuple[ScoredTrack, ...] = ()  # usbl and dr, scored in the same way
     order: str = "validity"  # of the fixes
     seed: int = 0
     options: Mapping[str, object] = field(default_factory=dict[str, object])  # as the user gave them
     configuration: Mapping[str, object] | None = None  # content of the configuration file
-    without_fixes: tuple[LeaveOneOut, ...] = ()  # runs without one fix, where the user asked for them
+    without_fixes: tuple[LeaveOneOut, ...] = ()  # runs without one fix, if the user asked for them
     bound: PositionBound | None = None  # of a scenario, if the user asked for it
 
     @property
@@ -63,41 +63,42 @@ class Run:
 
     @property
     def truth(self) -> Truth | None:
-        """The reference that judged the run."""
+        """The reference that the run was scored against."""
         return self.log.truth
 
     @property
     def verdict(self) -> str:
-        """Return the sentence that every table ends in."""
+        """Return the last line of the report."""
         if self.scored.report is None:
-            return f"{self.label}: no truth in {self.log.path.name}, so nothing to judge it by"
+            return f"{self.label}: {self.log.path.name} has no truth, so there are no errors"
         return summary_sentence(
             self.scored.report, [other.report for other in self.reference_tracks if other.report is not None]
         )
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return what the filter and its evaluation had to warn of."""
+        """Return the warnings of the filter and of its evaluation."""
         report = self.scored.report
-        judged = () if report is None else report.warnings
-        known = self.log.assumptions
-        if report is not None and not known.calibrate and _too_sure(report):
-            hint = "--calibrate auto estimates those errors of the sensors that the log can tell"
-            if known.observed:
-                hint = "no error of a sensor that it could estimate shows in the log; see usbldr doctor for others"
-            judged = (*judged, f"{self.label} claims to know its place far better than it does: {hint}")
-        return self.scored.trajectory.warnings + judged
+        scored = () if report is None else report.warnings
+        used = self.log.assumptions
+        if report is not None and not used.calibrate and _far_over_confident(report):
+            hint = "--calibrate auto estimates the sensor errors that are observable in the log"
+            if used.observed:
+                hint = "no sensor error that it can estimate is observable in the log; usbldr doctor looks for others"
+            nees = f"NEES {report.nees.mean:.1f}, expected {DOF}" if report.nees is not None else ""
+            scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")
+        return self.scored.trajectory.warnings + scored
 
 
-def _too_sure(report: ErrorReport) -> bool:
-    """Return whether the sigmas are less than half of what the errors show, and no chance explains it."""
+def _far_over_confident(report: ErrorReport) -> bool:
+    """Return whether the sigmas are less than half of what the errors show, beyond the bounds of NEES."""
     return report.nees is not None and report.nees.mean > max(4 * DOF, report.nees.high)
 
 
 def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
-    """Return each USBL fix with what the filter made of it; dr and usbl judge none."""
+    """Return each USBL fix with its outcome; dr and usbl have none."""
     by_row = {update.row: update for update in trajectory.updates if update.sensor == "usbl"}
-    rows = [_fix_outcome(by_row.get(row), judges=bool(by_row)) for row in range(len(timeline.fix_time_s))]
+    rows = [_fix_outcome(by_row.get(row), filtered=bool(by_row)) for row in range(len(timeline.fix_time_s))]
     table = pd.DataFrame(rows, columns=["innovation_east_m", "innovation_north_m", "nis", "dof", "outcome", "why"])
     table.insert(0, "time_s", timeline.fix_time_s)
     table.insert(1, "received_s", timeline.fix_received_s)
@@ -106,27 +107,27 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
     shifts = influences(trajectory)
     for place, axis in ((6, "east"), (7, "north")):
         name = f"shift_{axis}_m"
-        told = [getattr(shifts[row], name) if row in shifts else math.nan for row in range(len(table))]
-        table.insert(place, name, told)
+        values = [getattr(shifts[row], name) if row in shifts else math.nan for row in range(len(table))]
+        table.insert(place, name, values)
     return table.round({"nis": 4})
 
 
-def _fix_outcome(update: Update | None, judges: bool) -> tuple[float, float, float, int, str, str]:
-    """Return the columns of the table that say what the filter made of one fix."""
+def _fix_outcome(update: Update | None, filtered: bool) -> tuple[float, float, float, int, str, str]:
+    """Return innovation, NIS, outcome and its reason for one fix."""
     if update is None:
-        why = "outside the span of the run" if judges else "the method judges no fix"
-        return math.nan, math.nan, math.nan, 0, "not used" if judges else "", why
+        why = "outside the span of the run" if filtered else "the method is not a filter"
+        return math.nan, math.nan, math.nan, 0, "not used" if filtered else "", why
     why = {
         "used": "",
-        "down-weighted": f"more likely an outlier: probability {update.nominal_probability:.2f} of the nominal noise",
-        "rejected": f"refused by the gate or the guard: NIS {update.nis:.1f} where {update.dof} is right",
+        "down-weighted": f"probably an outlier: probability of the nominal noise {update.nominal_probability:.2f}",
+        "rejected": f"rejected by the gate or the guard: NIS {update.nis:.1f}, expected {update.dof}",
     }[update.outcome]
     east_m, north_m = update.innovation
     return east_m, north_m, update.nis, update.dof, update.outcome, why
 
 
 def errors_table(report: ErrorReport) -> pd.DataFrame:
-    """Return the errors at the scored epochs, after the alignment; the sigmas include the truth's own where known."""
+    """Return the errors at the scored epochs, after the alignment; the sigmas include that of the truth, if known."""
     sd = np.full(report.error_m.shape, np.nan) if report.sd_m is None else report.sd_m
     return pd.DataFrame(
         {
@@ -159,7 +160,7 @@ def write_tables(folder: Path, run: Run) -> None:
 
 
 def _grid_names(run: Run) -> tuple[str, str]:
-    """Return what to call the track's and the errors' own times: "5hz" and "1hz", or "fixes" for raw fixes."""
+    """Return the names of the two time grids in file names: "5hz" and "1hz", or "fixes" for raw fixes."""
     if run.method == "usbl":
         return "fixes", "fixes"
     t = run.timeline.time_s
@@ -168,7 +169,7 @@ def _grid_names(run: Run) -> tuple[str, str]:
 
 
 def write_json(folder: Path, run: Run) -> None:
-    """Write report.json, the last file of a run: it names all others."""
+    """Write report.json, the last file of a run: it lists all others."""
     files = sorted(path.name for path in folder.iterdir())
     text = json.dumps(
         json_values({**report_content(run), "files": files}), indent=1, allow_nan=False, ensure_ascii=False
@@ -209,8 +210,8 @@ def report_content(run: Run) -> dict[str, Any]:
         "findings": log.findings,
         "outages": run.timeline.outages,
         "truth": _truth(run.truth),
-        **_judged(report),
-        "baselines": {other.trajectory.label: _judged(other.report) for other in run.reference_tracks},
+        **_scores(report),
+        "baselines": {other.trajectory.label: _scores(other.report) for other in run.reference_tracks},
         **({} if run.bound is None else {"bound": _bound(run.bound)}),
         "warnings": run.warnings,
         "verdict": run.verdict,
@@ -218,10 +219,10 @@ def report_content(run: Run) -> dict[str, Any]:
 
 
 def _bound(bound: PositionBound) -> dict[str, Any]:
-    """Return the least mean errors that any filter, or smoother, could have."""
+    """Return the lower bound on the mean errors of any filter and of any smoother."""
     names = ("mean_abs_east_m", "mean_abs_north_m")
-    found = {"filter": bound.filter_m, "smoother": bound.smoother_m}
-    return {name: dict(zip(names, errors_m, strict=True)) for name, errors_m in found.items()}
+    bounds = {"filter": bound.filter_m, "smoother": bound.smoother_m}
+    return {name: dict(zip(names, errors_m, strict=True)) for name, errors_m in bounds.items()}
 
 
 def _influence(fix: Influence) -> dict[str, Any]:
@@ -229,13 +230,13 @@ def _influence(fix: Influence) -> dict[str, Any]:
 
 
 def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
-    """Return the model side of the run; a noise family, which is known by its class alone, is named."""
-    told: dict[str, Any] = json_values(assumptions)
+    """Return the assumptions of the run, with the name of each noise family."""
+    content: dict[str, Any] = json_values(assumptions)
     for sensor in ("dvl", "compass", "usbl", "gps"):
-        told[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **told[sensor]}
-    told["tuned"] = [number._asdict() for number in assumptions.tuned]
-    told["noise_changes"] = [number._asdict() for number in assumptions.noise_changes]
-    return told
+        content[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **content[sensor]}
+    content["tuned"] = [number._asdict() for number in assumptions.tuned]
+    content["noise_changes"] = [number._asdict() for number in assumptions.noise_changes]
+    return content
 
 
 def _truth(truth: Truth | None) -> dict[str, Any] | None:
@@ -251,7 +252,7 @@ def _truth(truth: Truth | None) -> dict[str, Any] | None:
     }
 
 
-def _judged(report: ErrorReport | None) -> dict[str, Any]:
+def _scores(report: ErrorReport | None) -> dict[str, Any]:
     """Return the errors of one track; a metric that does not apply is null."""
     if report is None:
         return {"metrics": None}
@@ -272,7 +273,7 @@ def _judged(report: ErrorReport | None) -> dict[str, Any]:
 
 
 def json_values(value: object) -> Any:
-    """Turn values into what JSON knows: NaN and infinity become null, dataclasses become objects."""
+    """Convert values to JSON types: NaN and infinity become null, dataclasses become objects."""
     if value is None or isinstance(value, bool | str | int):
         return value
     if isinstance(value, np.generic):

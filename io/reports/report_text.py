@@ -1,6 +1,6 @@
-"""What a reader is told of a run, as titles, rows and sentences: the terminal and report.md only set it.
+"""The text of a run's report as titles, rows and sentences, which the terminal and report.md format.
 
-Every number stands in report.json under its own name; "" where it does not apply.
+Every number is in report.json under its own name; "" if it does not apply.
 """
 
 import math
@@ -37,7 +37,7 @@ class Table(NamedTuple):
 
 
 def context(run: Run) -> list[tuple[str, str]]:
-    """Return what has to stand beside every number: log, truth and its share, order of fixes, alignment."""
+    """Return what every number depends on: log, truth and its coverage, order of fixes, alignment."""
     length_s = float(run.timeline.time_s[-1])
     lines = [("log", f"{run.log.path.name} ({run.log.format}), {length_s:.0f} s")]
     if run.configuration is not None and run.log.configuration is not None:
@@ -50,7 +50,7 @@ def context(run: Run) -> list[tuple[str, str]]:
     m = report.matching
     share = f"{m.matched} of {m.candidates} epochs ({100 * m.matched / m.candidates:.0f} % of the run)"
     lines.append(("truth", f"{TRUTHS.get(report.truth_kind, report.truth_kind)}: {report.truth_source}"))
-    lines.append(("compared", f"{share}, resting on {m.truth_rows} truth samples{_left_out(report)}"))
+    lines.append(("compared", f"{share} against {m.truth_rows} truth samples{_left_out(report)}"))
     if report.window != Window():
         lines.append(("window", window_text(report.window)))
     lines += aid
@@ -61,27 +61,27 @@ def context(run: Run) -> list[tuple[str, str]]:
 
 def _left_out(report: ErrorReport) -> str:
     m = report.matching
-    reasons = {
+    counts = {
         "before or after the truth": m.outside_truth,
         "outside the window": m.outside_window,
         "in gaps of the truth": m.in_gap,
-        "where GPS aids": m.aided,
+        "in GPS-aided windows": m.aided,
         "without a position": m.undefined,
     }
-    said = ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
-    return f"; left out: {said}" if said else ""
+    text = ", ".join(f"{count} {why}" for why, count in counts.items() if count)
+    return f"; left out: {text}" if text else ""
 
 
 def window_text(window: Window) -> str:
-    """Say which truth rows were chosen."""
+    """Describe the window that is scored."""
     start = "the start" if math.isinf(window.start_s) else f"{window.start_s:g} s"
     end = "the end" if math.isinf(window.end_s) else f"{window.end_s:g} s"
-    return f"truth rows from {start} to {end} of the log"
+    return f"scored from {start} to {end} of the log"
 
 
 def aid_text(windows: Sequence[TimeWindow]) -> str:
-    """Say where GPS aided the filters."""
-    return f"GPS fixes used as measurements from {windows_text(windows)} of the log, where nothing is scored"
+    """Describe the windows in which GPS aided the filter."""
+    return f"GPS fixes used as measurements from {windows_text(windows)} of the log, which are not scored"
 
 
 def error_table(report: ErrorReport) -> Table:
@@ -99,7 +99,7 @@ def error_table(report: ErrorReport) -> Table:
 
 def method_table(run: Run) -> Table:
     """Return the method beside raw fixes and dead reckoning, and the bound of any filter and any smoother."""
-    heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "covered")
+    heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "coverage")
     rows: list[tuple[str, ...]] = []
     for scored in (run.scored, *run.reference_tracks):
         report = scored.report
@@ -117,21 +117,20 @@ def method_table(run: Run) -> Table:
 
 
 INFLUENCE = (
-    "Without that fix the track would have lain so far elsewhere at that moment; later fixes wear it off. A shift to "
-    "the north-east says that the fix drew the track there."
+    "The shift is how far the fix moved the track at its time, and in which direction; later fixes reduce the effect."
 )
 COMPASS_POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
 def influence_table(run: Run) -> Table:
-    """Return the fixes that moved the track most, what they said, and what the filter made of them."""
-    heads = ("time [s]", "moved the track by [m]", "to", "lay off by [m]", "was")
+    """Return the fixes that moved the track most, with their innovations and outcomes."""
+    heads = ("time [s]", "shift [m]", "direction", "innovation [m]", "outcome")
     rows = [
         (
             f"{fix.row}",
             f"{fix.time_s:.1f}",
             f"{fix.shift_m:.2f}",
-            _towards(fix.shift_east_m, fix.shift_north_m),
+            _direction(fix.shift_east_m, fix.shift_north_m),
             f"{math.hypot(fix.innovation_east_m, fix.innovation_north_m):.2f}",
             fix.outcome,
         )
@@ -141,15 +140,15 @@ def influence_table(run: Run) -> Table:
 
 
 LEAVE_ONE_OUT_NOTE = (
-    "The whole dive filtered again, each time without one of the fixes that moved the track most when they came; noise "
-    "and calibrated errors stay those that the whole log told. The shift is how far the two tracks lie apart; the "
-    "error's change is without minus with: below 0 the track is better without the fix."
+    "The dive is filtered again without one of the fixes that moved the track most; noise and calibration states stay "
+    "those identified from the whole log. The shift is the distance between the two tracks. The change is the mean "
+    "error without the fix minus that with it: negative if the track is better without the fix."
 )
 
 
 def leave_one_out_table(run: Run) -> Table:
-    """Return what the track would have been without each of some fixes, the largest effect first."""
-    heads = ("time [s]", "largest shift [m]", "at [s]", "mean shift [m]", "mean error changes by [m]")
+    """Return the effect of leaving out each of some fixes, the largest first."""
+    heads = ("time [s]", "largest shift [m]", "at [s]", "mean shift [m]", "change of mean error [m]")
     rows = [
         (
             f"{one.fix.row}",
@@ -164,13 +163,13 @@ def leave_one_out_table(run: Run) -> Table:
     return Table("without fix", heads, tuple(rows))
 
 
-def _towards(east_m: float, north_m: float) -> str:
+def _direction(east_m: float, north_m: float) -> str:
     """Return the compass point of a shift."""
     return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]
 
 
 def health_lines(run: Run) -> list[tuple[str, str]]:
-    """Return sentences on consistency, sensors, particles, surfacings, drift, outages and speed."""
+    """Return sentences on consistency, sensors, particles, surfacings, drift, outages and run time."""
     report = run.scored.report
     lines: list[tuple[str, str]] = []
     if report is not None:
@@ -178,93 +177,96 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(
                 (
                     "NEES",
-                    f"{nees.mean:.2f}: {consistency_text(nees)} (2 is right, {nees.low:.2f} to "
-                    f"{nees.high:.2f} in 95 of 100 runs)",
+                    f"{nees.mean:.2f}: {consistency_text(nees)} (expected 2, 95 % bounds {nees.low:.2f} to "
+                    f"{nees.high:.2f})",
                 )
             )
         if report.sigma_shares is not None:
             inside = ", ".join(f"{100 * share:.0f}" for share in report.sigma_shares)
-            right = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_COVERAGE)
-            lines.append(("sigmas", f"{inside} % of the errors inside 1, 2, 3 sigma ({right} are right)"))
+            expected = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_COVERAGE)
+            lines.append(("sigmas", f"{inside} % of the errors inside 1, 2, 3 sigma (expected {expected} %)"))
         for sensor, updates in report.sensors.items():
             lines.append((sensor, _sensor(updates, report.fixes if sensor == "usbl" else None)))
         ess, accepted = report.health
         if ess is not None:
-            moved = "" if accepted is None else f", {100 * accepted:.0f} % of the moves accepted"
+            moved = "" if accepted is None else f", {100 * accepted:.0f} % of the MCMC moves accepted"
             lines.append(("ESS", f"{100 * ess:.0f} % of {run.scored.trajectory.particles} particles{moved}"))
         if calibrated := estimated_errors(run.scored.trajectory):
-            lines.append(("calibrated", ", ".join(_error_found(error) for error in calibrated)))
+            lines.append(("calibrated", ", ".join(_calibrated(error) for error in calibrated)))
         if observed := run.log.assumptions.observed:
-            lines.append(("observed", _observed(observed)))
-        if settled := run.log.assumptions.noise_changes:
-            lines.append(("by the log", ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in settled)))
+            lines.append(("observed", _observability(observed)))
+        if changes := run.log.assumptions.noise_changes:
+            text = ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in changes)
+            lines.append(("noise", f"estimated from the log: {text}"))
         if report.surfacing is not None:
             mean_m, percent = report.surfacing
-            way = "" if percent is None else f", {percent:.2f} % of the way"
+            share = "" if percent is None else f", {percent:.2f} % of the distance travelled"
             many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
             when = f"at the first truth after a gap over {SURFACING_GAP_S:.0f} s{many}"
-            lines.append(("surfacing", f"{mean_m:.2f} m {when}{way}"))
+            lines.append(("surfacing", f"{mean_m:.2f} m {when}{share}"))
         if (speed := report.speed) is not None:
-            lines.append(("speed", f"{speed.filter_time_s:.2f} s, {speed.real_time_factor:.0f} times real time"))
+            lines.append(("run time", f"{speed.filter_time_s:.2f} s, {speed.real_time_factor:.0f} times real time"))
     if tuned := run.log.assumptions.tuned:
         lines.append(("tuned", "; ".join(tuned_text(number) for number in tuned)))
     for scored in (run.scored, *run.reference_tracks):
         judged = scored.report
         if judged is not None and judged.travel is not None and judged.travel.drift_percent is not None:
-            text = f"{judged.travel.drift_percent:.2f} % of {judged.travel.distance_m:.0f} m travelled"
-            lines.append((f"{judged.label} drift", f"{judged.horizontal.final_m:.2f} m at the end, {text}"))
+            text = f"{judged.travel.drift_percent:.2f} % of the {judged.travel.distance_m:.0f} m travelled"
+            lines.append(("DR drift", f"{judged.horizontal.final_m:.2f} m at the end, {text}"))
             break
     if run.timeline.outages:
         lines.append(("outages", _outages(run)))
-    if returns := run.scored.trajectory.recoveries:
-        lines.append(("usbl back", _returns(returns)))
+    if recoveries := run.scored.trajectory.recoveries:
+        lines.append(("recovery", _recovery(recoveries)))
     return lines
 
 
 def _sensor(updates: SensorUpdates, fixes: FixUpdates | None) -> str:
-    """Say what became of a sensor's updates; of the USBL, what became of its fixes."""
+    """Return NIS and outcomes of a sensor's updates; of the USBL, of its fixes."""
     what, of = ("updates", updates) if fixes is None else ("fixes", fixes)
     counts = {"down-weighted": of.down_weighted, "rejected": of.rejected}
-    told = "".join(f", {count} {fate}" for fate, count in counts.items() if count)
-    nis = "" if updates.nis_mean is None else f"NIS {updates.nis_mean:.2f} ({updates.nis_expected:.0f} is right); "
-    gap = "" if fixes is None else f"; at most {fixes.longest_gap_s:.1f} s without one"
-    return f"{nis}{what}: {of.used} used{told}{gap}"
+    text = "".join(f", {count} {outcome}" for outcome, count in counts.items() if count)
+    nis = "" if updates.nis_mean is None else f"NIS {updates.nis_mean:.2f} (expected {updates.nis_expected:.0f}); "
+    gap = "" if fixes is None else f"; longest gap {fixes.longest_gap_s:.1f} s"
+    return f"{nis}{what}: {of.used} used{text}{gap}"
 
 
-def _error_found(error: EstimatedError) -> str:
-    """Tell a sensor's error as it stood at the end."""
+def _calibrated(error: EstimatedError) -> str:
+    """Return a sensor error with its sigma at the end of the run."""
     unit = f" {error.unit}" if error.unit else ""
     return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
 
 
-def _observed(observed: Sequence[StateObservability]) -> str:
-    """Say which errors of sensors the log can tell, and how far it narrows the sigma of each."""
-    verdicts: dict[str, list[str]] = {}
-    for told in observed:
-        verdicts.setdefault(told.conclusion, []).append(f"{told.key} (sigma to {100 * told.sigma_ratio:.0f} %)")
-    return "; ".join(f"{verdict}: {', '.join(keys)}" for verdict, keys in verdicts.items())
+def _observability(observed: Sequence[StateObservability]) -> str:
+    """Return which sensor errors the log makes observable, each with its sigma ratio."""
+    keys: dict[str, list[str]] = {}
+    for state in observed:
+        keys.setdefault(state.conclusion, []).append(
+            f"{state.key} (sigma {100 * state.sigma_ratio:.0f} % of the prior)"
+        )
+    return "; ".join(f"{conclusion}: {', '.join(texts)}" for conclusion, texts in keys.items())
 
 
 def _outages(run: Run) -> str:
     """Count the outages of each sensor and name its longest."""
-    said: list[str] = []
+    texts: list[str] = []
     for sensor in sorted({outage.sensor for outage in run.timeline.outages}):
         mine = [outage for outage in run.timeline.outages if outage.sensor == sensor]
         longest = max(mine, key=lambda outage: outage.end_s - outage.start_s)
         span = f"{longest.end_s - longest.start_s:.1f} s at {longest.start_s:.0f} s"
-        said.append(f"{sensor} {len(mine)}, the longest {span}" if len(mine) > 1 else f"{sensor} {span}")
-    return "; ".join(said)
+        texts.append(f"{sensor} {len(mine)}, longest {span}" if len(mine) > 1 else f"{sensor} {span}")
+    return "; ".join(texts)
 
 
-def _returns(returns: Sequence[OutageRecovery]) -> str:
-    """Tell of the return of the USBL that lay farthest from the track."""
-    one = max(returns, key=lambda one: one.sigmas)
-    said = (
-        f"after {one.end_s - one.start_s:.1f} s at {one.end_s:.0f} s the fixes lay {one.residual_m:.2f} m from the "
-        f"track, {one.sigmas:.1f} sigma, and moved it {one.correction_m:.2f} m; its sigma had grown from "
-        f"{one.sd_start_m:.2f} to {one.sd_end_m:.2f} m"
+def _recovery(recoveries: Sequence[OutageRecovery]) -> str:
+    """Describe the recovery whose fixes were farthest from the track."""
+    one = max(recoveries, key=lambda one: one.sigmas)
+    text = (
+        f"at {one.end_s:.0f} s, after {one.end_s - one.start_s:.1f} s without a fix: the fixes were "
+        f"{one.residual_m:.2f} m ({one.sigmas:.1f} sigma) from the track and moved it by {one.correction_m:.2f} m; "
+        f"its sigma had grown from {one.sd_start_m:.2f} to {one.sd_end_m:.2f} m"
     )
-    return said if len(returns) == 1 else f"{len(returns)} times; at worst {said}"
+    return text if len(recoveries) == 1 else f"{len(recoveries)} times; the worst {text}"
 
 
 def metres(*values_m: float) -> tuple[str, ...]:

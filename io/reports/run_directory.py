@@ -1,4 +1,4 @@
-"""The folder of a run: it appears under its name when it is complete, and replaces nothing but another run."""
+"""The folder of a run: it appears under its name when it is complete, and replaces only another run."""
 
 import json
 import os
@@ -16,10 +16,10 @@ REPORT = "report.json"  # written last, names every file of the run
 
 @contextmanager
 def run_directory(target: Path, force: bool = False) -> Generator[Path]:
-    """Give a new folder to write into; it becomes ``target`` when the block ends, and vanishes when the block fails.
+    """Give a new folder to write into; it becomes ``target`` when the block ends, and is removed if the block fails.
 
-    What stands there already is replaced only with ``force``, only if it is a run directory with no foreign file in it,
-    and only once the new one is complete. Raise UsageError before anything is written.
+    An existing folder is replaced only with ``force``, only if it is a run directory with no foreign file in it,
+    and only when the new one is complete. Raise UsageError before anything is written.
     """
     target = target.expanduser().resolve()
     _check(target, force)
@@ -56,7 +56,7 @@ def _check(target: Path, force: bool) -> None:
     if not target.exists():
         return
     if not target.is_dir():
-        raise UsageError(f"{target} is a file: --output takes the name of a folder to be made")
+        raise UsageError(f"{target} is a file: --output takes the name of a new folder")
     held = set(os.listdir(target))
     if not held:
         return
@@ -71,7 +71,7 @@ def _check(target: Path, force: bool) -> None:
 
 
 def _own_files(target: Path) -> set[str]:
-    """Return the files that the report in the folder calls its own; none where there is no such report."""
+    """Return the files that the report in the folder lists; none if there is no such report."""
     try:
         report: Any = json.loads((target / REPORT).read_text(encoding="utf-8"))
         return {REPORT, *map(str, report["files"])} if report["tool"]["name"] == "usbldr" else set()

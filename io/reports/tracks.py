@@ -1,4 +1,4 @@
-"""Tracks as other programs read them: TUM text (evo, trajectopy), GeoJSON and KML (any map), and our own CSV.
+"""Tracks in formats of other programs: TUM text (evo, trajectopy), GeoJSON and KML (any map), and our own CSV.
 
 East and north metres in, with seconds since the log's start; absolute Unix time and WGS84 degrees out.
 """
@@ -24,16 +24,16 @@ DECIMALS = {"s": 9, "m": 4, "m2": 9, "deg": 9, "heading_deg": 4, "mps": 5, "scal
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:
-    """Write a table with as many digits as its units are worth; unknown is an empty cell."""
+    """Write a table with the digits that its units deserve; an unknown value is an empty cell."""
     keys = {name: name if name in DECIMALS else name.rsplit("_", 1)[-1] for name in map(str, table)}
     digits = {name: DECIMALS[key] for name, key in keys.items() if key in DECIMALS}
     table.round(digits).to_csv(path, index=False, lineterminator="\n")
 
 
 def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
-    """Return the track as the method left it, without any alignment, one row an epoch.
+    """Return the track as estimated, without any alignment, one row per epoch.
 
-    The errors of sensors that were estimated stand behind, each with its sigma.
+    The estimated sensor errors are the last columns, each with its sigma.
     """
     unknown = np.full(len(trajectory.time_s), np.nan)
     psi, cov = trajectory.state("psi"), trajectory.position_cov_m2
@@ -66,7 +66,7 @@ def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
 def write_tum(path: Path, start_ns: int, time_s: Vector, position_m: Array, yaw_rad: Vector | None = None) -> None:
     """Write `timestamp x y z qx qy qz qw`: Unix seconds to the nanosecond, x east, y north, z 0.
 
-    The quaternion turns x to the bow, as in REP 103: yaw is 0 when the bow points east. Without a yaw it is 0 0 0 1.
+    The quaternion rotates x to the bow, as in REP 103: yaw is 0 when the bow points east. Without a yaw it is 0 0 0 1.
     """
     half = np.zeros(len(time_s)) if yaw_rad is None else (yaw_rad + np.pi / 2) / 2
     stamps = [start_ns + round(t * 1e9) for t in time_s.tolist()]
@@ -78,7 +78,7 @@ def write_tum(path: Path, start_ns: int, time_s: Vector, position_m: Array, yaw_
 
 
 def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes: pd.DataFrame, origin: Origin) -> None:
-    """Write the track, the truth (cut at its long gaps) and the fixes with their fate, as RFC 7946."""
+    """Write the track, the truth (cut at its long gaps) and the fixes with their outcomes, as RFC 7946."""
     features: list[dict[str, Any]] = [
         {
             "type": "Feature",
@@ -95,11 +95,11 @@ def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes
             }
         )
     places = _coordinates(fixes[["east_m", "north_m"]].to_numpy(), origin)
-    for place, t, fate in zip(places, fixes["time_s"].tolist(), fixes["outcome"].tolist(), strict=True):
+    for place, t, outcome in zip(places, fixes["time_s"].tolist(), fixes["outcome"].tolist(), strict=True):
         features.append(
             {
                 "type": "Feature",
-                "properties": {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "outcome": fate},
+                "properties": {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "outcome": outcome},
                 "geometry": {"type": "Point", "coordinates": place},
             }
         )

@@ -1,4 +1,4 @@
-"""What --tune found, for people and as the sections of a configuration that say the same."""
+"""The result of --tune, as text and as sections of a configuration."""
 
 import json
 from collections.abc import Mapping
@@ -11,18 +11,18 @@ TUNED = "tuned.toml"  # in a run directory
 
 
 def tuned_text(number: TunedParameter) -> str:
-    """Tell one number: before, after, and one sigma down and up."""
+    """Return one number before and after, and one sigma down and up."""
     name = number.name.replace("_", " ")
     if not number.identified:
-        return f"{name} {number.before:.3g} as before (the log hardly tells)"
+        return f"{name} {number.before:.3g} unchanged (hardly observable)"
     return f"{name} {number.before:.3g} to {number.after:.3g} ({number.low:.3g} to {number.high:.3g})"
 
 
 def tuned_toml(log: Log) -> str:
     """Return a configuration that states what was tuned, to be merged into that of the log."""
     title = [
-        f"Noise that usbldr --tune found in {log.path.name} by the predictive likelihood, without the truth.",
-        "To use it again, copy these keys into usbldr.toml. One sigma down and up stands in brackets.",
+        f"Noise that usbldr --tune estimated from {log.path.name} by the predictive likelihood, without the truth.",
+        "To use it again, copy these keys into usbldr.toml. One sigma down and up is in brackets.",
         *(tuned_text(number) for number in log.assumptions.tuned),
     ]
     return toml_text(title, _sections(log.assumptions), {})
@@ -30,11 +30,11 @@ def tuned_toml(log: Log) -> str:
 
 def _sections(found: Assumptions) -> Mapping[str, Mapping[str, str]]:
     process, sizes = stated(found.process), stated(found.errors)
-    asked = {"latency": ("latency_sd_s",), "usbl-bias": ("usbl_bias_sd_m", "usbl_bias_time_s")}
+    keys = {"latency": ("latency_sd_s",), "usbl-bias": ("usbl_bias_sd_m", "usbl_bias_time_s")}
     return {
         "dvl": {"sd_scale": repr(found.dvl_sd_scale)},
         "usbl": {"sd_scale": repr(found.usbl_sd_scale), "noise": noise_text(found.usbl, "usbl")},
         "process": {"velocity_mps": process["velocity_mps"]},
         "calibrate": {"states": json.dumps(found.calibrate)}
-        | {key: sizes[key] for error, keys in asked.items() if error in found.calibrate for key in keys},
+        | {key: sizes[key] for error, names in keys.items() if error in found.calibrate for key in names},
     }

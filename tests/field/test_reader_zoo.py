@@ -89,7 +89,7 @@ def test_info_says_which_sensor_a_replay_would_miss(zoo: Path) -> None:
     result = run("info", zoo / "29_test1.bag")
 
     assert result.return_value == 0
-    assert "not to be replayed as it stands: no dvl data (sensors in this log: compass, gps)" in result.stdout
+    assert "cannot be replayed as is: no dvl data (sensors in this log: compass, gps)" in result.stdout
 
 
 def test_a_bad_definition_leaves_the_other_topics_readable(zoo: Path) -> None:

@@ -114,11 +114,11 @@ def test_the_summary_counts_and_names_failures_and_stale_values() -> None:
     better = dataclasses.replace(good, new=0.5, verdict="better: stale")
     worse = dataclasses.replace(good, new=2.0, verdict="REGRESSION")
 
-    hint = "; 1 better than the baseline by more than the limit: renew it with --update"
+    hint = "; 1 better than the baseline by more than the limit: update it with --update"
     assert summary([CheckedRow(row, (good, better))]) == f"passed: 1 of 2 metrics in 1 rows within their limits{hint}"
     assert summary([CheckedRow(row, (good, worse))]) == "FAILED: dive: a_m REGRESSION"
     assert summary([CheckedRow(row, (), "no such log", 1)]) == "FAILED: dive: not run"
-    assert summary([CheckedRow(row, (good,), lost=("cut",))]) == "FAILED: dive: log partly lost"
+    assert summary([CheckedRow(row, (good,), lost=("cut",))]) == "FAILED: dive: log partly unreadable"
     page = markdown("baseline.toml", [CheckedRow(row, (good, worse))])
     assert "| dive | a_m | 1.00 | 2.00 | +1.00 | 0.10 | **REGRESSION** |" in page
 
@@ -163,7 +163,7 @@ def test_a_metric_that_got_better_passes_and_is_reported(gate: Path) -> None:
     assert run.returncode == 0
     assert " ".join(run.stdout.split()) == (
         "passed: 3 of 4 metrics in 2 rows within their limits; "
-        "1 better than the baseline by more than the limit: renew it with --update"
+        "1 better than the baseline by more than the limit: update it with --update"
     )
 
 
@@ -184,11 +184,11 @@ def test_a_missing_log_and_a_missing_metric_fail_and_the_other_rows_are_run(gate
     told = json.loads(run.stdout)
     assert run.returncode == 1
     by_name = {row["name"]: row for row in told["rows"]}
-    assert by_name["gone adf"]["fault"].endswith("gone.mcap: there is no such log, nor a scenario of that name")
+    assert by_name["gone adf"]["fault"].endswith("gone.mcap: no such log or scenario")
     assert [m["verdict"] for m in by_name["dive adf"]["metrics"]] == ["ok", "ok", "MISSING"]
     assert by_name["third"]["passed"]
     assert update.returncode == 1
-    assert update.stderr == f"usbldr: {gate}: left as it was: dive adf, gone adf did not give every metric\n"
+    assert update.stderr == f"usbldr: {gate}: unchanged, because a metric is missing in dive adf, gone adf\n"
     assert gate.read_text() == before
 
 
@@ -205,7 +205,7 @@ def test_a_log_that_cannot_be_read_exits_3_with_its_sentence(gate: Path) -> None
         assert "Traceback" not in run.stdout + run.stderr
         assert "FAILED: dive adf: " in run.stdout
     assert "not run: " in " ".join(garbage.stdout.split())
-    assert "log partly lost" in " ".join(cut.stdout.split())
+    assert "log partly unreadable" in " ".join(cut.stdout.split())
 
 
 @pytest.mark.parametrize(

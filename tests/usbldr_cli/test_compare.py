@@ -238,7 +238,7 @@ def test_a_misspelt_log_is_told_before_anything_runs(dive: Path) -> None:
 
 
 def test_where_nothing_came_out_the_fault_is_the_commands(dive: Path) -> None:
-    with pytest.raises(UsageError, match="--start 20 does not lie before --end 10"):
+    with pytest.raises(UsageError, match="--start 20 is not before --end 10"):
         output_of("compare", dive, "--filters", "usbl", "--start", "20", "--end", "10")
 
 

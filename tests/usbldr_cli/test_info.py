@@ -12,7 +12,7 @@ from usbldr.filters.errors import LogError, UsageError
 PAGE = """\
 {folder}/dive.mcap: MCAP, 34 messages, 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:50.000Z (10.0 s)
 configuration: {folder}/usbldr.toml
-plane: touches 45.000000000, 7.000000000 deg (first gps fix)
+origin of east and north: 45.000000000, 7.000000000 deg (first gps fix)
 
 topic     type                            messages  rate Hz  span s  role
 /dvl      geometry_msgs/msg/TwistStamped        11    1.000  10.000  dvl
@@ -44,8 +44,8 @@ gps: /gps/fix (type and name), 1 of 1 records used
   sd unknown (by its records)
   timed by header stamp (by type)
 
-errors are measured against: /gps/fix, kind gps
-  1 rows from 0.0 to 0.0 s, gaps up to 30 s
+truth: /gps/fix, kind gps
+  1 samples from 0.0 to 0.0 s, interpolated over gaps up to 30 s
 
 MAP-UNKNOWN: /usbl: the map origin is not stated; assumed at the first gps fix (state origin_lat_deg and \
 origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)
@@ -91,7 +91,7 @@ def test_a_log_with_unclear_roles_is_still_listed(tmp_path: Path) -> None:
 
     assert code == 0
     assert "\n/usbl2  geometry_msgs/msg/PointStamped         1 " in page
-    assert "not to be replayed as it stands: 2 topics could be the usbl: /usbl " in page
+    assert "cannot be replayed as is: 2 topics could be the usbl: /usbl " in page
     assert json.loads(run(file, "--json")[1])["logs"][0]["fault"].startswith("2 topics could be the usbl")
     assert "not to be replayed" not in run(file, "--usbl", "/usbl")[1]
 
@@ -110,7 +110,7 @@ def test_a_log_without_sensors_says_so(tmp_path: Path) -> None:
     code, page = run(write_mcap(tmp_path / "dive.mcap", [twist(T0, 1, 2, topic="/cmd_vel")]))
 
     assert code == 0
-    assert page.endswith("\n\nno topic here is a sensor that usbldr knows\n")
+    assert page.endswith("\n\nno topic is a sensor that usbldr knows\n")
 
 
 def test_files_that_are_no_sensor_are_listed(tmp_path: Path) -> None:

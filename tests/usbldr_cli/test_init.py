@@ -27,7 +27,7 @@ def test_the_file_says_how_the_log_was_made(log: Path, tmp_path: Path) -> None:
     done = run("init", str(log), "--output", str(target))
 
     assert done.exception is None, done.exception
-    assert done.output.startswith(f"{target}: written; 1 line marked CHECK wants a decision\n")
+    assert done.output.startswith(f"{target}: written; check the 1 line marked CHECK\n")
     found = tomllib.loads(target.read_text(encoding="utf-8"))
     assert found["dvl"]["topic"] == "/dvl"
     assert found["dvl"]["axes"] == "FRD"
@@ -87,7 +87,7 @@ def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_o
 
     done = run("init", str(log))
 
-    assert "state origin_lat_deg and origin_lon_deg under [map] if it is known, or head under [usbl]" in done.output
+    assert "state origin_lat_deg and origin_lon_deg under [map], or head under [usbl]" in done.output
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
     assert "map" not in tomllib.loads(text)
     place = re.search(r"# origin_lat_deg = (\S+) +# CHECK: .* fitted to GPS .*\n# origin_lon_deg = (\S+)", text)
@@ -116,7 +116,7 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
 
     done = run("init", str(undecided))
 
-    assert "2 lines marked CHECK want a decision" in done.output
+    assert "check the 2 lines marked CHECK" in done.output
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
     assert "CHECK: the readable topic with the most messages; it could be /usbl/raw" in text
     assert "mirror image (axes FRD, convention NED, frame NED) fits as well" in text

@@ -1,6 +1,6 @@
-"""The errors of sensors that a filter estimated, over time: value, 2-sigma band, and what was assumed before.
+"""Estimated sensor errors over time: value, 2-sigma band, and the prior.
 
-Angles are degrees clockwise, as everywhere at the border; positive means that the sensor reads too much.
+Angles are degrees clockwise, as in all files; positive if the sensor reads too much.
 """
 
 from typing import Any
@@ -20,16 +20,16 @@ from usbldr_cli.figures.style import (
     time_axis,
 )
 
-SETTLING = 0.05  # share of the run in which a sigma may still be as wide as before, and sets no scale
+SETTLING = 0.05  # share of the run, at its start, that does not set the scale
 PRIOR_COLOUR = "#bbbbbb"
 
 
 def calibration_figure(run: Run) -> Figure | None:
-    """Draw each error with its band; None where none was estimated."""
+    """Draw each error with its band; None if none was estimated."""
     errors = estimated_errors(run.scored.trajectory)
     if not errors:
         return None
-    figure = run_figure(run, "Errors of sensors", 11, 1.3 + 1.75 * len(errors))
+    figure = run_figure(run, "Sensor errors", 11, 1.3 + 1.75 * len(errors))
     panels: Any = figure.subplots(len(errors), 1, sharex=True, squeeze=False)
     assumed = assumed_sd(run.log.assumptions.errors)
     for axes, error in zip(panels[:, 0], errors, strict=True):
@@ -43,17 +43,17 @@ def _draw(axes: Axes, run: Run, error: EstimatedError, before_sd: float) -> None
     shade_outages(axes, run)
     t, mine = run.scored.trajectory.time_s, colour(run.method)
     low, high = error.value - 2 * error.sd, error.value + 2 * error.sd
-    for side, label in ((-2, "2 sigma before anything was measured"), (2, None)):
+    for side, label in ((-2, "2 sigma of the prior"), (2, None)):
         axes.axhline(side * before_sd, color=PRIOR_COLOUR, lw=1.2, ls="--", label=label, zorder=1.5)
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=1.5)
     axes.fill_between(t, low, high, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
     axes.plot(t, error.value, color=mine, lw=1.3, label=run.label, zorder=3)
-    settled = slice(int(SETTLING * len(t)), None)
-    bottom, top = min(0.0, float(np.min(low[settled]))), max(0.0, float(np.max(high[settled])))
+    after = slice(int(SETTLING * len(t)), None)
+    bottom, top = min(0.0, float(np.min(low[after]))), max(0.0, float(np.max(high[after])))
     margin = 0.08 * (top - bottom) or 1.0
     axes.set_ylim(bottom - margin, top + margin)
     axes.set_ylabel(f"[{error.unit}]" if error.unit else "")
     unit = f" {error.unit}" if error.unit else ""
     axes.set_title(
-        f"{error.title}: {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit} at the end, 0 ± {before_sd:.4g}{unit} before"
+        f"{error.title}: {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit} at the end (prior 0 ± {before_sd:.4g}{unit})"
     )

@@ -1,4 +1,4 @@
-"""The pictures of a comparison: the error of each method over all runs, and overlays of one run."""
+"""Figures of a comparison: the error of each method over all runs, and overlays of one run."""
 
 import os
 import re
@@ -24,11 +24,11 @@ from usbldr_cli.figures.style import Figure, in_style, legend_below, save
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow, grouped
 
-CROWDED = 20.0  # times: a wider range of errors is drawn on a logarithmic axis
+CROWDED = 20.0  # largest over smallest error from which the axis is logarithmic
 
 
 def write_figures(folder: Path, rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
-    """Draw every picture of every log into the folder; return file names and captions."""
+    """Draw every figure of every log into the folder; return file names and captions."""
     groups = grouped(rows)
     written: list[tuple[str, str]] = []
     with in_style():
@@ -43,7 +43,7 @@ def write_figures(folder: Path, rows: Sequence[ComparisonRow]) -> list[tuple[str
 
 
 def _save_whole(figure: Figure, path: Path) -> None:
-    """Write a picture that appears under its name when it is complete."""
+    """Write a figure, which appears under its name when it is complete."""
     part = path.with_name(f".{path.name}")
     try:
         save(figure, part)
@@ -53,7 +53,7 @@ def _save_whole(figure: Figure, path: Path) -> None:
 
 
 def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
-    """Draw which share of the errors of all runs is below a length."""
+    """Draw the cumulative distribution of the errors of all runs."""
     pooled = {row.label: _pooled_errors(row) for row in rows}
     pooled = {label: errors for label, errors in pooled.items() if len(errors)}
     if not pooled:
@@ -65,7 +65,7 @@ def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
         for label, errors in pooled.items():
             length = np.sort(np.hypot(*errors.T) if k == 2 else np.abs(errors[:, k]))
             share = np.arange(1, len(length) + 1) / len(length)
-            thin = np.unique(np.linspace(0, len(length) - 1, 2000).astype(int))  # more points than pixels
+            thin = np.unique(np.linspace(0, len(length) - 1, 2000).astype(int))  # at most 2000 points
             axes.plot(length[thin], 100 * share[thin], label=label, **line_style(rows, label))
             if filtered(method_of(rows, label)) or not any(filtered(r.method) for r in rows):
                 longest = max(longest, float(np.percentile(length, 99.5)))
@@ -74,7 +74,7 @@ def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
         axes.set_xlim(0, 1.15 * longest)
         axes.set_ylim(0, 101)
         axes.set_xlabel(f"{name} error [m]")
-    panels[0].set_ylabel("share of epochs below [%]")
+    panels[0].set_ylabel("cumulative share of epochs [%]")
     panels[0].set_yticks([0, 25, 50, 75, 95, 100])
     legend_below(figure, (panels[0],), 8)
     return figure
@@ -84,25 +84,23 @@ def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw the mean error of each method: a dot for each run, the mean over runs with its standard error."""
     if not rows:
         return None
-    figure = overlay_canvas(rows, "Error against filter", "dots: runs; bar: their mean ± 1 standard error", 11, 5.2)
+    figure = overlay_canvas(rows, "Mean error of each filter", "dots: runs; bar: mean ± 1 standard error", 11, 5.2)
     panels: Any = figure.subplots(1, 3, sharey=True)
     names = (("mean_abs_east_m", "|east|"), ("mean_abs_north_m", "|north|"), ("mean_horizontal_m", "horizontal"))
     every = [value for row in rows for metric, _ in names for value in row.values(metric).values() if value > 0]
     wide = max(every, default=1.0) > CROWDED * min(every, default=1.0)
     for axes, (metric, name) in zip(panels, names, strict=True):
-        for place, row in enumerate(rows):
+        for x, row in enumerate(rows):
             values = list(row.values(metric).values())
             if not values:
                 continue
             mean, se, _ = average(values)
             beside = np.linspace(0.1, 0.34, len(values)) if len(values) > 1 else np.array([0.22])
             face = colour_of(rows, row.label)
-            axes.plot(place + beside, values, ls="", marker="o", ms=4, color=face, alpha=0.45, mew=0, zorder=2)
-            axes.errorbar(
-                place - 0.12, mean, yerr=se, color=face, marker="_", ms=15, mew=2.2, capsize=4, lw=1.4, zorder=3
-            )
+            axes.plot(x + beside, values, ls="", marker="o", ms=4, color=face, alpha=0.45, mew=0, zorder=2)
+            axes.errorbar(x - 0.12, mean, yerr=se, color=face, marker="_", ms=15, mew=2.2, capsize=4, lw=1.4, zorder=3)
             text = f"{mean:.2f}" if mean < 100 else f"{mean:.0f}"
-            axes.annotate(text, (place, max(values)), xytext=(0, 6), textcoords="offset points", ha="center", size=9)
+            axes.annotate(text, (x, max(values)), xytext=(0, 6), textcoords="offset points", ha="center", size=9)
         axes.set_title(f"mean {name} error")
         axes.set_xticks(range(len(rows)), [row.label for row in rows], rotation=30 if _long(rows) else 0)
         axes.set_xlim(-0.6, len(rows) - 0.4)
@@ -121,10 +119,10 @@ def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
 
 
 PICTURES: tuple[tuple[str, str, Callable[[Sequence[ComparisonRow]], Figure | None]], ...] = (
-    ("by_filter", "Mean error of each filter, a dot for each run", filter_figure),
+    ("by_filter", "Mean error of each filter; a dot is a run", filter_figure),
     ("errors", "East and north error over time", error_figure),
-    ("track", "The tracks over the truth", track_figure),
-    ("error_cdf", "Which share of the errors is below a length", cdf_figure),
+    ("track", "Tracks and truth", track_figure),
+    ("error_cdf", "Cumulative distribution of the errors", cdf_figure),
 )
 
 

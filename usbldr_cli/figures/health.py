@@ -1,4 +1,4 @@
-"""The pictures of a filter's health: innovations and NIS of each sensor, particles that still count."""
+"""Figures of a filter's health: innovations and NIS of each sensor, effective number of particles."""
 
 import math
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from usbldr_cli.figures.style import (
     time_axis,
 )
 
-DENSE = 3000  # [points] more of them are drawn smaller
+DENSE = 3000  # [points] from which they are drawn smaller
 DOWN_WEIGHTED_COLOUR = "#333333"
 BINS = 60  # of the running mean of NIS over the whole run
-RESAMPLED_BELOW = 0.5  # fixed: of N: where the particle filters resample
+RESAMPLED_BELOW = 0.5  # fixed: ESS / N at which the particle filters resample
 
 
 class Channel(NamedTuple):
-    """One axis of a sensor as it is drawn: in degrees clockwise where the filter has radians counter-clockwise."""
+    """One axis of a sensor as it is drawn: in degrees clockwise if the filter has radians counter-clockwise."""
 
     sensor: str
     axis: str
@@ -68,7 +68,7 @@ def innovation_figure(run: Run) -> Figure | None:
     rows: Any = left.subplots(len(drawn), 1, sharex=True, squeeze=False)
     for axes, (channel, series) in zip(rows[:, 0], drawn, strict=True):
         _draw_innovations(axes, run, channel, series)
-    rows[0, 0].set_title("measured minus predicted, with the filter's 2 sigma; the far ones stand at the edge")
+    rows[0, 0].set_title("innovations (measured minus predicted) and 2 sigma; larger ones are drawn at the edge")
     heights = [sum(channel.sensor == sensor for channel, _ in drawn) for sensor in sensors]
     tall: Any = right.subplots(len(sensors), 1, sharex=True, squeeze=False, height_ratios=heights)
     for axes, sensor in zip(tall[:, 0], sensors, strict=True):
@@ -81,7 +81,7 @@ def innovation_figure(run: Run) -> Figure | None:
 
 
 def _series(updates: Sequence[Update], channel: Channel) -> Series:
-    """Pick one axis out of the updates."""
+    """Return the innovations of one channel."""
     found: list[tuple[float, float, float, str]] = []
     for update in updates:
         if (update.sensor, update.axis) != (channel.sensor, channel.axis):
@@ -99,8 +99,8 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     size = np.abs(series.innovation)
     half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * float(np.median(series.sd))))
     half = 1.1 * max(half, 2.2 * float(np.median(series.sd))) or 1.0
-    fates = np.array(series.outcome)
-    point = 3.0 if len(fates) < DENSE else 1.6
+    outcomes = np.array(series.outcome)
+    point = 3.0 if len(outcomes) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(size) > 1 else np.inf
     t, sd = broken_at_gaps(series.time_s, series.sd, longest_s)
     axes.fill_between(t, -2 * sd, 2 * sd, color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
@@ -117,9 +117,9 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
         "rejected": {"marker": "x", "ms": point + 1, "color": REJECTED_COLOUR, "mew": 0.7, "alpha": 0.7},
     }
     for outcome, style in styles.items():
-        at = fates == outcome
+        at = outcomes == outcome
         if at.any():
-            inside = np.clip(series.innovation[at], -0.97 * half, 0.97 * half)  # the far ones stand at the edge
+            inside = np.clip(series.innovation[at], -0.97 * half, 0.97 * half)  # larger ones are drawn at the edge
             axes.plot(series.time_s[at], inside, ls="", label=outcome, **style)
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
     axes.set_ylim(-half, half)
@@ -127,7 +127,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
 
 
 def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
-    """Draw each NIS faintly and its mean over a sixtieth of the run against what chi-square allows."""
+    """Draw each NIS faintly and its mean over a sixtieth of the run with its chi-square bounds."""
     shade_outages(axes, run)
     taken = [update for update in updates if update.outcome != "rejected" and math.isfinite(update.nis)]
     if not taken:
@@ -142,14 +142,16 @@ def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
     axes.plot(t, np.clip(nis, low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
-    bound = "NIS bounds: 95 % of the means, were the noise Gaussian"
+    bound = "95 % bounds of the mean NIS for Gaussian noise"
     style: dict[str, Any] = {"color": "#bbbbbb", "alpha": 0.5, "lw": 0}
     axes.fill_between(edges, *_bounds(bins[:, 2], dof), step="post", label=bound, **style)
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3)
-    axes.set_yscale("log")  # a few outliers of hundreds, thousands near 0, and the means all have to be seen
+    axes.set_yscale("log")  # shows outliers of hundreds, values near 0, and the means
     axes.set_ylim(low, high)
-    axes.set_ylabel(f"{sensor} NIS")
-    axes.set_title(f"mean {nis.mean():.2f}, {dof:.0f} is right; line: means over {edges[1] - edges[0]:.0f} s")
+    axes.set_ylabel(f"NIS, {sensor}")
+    axes.set_title(
+        f"NIS of {sensor}: mean {nis.mean():.2f} (expected {dof:.0f}); line: {edges[1] - edges[0]:.0f} s means"
+    )
 
 
 def _bin_means(t: Vector, nis: Vector, edges: Vector) -> Array:
@@ -184,7 +186,7 @@ def particle_figure(run: Run) -> Figure | None:
     shade_outages(top, run)
     share = trajectory.ess / trajectory.particles
     top.plot(t, share, color=mine, lw=0.7, label="ESS / N")
-    top.axhline(RESAMPLED_BELOW, color=TRUTH_COLOUR, lw=0.8, ls="--", label="resampled below")
+    top.axhline(RESAMPLED_BELOW, color=TRUTH_COLOUR, lw=0.8, ls="--", label="resampling below")
     top.set_ylim(0, 1.02)
     top.set_ylabel("ESS / N")
     lowest = float(np.nanmin(share))

@@ -1,10 +1,11 @@
-"""Every method over the same dive, in its own colour: errors over time, and tracks over the truth."""
+"""Every method on the same dive: errors over time, and tracks with the truth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Vector
 from usbldr_cli.figures.style import (
@@ -22,9 +23,9 @@ from usbldr_cli.runs.job_store import Trace, read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 AXES = ("east", "north")
-CLOSE_ERRORS = 8.0  # times the largest error: how far along its way the close-up follows the vehicle, either side
+CLOSE_ERRORS = 8.0  # times the largest error: path length of the close-up to either side
 WIDE, THIN = 2.4, 0.8  # of the first and the last line: tracks that coincide show as edges
-GAP_STEPS = 3.0  # times the usual step: a line is not drawn across more
+GAP_STEPS = 3.0  # times the usual step: a longer gap breaks the line
 
 Traces = Mapping[str, Trace]  # by label
 
@@ -45,7 +46,7 @@ def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
         axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
         beyond = [label for label, trace in traces.items() if float(np.max(np.abs(trace.error_m[:, k]))) > half]
         means = ", ".join(f"{label} {float(np.mean(np.abs(t.error_m[:, k]))):.2f}" for label, t in traces.items())
-        leaving = f"   ({', '.join(beyond)} beyond the frame)" if beyond else ""
+        leaving = f"   ({', '.join(beyond)} partly outside the axes)" if beyond else ""
         axes.set_title(f"{axis}: mean |error| {means} m{leaving}")
         axes.set_ylabel(f"{axis} error [m]")
     time_axis(panels[1], *(t.time_s for t in traces.values()))
@@ -54,11 +55,11 @@ def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
 
 
 def track_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
-    """Draw all tracks over the truth, and a close-up of where the best filter is worst."""
+    """Draw all tracks with the truth, and a close-up of the largest error of the best filter."""
     traces = _first_traces(rows)
     if not traces:
         return None
-    figure = overlay_canvas(rows, "Tracks", f"{_seed_text(rows)}; at the epochs compared", 12.5, 7.3)
+    figure = overlay_canvas(rows, "Tracks", f"{_seed_text(rows)}; at the scored epochs", 12.5, 7.3)
     panels: Any = figure.subplots(1, 2)
     whole, close = panels
     scaling = scaling_traces(rows, traces)
@@ -88,18 +89,18 @@ def track_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     return figure
 
 
-def overlay_canvas(rows: Sequence[ComparisonRow], what: str, more: str, width_in: float, height_in: float) -> Figure:
-    """Return a figure whose title says what is drawn, of which log, against which truth."""
+def overlay_canvas(rows: Sequence[ComparisonRow], what: str, detail: str, width_in: float, height_in: float) -> Figure:
+    """Return a figure whose title says what is drawn, of which log, with which truth."""
     judged = rows[0].scored_against
-    parts = [more]
+    parts = [detail]
     if judged is not None:
         parts.append(truth_text(judged.truth_kind, judged.truth_source))
-        parts.append("no alignment" if judged.align == "none" else f"alignment {judged.align}")
+        parts.append(f"alignment: {ALIGNMENTS[judged.align]}")
     return titled_figure(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
 
 
 def _first_traces(rows: Sequence[ComparisonRow]) -> dict[str, Trace]:
-    """Return each method's errors over the first seed that all have, else over its own first."""
+    """Return each method's trace of the first seed that all have, else of its own first."""
     seeds = [set(row.good) for row in rows if row.dives]
     common = min(_common(seeds), default=None) if seeds else None
     found: dict[str, Trace] = {}
@@ -112,7 +113,7 @@ def _first_traces(rows: Sequence[ComparisonRow]) -> dict[str, Trace]:
 
 
 def _seed_text(rows: Sequence[ComparisonRow]) -> str:
-    """Say which run is drawn."""
+    """Return which run is drawn."""
     seeds = [set(row.good) for row in rows if len(row.seeds) > 1]
     if not seeds:
         return "one run of each"
@@ -121,7 +122,7 @@ def _seed_text(rows: Sequence[ComparisonRow]) -> str:
 
 
 def scaling_traces(rows: Sequence[ComparisonRow], traces: Traces) -> Traces:
-    """Return the traces that set the scale: those of filters, where there are any."""
+    """Return the traces that set the scale: those of filters, if there are any."""
     filters = {label: trace for label, trace in traces.items() if filtered(method_of(rows, label))}
     return filters or traces
 
@@ -142,9 +143,9 @@ def colour_of(rows: Sequence[ComparisonRow], label: str) -> str:
 
 
 def line_style(rows: Sequence[ComparisonRow], label: str) -> dict[str, Any]:
-    """Return colour, dashes that tell rows of one method apart, and a width by which coinciding lines still show.
+    """Return colour, dashes that distinguish rows of one method, and a width that shows coinciding lines.
 
-    What filters are held against is thin and lies behind them.
+    Tracks without a filter are thin and behind the filters.
     """
     method = method_of(rows, label)
     same = [row.label for row in rows if row.method == method]
@@ -168,7 +169,7 @@ def _draw_over_time(axes: Axes, rows: Sequence[ComparisonRow], label: str, time_
 def _draw_track(
     axes: Axes, rows: Sequence[ComparisonRow], label: str, time_s: Vector, position_m: Array, marker: str = ""
 ) -> None:
-    """Draw one track; with a marker at each epoch, errors along the track show, too."""
+    """Draw one track; with a marker at each epoch, errors along the track are visible, too."""
     if method_of(rows, label) == "usbl":
         style = {"ls": "", "marker": ".", "ms": 4, "alpha": 0.5, "zorder": 1.5}
         axes.plot(*position_m.T, color=colour_of(rows, label), label=label, **style)
@@ -178,7 +179,7 @@ def _draw_track(
 
 
 def _close_up_span(trace: Trace, middle: int, reach_m: float) -> tuple[float, float]:
-    """Return the times between which the truth is no further from an epoch than ``reach_m`` along its way."""
+    """Return the times between which the truth is within ``reach_m`` of an epoch along its path."""
     travelled_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(trace.truth_m, axis=0).T))])
     near = np.flatnonzero(np.abs(travelled_m - travelled_m[middle]) <= reach_m)
     first, last = max(min(near[0], middle - 1), 0), min(max(near[-1], middle + 1), len(travelled_m) - 1)

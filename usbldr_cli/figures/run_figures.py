@@ -1,4 +1,4 @@
-"""The pictures of a run: the track, its errors over time (the paper's Figures 1 and 3) and their distribution."""
+"""Figures of a run: the track, its errors over time (the paper's Figures 1 and 3) and their distribution."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,19 +28,19 @@ from usbldr_cli.figures.style import (
 from usbldr_cli.figures.track import track_figure
 
 AXES = ("east", "north")
-DENSE = 1500  # [epochs] more of them are drawn finer
+DENSE = 1500  # [epochs] from which lines are thinner
 
 
 def write_figures(folder: Path, run: Run) -> list[tuple[str, str]]:
-    """Draw every picture that the run has material for; return their file names and captions."""
+    """Draw every figure that applies to the run; return file names and captions."""
     pictures: tuple[tuple[str, str, Callable[[Run], Figure | None]], ...] = (
-        ("track.png", "The track against the truth, with the USBL fixes", track_figure),
-        ("errors.png", "East and north error over time, with the filter's own 2-sigma band", error_figure),
-        ("error_cdf.png", "Which share of the errors is below a length", cdf_figure),
-        ("innovations.png", "Innovations and NIS of each sensor, with their bounds", innovation_figure),
+        ("track.png", "Track, truth and USBL fixes", track_figure),
+        ("errors.png", "East and north error over time with the 2-sigma band of the filter", error_figure),
+        ("error_cdf.png", "Cumulative distribution of the errors", cdf_figure),
+        ("innovations.png", "Innovations and NIS of each sensor with their bounds", innovation_figure),
         (
             "calibration.png",
-            "Errors of sensors as the filter found them, with its 2-sigma band and what was assumed before",
+            "Estimated sensor errors with their 2-sigma band and the prior",
             calibration_figure,
         ),
         ("ess.png", "Effective number of particles and acceptance of their moves", particle_figure),
@@ -56,7 +56,7 @@ def write_figures(folder: Path, run: Run) -> list[tuple[str, str]]:
 
 
 def error_figure(run: Run) -> Figure | None:
-    """Draw the signed errors of east and north over time; raw fixes lie behind for comparison."""
+    """Draw the signed errors of east and north over time; with the raw fixes behind."""
     report = run.scored.report
     if report is None:
         return None
@@ -71,7 +71,7 @@ def error_figure(run: Run) -> Figure | None:
             size = 3.5 if len(raw.time_s) < DENSE else 2.2
             style = {"ls": "", "marker": ".", "ms": size, "color": colour("usbl"), "alpha": 0.45}
             beyond = int(np.sum(np.any(np.abs(raw.error_m) > half, axis=1)))
-            label = f"raw USBL fix ({beyond} of {len(raw.error_m)} beyond a frame)" if beyond else "raw USBL fix"
+            label = f"raw USBL fix ({beyond} of {len(raw.error_m)} outside the axes)" if beyond else "raw USBL fix"
             axes.plot(raw.time_s, raw.error_m[:, k], label=label, zorder=1.5, **style)
         _draw_error(axes, report, k, half)
         if run.bound is not None:
@@ -105,12 +105,12 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
 
 
 def _longest_step_s(report: ErrorReport) -> float:
-    """Return the step beyond which a line would hide that epochs were left out."""
+    """Return the step beyond which the line is broken, because epochs were left out."""
     return 3 * float(np.median(np.diff(report.time_s))) if len(report.time_s) > 1 else np.inf
 
 
 def _half_height(report: ErrorReport) -> float:
-    """Return the height, the same for both axes, that a few gross errors can't blow up: they are marked at the edge."""
+    """Return the height, the same for both axes, which gross errors do not set: they are marked at the edge."""
     size = np.abs(report.error_m)
     half = min(float(size.max()), 1.6 * float(np.percentile(size, 99)))
     if report.sd_m is not None:
@@ -126,12 +126,12 @@ def _error_title(report: ErrorReport, k: int) -> str:
     )
     if report.sd_m is not None:
         inside = np.mean(np.abs(report.error_m[:, k]) <= 2 * report.sd_m[:, k])
-        text += f"; {100 * inside:.0f} % inside 2 sigma (95 is right)"
+        text += f"; {100 * inside:.0f} % inside 2 sigma (expected 95 %)"
     return text
 
 
 def cdf_figure(run: Run) -> Figure | None:
-    """Draw the share of errors below a length: east, north, horizontal, with raw USBL and dr for comparison."""
+    """Draw the cumulative distribution of east, north and horizontal error, with raw USBL and dr for comparison."""
     report = run.scored.report
     if report is None:
         return None
@@ -147,7 +147,7 @@ def cdf_figure(run: Run) -> Figure | None:
         axes.set_xlim(0, max(_widest(report, references, k) for k in range(3)))
         axes.set_ylim(0, 101)
         axes.set_xlabel(f"{name} error [m]")
-    panels[0].set_ylabel("share of errors below [%]")
+    panels[0].set_ylabel("cumulative share of errors [%]")
     legend_below(figure, (panels[0],))
     return figure
 
@@ -170,7 +170,7 @@ def _mark_quantiles(axes: Axes, lengths: Vector, shade: str) -> None:
 
 
 def _widest(report: ErrorReport, references: list[ErrorReport], k: int) -> float:
-    """Return the width that shows all of the method and what fits of the others."""
+    """Return the width that shows all of the method, and of the others what fits."""
     own = float(_lengths(report, k).max())
     theirs = [float(np.percentile(_lengths(other, k), 90)) for other in references]
     return max(1.15 * own, min(max(theirs, default=0.0), 4 * own)) or 1.0

@@ -1,7 +1,7 @@
-"""How every picture looks: one colour per method everywhere, readable titles, bytes that do not change between runs.
+"""The style of all figures: one colour per method, titles, and bytes that do not change between runs.
 
-The colours are those of M. Okabe and K. Ito ("Color Universal Design", 2008) and P. Tol's muted scheme, told apart by
-colour-blind eyes; no meaning hangs on colour alone.
+The colours are those of M. Okabe and K. Ito ("Color Universal Design", 2008) and P. Tol's muted scheme, which
+colour-blind readers can distinguish; no meaning depends on colour alone.
 """
 
 import textwrap
@@ -32,7 +32,7 @@ OUTAGES: Mapping[str, tuple[str, str]] = {
     "dvl": ("#fde3cf", "//"),
     "compass": ("#dcebd8", ".."),
 }
-"""Shade and hatch of a stretch without a sensor."""
+"""Shade and hatch of an outage of a sensor."""
 
 STYLE: Mapping[str, Any] = {
     "font.size": 10,
@@ -54,7 +54,7 @@ TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the l
 
 
 def in_style() -> AbstractContextManager[None]:
-    """Draw in our style; matplotlib's settings belong to the whole process, so what was there comes back."""
+    """Draw in this style; matplotlib's settings are global, so they are restored afterwards."""
     settings: Any = dict(STYLE)
     return rc_context(settings)
 
@@ -65,13 +65,13 @@ def colour(method: str) -> str:
 
 
 def run_figure(run: Run, what: str, width_in: float, height_in: float) -> Figure:
-    """Return a figure whose title says what is drawn, of which run, against which truth."""
+    """Return a figure whose title says what is drawn, of which run, with which truth."""
     return titled_figure(f"{what}: {run.label} on {run.log.path.name}", subtitle(run), width_in, height_in)
 
 
-def titled_figure(title: str, told: str, width_in: float, height_in: float) -> Figure:
-    """Return a figure with a title and, under it, what has to stand beside every number."""
-    lines = textwrap.wrap(told, int(width_in * LETTERS_AN_INCH))
+def titled_figure(title: str, detail: str, width_in: float, height_in: float) -> Figure:
+    """Return a figure with a title and a line of detail under it."""
+    lines = textwrap.wrap(detail, int(width_in * LETTERS_AN_INCH))
     head_in = TITLE_IN + LINE_IN * len(lines)
     figure: Figure = mpl_figure.Figure(figsize=(width_in, height_in), layout="constrained")
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - head_in / height_in), w_pad=0.08, h_pad=0.06)
@@ -82,14 +82,14 @@ def titled_figure(title: str, told: str, width_in: float, height_in: float) -> F
 
 
 def subtitle(run: Run) -> str:
-    """Return what has to stand beside every number."""
+    """Return truth, order of fixes, alignment and windows of a run."""
     report = run.scored.report
     if report is None:
         return f"no truth; fixes {ORDERS[run.order]}"
     parts = [
         truth_text(report.truth_kind, report.truth_source),
         f"fixes {ORDERS[run.order]}",
-        ALIGNMENTS[report.alignment.name],
+        f"alignment: {ALIGNMENTS[report.alignment.name]}",
     ]
     if report.aid:
         parts.append(aid_text(report.aid))
@@ -99,7 +99,7 @@ def subtitle(run: Run) -> str:
 
 
 def truth_text(kind: str, source: str) -> str:
-    """Say what errors are taken against: a file by its name, a topic, which has no suffix, whole."""
+    """Return the truth in words: a file by its name, a topic in full."""
     file = Path(source)
     return f"truth: {TRUTHS.get(kind, kind)} ({file.name if file.suffix else source})"
 
@@ -110,7 +110,7 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def shade_outages(axes: Axes, run: Run) -> None:
-    """Shade where a sensor was silent; the first stretch of each carries its label."""
+    """Shade the outages of each sensor; the first of each has the label."""
     labelled: set[str] = set()
     for outage in run.timeline.outages:
         shade, hatch = OUTAGES[outage.sensor]
@@ -125,25 +125,25 @@ def other_tracks(run: Run) -> list[ScoredTrack]:
 
 
 def time_axis(axes: Axes, *times_s: Vector) -> None:
-    """Name the axis of time, and let it span these times: of a run of one moment, a second."""
+    """Label the time axis and let it span these times; one second if there is only one."""
     first, last = min(t[0] for t in times_s), max(t[-1] for t in times_s)
     axes.set_xlabel("time since the log's start [s]")
     axes.set_xlim(first, last if last > first else first + 1.0)
 
 
 def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vector, Array]:
-    """Return a line that is not drawn across times further apart than ``longest_s``."""
+    """Return a line with NaN in gaps longer than ``longest_s``."""
     cuts = np.flatnonzero(np.diff(time_s) > longest_s) + 1
     return np.insert(time_s, cuts, np.nan), np.insert(values, cuts, np.nan, axis=0)
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 6) -> None:
-    """Put the legend of some panels under the figure, where it covers no data; each label once."""
+    """Put the legend of some panels under the figure; each label once."""
     entries: dict[str, Any] = {}
     for panel in panels:
         handles, labels = panel.get_legend_handles_labels()
         entries = dict(zip(labels, handles, strict=True)) | entries
     style = {"loc": "outside lower left", "ncols": columns, "columnspacing": 1.4}
     legend = figure.legend(list(entries.values()), list(entries), **style)
-    for line in legend.get_lines():  # faint points are still to be seen in the legend
+    for line in legend.get_lines():  # faint points are opaque in the legend
         line.set_alpha(1)

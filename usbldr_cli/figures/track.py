@@ -1,4 +1,4 @@
-"""The track against the truth, with the fixes: the whole of it, and a close-up of the largest error."""
+"""The whole track with truth and fixes, and a close-up of the largest error."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ from usbldr_cli.figures.style import (
     run_figure,
 )
 
-CLOSE_S = 60.0  # before and after the largest error: a survey comes by the same place often
+CLOSE_S = 60.0  # shown before and after the largest error, because a survey passes the same place often
 Span = tuple[float, float]  # seconds
 EVER: Span = (-np.inf, np.inf)
 
@@ -29,7 +29,7 @@ EVER: Span = (-np.inf, np.inf)
 def track_figure(run: Run) -> Figure:
     """Draw the whole track, and beside it a close-up of the largest error."""
     report = run.scored.report
-    closer = report is not None and run.method != "usbl"  # the worst of the raw fixes would show nothing else
+    closer = report is not None and run.method != "usbl"  # the largest error of raw fixes is an outlier
     figure = run_figure(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
     panels: Any = figure.subplots(1, 2 if closer else 1, squeeze=False)
     whole: Axes = panels[0, 0]
@@ -37,12 +37,12 @@ def track_figure(run: Run) -> Figure:
     _draw_context(whole, run, EVER)
     _draw_track(whole, run, run.scored.trajectory.position_m, EVER)
     _frame(whole, _extent(run), 0.06)
-    whole.set_title("whole track before the alignment" if aligned else "whole track")
+    whole.set_title("whole track, before alignment" if aligned else "whole track")
     if report is not None and closer:
         close: Axes = panels[0, 1]
         worst_s = float(report.time_s[np.argmax(report.horizontal_m)])
         span = worst_s - CLOSE_S, worst_s + CLOSE_S
-        if not aligned:  # fixes and dr stay where they are: beside a moved track they would mislead
+        if not aligned:  # fixes and dr are not aligned, so they would mislead
             _draw_context(close, run, span, marker_scale=1.8)
         _draw_track(close, run, report.alignment.points(run.scored.trajectory.position_m), span)
         _draw_worst(close, report)
@@ -51,7 +51,7 @@ def track_figure(run: Run) -> Figure:
 
 
 def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -> None:
-    """Draw what the method had to do better than: dead reckoning and the raw fixes."""
+    """Draw dead reckoning and the raw fixes."""
     for other in other_tracks(run):
         if other.trajectory.method == "dr":
             path = other.trajectory.position_m[_during(other.trajectory.time_s, span)]
@@ -91,36 +91,37 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
         "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
     }
     during = _during(run.timeline.fix_time_s, span)
-    fates = fixes_table(run.timeline, run.scored.trajectory)["outcome"].to_numpy()[during]
-    for fate, style in styles.items():
-        at = ~np.isin(fates, list(styles)) | (fates == fate) if fate == "used" else fates == fate
+    outcomes = fixes_table(run.timeline, run.scored.trajectory)["outcome"].to_numpy()[during]
+    for outcome, style in styles.items():
+        at = outcomes == outcome
+        if outcome == "used":
+            at |= ~np.isin(outcomes, list(styles))
         count = int(np.count_nonzero(at))
         if count:
-            label = "USBL fix" if fate == "used" else f"fix, {fate}"
             style["ms"] *= marker_scale
-            axes.plot(*run.timeline.fix_m[during][at].T, ls="", label=f"{label} ({count})", **style)
+            axes.plot(*run.timeline.fix_m[during][at].T, ls="", label=f"USBL fix {outcome} ({count})", **style)
 
 
 def _draw_worst(axes: Axes, report: ErrorReport) -> None:
-    """Join truth and estimate where they are furthest apart, and draw the filter's 2-sigma ellipse there."""
+    """Join truth and estimate at the largest error, and draw the filter's 2-sigma ellipse there."""
     worst = int(np.argmax(report.horizontal_m))
     ends = np.stack([report.truth_m[worst], report.estimate_m[worst]])
     axes.plot(*ends.T, color=REJECTED_COLOUR, lw=1.5, marker="o", ms=4, zorder=7)
-    claimed = ""
+    ellipse = ""
     if report.cov_m2 is not None and np.isfinite(report.cov_m2[worst]).all():
         variance, vectors = np.linalg.eigh(report.cov_m2[worst])
         length = 2 * 2 * np.sqrt(np.maximum(variance, 0))
         turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
         face = colour(report.method)
         axes.add_patch(Ellipse(tuple(ends[1]), length[1], length[0], angle=turn, fc=face, alpha=0.2, zorder=3.5))
-        claimed = ", with the filter's 2 sigma"
+        ellipse = ", with the 2-sigma ellipse"
     half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
     _frame(axes, np.stack([ends.mean(axis=0) - half, ends.mean(axis=0) + half]), 0.0)
-    axes.set_title(f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{claimed}")
+    axes.set_title(f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}")
 
 
 def _extent(run: Run) -> Array:
-    """Return the points that the picture must hold: gross errors of fixes or of dr must not shrink the track."""
+    """Return the points that the figure must show, without outliers of fixes or drift of dr."""
     points = [run.scored.trajectory.position_m] if run.method != "usbl" else []
     if run.truth is not None:
         near = (run.truth.time_s >= 0) & (run.truth.time_s <= run.timeline.time_s[-1])

@@ -1,4 +1,4 @@
-"""How every command takes a log: LOG itself, its configuration, which topic is which sensor, and the truth."""
+"""The options of every command that reads a log: configuration, topics, truth."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -25,7 +25,7 @@ def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--config", metavar="FILE", help='Configuration file; "none" ignores the one beside LOG.'),
         *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
         click.option("--truth", metavar="FILE|TOPIC", help='Reference track; "none" for no scoring.'),
-        click.option("--with", "joined", metavar="FILE", multiple=True, help="Further file of the same dive."),
+        click.option("--with", "joined", metavar="FILE", multiple=True, help="Additional file of the same dive."),
         click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg definitions that LOG lacks."),
     )
     for option in reversed(options):
@@ -34,9 +34,9 @@ def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def format_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --format: in which format a log is written."""
+    """Add --format: the format in which a log is written."""
     forms = click.Choice(["mcap", "bag", "rosbag2", "db3", "csv"])
-    return click.option("--format", "form", type=forms, help="Whatever the name of OUTPUT means.")(command)
+    return click.option("--format", "form", type=forms, help="Format of OUTPUT.  [default: by its name]")(command)
 
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -51,7 +51,7 @@ def read_request(
     msg_path: tuple[str, ...] = (),
     **topics: str | None,
 ) -> "Request":
-    """Return what the selection options ask for."""
+    """Return the selection options as a request."""
     from usbldr.io.opening import Request
 
     return Request(
@@ -67,7 +67,7 @@ def open_log(log: str, seed: int = 0, **selection: Any) -> "Log":
 
 
 def inputs(log: str, **selection: Any) -> tuple[Path, ...]:
-    """Return what open_log reads, LOG first: nothing may be written there. A scenario that is shipped is no file."""
+    """Return the files that open_log reads, LOG first: none may be overwritten. A shipped scenario has none."""
     from usbldr.io.inputs import input_files
     from usbldr.io.session import is_simulated
 

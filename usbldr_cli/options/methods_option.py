@@ -1,4 +1,4 @@
-"""Help texts that the table of methods fills in, once they are printed."""
+"""An option whose help lists methods."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import click
 
 
 class MethodsOption(click.Option):
-    """``{methods}`` in its help becomes the names of the methods with a certain field of Method."""
+    """``{methods}`` in its help becomes the names of the methods that have a field of Method."""
 
     def __init__(self, *args: Any, having: str, **given: Any) -> None:
         super().__init__(*args, **given)

@@ -1,4 +1,4 @@
-"""The option --noise: how a sensor errs, as SENSOR=KIND[:NUMBER...][:scalar|record]."""
+"""The option --noise: the noise family of a sensor, as SENSOR=KIND[:NUMBER...][:scalar|record]."""
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import FAMILIES, Gaussian, NoiseFamily
@@ -8,9 +8,9 @@ from usbldr.io.settings.validation import checked
 
 
 def noise_family(text: str) -> tuple[str, NoiseFamily]:
-    """Return sensor and family, whose numbers are those of usbldr.toml in order; raise UsageError for what is none."""
-    sensor, _, said = text.partition("=")
-    kind, *words = said.split(":")
+    """Return sensor and family; the numbers are those of usbldr.toml in order. Raise UsageError for invalid text."""
+    sensor, _, family = text.partition("=")
+    kind, *words = family.split(":")
     if sensor not in SENSOR_UNITS or kind not in FAMILIES:
         kinds = f"a sensor of {', '.join(SENSOR_UNITS)} and a kind of {', '.join(FAMILIES)}"
         raise UsageError(f"--noise {text}: write SENSOR=KIND with {kinds}")
@@ -18,7 +18,7 @@ def noise_family(text: str) -> tuple[str, NoiseFamily]:
     keys = [quantity.key for quantity in quantities(FAMILIES[kind], sensor).values()]
     if len(words) > len(keys):
         takes = ", ".join(keys) or "no number"
-        raise UsageError(f"--noise {text}: {kind} takes {takes}, then scalar or record, and no more")
+        raise UsageError(f"--noise {text}: {kind} takes {takes}, then optionally scalar or record")
     numbers = {key: _number(text, key, word) for key, word in zip(keys, words, strict=False)}
     section = checked({"kind": kind, **numbers, "per": per}, NOISES[sensor], f"--noise {text}")
     return sensor, noise_family_of(section, Gaussian(), sensor)
@@ -28,4 +28,4 @@ def _number(text: str, key: str, word: str) -> float:
     try:
         return float(word)
     except ValueError as err:
-        raise UsageError(f"--noise {text}: {word!r} is no number for {key}") from err
+        raise UsageError(f"--noise {text}: {word!r} is not a number for {key}") from err

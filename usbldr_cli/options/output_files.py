@@ -1,4 +1,4 @@
-"""The single files that a command writes, as --json FILE: refused before the run, written whole or not at all."""
+"""The single files that a command writes, as --json FILE: checked before the run, written atomically."""
 
 import os
 from collections.abc import Iterable
@@ -9,9 +9,9 @@ from usbldr.io.reports.run_directory import write_atomically
 
 
 def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made: Path | None = None) -> None:
-    """Raise UsageError for a file of an option that is read, holds something, or could not be written.
+    """Raise UsageError for a file of an option that is an input, is not empty, or cannot be written.
 
-    Nor may it lie in a folder that is read, unless it is a configuration. ``made`` is a folder that the run will make.
+    It may not be in a folder that is read, unless it is a configuration. ``made`` is a folder that the run will make.
     """
     from usbldr.io.inputs import output_conflict
 
@@ -31,17 +31,17 @@ def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made
 
 
 def write_file(option: str, file: Path, text: str) -> None:
-    """Write a file of an option; raise UsageError where that fails."""
+    """Write a file of an option; raise UsageError if that fails."""
     try:
         if _special(file):
             file.write_text(text, encoding="utf-8")
         else:
-            write_atomically(file.resolve(), text.encode())  # a link stays one
+            write_atomically(file.resolve(), text.encode())  # a link stays a link
     except OSError as err:
         why = err.strerror or err
         raise UsageError(f"{file}: cannot be written ({why}): choose another file for {option}") from err
 
 
 def _special(file: Path) -> bool:
-    """Tell whether this is something that no file can replace: a pipe, a terminal."""
+    """Return whether this is a device that no file can replace: a pipe, a terminal."""
     return os.path.exists(file) and not os.path.isfile(file)

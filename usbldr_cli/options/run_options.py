@@ -1,4 +1,4 @@
-"""The options that every command which runs filters shares, spelt once: replay now, compare later."""
+"""The options that replay, compare and check share."""
 
 import functools
 import math
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RunChoices:
-    """What the user chose for a run."""
+    """The options of a run, as given."""
 
     particles: int
     gate: float | None
@@ -40,7 +40,7 @@ class RunChoices:
     def settings(self, start_ns: int | None = None) -> "RunSettings":
         """Return the choices in values; the window only with the absolute time of the log's start, ns since 1970.
 
-        Raises UsageError for a text that means nothing.
+        Raises UsageError for invalid text.
         """
         from usbldr.filters.evaluation.error_report import Window
         from usbldr.io.session import RunSettings
@@ -64,11 +64,11 @@ class RunChoices:
         )
 
     def _window(self, start_ns: int) -> tuple[float, float]:
-        """Return the first and last second of the log that --start and --end leave."""
+        """Return the seconds of the log that --start and --end choose."""
         start = -math.inf if self.start is None else seconds_of_log("--start", self.start, start_ns)
         end = math.inf if self.end is None else seconds_of_log("--end", self.end, start_ns)
         if not start < end:
-            raise UsageError(f"--start {self.start} does not lie before --end {self.end}")
+            raise UsageError(f"--start {self.start} is not before --end {self.end}")
         return start, end
 
 
@@ -100,7 +100,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             having="takes_gate",
             type=share,
             metavar="P",
-            help="Pass a share P of good measurements, reject the rest ({methods}).",
+            help="Reject measurements outside a gate that passes a share P of inliers ({methods}).",
         ),
         click.option(
             "--seed",
@@ -143,7 +143,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             type=click.Choice(["validity", "arrival"]),
             default="validity",
             show_default=True,
-            help="Use fixes at their time of validity, or when they arrived at the vehicle.",
+            help="Use fixes at their time of validity, or when they arrive at the vehicle.",
         ),
         click.option("--tune", is_flag=True, help="Estimate the noise of DVL and USBL from the log."),
         click.option(
@@ -151,16 +151,16 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             cls=MethodsOption,
             having="multiple_hypotheses_by_default",
             default=None,
-            help="Carry several hypotheses through clusters of false fixes (default for {methods}).",
+            help="Keep several hypotheses while fixes contradict the track (default for {methods}).",
         ),
         click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
         click.option(
             "--aid",
             metavar="gps@FROM:TO,...",
-            help="Use GPS fixes as measurements in these windows, in seconds of the log; they are not scored.",
+            help="Use GPS fixes as measurements in these windows, in seconds of the log, which are not scored.",
         ),
         click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Rate of the filter's epochs."),
-        click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Rate at which errors are taken."),
+        click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Rate of the scored epochs."),
     )
     for option in reversed(options):
         packed = option(packed)
@@ -168,7 +168,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _keys(text: str) -> tuple[str, ...]:
-    """Return the keys of --calibrate in their own order."""
+    """Return the keys of --calibrate in the order of STATES."""
     from usbldr.filters.models.calibration import AUTO, STATES, layout_for
 
     keys = [key.strip() for key in text.split(",") if key.strip()]
@@ -190,7 +190,7 @@ def _place(text: str) -> str | tuple[float, float]:
 
 
 def seconds_of_log(option: str, text: str, start_ns: int) -> float:
-    """Return seconds of the log from seconds or ISO time (UTC where it names no zone)."""
+    """Return seconds of the log from seconds or ISO time (UTC without a time zone)."""
     try:
         return float(text)
     except ValueError:

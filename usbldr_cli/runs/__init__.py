@@ -1,1 +1,1 @@
-"""Many runs at once: jobs in processes, the store of finished ones, statistics over seeds."""
+"""Many runs at once: jobs in processes, the store of finished jobs, statistics over seeds."""

@@ -1,10 +1,10 @@
-"""The folder of a comparison: made at once so that finished runs are kept, its tables written when all are done.
+"""The folder of a comparison: made first, so that finished runs are kept; its tables are written last.
 
 units/          one JSON and one .npz for each finished run
 compare.json    every row and every number
 compare.csv     the same rows
-compare.md      the tables and the pictures
-*.png           the pictures
+compare.md      the tables and figures
+*.png           the figures
 """
 
 import json
@@ -25,16 +25,16 @@ SCHEMA = 1  # fixed: the version of compare.json
 
 
 def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:
-    """Make the folder, or take it up where the same comparison left it.
+    """Make the folder, or continue the same comparison in it.
 
-    Raises UsageError for a folder that is not a comparison's, or, without ``force``, holds another comparison's tables.
+    Raises UsageError for a folder with other files, or, without ``force``, with the tables of another comparison.
     """
     if folder.exists() and not folder.is_dir():
-        raise UsageError(f"{folder} is a file: --output takes the name of a folder to be made")
+        raise UsageError(f"{folder} is a file: --output takes the name of a new folder")
     try:
         foreign = _foreign(folder) if folder.exists() else None
         if foreign is not None:
-            raise UsageError(f"{folder} holds {foreign}, which no comparison wrote: choose another --output")
+            raise UsageError(f"{folder} holds {foreign}, which is not of a comparison: choose another --output")
         if (folder / TABLES).exists() and not force and _request(folder) != _plain(request):
             raise UsageError(
                 f"{folder} holds another comparison: choose another --output, or --force to replace its tables "
@@ -48,7 +48,7 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:
 
 
 def _foreign(folder: Path) -> str | None:
-    """Return the name of something in the folder that is not ours."""
+    """Return the name of a file that is not of a comparison."""
     for path in sorted(folder.iterdir()):
         if path.name == UNITS and path.is_dir():
             inner = [p.name for p in sorted(path.iterdir()) if not OWN_UNIT.fullmatch(p.name)]
@@ -67,7 +67,7 @@ def _request(folder: Path) -> Any:
 
 
 def _plain(request: Mapping[str, Any]) -> Any:
-    """Return what JSON makes of a request: tuples become lists."""
+    """Return a request as JSON stores it: tuples become lists."""
     return json.loads(json.dumps(request))
 
 
@@ -85,15 +85,15 @@ def as_json(rows: Sequence[ComparisonRow], request: Mapping[str, Any]) -> str:
 
 def records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
     """Return each row with every number; differences are to the first row of its log that has numbers."""
-    found: list[dict[str, Any]] = []
+    contents: list[dict[str, Any]] = []
     for group in grouped(rows).values():
         first = next((row for row in group if row.good), group[0])
-        found += [row_content(row, first) for row in group]
-    return found
+        contents += [row_content(row, first) for row in group]
+    return contents
 
 
 def write_tables(folder: Path, rows: Sequence[ComparisonRow], request: Mapping[str, Any], markdown: str) -> None:
-    """Write compare.csv, compare.md and, last, compare.json, each whole or not at all."""
+    """Write compare.csv, compare.md and, last, compare.json, each atomically."""
     import pandas as pd
 
     table = pd.DataFrame(records(rows)).to_csv(index=False, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""Finished run directories as rows of a comparison: nothing is run again, report.json says it all."""
+"""Finished run directories as rows of a comparison, read from report.json."""
 
 import json
 from collections import Counter
@@ -19,7 +19,7 @@ def is_run(path: Path) -> bool:
 
 
 def read_runs(folders: Sequence[Path]) -> list[ComparisonRow]:
-    """Return a row for each run directory; raises LogError for one that is not whole, or that had no truth."""
+    """Return a row for each run directory; raises LogError for one that is incomplete or has no truth."""
     rows = [_row(folder) for folder in folders]
     rows = [_with_seed_label(row, rows) for row in rows]
     names = {
@@ -27,7 +27,9 @@ def read_runs(folders: Sequence[Path]) -> list[ComparisonRow]:
     }
     for log, digests in names.items():
         if len(digests) > 1:
-            raise UsageError(f"{log}: the runs read {len(digests)} different logs of that name: compare them apart")
+            raise UsageError(
+                f"{log}: the runs read {len(digests)} different logs of that name: compare each log by itself"
+            )
     calls = Counter((row.log, row.label) for row in rows)
     labelled = [
         replace(row, label=f"{row.label} ({folder.resolve().name})") if calls[row.log, row.label] > 1 else row
@@ -44,9 +46,9 @@ def _row(folder: Path) -> ComparisonRow:
         report: Any = json.loads(file.read_text(encoding="utf-8"))
         metrics = report["metrics"]
         if metrics is None:
-            raise LogError(f"{folder}: this run had no truth, so it has no errors to compare")
+            raise LogError(f"{folder}: this run has no truth, so there are no errors to compare")
         log, truth, window = report["log"], report["truth"], report["window"]
-        judged = ScoringContext(
+        context = ScoringContext(
             log=log["name"],
             log_format=log["format"],
             log_sha256=log["sha256"],
@@ -62,16 +64,16 @@ def _row(folder: Path) -> ComparisonRow:
         )
         numbers = {str(name): float(value) for name, value in metrics.items() if value is not None}
         trace = folder if (folder / "track.tum").is_file() and (folder / "truth.tum").is_file() else None
-        outcome = JobResult(numbers, tuple(report["warnings"]), scored_against=judged, trace=trace)
+        outcome = JobResult(numbers, tuple(report["warnings"]), scored_against=context, trace=trace)
         label, method = str(report["filter"]), str(report["method"])
         draws = method in METHODS and METHODS[method].draws
-        return ComparisonRow(judged.log, label, method, (int(report["seed"]),), (outcome,), draws)
+        return ComparisonRow(context.log, label, method, (int(report["seed"]),), (outcome,), draws)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
-        raise LogError(f"{file}: is not a report of usbldr replay, or not a whole one ({err!r})") from err
+        raise LogError(f"{file}: is not a complete report of usbldr replay ({err!r})") from err
 
 
 def _with_seed_label(row: ComparisonRow, rows: Sequence[ComparisonRow]) -> ComparisonRow:
-    """Name the dive of a simulated log by its seed where several dives of one scenario are compared."""
+    """Add the seed to the name of a simulated log if several dives of one scenario are compared."""
     alike = [r for r in rows if r.log == row.log and r.scored_against and r.scored_against.log_format == "simulated"]
     if len({r.scored_against.log_sha256 for r in alike if r.scored_against}) < 2 or row not in alike:
         return row

@@ -1,4 +1,4 @@
-"""What a run leaves behind, and the folder that keeps it: one small JSON a unit, and its errors over time beside it.
+"""The result of a run, and the folder that stores results: a JSON file per job, and its errors over time beside it.
 
 Metres and seconds, east and north, as everywhere.
 """
@@ -22,7 +22,7 @@ SCHEMA = 2  # fixed: the version of stored runs
 
 @dataclass(frozen=True, slots=True)
 class ScoringContext:
-    """What stands beside every number: the log, and what it was measured against."""
+    """What every number depends on: the log, the truth, and how it was scored."""
 
     log: str
     log_format: str
@@ -34,12 +34,12 @@ class ScoringContext:
     window_end_s: float | None
     align: str
     aid: tuple[tuple[float, float], ...] = ()  # windows in which GPS aided the filters and nothing is scored
-    order: str = "validity"  # in which the filters came to know of late fixes
+    order: str = "validity"  # of late fixes
     lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
 
     @property
     def window(self) -> "Window":
-        """Which truth rows were chosen."""
+        """The window that was scored."""
         from usbldr.filters.evaluation.error_report import Window
 
         first_s, last_s = self.window_start_s, self.window_end_s
@@ -48,14 +48,14 @@ class ScoringContext:
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """What came of one unit: its metrics, or the one sentence that says why there are none."""
+    """The result of one job: its metrics, or the sentence that says why there are none."""
 
     metrics: Mapping[str, float] = field(default_factory=dict[str, float])  # by their names in report.json; finite
     warnings: tuple[str, ...] = ()
     fault: str | None = None
-    exit_code: int = 0  # that the fault asks for
-    scored_against: ScoringContext | None = None  # None where there is a fault
-    trace: Path | None = None  # what read_trace opens
+    exit_code: int = 0  # of the fault
+    scored_against: ScoringContext | None = None  # None if there is a fault
+    trace: Path | None = None  # path for read_trace
     reused: bool = False  # taken from the store
 
 
@@ -65,7 +65,7 @@ class Trace(NamedTuple):
     time_s: "Vector"  # (M,)
     estimate_m: "Array"  # (M, 2) east, north
     truth_m: "Array"  # (M, 2)
-    cov_m2: "Array | None" = None  # (M, 2, 2) of the estimate; None where it claims none, or a run directory is read
+    cov_m2: "Array | None" = None  # (M, 2, 2) of the estimate; None if it has none, or for a run directory
 
     @property
     def error_m(self) -> "Array":
@@ -75,37 +75,40 @@ class Trace(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class JobStore:
-    """A folder of finished units by their keys. A unit is there when its JSON is, which is written last."""
+    """A folder of finished jobs by their keys. A job is finished when its JSON exists, which is written last."""
 
     folder: Path
 
     def read(self, key: str) -> JobResult | None:
-        """Return a kept outcome, None where there is none that can be read."""
+        """Return a stored result, None if there is none that can be read."""
         try:
-            told: Any = json.loads(self._json(key).read_text(encoding="utf-8"))
-            if told["schema"] != SCHEMA or not self._trace(key).is_file():
+            content: Any = json.loads(self._json(key).read_text(encoding="utf-8"))
+            if content["schema"] != SCHEMA or not self._trace(key).is_file():
                 return None
-            beside: dict[str, Any] = told["judged"]
-            beside["lost"] = tuple(beside["lost"])
-            beside["aid"] = tuple((start_s, end_s) for start_s, end_s in beside["aid"])
-            judged = ScoringContext(**beside)
+            context: dict[str, Any] = content["judged"]
+            context["lost"] = tuple(context["lost"])
+            context["aid"] = tuple((start_s, end_s) for start_s, end_s in context["aid"])
             return JobResult(
-                told["metrics"], tuple(told["warnings"]), scored_against=judged, trace=self._trace(key), reused=True
+                content["metrics"],
+                tuple(content["warnings"]),
+                scored_against=ScoringContext(**context),
+                trace=self._trace(key),
+                reused=True,
             )
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
     def write(self, key: str, outcome: JobResult, trace: Trace | None) -> JobResult:
-        """Keep an outcome and its trace; return the outcome as it would be read but for ``reused``."""
+        """Store a result and its trace; return the result with the path of the trace."""
         import numpy as np
 
         if trace is not None:
             packed = io.BytesIO()
             np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
             write_atomically(self._trace(key), packed.getvalue())
-        kept = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
+        content = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
         judged = asdict(outcome.scored_against) if outcome.scored_against is not None else None
-        text = json.dumps({**kept, "judged": judged}, indent=1, allow_nan=False, ensure_ascii=False)
+        text = json.dumps({**content, "judged": judged}, indent=1, allow_nan=False, ensure_ascii=False)
         write_atomically(self._json(key), (text + "\n").encode())
         return replace(outcome, trace=self._trace(key) if trace is not None else None)
 
@@ -117,7 +120,7 @@ class JobStore:
 
 
 def read_trace(path: Path) -> Trace:
-    """Read the epochs of a kept run: a .npz of the store, or a run directory with its two TUM files."""
+    """Read the epochs of a stored run: a .npz of the store, or a run directory with its two TUM files."""
     import numpy as np
 
     if path.is_dir():

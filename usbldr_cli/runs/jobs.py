@@ -1,8 +1,8 @@
-"""Many runs at once: each unit is one method on one log with one seed, and finished units are kept.
+"""Many runs at once: each job is one method on one log with one seed, and finished jobs are stored.
 
-Units run in processes of their own, one BLAS thread each, so that the number of jobs changes no bit of a result. What
-is kept of a unit goes by a digest of everything that it depends on: records, assumptions and truth as the filter and
-its judge are given them (so the configuration, too), the method, its options, and the code of the filters.
+Jobs run in processes of their own, one BLAS thread each, so that the number of parallel jobs does not change a result.
+A result is stored under a digest of everything that it depends on: records, assumptions (so the configuration, too),
+truth, the method, its options, and the code of the filters.
 """
 
 import functools
@@ -37,7 +37,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One run. Of a scenario, the seed in ``choices`` is the dive's and the filter's; of a file the filter's alone."""
+    """One run. The seed in ``choices`` is that of the filter and, for a scenario, of the dive."""
 
     log: str  # as the user gave it: a file, a folder, or else a scenario
     method: str
@@ -53,7 +53,7 @@ class Job:
 
 
 class _FinishedJob(NamedTuple):
-    """What comes back from a worker; ``key`` is None where nothing is to be kept."""
+    """The result from a worker; ``key`` is None if it is not to be stored."""
 
     outcome: JobResult
     trace: Trace | None
@@ -61,7 +61,7 @@ class _FinishedJob(NamedTuple):
 
 
 def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
-    """Return the choices without those that the method has no use for: ekf has no particles, cpf no gate."""
+    """Return the choices without those that the method does not use: ekf has no particles, cpf no gate."""
     from usbldr.filters.replay.methods import METHODS
 
     able = METHODS[method]
@@ -77,11 +77,11 @@ def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
 
 
 def run_jobs(units: Sequence[Job], jobs: int, store: Path | None = None) -> list[JobResult]:
-    """Run the units, ``jobs`` at a time, and return their outcomes in the same order.
+    """Run the jobs, ``jobs`` in parallel, and return their results in the same order.
 
-    A fault of a unit is a sentence in its outcome and stops no other. With a ``store``, an existing folder, each
-    finished unit is written there and later taken from there; an interruption leaves the finished ones. Raises
-    UsbldrError where a process was killed from outside.
+    A fault of a job is a sentence in its result and does not stop the others. With a ``store``, an existing folder,
+    finished jobs are written there and read from there later, also after an interruption. Raises UsbldrError if a
+    process was killed from outside.
     """
     kept = JobStore(store) if store is not None else None
     outcomes: dict[int, JobResult] = {}
@@ -101,19 +101,19 @@ def _result(future: "Future[_FinishedJob]") -> _FinishedJob:
         return future.result()
     except BrokenProcessPool as err:
         raise UsbldrError(
-            "a run was killed from outside, most likely for want of memory: try fewer --jobs or --particles; "
-            "finished runs are kept where --output names a folder"
+            "a run was killed from outside, probably because memory ran out: try fewer --jobs or --particles; "
+            "with --output, finished runs are kept"
         ) from err
 
 
 @contextmanager
 def _workers(jobs: int) -> "Generator[Callable[[Job, JobStore | None], Future[_FinishedJob]]]":
-    """Give a function that submits to a pool; an interruption ends the pool's processes and waits for none."""
+    """Give a function that submits to a pool; an interruption ends its processes without waiting."""
     if jobs < 1:
         yield lambda unit, kept: Future()
         return
     before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # read when a spawned process loads its BLAS
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # read by the BLAS of a spawned process
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _init_worker)
     try:
@@ -132,7 +132,7 @@ def _workers(jobs: int) -> "Generator[Callable[[Job, JobStore | None], Future[_F
 
 
 def _init_worker() -> None:
-    """Leave Ctrl-C to the parent, and end when the parent ends, however it did."""
+    """Ignore Ctrl-C, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None  # this is a spawned process
@@ -141,7 +141,7 @@ def _init_worker() -> None:
 
 @contextmanager
 def _bar(total: int) -> Generator[Callable[[], None]]:
-    """Show on stderr how many runs are done, while it is a terminal."""
+    """Show how many runs are done, if stderr is a terminal."""
     hidden = total < 2 or not sys.stderr.isatty()
     with click.progressbar(length=total, label="runs", file=sys.stderr, hidden=hidden, show_pos=True) as bar:
         bar.update(0)
@@ -149,7 +149,7 @@ def _bar(total: int) -> Generator[Callable[[], None]]:
 
 
 def _run(unit: Job, kept: JobStore | None) -> _FinishedJob:
-    """Run one unit, or take it from those that are kept."""
+    """Run one job, or read its result from the store."""
     selection = tuple(sorted(unit.selection.items()))
     choices = relevant_choices(unit.method, unit.choices)
     try:
@@ -172,7 +172,7 @@ class _Source(NamedTuple):
 
 @functools.lru_cache(maxsize=2)
 def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: float, slow_hz: float) -> _Source:
-    """Read a log and cut it into epochs: units of the same log follow each other and share it."""
+    """Read a log and its timeline; successive jobs on the same log share them."""
     from usbldr.io.timeline import timeline
     from usbldr_cli.options.log_options import open_log
 
@@ -193,7 +193,7 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
     trajectory = replay(log, dive_timeline, method, settings, log.assumptions)
     report = evaluate(log, dive_timeline, trajectory, settings)
-    judged = ScoringContext(
+    context = ScoringContext(
         log=log.path.name,
         log_format=log.format,
         log_sha256=log.sha256,
@@ -209,20 +209,20 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
     )
     metrics = {name: value for name, value in report.flat().items() if value is not None and math.isfinite(value)}
     trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
-    return JobResult(metrics, (*trajectory.warnings, *report.warnings), scored_against=judged), trace
+    return JobResult(metrics, (*trajectory.warnings, *report.warnings), scored_against=context), trace
 
 
 def _key(source: _Source, method: str, choices: RunChoices) -> str:
-    """Return the digest of all that a result depends on; a method without chance does not depend on the seed."""
+    """Return the digest of all that a result depends on; a deterministic method does not depend on the seed."""
     from usbldr.filters.replay.methods import METHODS
 
-    settled = asdict(choices) | ({} if METHODS[method].draws else {"seed": None})
-    said = json.dumps([source.digest, source.log.path.name, method, settled, _code()], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()[:32]
+    options = asdict(choices) | ({} if METHODS[method].draws else {"seed": None})
+    text = json.dumps([source.digest, source.log.path.name, method, options, _code()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def _digest(log: "Log", dive_timeline: "Timeline") -> str:
-    """Return the digest of what a filter and its judge are given, and of the file that it comes from."""
+    """Return the digest of records, truth, assumptions and the file that they come from."""
     digest = hashlib.sha256(repr((log.sha256, log.origin, log.assumptions)).encode())
     for part in (dive_timeline, log.truth):
         for name, value in [] if part is None else [(f.name, getattr(part, f.name)) for f in fields(part)]:
@@ -233,7 +233,7 @@ def _digest(log: "Log", dive_timeline: "Timeline") -> str:
 
 @functools.cache
 def _code() -> str:
-    """Return a digest of the versions and of the code that make a result: with an edited filter all runs anew."""
+    """Return a digest of the versions and of the code that make a result, so that an edited filter runs again."""
     from importlib.metadata import version
 
     import usbldr.filters

@@ -24,7 +24,7 @@ from usbldr.filters.windows import windows_text
 from usbldr_cli.runs.job_store import JobResult, ScoringContext
 
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
-"""The metrics whose difference to the first row is told."""
+"""The metrics whose difference to the first row is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +32,11 @@ class ComparisonRow:
     """One method on one log, a run for each seed."""
 
     log: str
-    label: str  # the method, with more where two rows would be called alike
+    label: str  # the method, with more if two rows would have the same label
     method: str
     seeds: tuple[int, ...]
     outcomes: tuple[JobResult, ...]
-    sampled: bool = False  # the method draws
+    sampled: bool = False  # the method draws random numbers random numbers
     dives: bool = False  # each seed is a dive of its own
 
     @property
@@ -66,9 +66,9 @@ class ComparisonRow:
 
 
 def difference(row: ComparisonRow, other: ComparisonRow, metric: str = "mean_horizontal_m") -> PairedDifference | None:
-    """Return row minus other over the seeds that both have; None where there are none.
+    """Return row minus other over the seeds that both have; None if there are none.
 
-    A method without chance ran once on a file: that one run stands for every seed.
+    A deterministic method ran once on a file: that run is used for every seed.
     """
     mine, theirs = row.values(metric), other.values(metric)
     if not (row.dives or other.dives):
@@ -87,7 +87,7 @@ def _for_all(values: dict[int, float], sampled: bool, seeds: list[int]) -> dict[
 
 
 def row_metrics(row: ComparisonRow) -> dict[str, float | None]:
-    """Return every metric of a row over its seeds; null where it does not apply."""
+    """Return every metric of a row over its seeds; null if it does not apply."""
     told = (name for outcome in row.good.values() for name in outcome.metrics)
     names = dict.fromkeys((*(metric.name for metric in METRICS), *told))
     found: dict[str, float | None] = {}
@@ -117,23 +117,23 @@ def row_nees(row: ComparisonRow) -> Nees | None:
 
 
 def row_consistency(row: ComparisonRow) -> str:
-    """Say in words whether the row's sigmas are to be believed."""
+    """Return whether the row is consistent, over- or under-confident."""
     return consistency_text(row_nees(row))
 
 
 def row_content(row: ComparisonRow, first: ComparisonRow) -> dict[str, Any]:
-    """Return a row as compare.json and compare.csv tell it."""
-    told: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}
-    told |= row_metrics(row) | {"consistency": row_consistency(row) or None}
+    """Return a row for compare.json and compare.csv."""
+    content: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}
+    content |= row_metrics(row) | {"consistency": row_consistency(row) or None}
     if row is first:
-        return told
-    told["difference_to"] = first.label
+        return content
+    content["difference_to"] = first.label
     for metric in COMPARED:
         found = difference(row, first, metric)
-        told[f"{metric}_difference"] = found and found.mean
-        told[f"{metric}_difference_se"] = found and found.se
-        told[f"{metric}_difference_significant"] = found and found.significant
-    return told
+        content[f"{metric}_difference"] = found and found.mean
+        content[f"{metric}_difference_se"] = found and found.se
+        content[f"{metric}_difference_significant"] = found and found.significant
+    return content
 
 
 def grouped(rows: Sequence[ComparisonRow]) -> dict[str, list[ComparisonRow]]:
@@ -145,14 +145,14 @@ def grouped(rows: Sequence[ComparisonRow]) -> dict[str, list[ComparisonRow]]:
 
 
 def require_comparable(rows: Sequence[ComparisonRow]) -> None:
-    """Raise UsageError where rows of one log were measured against different things."""
+    """Raise UsageError if rows of one log were scored against different truths, windows, alignments or aids."""
     for log, group in grouped(rows).items():
-        told = [(row.label, *_measure(row.scored_against)) for row in group if row.scored_against is not None]
-        for label, *measure in told[1:]:
-            for what, one, other in zip(("truth", "window", "alignment", "aid"), told[0][1:], measure, strict=True):
+        contexts = [(row.label, *_measure(row.scored_against)) for row in group if row.scored_against is not None]
+        for label, *measure in contexts[1:]:
+            for what, one, other in zip(("truth", "window", "alignment", "aid"), contexts[0][1:], measure, strict=True):
                 if one != other:
                     raise UsageError(
-                        f"{log}: the runs cannot be compared: {told[0][0]} has {what} {one}, {label} has {other}; "
+                        f"{log}: the runs cannot be compared: {contexts[0][0]} has {what} {one}, {label} has {other}; "
                         "run them with the same --truth, --start, --end, --align and --aid"
                     )
 
@@ -169,17 +169,17 @@ def _measure(judged: ScoringContext) -> tuple[str, str, str, str]:
 
 
 def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
-    """Say which row of a log is best, and how much better than each of the others."""
+    """Return which row of a log is best, and by how much."""
     ranked = sorted((row for row in rows if row.good), key=lambda row: row.mean("mean_horizontal_m") or 0.0)
     if not ranked:
-        return f"{rows[0].log}: no run came through"
+        return f"{rows[0].log}: no run succeeded"
     best, *others = ranked
     own = best.mean("mean_horizontal_m") or 0.0
     many = "dives" if best.dives else "seeds"
     over = f" over {len(best.seeds)} {many}" if len(best.seeds) > 1 else ""
-    said = f"{best.log}: {best.label} is best with {own:.2f} m mean horizontal error{over}"
+    text = f"{best.log}: {best.label} is best with {own:.2f} m mean horizontal error{over}"
     if not others:
-        return said
+        return text
     alike = [row.label for row in others if (d := difference(row, best)) is not None and d.significant is False]
     parts = [f"not significantly better than {_listed(alike)}"] if alike else []
     for row in others:
@@ -189,7 +189,7 @@ def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
         percent = 100 * (1 - own / theirs) if theirs > 0 else 0.0
         better = " better" if not any(" % better" in part for part in parts) else ""
         parts.append(f"{percent:.0f} %{better} than {row.label}" if percent >= 0.5 else f"equal to {row.label}")
-    return f"{said}: {', '.join(parts)}"
+    return f"{text}: {', '.join(parts)}"
 
 
 def _listed(labels: Sequence[str]) -> str:
@@ -197,7 +197,7 @@ def _listed(labels: Sequence[str]) -> str:
 
 
 def overall(rows: Sequence[ComparisonRow]) -> str:
-    """Return the sentence that everything ends in: the verdict of one log, or how often each method was best."""
+    """Return the last line: the best method on one log, or on how many logs each was best."""
     groups = grouped(rows)
     if len(groups) == 1:
         return best_method_sentence(rows)
@@ -208,5 +208,5 @@ def overall(rows: Sequence[ComparisonRow]) -> str:
             winner = min(ranked, key=lambda row: row.mean("mean_horizontal_m") or 0.0)
             best.setdefault(winner.label, []).append(log)
     order = sorted(best.items(), key=lambda item: -len(item[1]))
-    told = [f"{label} on {len(logs)} of {len(groups)} logs ({', '.join(logs)})" for label, logs in order]
-    return f"least mean horizontal error: {'; '.join(told)}" if told else "no run came through"
+    texts = [f"{label} on {len(logs)} of {len(groups)} logs ({', '.join(logs)})" for label, logs in order]
+    return f"lowest mean horizontal error: {'; '.join(texts)}" if texts else "no run succeeded"

@@ -1,4 +1,4 @@
-"""What became of each metric of a baseline: old, new, change, verdict; as text, Markdown and JSON."""
+"""Each metric of a baseline: old, new, change, limit, verdict; as text, Markdown and JSON."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -32,7 +32,7 @@ class CheckedRow:
     row: BaselineRow
     changes: tuple[MetricChange, ...]
     fault: str | None = None
-    exit_code: int = 0  # that the fault asks for
+    exit_code: int = 0  # of the fault
     lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
 
     @property
@@ -42,7 +42,7 @@ class CheckedRow:
 
 
 def compare_metric(name: str, metric: Metric, new: float | None) -> MetricChange:
-    """Judge one metric: beyond its limit it is a regression, unless that is the better direction."""
+    """Compare one metric: a change beyond its limit is a regression, unless it is better."""
     direction = metric.direction or usual_direction(name)
     verdict = OK
     if new is None:
@@ -81,21 +81,21 @@ def _digits(limit: float) -> int | None:
 
 
 def notes(checked: Sequence[CheckedRow]) -> list[tuple[str, str]]:
-    """Return why rows could not be run, and what of their logs could not be read."""
-    told = [(one.row.name, f"not run: {one.fault}") for one in checked if one.fault is not None]
-    return told + [(one.row.name, text) for one in checked for text in one.lost]
+    """Return why rows were not run, and which parts of their logs could not be read."""
+    faults = [(one.row.name, f"not run: {one.fault}") for one in checked if one.fault is not None]
+    return faults + [(one.row.name, text) for one in checked for text in one.lost]
 
 
 def summary(checked: Sequence[CheckedRow]) -> str:
-    """Return the sentence that everything ends in."""
+    """Return the last line."""
     every = [c for one in checked for c in one.changes]
     failed = [
         f"{one.row.name}: {c.metric} {c.verdict}" for one in checked for c in one.changes if c.verdict in FAILURES
     ]
     failed += [f"{one.row.name}: not run" for one in checked if one.fault is not None]
-    failed += [f"{one.row.name}: log partly lost" for one in checked if one.fault is None and one.lost]
+    failed += [f"{one.row.name}: log partly unreadable" for one in checked if one.fault is None and one.lost]
     stale = sum(c.verdict == STALE for c in every)
-    hint = f"; {stale} better than the baseline by more than the limit: renew it with --update" if stale else ""
+    hint = f"; {stale} better than the baseline by more than the limit: update it with --update" if stale else ""
     if failed:
         more = f" and {len(failed) - 3} more" if len(failed) > 3 else ""
         return f"FAILED: {', '.join(failed[:3])}{more}{hint}"
@@ -104,7 +104,7 @@ def summary(checked: Sequence[CheckedRow]) -> str:
 
 
 def as_json(baseline: str, checked: Sequence[CheckedRow], exit_code: int) -> dict[str, Any]:
-    """Return the result for machines."""
+    """Return the result for JSON."""
     return {
         "baseline": baseline,
         "exit_code": exit_code,

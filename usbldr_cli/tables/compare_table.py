@@ -17,17 +17,17 @@ from usbldr_cli.runs.seed_table import (
 )
 from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
 
-HUGE = 1e5  # a number that only says that something is very wrong
+HUGE = 1e5  # shown in scientific notation
 LEGEND = (
-    "± is the standard error of a mean over seeds; a difference is taken over the same seeds, and one marked * is not "
-    "significant (Student's t, 95 %); diverged: share of seeds with a mean horizontal error over 5 m."
+    "± is the standard error of a mean over seeds; differences are over the same seeds, * marks those that are not "
+    "significant (Student's t, 95 %); diverged: share of seeds with a mean horizontal error above 5 m."
 )
 
 
 def error_table(rows: Sequence[ComparisonRow]) -> Table:
     """Return the errors of a log's rows, each with its difference to the first."""
     first = rows[0]
-    heads = ("|east|", "|north|", "horizontal", "CEP95", f"against {first.label}")
+    heads = ("|east|", "|north|", "horizontal", "CEP95", f"minus {first.label}")
     body = tuple(
         (
             row.label,
@@ -42,19 +42,19 @@ def error_table(rows: Sequence[ComparisonRow]) -> Table:
 
 
 def health_table(rows: Sequence[ComparisonRow]) -> Table:
-    """Return runs, medians, divergence, consistency and cost of a log's rows; what applies to none is left out."""
+    """Return runs, medians, divergence, consistency and cost of a log's rows; empty columns are left out."""
     heads = ("runs", "median horiz.", "diverged", "ESS", "NEES", "sigmas", "time")
     body: list[tuple[str, ...]] = []
     for row in rows:
         if not row.good:
             continue
-        told = row_metrics(row)
-        share, ess, seconds = told.get("diverged_share"), told["ess_mean_ratio"], told["filter_time_s"]
+        metrics = row_metrics(row)
+        share, ess, seconds = metrics.get("diverged_share"), metrics["ess_mean_ratio"], metrics["filter_time_s"]
         body.append(
             (
                 row.label,
                 str(len(row.good)),
-                f"{told['mean_horizontal_m_seed_median']:.3f}" if row.sampled and len(row.seeds) > 1 else "",
+                f"{metrics['mean_horizontal_m_seed_median']:.3f}" if row.sampled and len(row.seeds) > 1 else "",
                 f"{100 * share:.0f} %" if share is not None else "",
                 f"{100 * ess:.0f} %" if ess is not None else "",
                 _number(row, "nees_mean", 2),
@@ -62,12 +62,14 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
                 f"{seconds:.1f} s" if seconds is not None else "",
             )
         )
-    kept = [k for k in range(len(heads) + 1) if k == 0 or any(line[k] for line in body)]
-    return Table("per run", tuple(heads[k - 1] for k in kept[1:]), tuple(tuple(line[k] for k in kept) for line in body))
+    columns = [k for k in range(len(heads) + 1) if k == 0 or any(line[k] for line in body)]
+    return Table(
+        "per run", tuple(heads[k - 1] for k in columns[1:]), tuple(tuple(line[k] for k in columns) for line in body)
+    )
 
 
 def context(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
-    """Return what has to stand beside the numbers of a log."""
+    """Return what the numbers of a log depend on."""
     judged = next((row.scored_against for row in rows if row.scored_against is not None), None)
     if judged is None:
         return []
@@ -84,11 +86,11 @@ def context(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
     lines.append(("fixes", ORDERS[judged.order] if alike else "; ".join(f"{k}: {v}" for k, v in orders.items())))
     lines.append(("alignment", judged.align))
     if any(row.dives for row in rows):
-        lines.append(("seeds", "each seed is a dive of its own, and the filter's chance"))
+        lines.append(("seeds", "each seed simulates its own dive and seeds the filter"))
     elif any(len(row.seeds) > 1 for row in rows):
-        lines.append(("seeds", "the same dive each time: ± tells the chance of the particles alone"))
+        lines.append(("seeds", "the same dive for each seed: ± is the scatter of the particle filter only"))
     covered = {f"{100 * share:.0f} %" for row in rows if (share := row.mean("coverage")) is not None}
-    lines.append(("compared", f"{' or '.join(sorted(covered))} of the epochs with the truth"))
+    lines.append(("compared", f"{' or '.join(sorted(covered))} of the epochs have truth"))
     return lines
 
 
@@ -102,50 +104,50 @@ def notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
             lines.append((row.label, share + row.fault))
         if row.scored_against is not None:
             lines += [("lost", text) for text in row.scored_against.lost]
-        told = [text for outcome in row.good.values() for text in outcome.warnings]
-        for text in dict.fromkeys(told):
-            count = f" ({told.count(text)} of {len(row.seeds)} runs)" if len(row.seeds) > 1 else ""
+        texts = [text for outcome in row.good.values() for text in outcome.warnings]
+        for text in dict.fromkeys(texts):
+            count = f" ({texts.count(text)} of {len(row.seeds)} runs)" if len(row.seeds) > 1 else ""
             lines.append(("warning", (text if row.label in text else f"{row.label}: {text}") + count))
     return list(dict.fromkeys(lines))
 
 
 def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
-    """Return the text for the terminal; colour only where a terminal shows it."""
+    """Return the text for the terminal, in colour only on a terminal."""
     blocks: list[str] = []
     groups = grouped(rows)
     for log, group in groups.items():
         blocks += [_title(log, colour), pairs(context(group))] if context(group) else [_title(log, colour)]
         if any(row.good for row in group):
             blocks += ["", aligned(error_table(_shown(group))), "", aligned(health_table(group))]
-        if told := notes(group):
-            blocks += ["", pairs(told)]
+        if lines := notes(group):
+            blocks += ["", pairs(lines)]
         blocks += ["", *([_filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
     return "\n".join([*blocks, pairs([("note", LEGEND)]), "", _title(_filled(overall(rows)), colour)])
 
 
 def markdown(rows: Sequence[ComparisonRow], pictures: Sequence[tuple[str, str]]) -> str:
-    """Return compare.md; the pictures, file name and caption, lie beside it."""
+    """Return compare.md; the figures, file name and caption, are beside it."""
     parts = ["# Comparison", f"**{overall(rows)}.**"]
     for log, group in grouped(rows).items():
         parts += [f"## {log}", _bullets(context(group))] if context(group) else [f"## {log}"]
         if any(row.good for row in group):
             parts += [piped(error_table(_shown(group))), piped(health_table(group))]
-        if told := notes(group):
-            parts.append(_bullets(told))
+        if lines := notes(group):
+            parts.append(_bullets(lines))
         parts.append(f"{best_method_sentence(group)}.")
-    parts += [LEGEND.replace("*", r"\*"), "Every number stands in `compare.json` under its name in `report.json`."]
+    parts += [LEGEND.replace("*", r"\*"), "Every number is in `compare.json` under its name in `report.json`."]
     parts += [f"![{caption}]({name})\n\n*{caption}*" for name, caption in pictures]
     return "\n\n".join(parts) + "\n"
 
 
 def _shown(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
-    """Return the rows that have numbers: the first of them is what others are compared with."""
+    """Return the rows that have numbers; the others are compared with the first of them."""
     return [row for row in rows if row.good]
 
 
 def _mean_se(row: ComparisonRow, metric: str) -> str:
-    told = row_metrics(row)
-    mean, se = told[metric], told.get(f"{metric}_se")
+    metrics = row_metrics(row)
+    mean, se = metrics[metric], metrics.get(f"{metric}_se")
     if mean is None:
         return ""
     return f"{mean:.3f}" if se is None else f"{mean:.3f} ± {se:.3f}"
@@ -183,7 +185,7 @@ def _bullets(lines: Sequence[tuple[str, str]]) -> str:
 
 
 def _filled(text: str) -> str:
-    """Wrap a sentence; no number is parted from its unit."""
+    """Wrap a sentence without separating numbers from units."""
     tied = re.sub(r"(?<=\d) (?=%|m\b)", "\xa0", text)
     return textwrap.fill(tied, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
 

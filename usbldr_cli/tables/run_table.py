@@ -1,4 +1,4 @@
-"""The terminal's table of one run: plain text within 100 columns, metres and seconds, ending in the verdict."""
+"""The terminal's table of one run: plain text within 100 columns, in metres and seconds."""
 
 import textwrap
 from collections.abc import Sequence
@@ -7,16 +7,16 @@ from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.report_text import Table, context, error_table, health_lines, leave_one_out_table, method_table
 
 WIDTH = 100  # [columns] of a usual terminal window
-LABEL = 13  # [columns] columns that the longest label needs, with its gap
+LABEL = 13  # [columns] of the longest label and a gap
 
 
 def render(run: Run, colour: bool = False) -> str:
-    """Return the whole table; colour only where a terminal shows it."""
+    """Return the whole table, in colour only on a terminal."""
     blocks = [_title(f"{run.label} on {run.log.path.name}", colour), pairs(context(run))]
     if run.scored.report is not None:
         blocks += ["", aligned(error_table(run.scored.report)), "", aligned(method_table(run))]
-    if told := health_lines(run):
-        blocks += ["", pairs(told)]
+    if lines := health_lines(run):
+        blocks += ["", pairs(lines)]
     if run.without_fixes:
         blocks += ["", aligned(leave_one_out_table(run))]
     if run.warnings:
@@ -26,24 +26,24 @@ def render(run: Run, colour: bool = False) -> str:
 
 
 def aligned(table: Table) -> str:
-    """Set a table: labels to the left, numbers to the right."""
+    """Return a table as text: labels to the left, numbers to the right."""
     lines = [(table.title, *table.heads), *table.rows]
     label = max(LABEL, *(len(line[0]) + 1 for line in lines))
     widths = [max(len(line[k]) for line in lines) + 2 for k in range(1, len(lines[0]))]
-    set_lines = [
+    texts = [
         line[0].ljust(label) + "".join(cell.rjust(width) for cell, width in zip(line[1:], widths, strict=True))
         for line in lines
     ]
-    return "\n".join(line.rstrip() for line in set_lines)
+    return "\n".join(line.rstrip() for line in texts)
 
 
 def pairs(lines: Sequence[tuple[str, str]]) -> str:
-    """Set labelled sentences, wrapped under themselves."""
+    """Return labelled sentences, wrapped with a hanging indent."""
     return "\n".join(wrap_labelled(label, text) for label, text in lines)
 
 
 def wrap_labelled(label: str, text: str) -> str:
-    """Set one labelled sentence."""
+    """Return one labelled sentence, wrapped with a hanging indent."""
     return textwrap.fill(
         text,
         WIDTH,

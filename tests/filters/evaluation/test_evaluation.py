@@ -374,15 +374,17 @@ def with_mean(name: str, metres: float):
 def test_the_verdict_compares_with_doing_without() -> None:
     usbl, dr = with_mean("usbl", 1.0), with_mean("dr", 2.3)
 
-    def said(name: str, metres: float) -> str:
+    def line(name: str, metres: float) -> str:
         return summary_sentence(with_mean(name, metres), [usbl, dr])
 
-    assert said("cpf", 0.69) == "cpf 0.69 m: 31 % better than the raw USBL, 70 % than DR"
-    assert said("cpf", 1.15) == "cpf 1.15 m: 15 % worse than the raw USBL, 50 % better than DR"
-    assert said("cpf", 6.9) == "cpf 6.90 m: 6.9 times worse than the raw USBL, 3.0 times than DR"
-    assert said("ekf", 1.0) == "ekf 1.00 m: equal to the raw USBL, 57 % better than DR"
-    assert said("usbl", 1.0) == "usbl 1.00 m: 57 % better than DR"
-    assert summary_sentence(usbl) == "usbl 1.00 m mean horizontal error"
+    assert line("cpf", 0.69) == "cpf: mean horizontal error 0.69 m, 31 % better than raw USBL, 70 % better than DR"
+    assert line("cpf", 1.15) == "cpf: mean horizontal error 1.15 m, 15 % worse than raw USBL, 50 % better than DR"
+    assert (
+        line("cpf", 6.9) == "cpf: mean horizontal error 6.90 m, 6.9 times worse than raw USBL, 3.0 times worse than DR"
+    )
+    assert line("ekf", 1.0) == "ekf: mean horizontal error 1.00 m, equal to raw USBL, 57 % better than DR"
+    assert line("usbl", 1.0) == "usbl: mean horizontal error 1.00 m, 57 % better than DR"
+    assert summary_sentence(usbl) == "usbl: mean horizontal error 1.00 m"
 
 
 def uib_field(field_logs: Path, name: str) -> tuple[Trajectory, Truth, int]:

@@ -143,14 +143,14 @@ def test_what_was_found_is_added_to_what_was_stated_and_all_else_stays_as_it_was
     assert "  # 0.01 stated, +0.01" in text
     assert "# [start]\n# east_m = 0.0\n" in text
     assert "# usbl bias east: " in text
-    assert "left out: it wanders" in text
+    assert "left out: it drifts" in text
 
 
-def test_an_error_that_the_dive_hardly_told_is_left_out(dive: Path) -> None:
+def test_an_error_that_was_hardly_observable_is_left_out(dive: Path) -> None:
     text = following(dive, "[calibrate]\nscale_sd = 1e-5\n", "scale")
 
     assert tomllib.loads(text) == {"calibrate": {"scale_sd": 1e-5}}
-    assert "left out: that dive hardly told it" in text
+    assert "left out: it was hardly observable" in text
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_a_configuration_of_any_form_is_changed_in_place(dive: Path, own: str, k
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("-f", "dr"), "dr is no filter, so it finds no errors of sensors to write"),
+        (("-f", "dr"), "--write-calibration: dr is not a filter, so it estimates no sensor errors"),
         (("-f", "adf", "--calibrate", "none"), "no errors of sensors are estimated; ask for --calibrate auto"),
     ],
 )

@@ -81,23 +81,23 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
 
     assert sorted(path.name for path in out.iterdir()) == ["fixes.csv", "report.json", "report.md", "track_5hz.csv"]
     assert read_strictly(out / "report.json")["metrics"] is None
-    assert "no truth in paper" in (out / "report.md").read_text()
+    assert "paper has no truth" in (out / "report.md").read_text()
 
 
 @pytest.mark.parametrize(
     ("observed", "hint"),
     [((), "--calibrate auto"), ((StateObservability("scale", 1.0, "not observable"),), "usbldr doctor")],
 )
-def test_a_filter_that_is_far_too_sure_is_told_to_ask_what_was_not_asked_yet(
+def test_the_warning_of_a_far_over_confident_filter_says_what_to_try(
     observed: tuple[StateObservability, ...], hint: str
 ) -> None:
     assert CKF.cov is not None
     log = dataclasses.replace(LOG, assumptions=dataclasses.replace(LOG.assumptions, calibrate=(), observed=observed))
 
-    (said,) = Run(log, TIMELINE, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
+    (warning,) = Run(log, TIMELINE, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
 
-    assert said.startswith("ckf claims to know its place far better than it does")
-    assert hint in said
+    assert warning.startswith("ckf is far over-confident")
+    assert hint in warning
 
 
 def test_report_json_is_strict_and_names_every_metric(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
     usbl = {"family": "Mixture", "share": 0.3, "variance_ratio": 10.0, "per_scalar": True}
     assert report["assumptions"]["usbl"] == usbl
     assert report["files"] == sorted(set(report["files"]) - {"report.json"})
-    assert report["verdict"].startswith("ckf ")
+    assert report["verdict"].startswith("ckf: ")
 
 
 def test_report_json_tells_what_was_made_of_fixes_in_doubt(tmp_path: Path) -> None:
@@ -206,14 +206,14 @@ def test_a_fix_taken_by_axis_is_one_row_with_the_worse_outcome() -> None:
     assert table.innovation_east_m[:3].tolist() == [1.0, 0.5, 30.0]
     assert table.innovation_north_m[:3].tolist() == [-2.0, 9.0, 40.0]
     assert "0.01" in table.why[1]
-    assert "NIS 2500.0 where 2 is right" in table.why[2]
+    assert "NIS 2500.0, expected 2" in table.why[2]
 
 
 def test_report_md_states_the_verdict_the_truth_the_order_the_alignment_and_shows_the_pictures(tmp_path: Path) -> None:
     page = (written(tmp_path, a_run(align="rigid")) / "report.md").read_text()
 
-    assert page.startswith("# ckf on paper\n\n**ckf ")
-    assert "better than the raw USBL" in page
+    assert page.startswith("# ckf on paper\n\n**ckf: ")
+    assert "better than raw USBL" in page
     assert "**truth**: simulated" in page
     assert "61 of 61 epochs (100 % of the run)" in page
     assert "used at their time of validity" in page

@@ -31,8 +31,8 @@ def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:
 
     assert figure is not None
     scale, heading = figure.axes
-    assert scale.get_title(loc="left").endswith("at the end, 0 ± 0.02 before")
-    assert heading.get_title(loc="left").endswith(" deg at the end, 0 ± 5 deg before")
+    assert scale.get_title(loc="left").endswith("at the end (prior 0 ± 0.02)")
+    assert heading.get_title(loc="left").endswith(" deg at the end (prior 0 ± 5 deg)")
     levels = {float(y) for line in scale.lines if line.get_linestyle() == "--" for y in line.get_ydata()}
     assert levels == {-0.04, 0.04}
     value = next(line for line in scale.lines if line.get_label() == "adf")

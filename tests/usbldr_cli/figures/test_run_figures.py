@@ -100,7 +100,7 @@ def test_a_track_is_drawn_with_a_metre_as_long_east_as_north_and_its_fixes_by_fa
 
     assert [axes.get_aspect() for axes in figure.axes] == [1.0, 1.0]
     fates = [label.split(" (")[0] for label in labels(figure)]
-    assert {"truth", "ekf", "dr", "USBL fix", "fix, rejected", "start", "end"} <= set(fates)
+    assert {"truth", "ekf", "dr", "USBL fix used", "USBL fix rejected", "start", "end"} <= set(fates)
     counted = sum(int(label.split("(")[1].rstrip(")")) for label in labels(figure) if "fix" in label)
     assert counted == len(TIMELINE.fix_time_s)
 

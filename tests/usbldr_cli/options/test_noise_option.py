@@ -35,9 +35,9 @@ def test_a_kind_with_its_numbers_is_a_family(text: str, means: tuple) -> None:
         ("usbl=mixture:0.1:1", "variance_ratio: expected number > 1.0"),
         ("usbl=student-t:1.9", "dof: expected number >= 2.0"),
         ("usbl=student-t:nan", "dof = nan is not a finite number"),
-        ("usbl=mixture:x", "'x' is no number for share"),
+        ("usbl=mixture:x", "'x' is not a number for share"),
         ("dvl=contamination:0.1", "the key sd_mps is missing"),
-        ("usbl=contamination:0.1:1:2", "contamination takes share, sd_m, then scalar or record, and no more"),
+        ("usbl=contamination:0.1:1:2", "contamination takes share, sd_m, then optionally scalar or record"),
     ],
 )
 def test_what_is_no_noise_is_a_sentence(text: str, said: str) -> None:

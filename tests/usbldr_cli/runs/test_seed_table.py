@@ -107,7 +107,7 @@ def test_over_several_logs_the_verdict_counts_where_each_was_best() -> None:
     rows = [row("cpf", 1.0), row("ekf", 2.0)]
     rows += [dataclasses.replace(r, log=log) for log in ("b", "c") for r in (row("cpf", 3.0), row("ekf", 2.0))]
 
-    assert overall(rows) == "least mean horizontal error: ekf on 2 of 3 logs (b, c); cpf on 1 of 3 logs (dive)"
+    assert overall(rows) == "lowest mean horizontal error: ekf on 2 of 3 logs (b, c); cpf on 1 of 3 logs (dive)"
 
 
 def test_a_failed_row_carries_its_sentence_and_the_others_their_numbers() -> None:
@@ -137,7 +137,7 @@ def test_a_window_is_told_as_replay_tells_it() -> None:
 
     text = render([ComparisonRow("dive", "ekf", "ekf", (0,), (told,))])
 
-    assert window_text(Window(end_s=20.0)) == "truth rows from the start to 20 s of the log"
+    assert window_text(Window(end_s=20.0)) == "scored from the start to 20 s of the log"
     assert window_text(Window(end_s=20.0)) in " ".join(text.split())
     assert "window" not in render([row("ekf", 1.0)])
 

@@ -65,7 +65,7 @@ def test_truth_order_alignment_and_share_stand_above_the_numbers() -> None:
     assert "truth        simulated: paper/gps" in head
     assert "47 of 61 epochs (77 % of the run)" in head
     assert "14 outside the window" in " ".join(head.split())
-    assert "truth rows from 4 s to 50 s" in head
+    assert "scored from 4 s to 50 s" in head
     assert "used at their time of validity" in head
     assert "first epoch moved onto the first truth row (shifted" in head
 
@@ -83,7 +83,7 @@ def test_outages_and_warnings_are_told() -> None:
 
     text = render(run)
 
-    assert "dvl 4.0 s at 5 s; usbl 2, the longest 12.5 s at 10 s" in text
+    assert "dvl 4.0 s at 5 s; usbl 2, longest 12.5 s at 10 s" in text
     assert "warning      ESS stays below 5 %" in text
 
 
@@ -94,7 +94,7 @@ def test_a_run_without_truth_has_a_table_without_errors() -> None:
 
     assert "truth        none" in text
     assert "rmse" not in text
-    assert text.endswith("cpf: no truth in paper, so nothing to judge it by")
+    assert text.endswith("cpf: paper has no truth, so there are no errors")
 
 
 def test_numbers_are_set_to_the_right_under_their_heads() -> None:
