@@ -233,7 +233,7 @@ def test_what_does_not_fit_together_is_told_before_anything_runs(arguments: tupl
 
 
 def test_a_misspelt_log_is_told_before_anything_runs(dive: Path) -> None:
-    with pytest.raises(LogError, match="papr: no such file or folder, nor a scenario"):
+    with pytest.raises(LogError, match="papr: no such file, folder or scenario"):
         output_of("compare", dive, "papr", "--calibrate", "none")
 
 

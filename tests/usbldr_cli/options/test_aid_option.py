@@ -23,11 +23,11 @@ def test_windows_come_in_their_order_of_time() -> None:
     [
         ("usbl@0:60", "write gps@FROM:TO"),
         ("gps", "write gps@FROM:TO"),
-        ("gps@", "'' is no window"),
-        ("gps@0-60", "'0-60' is no window"),
-        ("gps@60:0", "which 60:0 does not"),
-        ("gps@-5:60", "which -5:60 does not"),
-        ("gps@0:inf", "which 0:inf does not"),
+        ("gps@", "'' is not a window"),
+        ("gps@0-60", "'0-60' is not a window"),
+        ("gps@60:0", "the window 60:0 must start"),
+        ("gps@-5:60", "the window -5:60 must start"),
+        ("gps@0:inf", "the window 0:inf must start"),
         ("gps@0:60,50:70", "a window starts at 50 s before another has ended at 60 s"),
     ],
 )

@@ -61,5 +61,5 @@ def test_a_scenario_takes_no_topics(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_what_is_neither_file_nor_scenario_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
-    with pytest.raises(LogError, match=r"gone\.mcap: no such file or folder, nor a scenario \(scenarios: .*paper"):
+    with pytest.raises(LogError, match=r"gone\.mcap: no such file, folder or scenario \(scenarios: .*paper"):
         opened("gone.mcap")
