@@ -1,4 +1,4 @@
-"""Tracks without a filter: dead reckoning, raw USBL fixes, one nudged by the other, and where to start."""
+"""Tracks without a filter: dead reckoning, raw USBL fixes, and dead reckoning shifted to the fixes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from usbldr.filters.types import Array, Timeline, Trajectory, Vector
 
 
 class Anchor(NamedTuple):
-    """Where dead reckoning is tied to the map."""
+    """A known position of dead reckoning."""
 
     position_m: Vector  # (2,) east, north
     time_s: float
@@ -21,8 +21,8 @@ class Anchor(NamedTuple):
 def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajectory:
     """Integrate DVL and compass by the trapezoidal rule on the fast grid, so that the track meets start_m.
 
-    ``start_m`` (2,) is east, north at ``start_time_s``, which may lie anywhere in the log: the track reaches back too.
-    States psi, u, v, x, y at all K epochs; no covariance, because dead reckoning has no account of its drift.
+    ``start_m`` (2,) is east, north at ``start_time_s``, any time of the log; the track also extends before it.
+    States psi, u, v, x, y at all K epochs; no covariance.
     """
     moved = displacement_m(timeline)
     position = moved - interpolate(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
@@ -33,8 +33,8 @@ def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajec
 def nudge(timeline: Timeline) -> Trajectory:
     """Return dead reckoning shifted by the offset of the fixes, interpolated in time: what seabed mapping often does.
 
-    It passes through every fix, gross errors and all; before the first and after the last fix the offset is held.
-    States as of `dr`. Raises LogError where there is no fix.
+    It passes through every fix, outliers included; before the first and after the last fix the offset is constant.
+    States as in `dr`. Raises LogError if there is no fix.
     """
     if not len(timeline.fix_time_s):
         raise LogError("the log has no USBL fix to nudge dead reckoning by")
@@ -47,7 +47,7 @@ def nudge(timeline: Timeline) -> Trajectory:
 
 
 def usbl(timeline: Timeline) -> Trajectory:
-    """Return the raw fixes at their own times of validity; raises LogError where there is none."""
+    """Return the raw fixes at their own times of validity; raises LogError if there is none."""
     if not len(timeline.fix_time_s):
         raise LogError("the log has no USBL fix, so there is no raw USBL track")
     return Trajectory("usbl", ("x", "y"), timeline.fix_time_s, timeline.fix_m, cov=None)
@@ -56,11 +56,11 @@ def usbl(timeline: Timeline) -> Trajectory:
 def start_position(
     timeline: Timeline, time_s: Vector, fix_m: Array, count: int = 5, least_sd_m: float = 3.0
 ) -> tuple[Vector, float]:
-    """Return the position at time 0 that the first of some fixes tell, (2,), and its 1-sigma per axis.
+    """Return the position at time 0 from the first fixes, (2,), and its 1-sigma per axis.
 
-    Each fix is carried back by the dead-reckoned displacement since time 0; the median bears two gross errors in five.
-    The sigma is the fixes' median absolute deviation (of the axis that spreads more), not below ``least_sd_m``: a plain
-    spread would let one gross fix open the start so wide that a filter believes the next one.
+    Each fix is carried back by the dead-reckoned displacement since time 0; the median tolerates two outliers in five.
+    The sigma is the median absolute deviation of the fixes (of the wider axis), at least ``least_sd_m``: with a plain
+    standard deviation one outlier would widen the start so far that a filter accepts the next one.
     """
     carried = fix_m[:count] - interpolate(timeline, displacement_m(timeline), time_s[:count])
     position = np.median(carried, axis=0)
@@ -69,10 +69,10 @@ def start_position(
 
 
 def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], count: int = 5) -> Array:
-    """Return by how much a unit of each state moves the position that the first fixes tell of time 0, (2, n).
+    """Return the derivative of the start position by each state, (2, n).
 
-    ``time_s`` (F,) are those of the fixes. It is 0 for what is no error of DVL or compass. A fix that comes after
-    minutes is carried back by hundreds of metres of dead reckoning, and whatever ails those is in the start, too.
+    ``time_s`` (F,) are those of the fixes. It is 0 except for errors of DVL and compass. A first fix after minutes is
+    carried back by hundreds of metres of dead reckoning, whose error enters the start.
     """
     drift = np.column_stack([integrate(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
     mean: Vector = interpolate(timeline, drift, time_s[:count]).mean(axis=0)
@@ -80,7 +80,7 @@ def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], 
 
 
 def displacement_m(timeline: Timeline) -> Array:
-    """Return how far east and north dead reckoning has moved since the first epoch, (K, 2)."""
+    """Return the displacement of dead reckoning east and north since the first epoch, m, (K, 2)."""
     return integrate(timeline, velocity_mps(timeline))
 
 
@@ -90,7 +90,7 @@ def velocity_mps(timeline: Timeline) -> Array:
 
 
 def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
-    """Return for each state how fast dead reckoning should have moved besides, per its unit, (K, 2): see sensors.py."""
+    """Return the correction of the dead-reckoned velocity per unit of each state, (K, 2) each: see sensors.py."""
     V, yaw = velocity_mps(timeline), timeline.dr_yaw_rad
     turned_V = np.column_stack([-V[:, 1], V[:, 0]])
     by_state = {

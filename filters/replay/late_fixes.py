@@ -1,8 +1,8 @@
-"""In which order a filter comes to know of late fixes: at their time of validity, or when they arrived.
+"""Late fixes: used at their time of validity, or when they arrived.
 
-Offline a fix can be used at the instant that it tells of. A vehicle under way hears of it later: it then goes back to
-the belief of that instant, takes the fix in, and runs forward again. Beliefs are immutable, so going back is keeping
-them; chance goes by the epoch, so a step that is run again repeats itself.
+Offline a fix is used at its time of validity. On the vehicle it arrives later: the filter then returns to its belief
+before that time, uses the fix, and runs forward again. Beliefs are immutable, so the driver keeps the last ones; random
+numbers depend on seed and epoch, so a repeated step gives the same result.
 """
 
 import functools
@@ -17,15 +17,15 @@ from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Update
 
 Belief = TypeVar("Belief")
-MAX_FIX_DELAY_S = 10.0  # a fix that comes later than this is not used
+MAX_FIX_DELAY_S = 10.0  # later fixes are not used
 
 
 class EpochEstimate(NamedTuple):
-    """What is known at an epoch when it is reached."""
+    """The estimate at an epoch when it is reached."""
 
     epoch: int
     estimate: Estimate
-    updates: Mapping[int, Sequence[Update]]  # of each step that was run, or run again
+    updates: Mapping[int, Sequence[Update]]  # epoch -> updates, of each step that was run or repeated
 
 
 def by_validity(estimator: Filter[Belief], belief: Belief, source: StepSource, seed: int) -> Iterator[EpochEstimate]:
@@ -59,7 +59,7 @@ def by_arrival(
 
 
 def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> int:
-    """Return how many fixes came so late that `by_arrival` never uses them, or after the end."""
+    """Return how many fixes arrived too late for `by_arrival`, or after the end."""
     used, arrived = source.arrivals()
     t = source.time_s
     inside = arrived < len(t)

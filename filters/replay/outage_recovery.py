@@ -1,8 +1,8 @@
-"""What the first USBL fixes after a silence say of the track: the price of dead reckoning, told without any truth.
+"""Residual of the first USBL fixes after an outage: the drift of dead reckoning, measured without truth.
 
-While no fix comes the position's covariance grows. Where the fixes then lie, in terms of what the filter says that it
-does not know, shows whether it grew enough; and whether the track went there, whether it believes them. A robust
-likelihood that is too sure of itself takes them all for outliers. Metres, east and north.
+Without fixes the covariance of the position grows. The residual in sigmas shows whether it grew enough, and the
+correction shows whether the filter accepted the fixes: if it is over-confident, a robust likelihood takes them all for
+outliers. Metres, east and north.
 """
 
 import math
@@ -19,25 +19,25 @@ from usbldr.filters.models.states import MOTION_STATES, POSITION, StateLayout
 from usbldr.filters.replay.position_fixes import usbl_fixes
 from usbldr.filters.types import Array, OutageRecovery, Timeline, Vector
 
-MAX_RECOVERY_FIXES, MIN_RECOVERY_FIXES = 5, 3  # fixes: their median bears two gross errors in five
-FALSE_ALARM_PROBABILITY = 0.001  # of a warning where the covariance is right
+MAX_RECOVERY_FIXES, MIN_RECOVERY_FIXES = 5, 3  # fixes: their median tolerates two outliers in five
+FALSE_ALARM_PROBABILITY = 0.001  # of a warning if the covariance is right
 
 
 def outage_recoveries(
     timeline: Timeline, assumptions: Assumptions, layout: StateLayout, mean: Array, cov: Array
 ) -> tuple[OutageRecovery, ...]:
-    """Return one for each silence of the USBL that ended in the log.
+    """Return one recovery for each USBL outage that ended in the log.
 
-    ``mean`` (K, n) and ``cov`` (K, n, n) are those of each epoch as it was known then, never smoothed ones.
+    ``mean`` (K, n) and ``cov`` (K, n, n) are the filtered ones of each epoch, never smoothed ones.
     """
     fixes, t = usbl_fixes(timeline, assumptions, layout), timeline.time_s
     usbl_outages = [outage for outage in timeline.outages if outage.sensor == "usbl"]
-    constant = slice(len(MOTION_STATES), None)  # what a fix tells of them is not known without it
-    read = np.zeros((2, len(layout)))  # what a fix says of each state, but for its latency
-    read[[0, 1], POSITION] = 1.0
+    constant = slice(len(MOTION_STATES), None)  # calibration states, which change by the fixes alone
+    H = np.zeros((2, len(layout)))  # of a fix, without its latency
+    H[[0, 1], POSITION] = 1.0
     for axis, row in enumerate(layout.existing(*STATES["usbl-bias"])):
-        read[axis, row] = 1.0
-    found: list[OutageRecovery] = []
+        H[axis, row] = 1.0
+    recoveries: list[OutageRecovery] = []
     for outage in usbl_outages:
         until_s = min((other.start_s for other in usbl_outages if other.start_s >= outage.end_s), default=t[-1])
         rows = np.flatnonzero((fixes.time_s >= outage.end_s - 1e-9) & (fixes.time_s <= until_s + 1e-9))[
@@ -46,8 +46,8 @@ def outage_recoveries(
         start, end = np.searchsorted(t, (outage.start_s, outage.end_s - 1e-9)).tolist()
         if len(rows) < MIN_RECOVERY_FIXES or not end:
             continue
-        last = end - 1  # the epoch before the first of them
-        predicted = mean.T.copy()  # where the track would have gone from there without them
+        last = end - 1  # the epoch before the first fix
+        predicted = mean.T.copy()  # the track without these fixes
         predicted[POSITION, last:] = mean[last, POSITION, None] + _displacement_m(mean[last:].T, t[last:])
         predicted[constant, last:] = mean[last, constant, None]
         epochs = np.searchsorted(t, fixes.time_s[rows] - 1e-9)
@@ -60,14 +60,14 @@ def outage_recoveries(
         )
         median_residual_m = np.median(offsets_m, axis=0)
         stated_m2 = fixes.cov_m2[rows].mean(axis=0).diagonal()
-        seen_m2 = (1.4826 * np.median(np.abs(offsets_m - median_residual_m), axis=0)) ** 2
-        median_m2 = math.pi / 2 / len(rows) * np.diag(np.maximum(stated_m2, seen_m2))
+        scatter_m2 = (1.4826 * np.median(np.abs(offsets_m - median_residual_m), axis=0)) ** 2
+        median_m2 = math.pi / 2 / len(rows) * np.diag(np.maximum(stated_m2, scatter_m2))
         P = cov[[min(start, last), last]][:, POSITION][:, :, POSITION]
         start_m, end_m = np.sqrt(np.linalg.eigvalsh(P)[:, -1]).tolist()
-        expected_m2 = read @ cov[last] @ read.T + median_m2
+        expected_m2 = H @ cov[last] @ H.T + median_m2
         sigmas = math.sqrt(float(nees(median_residual_m[None], expected_m2[None])[0]))
         correction_m = mean[epochs[-1], POSITION] - predicted[POSITION, epochs[-1]]
-        found.append(
+        recoveries.append(
             OutageRecovery(
                 outage.start_s,
                 outage.end_s,
@@ -78,23 +78,22 @@ def outage_recoveries(
                 math.hypot(*correction_m),
             )
         )
-    return tuple(found)
+    return tuple(recoveries)
 
 
 def _displacement_m(x: Array, time_s: Vector) -> Array:
-    """Return how far the velocity of the states, (n, K), leads from the first of the epochs, (2, K)."""
+    """Return the displacement since the first epoch, (2, K), from the velocity of the states, (n, K)."""
     V = rotated(x[0], x[1:3].T).T
     steps = (V[:, 1:] + V[:, :-1]) / 2 * np.diff(time_s)
     return np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
 
 
 def recovery_warning(one: OutageRecovery) -> str | None:
-    """Say that the fixes lay further off than the covariance allowed, where they did."""
+    """Return a warning if the residual exceeds what the covariance allows; None otherwise."""
     if one.sigmas**2 <= chi_square_quantile(1 - FALSE_ALARM_PROBABILITY, 2):
         return None
     return (
-        f"the USBL came back at {one.end_s:.1f} s after {one.end_s - one.start_s:.0f} s and its fixes lay "
-        f"{one.residual_m:.1f} m from the track, {one.sigmas:.1f} times what can be; the first moved it by "
-        f"{one.correction_m:.1f} m: an error of DVL or compass that is not estimated (--calibrate auto), or false "
-        "fixes (--guard)"
+        f"after a USBL outage of {one.end_s - one.start_s:.0f} s the first fixes at {one.end_s:.1f} s are "
+        f"{one.residual_m:.1f} m from the track ({one.sigmas:.1f} sigma) and moved it by {one.correction_m:.1f} m: "
+        "estimate the errors of DVL and compass (--calibrate auto), or reject outliers (--guard)"
     )

@@ -1,7 +1,7 @@
-"""Surfacing as an aid: GPS fixes in windows that the user states are measurements, and judge nobody there.
+"""Position fixes: USBL, and GPS in the windows in which it aids the filter instead of being its truth.
 
-The first of the systems that the paper's introduction names: a vehicle that navigates by GPS, AHRS and DVL and comes up
-for its fixes. Everywhere else GPS is the truth and never reaches a filter. A window is a pair of seconds of the log,
+The paper's introduction names such a vehicle: it navigates by GPS, AHRS and DVL and surfaces for fixes. Outside these
+windows GPS is the truth and never reaches a filter. A window is a pair of seconds since the start of the log,
 both ends included.
 """
 
@@ -17,21 +17,21 @@ from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Array, Indices, Timeline, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
-DEFAULT_GPS_SD_M = 3.0  # where a log does not say
+DEFAULT_GPS_SD_M = 3.0  # if the log states none
 
 
 class PositionFixes(NamedTuple):
-    """F fixes of one sensor as a filter takes them, by time of validity."""
+    """F fixes of one sensor as a filter uses them, by time of validity."""
 
     sensor: str  # "usbl" or "gps"
     row: Indices  # (F,) which fix of the Timeline
     time_s: Vector  # (F,)
-    received_s: Vector  # (F,) when the vehicle knew of it
+    received_s: Vector  # (F,) when it reached the vehicle
     position_m: Array  # (F, 2) east, north
     cov_m2: Array  # (F, 2, 2)
     family: NoiseFamily
     lever_m: LeverArm  # the transponder or the antenna on the vehicle
-    layout: StateLayout  # with the states that err with this sensor
+    layout: StateLayout  # with the error states of this sensor
 
 
 def usbl_fixes(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> PositionFixes:
@@ -43,7 +43,7 @@ def usbl_fixes(timeline: Timeline, assumptions: Assumptions, layout: StateLayout
 
 
 def gps_fixes(timeline: Timeline, assumptions: Assumptions) -> PositionFixes:
-    """Return the GPS fixes inside the windows; none of the errors that are states is a satellite receiver's."""
+    """Return the GPS fixes inside the windows; no sensor error applies to them."""
     rows = np.flatnonzero(in_windows(timeline.gps_time_s, assumptions.aid))
     sd_m = np.full(len(rows), DEFAULT_GPS_SD_M) if timeline.gps_sd_m is None else timeline.gps_sd_m[rows]
     sd_m = np.where(sd_m > 0, sd_m, DEFAULT_GPS_SD_M)
@@ -58,5 +58,5 @@ def require_gps(timeline: Timeline, windows: Sequence[TimeWindow], source: str) 
     t = timeline.gps_time_s[timeline.gps_time_s <= timeline.time_s[-1]]
     for window in windows:
         if not in_windows(t, [window]).any():
-            there = f"its GPS fixes lie between {t[0]:.1f} and {t[-1]:.1f} s" if len(t) else "it has none at all"
+            there = f"it has GPS fixes from {t[0]:.1f} to {t[-1]:.1f} s" if len(t) else "it has no GPS fixes"
             raise LogError(f"{source}: no GPS fix to aid a filter from {windows_text([window])} of the log ({there})")

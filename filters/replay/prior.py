@@ -1,4 +1,4 @@
-"""Where a filter or dead reckoning starts: at a stated start, or where the first fixes say that the vehicle was."""
+"""The prior of a filter and the anchor of dead reckoning: a stated start, or the first fixes."""
 
 import math
 
@@ -16,20 +16,20 @@ from usbldr.filters.replay.position_fixes import PositionFixes, gps_fixes, usbl_
 from usbldr.filters.types import Array, Timeline, Truth, Vector
 
 NO_START_TEXT = (
-    "no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or let GPS aid "
-    "it where the vehicle is at the surface (--aid gps@FROM:TO)"
+    "no USBL fix gives a filter its start: state [start] east_m, north_m, sd_m in the configuration, or use GPS fixes "
+    "at the surface (--aid gps@FROM:TO)"
 )
 
 
 def prior(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> Prior:
-    """Return the belief at the first epoch: a stated start, or what the first fixes say.
+    """Return mean (n,) and covariance (n, n) at the first epoch, from the stated start or the first fixes.
 
-    Yaw and velocity start at the first compass and DVL records with a wide sigma: those records are measured again. A
-    compass that errs tells only the sum of yaw and its errors, so the prior ties them to each other, and the yaw is as
-    wide as they and one record are; so it does with the position where fixes are carried back by sensors that err.
-    Raises LogError where nothing tells the position.
+    Yaw and velocity start at the first compass and DVL records with a wide sigma, as the filter uses these records
+    again. A compass with error states measures only the sum of yaw and errors, so the prior correlates them; likewise
+    position and sensor errors if fixes are carried back by dead reckoning. Raises LogError if nothing gives the
+    position.
     """
-    carried = np.zeros((2, len(layout)))  # what carrying the fixes back makes of each error of the sensors
+    carried = np.zeros((2, len(layout)))  # start position by each sensor error, from carrying the fixes back
     if assumptions.start is not None:
         position = np.array([assumptions.start.east_m, assumptions.start.north_m])
         position_sd_m = assumptions.start.sd_m
@@ -56,21 +56,21 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> 
     mean, sd = np.array([known[name] for name in layout.names]).T
     P = np.diag(sd**2)
     h = {"heading_bias": 1.0, "deviation_sin": math.sin(yaw_rad), "deviation_cos": math.cos(yaw_rad)}
-    seen = {layout.index(name): share for name, share in h.items() if name in layout.names}
-    if seen:
-        psi, rows, share = layout.index("psi"), list(seen), np.array(list(seen.values()))
+    errors = {layout.index(name): share for name, share in h.items() if name in layout.names}
+    if errors:
+        psi, rows, share = layout.index("psi"), list(errors), np.array(list(errors.values()))
         P[psi, psi] = float(timeline.yaw_sd_rad[0]) ** 2 + share**2 @ sd[rows] ** 2
         P[psi, rows] = P[rows, psi] = -share * sd[rows] ** 2
-    place = list(layout.rows("x", "y"))
-    tied = carried @ P
-    P[place] += tied
-    P[:, place] += tied.T
-    P[np.ix_(place, place)] += tied @ carried.T
+    position_rows = list(layout.rows("x", "y"))
+    cross = carried @ P
+    P[position_rows] += cross
+    P[:, position_rows] += cross.T
+    P[np.ix_(position_rows, position_rows)] += cross @ carried.T
     return Prior(mean, P)
 
 
 def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector, Array]:
-    """Return times and places of the fixes that tell where a filter starts: USBL, or GPS that aids before it; or none.
+    """Return times and positions of the fixes at the start: USBL, or aiding GPS if it is earlier; may be empty.
 
     (F,) and (F, 2).
     """
@@ -80,16 +80,16 @@ def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector
 
 
 def vehicle_positions_m(timeline: Timeline, fixes: PositionFixes) -> Array:
-    """Return where the vehicle's reference point was by fixes of a transponder or an antenna beside it, (F, 2)."""
+    """Return the positions of the vehicle's reference point from fixes of its transponder or antenna, (F, 2)."""
     yaw = np.interp(fixes.time_s, timeline.time_s, timeline.dr_yaw_rad)
     return fixes.position_m - rotated(yaw, np.array(fixes.lever_m[:2]))
 
 
 def find_anchor(where: str, timeline: Timeline, assumptions: Assumptions, truth: Truth | None) -> Anchor | None:
-    """Return the anchor "start", "first-fix", "first-gps" or "first-truth" of a log, None where it has no such thing.
+    """Return the anchor "start", "first-fix", "first-gps" or "first-truth" of a log, None if the log lacks it.
 
-    "start" is the stated start, else the first fixes: what a filter starts from too. A single fix may be a gross
-    error, so "first-fix" is the median of the first five.
+    "start" is the stated start, else the first fixes: as for a filter. A single fix may be an outlier,
+    so "first-fix" is the median of the first five.
     """
     if where == "start" and assumptions.start is not None:
         start = assumptions.start

@@ -1,4 +1,4 @@
-"""What a filter is given at each epoch: the records of its interval, and the fixes that it is the first to use.
+"""The measurements of each epoch: the records of its interval, and the fixes valid since the epoch before.
 
 A DVL or compass record belongs to the epoch in whose interval it lies. A fix is used at the first epoch at or after its
 time of validity, with its offset, however late it arrived.
@@ -59,7 +59,7 @@ class VehicleMeasurements:
         self.dvl_sd_mps = assumptions.dvl_sd_scale * timeline.dvl_sd_mps
 
     def at(self, k: int) -> Iterator[Measurement]:
-        """Yield what the epoch has; n averaged records have R / n."""
+        """Yield the measurements of epoch k; n averaged records have R / n."""
         line = self.timeline
         time_s = float(line.time_s[k])
         if line.yaw_count[k]:
@@ -82,7 +82,7 @@ class FixMeasurements:
         self.first_epoch = np.searchsorted(epochs_s, fixes.time_s, side="left")
 
     def at(self, k: int, received_by_s: float) -> Iterator[Measurement]:
-        """Yield the fixes that epoch k uses and that had arrived by known_s, as seen from the epoch."""
+        """Yield the fixes that epoch k uses and that arrived by ``received_by_s``, with their offset from it."""
         sensor, rows, times_s, received_s, positions_m, covs_m2, family, lever_m, layout = self.fixes
         for f in range(*np.searchsorted(self.first_epoch, (k, k + 1)).tolist()):
             if received_s[f] > received_by_s:
@@ -93,7 +93,7 @@ class FixMeasurements:
 
 
 def _scalar_noise(family: NoiseFamily) -> Callable[[float, int], Noise]:
-    """Return a function from one record's sigma and how many were averaged to the modes of a scalar."""
+    """Return a function from the sigma of one record and the number of averaged records to the modes of a scalar."""
 
     @functools.lru_cache(maxsize=1024)
     def modes(sd: float, count: int) -> Noise:

@@ -220,21 +220,21 @@ def test_a_return_is_told_by_its_first_fixes_and_by_what_was_known_before_them()
 
 
 @pytest.mark.parametrize("scale", [0.03, 0.06])
-def test_a_vehicle_that_drifted_unseen_is_told_of_when_the_fixes_come_back_and_found(scale: float) -> None:
-    """A small error is followed at once; a large one is doubted first, and believed within 20 s."""
+def test_drift_in_an_outage_is_reported_when_the_fixes_return_and_corrected(scale: float) -> None:
+    """A small error is corrected at once; a large one is rejected first and accepted within 20 s."""
     scene = scenario(("usbl",), 90.0, 60.0)
     scene = replace(scene, dvl=replace(scene.dvl, scale_error=scale))
     for dive in dives(scene, "adf", 3):
         (one,) = dive.track.recoveries
-        (said,) = [text for text in dive.track.warnings if "came back" in text]
+        (warning,) = [text for text in dive.track.warnings if "after a USBL outage" in text]
         error_m = np.hypot(*dive.error_m[[150 * HZ - 1, 175 * HZ]].T)
 
         assert one.residual_m == pytest.approx(error_m[0], abs=1.5)
         assert error_m[1] < error_m[0] / 2
-        assert said.startswith("adf: the USBL came back at 150.0 s after 61 s and its fixes lay ")
+        assert warning.startswith("adf: after a USBL outage of 61 s the first fixes at 150.0 s are ")
 
 
-def test_a_smoothed_track_tells_the_same_return_as_the_filter_behind_it() -> None:
+def test_a_smoothed_track_reports_the_same_recoveries_as_its_filter() -> None:
     log = simulated_log(scenario(("usbl",), 90.0, 60.0), 0)
     line = timeline(log)
 

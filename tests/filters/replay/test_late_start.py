@@ -80,8 +80,8 @@ def test_without_usbl_it_is_said_what_to_state(log: Path) -> None:
     with pytest.raises(LogError) as fault:
         replayed(log, "-f", "adf")
     assert str(fault.value) == (
-        f"{log}: no USBL fix tells where a filter starts: state [start] east_m, north_m, sd_m in the configuration, or "
-        "let GPS aid it where the vehicle is at the surface (--aid gps@FROM:TO)"
+        f"{log}: no USBL fix gives a filter its start: state [start] east_m, north_m, sd_m in the configuration, or "
+        "use GPS fixes at the surface (--aid gps@FROM:TO)"
     )
 
     with pytest.raises(

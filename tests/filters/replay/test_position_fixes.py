@@ -176,5 +176,5 @@ def test_a_window_without_gps_is_refused_with_what_there_is() -> None:
         require_gps(timeline(), ((3.0, 5.0), (40.0, 60.0)), "dive.mcap")
 
     assert str(told.value) == (
-        "dive.mcap: no GPS fix to aid a filter from 40 to 60 s of the log (its GPS fixes lie between 0.0 and 30.0 s)"
+        "dive.mcap: no GPS fix to aid a filter from 40 to 60 s of the log (it has GPS fixes from 0.0 to 30.0 s)"
     )

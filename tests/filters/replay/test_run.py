@@ -139,7 +139,7 @@ def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_i
     np.testing.assert_allclose(stated.mean, [0, 0, 1, 0, 5, -2])
     np.testing.assert_allclose(told.mean, [0, 0, 1, 0, 0, 0], atol=1e-9)
     assert told.cov[4, 4] >= 9
-    with pytest.raises(LogError, match=r"no USBL fix tells where a filter starts: state \[start\]"):
+    with pytest.raises(LogError, match=r"no USBL fix gives a filter its start: state \[start\]"):
         prior(timeline(fixes=()), Assumptions(), StateLayout())
 
 
