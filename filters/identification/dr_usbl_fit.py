@@ -1,10 +1,10 @@
-"""Dead reckoning held against USBL fixes, without any truth: turn, scale, delays and gross fixes.
+"""Fit dead reckoning to the USBL fixes, without truth: rotation, scale, delays and outliers.
 
 The turn and shift between the two tracks are the closed form of S. Umeyama, IEEE Trans. PAMI 13(4), 1991,
-doi:10.1109/34.88573, with P. J. Huber's weights against gross fixes. The small errors come from one regression, with
+doi:10.1109/34.88573, with P. J. Huber's weights against outliers. The small errors come from one regression, with
 J. W. Tukey's biweight; standard deviations come from leaving out parts of the log (B. Efron's jackknife).
 
-Positions are complex numbers here, east + i north, in metres: a turn counter-clockwise is a factor.
+Positions are complex numbers here, east + i north, in metres: a counter-clockwise rotation is a factor.
 """
 
 from collections.abc import Sequence
@@ -19,38 +19,38 @@ from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 Points: TypeAlias = NDArray[np.complex128]  # (n,) east + i north
 
-SEGMENT_S = 120.0  # drift within a stretch is small beside the movement
-JACKKNIFE_BLOCKS = 8  # of the log, left out one by one to tell how sure a turn is
+SEGMENT_S = 120.0  # drift within a segment is small against the motion
+JACKKNIFE_BLOCKS = 8  # of the log, left out one by one
 TRIED_LATENCIES_S = tuple(float(s) for s in range(-4, 5))  # delays of fixes are seconds; the fit refines the best
-MIN_FIXES = 20  # below that nothing is claimed
-MOST_DELAY_S = 10.0  # by judgement: no fix is as late that is used at all (MAX_FIX_DELAY_S)
+MIN_FIXES = 20  # with fewer there is no fit
+MOST_DELAY_S = 10.0  # by judgement: later fixes are not used (MAX_FIX_DELAY_S)
 GROSS_SIGMAS = 6.0  # of the scatter of all residuals: a normal error is as large once in 10^8 fixes
 RAYLEIGH_MEDIAN = 1.1774  # fixed: median of a Rayleigh distribution
 STEPS = np.array([1e-4, 1e-4, 1.0, 1.0])  # of central differences: rad, 1, s, s; a DVL's noise hides in a second
 PRIOR_SD = np.array([np.pi, 0.1, 5.0, 2.0])
-MIN_EIGENVALUE = 0.01  # smallest eigenvalue of the slopes' correlations at which they are told apart
+MIN_EIGENVALUE = 0.01  # of the correlations of the columns; below it they are not separable
 LIMITS = np.array([np.inf, 0.5, MOST_DELAY_S, MOST_DELAY_S])
 
 
 @dataclass(frozen=True, slots=True)
 class RotationFit:
-    """Dead reckoning turned and shifted onto F fixes: fix(t) = turn * reckoned(t - latency) + shift of its group."""
+    """Dead reckoning rotated and shifted to F fixes: fix(t) = rotation * dr(t - latency) + shift of its group."""
 
     latency_s: float  # the best of those tried
     rotation_rad: float  # counter-clockwise
     residual_m: Vector  # (F,) distance of each fix from the track
-    rms_m: float  # of the residuals, gross ones at their reduced weight
+    rms_m: float  # of the residuals, outliers at their reduced weight
     shift_m: Points  # (groups,)
 
 
 @dataclass(frozen=True, slots=True)
 class DrUsblFit:
-    """What a robust regression of fixes on dead reckoning finds, each with its 1-sigma: errors of the sensors.
+    """Sensor errors from a robust regression of fixes on dead reckoning, each with its 1-sigma.
 
-    A sigma is NaN where the log does not tell. Rotation, scale and latency take headings at their stamps.
+    A sigma is NaN if the error is not observable. Rotation, scale and latency assume headings valid at their stamps.
     """
 
-    rotation_rad: float  # dead reckoning has to be turned counter-clockwise by it
+    rotation_rad: float  # counter-clockwise, from dead reckoning to the fixes
     rotation_sd_rad: float
     scale: float  # the DVL reads (1 + scale) times the truth
     scale_sd: float
@@ -59,13 +59,13 @@ class DrUsblFit:
     heading_delay_s: float  # stamp of a heading minus the time at which it was true, both by the DVL's clock
     heading_delay_sd_s: float
     residual_m: Vector  # (F,) with headings at the time at which they were true; NaN outside of all stretches
-    sd_m: float  # per axis, of those that are not gross
-    sd_without_delay_m: float  # the same where headings are taken at their stamps
+    sd_m: float  # per axis, of the inliers
+    sd_without_delay_m: float  # the same with headings at their stamps
     stretches: int
 
     @property
     def outlier_rows(self) -> Indices:
-        """Indices of the fixes that lie far from all that the others say."""
+        """Rows of the fixes with residuals above GROSS_SIGMAS."""
         return np.flatnonzero(self.residual_m > GROSS_SIGMAS * self.sd_m)
 
 
@@ -85,9 +85,9 @@ def dead_reckoned(timeline: Timeline, time_s: Vector) -> Points:
 
 
 def segment_numbers(timeline: Timeline, time_s: Vector, longest_s: float = np.inf) -> Indices:
-    """Number the stretches in which each time lies, (n,): cut where DVL or compass were out; -1 inside such an outage.
+    """Return the segment number of each time, (n,): cut at outages of DVL or compass; -1 inside them.
 
-    Dead reckoning is only trusted within a stretch; ``longest_s`` cuts further.
+    Dead reckoning is only valid within a segment; ``longest_s`` limits its length.
     """
     number = np.zeros(len(time_s), dtype=np.intp) if np.isinf(longest_s) else (time_s // longest_s).astype(np.intp)
     inside = np.zeros(len(time_s), dtype=np.bool_)
@@ -103,15 +103,15 @@ def segment_numbers(timeline: Timeline, time_s: Vector, longest_s: float = np.in
 
 
 def fit_rotation(timeline: Timeline, group: Indices, latencies_s: Sequence[float] = TRIED_LATENCIES_S) -> RotationFit:
-    """Turn and shift dead reckoning onto the fixes, (F,), with a shift for each group; fixes of group -1 do not count.
+    """Rotate and shift dead reckoning to the F fixes, one shift per group, (F,); fixes of group -1 are left out.
 
-    The latency that fits best is taken: left out, a late fix beside a track passes for a DVL that mirrors.
+    The best latency is chosen: without it a late fix beside a track looks like a mirrored DVL.
     """
     tried = [
         _fit_at_latency(dead_reckoned(timeline, timeline.fix_time_s - s), fix_points(timeline), group, s)
         for s in latencies_s
     ]
-    return min(tried, key=lambda turn: turn.rms_m)
+    return min(tried, key=lambda fit: fit.rms_m)
 
 
 def _fit_at_latency(track: Points, fixes: Points, group: Indices, latency_s: float) -> RotationFit:
@@ -137,22 +137,24 @@ def _huber_rotation(track: Points, fixes: Points, group: Indices) -> tuple[float
 
 
 def jackknife_rotation_sd_rad(timeline: Timeline, group: Indices, latency_s: float) -> float:
-    """Return the 1-sigma of the rotation of `fit_turn`, by leaving out an eighth of the fixes at a time."""
+    """Return the 1-sigma of the rotation of `fit_rotation`, leaving out an eighth of the fixes at a time."""
     used = np.flatnonzero(group >= 0)
     track, fixes = dead_reckoned(timeline, timeline.fix_time_s - latency_s), fix_points(timeline)
     full, _ = _huber_rotation(track[used], fixes[used], group[used])
-    off: list[float] = []
+    deviations: list[float] = []
     for part in np.array_split(used, min(JACKKNIFE_BLOCKS, len(used))):
-        kept = np.setdiff1d(used, part)
-        rotation, _ = _huber_rotation(track[kept], fixes[kept], group[kept])
-        off.append(float(np.angle(np.exp(1j * (rotation - full)))))
-    return float(np.sqrt((len(off) - 1) * np.mean(np.square(off)))) if len(off) > 1 else float("nan")
+        remaining = np.setdiff1d(used, part)
+        rotation, _ = _huber_rotation(track[remaining], fixes[remaining], group[remaining])
+        deviations.append(float(np.angle(np.exp(1j * (rotation - full)))))
+    return (
+        float(np.sqrt((len(deviations) - 1) * np.mean(np.square(deviations)))) if len(deviations) > 1 else float("nan")
+    )
 
 
 def fit_sensor_errors(timeline: Timeline, rotation_rad: float = 0.0) -> DrUsblFit | None:
-    """Regress fixes on dead reckoning in short stretches; ``rotation_rad`` is where to start.
+    """Regress fixes on dead reckoning in short segments, starting at ``rotation_rad``.
 
-    None where there are too few fixes or stretches to claim anything.
+    None if there are too few fixes or segments.
     """
     group = segment_numbers(timeline, timeline.fix_time_s, SEGMENT_S)
     used = group >= 0
@@ -183,27 +185,29 @@ class _Regression(NamedTuple):
 
 class _Solution(NamedTuple):
     step: Vector  # (k,)
-    separable: bool  # False: two slopes are nearly one, as those of latency and heading delay are at constant speed
+    separable: bool  # False: two columns are nearly equal, as latency and heading delay at constant speed
     error: Points  # (n,)
     weights: Vector  # (n,)
 
 
 def _jackknife_sd(timeline: Timeline, full: _Regression, free: int, group: Indices) -> Vector:
-    """Return the 1-sigma of each value, (free,), by leaving out an eighth of the stretches; NaN if not told apart.
+    """Return the 1-sigma of each value, (free,), leaving out an eighth of the segments; NaN if not separable.
 
-    Drift hangs together within a stretch and is heavy-tailed, so that no formula is as honest.
+    Drift is correlated within a segment and heavy-tailed, so a formula would be over-confident.
     """
     if not full.separable:
         return np.full(free, np.nan)
     used = group[group >= 0]
     slopes, y = _linear(timeline, full.values, free, group)
-    off: list[Vector] = []
+    deviations: list[Vector] = []
     stretches = np.unique(used)
     for part in np.array_split(stretches, min(JACKKNIFE_BLOCKS, len(stretches))):
-        kept = ~np.isin(used, part)
-        found = _reweighted_solve(slopes[kept], y[kept], np.ones(int(kept.sum())), used[kept], full.values[:free])
-        off.append(found.step)
-    return np.sqrt((len(off) - 1) * np.mean(np.square(off), axis=0))
+        remaining = ~np.isin(used, part)
+        solution = _reweighted_solve(
+            slopes[remaining], y[remaining], np.ones(int(remaining.sum())), used[remaining], full.values[:free]
+        )
+        deviations.append(solution.step)
+    return np.sqrt((len(deviations) - 1) * np.mean(np.square(deviations), axis=0))
 
 
 def _regress(timeline: Timeline, start: Vector, free: int, group: Indices) -> _Regression:
@@ -211,18 +215,18 @@ def _regress(timeline: Timeline, start: Vector, free: int, group: Indices) -> _R
     used = group[group >= 0]
     q, weights = start, np.ones(len(used))
     for _ in range(7):
-        found = _reweighted_solve(*_linear(timeline, q, free, group), weights, used, q[:free])
+        solution = _reweighted_solve(*_linear(timeline, q, free, group), weights, used, q[:free])
         limit = LIMITS[:free]
-        q = np.concatenate([np.clip(q[:free] + found.step, -limit, limit), q[free:]])
-        weights = found.weights
-    found = _reweighted_solve(*_linear(timeline, q, free, group), weights, used, q[:free])
-    distance = np.abs(found.error)
-    sd_m = float(np.sqrt(np.average(distance**2, weights=found.weights) / 2))
-    return _Regression(q, found.separable, distance, sd_m)
+        q = np.concatenate([np.clip(q[:free] + solution.step, -limit, limit), q[free:]])
+        weights = solution.weights
+    solution = _reweighted_solve(*_linear(timeline, q, free, group), weights, used, q[:free])
+    distance = np.abs(solution.error)
+    sd_m = float(np.sqrt(np.average(distance**2, weights=solution.weights) / 2))
+    return _Regression(q, solution.separable, distance, sd_m)
 
 
 def _linear(timeline: Timeline, q: Vector, free: int, group: Indices) -> tuple[Points, Points]:
-    """Return slopes (n, free) and what is left (n,) of the used fixes at q."""
+    """Return columns (n, free) and residuals (n,) of the used fixes at q."""
     used = group >= 0
     wings = [(_predicted(timeline, q + step), _predicted(timeline, q - step)) for step in np.diag(STEPS)[:free]]
     slopes = np.column_stack([(a - b)[used] / (2 * step) for (a, b), step in zip(wings, STEPS[:free], strict=True)])
@@ -230,21 +234,21 @@ def _linear(timeline: Timeline, q: Vector, free: int, group: Indices) -> tuple[P
 
 
 def _reweighted_solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
-    """Solve with weights that follow their own residuals."""
+    """Solve with weights iterated from the residuals."""
     for _ in range(9):
         weights = _solve(slopes, y, weights, group, q).weights
     return _solve(slopes, y, weights, group, q)
 
 
 def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector) -> _Solution:
-    """Solve y = slopes x + shift of its group, (n, k) and (n,), for real x; q + x is held weakly to 0."""
+    """Solve y = slopes x + shift of its group, (n, k) and (n,), for real x; q + x has a weak prior at 0."""
     columns = np.column_stack([slopes, y])
     columns = columns - np.column_stack([_means(column, weights, group) for column in columns.T])[group]
     A, b = columns[:, :-1], columns[:, -1]
     information = np.real(A.conj().T * weights @ A)
-    hold = _scale(np.abs(b)) ** 2 / PRIOR_SD[: len(q)] ** 2
-    inverse = np.linalg.pinv(information + np.diag(hold), hermitian=True)
-    step = inverse @ (np.real(A.conj().T * weights @ b) - hold * q)
+    prior_information = _scale(np.abs(b)) ** 2 / PRIOR_SD[: len(q)] ** 2
+    inverse = np.linalg.pinv(information + np.diag(prior_information), hermitian=True)
+    step = inverse @ (np.real(A.conj().T * weights @ b) - prior_information * q)
     error = b - A @ step
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     separable = bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] >= MIN_EIGENVALUE)
@@ -253,7 +257,7 @@ def _solve(slopes: Points, y: Points, weights: Vector, group: Indices, q: Vector
 
 
 def _predicted(timeline: Timeline, q: Vector) -> Points:
-    """Return where the fixes should be, up to a shift, (F,)."""
+    """Return the predicted fixes, up to a shift, (F,)."""
     rotation, scale, latency_s, delay_s = q.tolist()
     yaw = cast(Vector, np.interp(timeline.time_s + delay_s, timeline.time_s, timeline.dr_yaw_rad)) + rotation
     moved = replace(timeline, dr_yaw_rad=yaw, dr_mps=timeline.dr_mps / (1 + scale))

@@ -1,7 +1,7 @@
-"""How well assumptions predict the DVL's records from those before: its noise, and the random walk of the velocity.
+"""Predictive likelihood of the DVL's records: its noise, and the random walk of the velocity.
 
-Each axis is a random walk seen through white noise, which is what the motion model says of u and v apart from all other
-sensors; the calibration states change too little here to matter. Metres per second, body frame.
+Each axis is a random walk plus white noise, as u and v in the motion model without other sensors; calibration states
+matter little here. Metres per second, body frame.
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,14 @@ from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
 from usbldr.filters.types import Indices, Timeline, Vector
 
-SEGMENT_RECORDS = 300  # that follow each other, a minute at 5 Hz
-MAX_SEGMENTS = 60  # spread over the log: an hour at 5 Hz is heard whole
+SEGMENT_RECORDS = 300  # consecutive, a minute at 5 Hz
+MAX_SEGMENTS = 60  # spread over the log: an hour at 5 Hz is used whole
 
 
 def dvl_likelihoods(timeline: Timeline, members: Sequence[Assumptions]) -> Vector:
     """Return the predictive log likelihood of DVL records, both axes, for each of N members, (N,).
 
-    The log is heard in stretches of equal length that know nothing of each other, all at once.
+    The log is split into independent segments of equal length, which run in parallel.
     """
     N = len(members)
     rows = _segments(np.flatnonzero(timeline.dvl_count))
@@ -38,8 +38,8 @@ def dvl_likelihoods(timeline: Timeline, members: Sequence[Assumptions]) -> Vecto
     total = np.zeros(series * N)
     for k in range(1, length):
         P = bank.cov + walk * dt_s[k - 1]
-        seen = Projection(z[k : k + 1] - bank.mean, P, P)
-        bank, log_l, *_ = collapse(bank._replace(cov=P), seen, noise.modes(R[k][None, None]), 0)
+        projection = Projection(z[k : k + 1] - bank.mean, P, P)
+        bank, log_l, *_ = collapse(bank._replace(cov=P), projection, noise.modes(R[k][None, None]), 0)
         total += log_l
     summed: Vector = total.reshape(series, N).sum(axis=0)
     return summed

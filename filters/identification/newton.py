@@ -1,4 +1,4 @@
-"""Newton's method where one call judges many points: value, gradient and curvature from one batch.
+"""Newton's method with batches: value, gradient and curvature by differences from one call for many points.
 
 Made for a log likelihood that costs a pass over a log, and little more for fifty points than for one.
 """
@@ -15,13 +15,13 @@ LogLikelihood = Callable[[Sequence[Vector]], Vector]
 """The log likelihoods, (m,), of m points, (d,) each."""
 
 DIFFERENCE_STEP = 0.1  # between neighbours, in logarithms: rounding and curvature both stay small
-MAX_STEP = 1.5  # in logarithms, 4.5 times: further, the parabola is a guess
-MIN_GAIN = 0.05  # a gain that is not worth another batch
-MAX_BATCHES = 20  # by judgement: a search that takes more has no maximum to find
+MAX_STEP = 1.5  # in logarithms, 4.5 times: the quadratic is not valid further away
+MIN_GAIN = 0.05  # of the log posterior; a smaller one needs no further batch
+MAX_BATCHES = 20  # by judgement: a search that takes more has no clear maximum
 
 
 class Maximum(NamedTuple):
-    """Where the search ended, and how."""
+    """The result of the search."""
 
     point: Vector  # (d,)
     sd: Vector  # (d,) 1-sigma by the curvature
@@ -39,13 +39,13 @@ class _Quadratic(NamedTuple):
 
     @property
     def step(self) -> Vector:
-        """Newton's step, no coordinate longer than LONGEST_STEP."""
+        """Newton's step, no coordinate longer than MAX_STEP."""
         whole: Vector = np.linalg.solve(self.information, self.gradient).astype(np.float64, copy=False)
         return whole * min(1.0, MAX_STEP / float(np.abs(whole).max(initial=MAX_STEP)))
 
     @property
     def expected_gain(self) -> float:
-        """What the whole step promises."""
+        """Gain of the log posterior by the whole step, if quadratic."""
         return 0.5 * float(self.gradient @ np.linalg.solve(self.information, self.gradient))
 
 
@@ -62,7 +62,7 @@ def maximise(log_likelihood: LogLikelihood, centre: Vector, prior_sd: float, sta
 
 
 def _around(log_likelihood: LogLikelihood, point: Vector, centre: Vector, prior_sd: float) -> _Quadratic:
-    """Judge the point, its neighbours on each axis, and those on each pair of axes."""
+    """Return the quadratic from the point, its neighbours on each axis, and those on each pair of axes."""
     d, h = len(point), DIFFERENCE_STEP
     unit, pairs = h * np.eye(d), list(combinations(range(d), 2))
     points = [point, *(point + unit), *(point - unit), *(point + unit[i] + unit[j] for i, j in pairs)]
@@ -71,7 +71,7 @@ def _around(log_likelihood: LogLikelihood, point: Vector, centre: Vector, prior_
     for (i, j), corner in zip(pairs, both, strict=True):
         curvature[i, j] = curvature[j, i] = (corner - up[i] - up[j] + here) / h**2
     off = (point - centre) / prior_sd
-    # the data cannot take knowledge away: no eigenvalue below the prior's own
+    # information of data is not negative: no eigenvalue below that of the prior
     values, vectors = np.linalg.eigh(np.eye(d) / prior_sd**2 - curvature)
     return _Quadratic(
         point,

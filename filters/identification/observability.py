@@ -1,15 +1,14 @@
-"""Which errors of its sensors a log can tell: those whose sigma its readings narrow down. The truth has no part in it.
+"""Decide which sensor errors are observable in a log, and estimate its noise. The truth is not used.
 
-One pass over the fixes (usbl_likelihood.py) with all states tells how far each is narrowed; what stays as wide as it
-was assumed is left out. The predictive likelihood of the readings settles what a sigma cannot tell: what share of their
-stated variance neighbouring fixes have in common, for how long they err alike, how many are outliers, whether their
-stamps may be trusted to the third of a second, and whether dead reckoning reckons at all: without bottom lock, or with
-the wrong mounting or heading, it does not, and a filter that trusts it takes the fixes for outliers. Before all that
-the DVL is heard for itself (dvl_likelihood.py): how much its records scatter, and how fast the vehicle changes its
-velocity. Each stays as assumed unless the log speaks strongly against it.
+One pass over the fixes (usbl_likelihood.py) with all error states gives the ratio of posterior to prior sigma of each;
+errors with a ratio near 1 are left out. The predictive likelihood of the fixes then selects what a sigma cannot show:
+the share of their variance that neighbouring fixes have in common and its time constant, the share of outliers, whether
+the stamps are reliable, and the process noise of dead reckoning, which is far off without bottom lock or with a wrong
+mounting or heading. Before that, the noise of the DVL and the random walk of the velocity are estimated from the DVL's
+own records (dvl_likelihood.py). A number changes only if the evidence is strong.
 
 R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(430), 1995, doi:10.2307/2291091, call
-20 strong. Misalignment of the DVL is left to the user: on the track it does what a bias of the heading does.
+20 strong. Misalignment of the DVL is left to the user: its effect on the track equals that of a heading bias.
 """
 
 import itertools
@@ -30,36 +29,36 @@ from usbldr.filters.models.parameters import DR_WALK_NAME, Assumptions, NoiseCha
 from usbldr.filters.types import Timeline, Vector
 
 CANDIDATE_KEYS = ("scale", "heading", "deviation", "latency", "usbl-bias")
-UNTRUSTED_LATENCY_SD_S = 1.0  # of stamps that are not to be trusted
-MIN_LOG_BAYES_FACTOR = math.log(20)  # the Bayes factor that it takes to depart from what is assumed
+UNTRUSTED_LATENCY_SD_S = 1.0  # of unreliable stamps
+MIN_LOG_BAYES_FACTOR = math.log(20)  # required for a change of the assumptions
 CORRELATED_VARIANCE_SHARES = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95)  # of the fixes' variance; the middle serves as reference
-BIAS_TIME_FACTORS = (0.5, 1.0, 2.0, 4.0)  # times as long as assumed do fixes err alike
-OUTLIER_SHARE_FACTORS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times as many as assumed
+BIAS_TIME_FACTORS = (0.5, 1.0, 2.0, 4.0)  # factors on the assumed time constant
+OUTLIER_SHARE_FACTORS = (0.5, 1.0, 2.0, 4.0, 8.0)  # factors on the assumed share
 DR_WALK_FACTORS = (
     1.0,
     25.0,
     125.0,
-)  # times as far as assumed does dead reckoning walk; coarse, as it is for those that fail
-USBL_SD_FACTORS = (2.0, 4.0)  # times the stated sigma of fixes: scatter that dead reckoning is not to be blamed for
+)  # factors on the assumed random walk of dead reckoning; coarse, for gross failures
+USBL_SD_FACTORS = (2.0, 4.0)  # factors on the stated sigma of fixes
 MAX_OUTLIER_SHARE = 0.5  # of the fixes
-NEEDS_TURNS = ("deviation", "latency")  # what a straight track at constant speed cannot tell
+NEEDS_TURNS = ("deviation", "latency")  # not observable on a straight track at constant speed
 MIN_YAW_RANGE_RAD = math.radians(45)  # by judgement: a survey line with its corrections stays within
 
 
 class _NoiseModel(NamedTuple):
-    """One way to see the log's noise."""
+    """One candidate noise model of the log."""
 
     assumptions: Assumptions
-    changes: int = 0  # in so many things from what is assumed
-    inflates_dr_walk: bool = False  # dead reckoning walks further than assumed
-    inflates_usbl_sd: bool = False  # fixes err more than stated: no choice to be made, but a better story than drift
+    changes: int = 0  # number of changes from the given assumptions
+    inflates_dr_walk: bool = False  # random walk of dead reckoning larger than assumed
+    inflates_usbl_sd: bool = False  # fixes noisier than stated: never chosen, only compared with drift
 
 
 def identify(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
-    """Return the assumptions with the states that the log can tell, and with the noise that it speaks strongly for.
+    """Return the assumptions with the observable error states, and with the noise for which the evidence is strong.
 
-    Their field ``observed`` says how far each state was narrowed, ``settled`` which numbers of the noise are other than
-    assumed. A log without fixes tells no state. Raises LogError where nothing tells where it starts.
+    Field ``observed`` holds the sigma ratio of each error, ``noise_changes`` the changed numbers of the noise. Without
+    fixes no state is observable. Raises LogError if nothing gives the start.
     """
     with_dvl = _with_dvl_noise(timeline, assumptions)
     if not len(timeline.fix_time_s):
@@ -95,7 +94,7 @@ def identify(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
 
 
 def _with_dvl_noise(timeline: Timeline, given: Assumptions) -> Assumptions:
-    """Return the assumptions with the noise that the DVL's records tell of themselves, where they speak strongly."""
+    """Return the assumptions with the noise estimated from the DVL's own records, if the evidence is strong."""
     tuned = estimate_dvl_noise(timeline, given).assumptions
     told = replace(tuned, tuned=given.tuned)
     changes = sum(one.identified for one in tuned.tuned)
@@ -104,7 +103,7 @@ def _with_dvl_noise(timeline: Timeline, given: Assumptions) -> Assumptions:
 
 
 def _best(among: Sequence[_NoiseModel], log_likelihood: Vector) -> int:
-    """Return which choice the log speaks for; drift is none where it speaks strongly for wider fixes instead."""
+    """Return the index of the best candidate; drift is excluded if the evidence for noisier fixes is strong."""
     score = log_likelihood - MIN_LOG_BAYES_FACTOR * np.array([choice.changes for choice in among])
     inflates_dr_walk, inflates_usbl_sd = (
         np.array([getattr(choice, name) for choice in among]) for name in ("inflates_dr_walk", "inflates_usbl_sd")
@@ -119,7 +118,7 @@ def _best(among: Sequence[_NoiseModel], log_likelihood: Vector) -> int:
 
 
 def _noise_changes(given: Assumptions, current: Assumptions) -> tuple[NoiseChange, ...]:
-    """Tell which numbers of the noise are no longer as they were."""
+    """Return the numbers of the noise that differ."""
     numbers = {
         "dvl_sd_scale": attrgetter("dvl_sd_scale"),
         "velocity_walk_mps": attrgetter("process.velocity_mps"),
@@ -140,7 +139,7 @@ def _noise_changes(given: Assumptions, current: Assumptions) -> tuple[NoiseChang
 
 
 def _correlation_models(current: Assumptions, given: Assumptions, sd_m: float) -> list[_NoiseModel]:
-    """Return what may be common to neighbouring fixes, under stamps to be trusted or not."""
+    """Return candidates for the correlation of fixes, with reliable and unreliable stamps."""
     trusted_s = given.errors.latency_s
     stamps_s = (trusted_s, max(trusted_s, UNTRUSTED_LATENCY_SD_S))
     return [
@@ -152,7 +151,7 @@ def _correlation_models(current: Assumptions, given: Assumptions, sd_m: float) -
 
 
 def _noise_models(current: Assumptions, given: Assumptions, sd_m: float) -> list[_NoiseModel]:
-    """Return for how long fixes may err alike, how many may be outliers, and how far dead reckoning may walk."""
+    """Return candidates for the time constant of fixes, the share of outliers and the random walk of dead reckoning."""
     found: list[_NoiseModel] = []
     stories = [(further, 1.0) for further in DR_WALK_FACTORS] + [(1.0, wider) for wider in USBL_SD_FACTORS]
     for longer, more, (further, wider) in itertools.product(BIAS_TIME_FACTORS, OUTLIER_SHARE_FACTORS, stories):
@@ -174,7 +173,7 @@ def _noise_models(current: Assumptions, given: Assumptions, sd_m: float) -> list
 def _with_correlation(
     current: Assumptions, given: Assumptions, sd_m: float, share: float, latency_s: float
 ) -> Assumptions:
-    """Return assumptions under which the fixes share so much of the variance of their error."""
+    """Return assumptions in which fixes have this share of their variance in common."""
     total = given.usbl_sd_scale
     return replace(
         current,

@@ -1,16 +1,15 @@
-"""Noise from the log itself: the assumptions under which its readings were most to be expected, never the truth.
+"""Noise estimated from the log itself, without truth, by maximum likelihood.
 
-The predictive likelihood, the sum of log p(reading | all readings before), judges assumptions without knowing where the
-vehicle was: too large a noise predicts nothing sharply, too small a one is surprised. It is maximised over logarithms,
-with a weak log-normal prior around what was assumed before, in two searches (newton.py): first what the DVL tells of
-itself (dvl_likelihood.py), then what the fixes tell against dead reckoning (usbl_likelihood.py). A number that the log
-hardly knows stays as it was assumed. Nothing is left to chance.
+The predictive likelihood, the sum of log p(reading | all readings before), compares assumptions without the true
+track: too large a noise predicts too widely, too small a one is over-confident. It is maximised over logarithms,
+with a weak log-normal prior around what was assumed before, in two searches (newton.py): first the noise of the
+DVL from its own records (dvl_likelihood.py), then that of the fixes from their residuals to dead reckoning
+(usbl_likelihood.py). A number that is hardly observable is unchanged. No random numbers are used.
 
-The DVL is never trusted more than is stated: from record to record only the white part of its error shows, and the rest
-stays when the records agree with each other.
+The sigma of the DVL never falls below the stated one: differences of records show only the white part of its error.
 
-How much a compass error may wander is not among them: it does to a track what a wandering bias of the fixes does, and
-a log cannot tell one from the other. Taking it in put the NEES of a field log from 2 to 9.
+The random walk of the compass error is not among them: its effect on the track equals that of a slowly changing bias of
+the fixes. With it the NEES of a field log rose from 2 to 9.
 """
 
 import math
@@ -26,22 +25,22 @@ from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_like
 from usbldr.filters.models.parameters import Assumptions, TunedParameter
 from usbldr.filters.types import Timeline, Vector
 
-PRIOR_SD = math.log(3)  # [1] of each logarithm: three times more or less is no surprise
-MAX_IDENTIFIED_RATIO = 0.7  # of PRIOR_SD: where the log narrows it no further, it hardly knows the number
-LATENCY_ITERATIONS = 3  # until the latency about which fixes are linearised is the one that they tell
+PRIOR_SD = math.log(3)  # [1] of each logarithm: a factor of three is one sigma
+MAX_IDENTIFIED_RATIO = 0.7  # of PRIOR_SD: above it the number is hardly observable
+LATENCY_ITERATIONS = 3  # until the latency of the linearisation is the estimated one
 
 
 class TunableParameter(NamedTuple):
     """One number of Assumptions."""
 
-    name: str  # with its unit at the border
+    name: str  # with its unit
     path: tuple[str, ...]  # to the number
-    state: str = ""  # key of calibration.STATES without which it means nothing
+    state: str = ""  # key of calibration.STATES that must be calibrated for it
     lower_bound: float = 0.0  # and finite, or below 1 if it is a share
     share: bool = False
 
     def value(self, assumptions: Assumptions) -> float | None:
-        """Return the number; None where it has no part in these assumptions, or is switched off by a 0."""
+        """Return the number; None if these assumptions do not use it, or it is 0 and so off."""
         owner: Any = assumptions
         for name in self.path:
             owner = getattr(owner, name, None)
@@ -49,11 +48,11 @@ class TunableParameter(NamedTuple):
         return float(owner) if owner is not None and used and owner > self.lower_bound else None
 
     def to_unbounded(self, value: float) -> float:
-        """Return what the search moves: any real number."""
+        """Return the unbounded number of the search."""
         return math.log(value / (1 - value)) if self.share else math.log(value - self.lower_bound)
 
     def from_unbounded(self, z: float) -> float:
-        """Return the number again."""
+        """Return the number from that of the search."""
         return 1 / (1 + math.exp(-z)) if self.share else self.lower_bound + math.exp(z)
 
 
@@ -73,9 +72,9 @@ USBL = (
 
 
 class TuningResult(NamedTuple):
-    """What was found, and how."""
+    """The result of a search."""
 
-    assumptions: Assumptions  # their field ``tuned`` tells each number
+    assumptions: Assumptions  # with each number in ``tuned``
     evaluations: int  # over the DVL's records or the fixes
     converged: bool
 
@@ -83,7 +82,7 @@ class TuningResult(NamedTuple):
 def tune(timeline: Timeline, assumptions: Assumptions) -> TuningResult:
     """Return the assumptions that explain the records of the DVL and the fixes best.
 
-    A log without fixes tells of the DVL alone. Raises LogError where there is nothing to start from.
+    Without fixes only the noise of the DVL is estimated. Raises LogError if nothing gives the start.
     """
     dvl_fit = estimate_dvl_noise(timeline, assumptions)
     if not len(timeline.fix_time_s):
@@ -100,32 +99,32 @@ def tune(timeline: Timeline, assumptions: Assumptions) -> TuningResult:
 def estimate_dvl_noise(timeline: Timeline, given: Assumptions) -> TuningResult:
     """Return the assumptions that explain the DVL's own records best; their sigma may grow but not shrink."""
 
-    def ask(among: Sequence[TunableParameter]) -> TuningResult:
+    def fit(among: Sequence[TunableParameter]) -> TuningResult:
         return _search(lambda members: dvl_likelihoods(timeline, members), given, among)
 
-    dvl_fit = ask(DVL)
-    return dvl_fit if dvl_fit.assumptions.dvl_sd_scale >= given.dvl_sd_scale else ask(DVL[1:])
+    dvl_fit = fit(DVL)
+    return dvl_fit if dvl_fit.assumptions.dvl_sd_scale >= given.dvl_sd_scale else fit(DVL[1:])
 
 
 def _search(
     objective: Callable[[Sequence[Assumptions]], Vector], given: Assumptions, among: Sequence[TunableParameter]
 ) -> TuningResult:
-    """Move those parameters that have a part in the assumptions, then once more those that the log knows."""
+    """Estimate the parameters that the assumptions use, then once more only the observable ones."""
     before = {p: p.to_unbounded(value) for p in among if (value := p.value(given)) is not None}
 
-    def sought(names: Sequence[TunableParameter], start: Vector) -> Maximum:
+    def search(names: Sequence[TunableParameter], start: Vector) -> Maximum:
         centre = np.array([before[p] for p in names])
         return maximise(
             lambda points: objective([_at(given, names, point) for point in points]), centre, PRIOR_SD, start
         )
 
-    first = sought(list(before), np.array(list(before.values())))
-    known = first.sd < MAX_IDENTIFIED_RATIO * PRIOR_SD
-    told = [p for p, knows in zip(before, known, strict=True) if knows]
-    last = first if known.all() else sought(told, first.point[known])
-    made = _at(given, told, last.point)
-    sd = dict(zip(before, first.sd.tolist(), strict=True)) | dict(zip(told, last.sd.tolist(), strict=True))
-    found = tuple(_tuned(p, given, made, sd[p], p in told) for p in before)
+    first = search(list(before), np.array(list(before.values())))
+    is_identified = first.sd < MAX_IDENTIFIED_RATIO * PRIOR_SD
+    identified = [p for p, yes in zip(before, is_identified, strict=True) if yes]
+    last = first if is_identified.all() else search(identified, first.point[is_identified])
+    made = _at(given, identified, last.point)
+    sd = dict(zip(before, first.sd.tolist(), strict=True)) | dict(zip(identified, last.sd.tolist(), strict=True))
+    found = tuple(_tuned(p, given, made, sd[p], p in identified) for p in before)
     evaluations = first.batches + (0 if last is first else last.batches)
     return TuningResult(replace(made, tuned=given.tuned + found), evaluations, first.converged and last.converged)
 
@@ -144,10 +143,12 @@ def _with(owner: Any, path: Sequence[str], value: float) -> Any:
     return replace(owner, **{name: _with(getattr(owner, name), rest, value) if rest else value})
 
 
-def _tuned(parameter: TunableParameter, given: Assumptions, made: Assumptions, sd: float, told: bool) -> TunedParameter:
+def _tuned(
+    parameter: TunableParameter, given: Assumptions, made: Assumptions, sd: float, identified: bool
+) -> TunedParameter:
     before, after = parameter.value(given), parameter.value(made)
     assert before is not None
     assert after is not None  # both had a part when the search began
     middle = parameter.to_unbounded(after)
     low, high = parameter.from_unbounded(middle - sd), parameter.from_unbounded(middle + sd)
-    return TunedParameter(parameter.name, before, after, low, high, told)
+    return TunedParameter(parameter.name, before, after, low, high, identified)

@@ -1,7 +1,7 @@
-"""How well assumptions predict each USBL fix from the fixes before it and dead reckoning.
+"""Predictive likelihood of each USBL fix, given the fixes before it and dead reckoning.
 
-The state is how far the vehicle lies from dead reckoning (east, north, metres) and whatever errors of sensors are
-calibrated; it steps from fix to fix. Dead reckoning is the filters' motion model driven by DVL and compass instead of
+The state is the error of dead reckoning (east, north, metres) and the calibrated sensor errors; a step goes from fix to
+fix. Dead reckoning is the filters' motion model driven by DVL and compass instead of
 corrected by them, so what its records leave open is a random walk of the position, and what the errors do to it is the
 displacement's derivative by each. All members of a bank, each with assumptions of its own, pass over the log at once.
 """
@@ -24,56 +24,56 @@ from usbldr.filters.replay.dead_reckoning import displacement_m, drift_rates, in
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.types import Array, Timeline, Vector
 
-MAX_FIXES = 3600  # an hour of one a second: they tell the noise, and the rest of a longer log would only cost time
+MAX_FIXES = 3600  # an hour at 1 Hz, enough to estimate the noise
 DR_INPUT_STATES = ("psi", "u", "v", "r")  # dead reckoning takes them from compass and DVL
 BIAS_STATES = STATES["usbl-bias"]
 
 
 @dataclass(frozen=True, slots=True)
 class DrResiduals:
-    """F fixes against dead reckoning, in n states: those of the layout in ``rows``, which leaves STEERED out."""
+    """F fixes minus dead reckoning, in n states: those in ``rows``, which leaves DR_INPUT_STATES out."""
 
     timeline: Timeline
     layout: StateLayout  # of the filter
     dt_s: Vector  # (F,) since the fix before; the first since the start
     displacement_jacobian: Array  # (F, 2, n) displacement since then by each state
     residual_m: Array  # (F, 2) fix minus dead reckoning
-    measurement_matrix: Array  # (F, 2, n) what the fix tells of each state
+    measurement_matrix: Array  # (F, 2, n) H of each fix
     cov_m2: Array  # (F, 2, 2) as the log states it
     dvl_noise_m2: Vector  # (F,) what the DVL's stated noise has added to dead reckoning since the fix before
     dvl_gap_s3: Vector  # (F,) the same of a velocity that walks 1 m/s in 1 s while there is no record
 
     @property
     def rows(self) -> list[int]:
-        """The states of the layout that are in question here, (n,)."""
+        """Rows of the layout that are states here, (n,)."""
         return [row for row, name in enumerate(self.layout.names) if name not in DR_INPUT_STATES]
 
 
 class FixLikelihoods(NamedTuple):
-    """What a pass over the fixes told."""
+    """The result of a pass over the fixes, for N members."""
 
     log_likelihood: Vector  # (N,) predictive, of all fixes
-    latency_s: float  # as the first member found it; 0 where it is no state
+    latency_s: float  # of the first member; 0 if it is not a state
     sd: Mapping[str, Vector]  # (N,) of each state after the last fix
 
 
 def dr_residuals(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0) -> DrResiduals:
-    """Hold the first fixes against dead reckoning; ``latency_s`` is what their latency is linearised about."""
+    """Return the residuals of the first fixes to dead reckoning, linearised about ``latency_s``."""
     layout = layout_for(assumptions.calibrate)
-    kept = StateLayout(tuple(name for name in layout.names if name not in DR_INPUT_STATES))
+    states = StateLayout(tuple(name for name in layout.names if name not in DR_INPUT_STATES))
     t = timeline.fix_time_s[:MAX_FIXES]
     valid_s, count = t - latency_s, len(t)
     V, yaw = velocity_mps(timeline), timeline.dr_yaw_rad
-    drift = np.stack([integrate(timeline, rate) for rate in drift_rates(timeline, kept.names)], axis=2)  # (K, 2, n)
+    drift = np.stack([integrate(timeline, rate) for rate in drift_rates(timeline, states.names)], axis=2)  # (K, 2, n)
     drift_at = interpolate(timeline, drift.reshape(len(drift), -1), valid_s).reshape(count, 2, -1)
     V_at = interpolate(timeline, V, valid_s)
     reckoned_m = interpolate(timeline, displacement_m(timeline), valid_s) + V_at * latency_s
     arm_m = rotated(np.interp(valid_s, timeline.time_s, yaw), np.array(assumptions.usbl_lever_m[:2]))
-    measurement_matrix = np.zeros((count, 2, len(kept)))
+    measurement_matrix = np.zeros((count, 2, len(states)))
     for names in (("x", "y"), BIAS_STATES):
-        for axis, row in enumerate(kept.existing(*names)):
+        for axis, row in enumerate(states.existing(*names)):
             measurement_matrix[:, axis, row] = 1.0
-    for row in kept.existing("usbl_latency"):
+    for row in states.existing("usbl_latency"):
         measurement_matrix[:, :, row] = -V_at
     dvl_rows = np.flatnonzero(timeline.dvl_count)
     edges_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
@@ -95,7 +95,7 @@ def dr_residuals(timeline: Timeline, assumptions: Assumptions, latency_s: float 
 
 
 def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLikelihoods:
-    """Run adf over the fixes, for each member by its own assumptions; all calibrate the same."""
+    """Run adf over the fixes for each member with its own assumptions; all calibrate the same states."""
     rows = log.rows
     starts = [prior(log.timeline, member, log.layout) for member in members]
     bank = GaussianBank(
@@ -112,13 +112,13 @@ def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLike
         F[:2] += log.displacement_jacobian[f]
         half = (F @ bank.cov.reshape(n, -1)).reshape(n, n, N).swapaxes(0, 1)
         P = (F @ half.reshape(n, -1)).reshape(n, n, N)
-        cov = 0.5 * (P + P.swapaxes(0, 1)) * (fade[f, :, None] * fade[f])  # to the last bit symmetric, see bank.shift
+        cov = 0.5 * (P + P.swapaxes(0, 1)) * (fade[f, :, None] * fade[f])  # exactly symmetric, see apply_gain
         cov += added[f] * eye[:, :, None]
         bank = GaussianBank(fade[f] * (F @ bank.mean), cov, bank.log_weight)
         modes = noise.modes(log.cov_m2[f])
         for axes in modes.blocks():
-            seen = _project_fix(bank, log.measurement_matrix[f, axes], log.residual_m[f, axes])
-            bank, log_l, *_ = collapse(bank, seen, modes.block(axes), 0)
+            projection = _project_fix(bank, log.measurement_matrix[f, axes], log.residual_m[f, axes])
+            bank, log_l, *_ = collapse(bank, projection, modes.block(axes), 0)
             total += log_l
     latency = [row for row, state in enumerate(rows) if log.layout.names[state] == "usbl_latency"]
     sd = np.sqrt(np.maximum(np.einsum("iin->in", bank.cov), 0.0))
@@ -127,7 +127,7 @@ def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLike
 
 
 def _between_fixes(log: DrResiduals, members: Sequence[Assumptions]) -> tuple[Array, Array]:
-    """Return what remains of each state from fix to fix and the variance that it gains, (F, n, N) both."""
+    """Return the decay factor of each state from fix to fix and its process noise, (F, n, N) both."""
     rows = log.rows
     walks = np.stack([VehicleMotion(log.layout, m.process, m.errors).noise(0.0, 1.0)[rows] for m in members], axis=1)
     fade, added = np.ones((len(log.dt_s), *walks.shape)), log.dt_s[:, None, None] * walks
@@ -144,7 +144,7 @@ def _between_fixes(log: DrResiduals, members: Sequence[Assumptions]) -> tuple[Ar
 
 
 def _project_fix(bank: GaussianBank, H: Array, z: Vector) -> Projection:
-    """Hold a fix, or one axis of it, against every member."""
+    """Return the projection of a fix, or of one axis of it, for every member."""
     (k, n), N = H.shape, bank.mean.shape[1]
     cross = (H @ bank.cov.reshape(n, -1)).reshape(k, n, N).swapaxes(0, 1)
     return Projection(z[:, None] - H @ bank.mean, (H @ cross.reshape(n, -1)).reshape(k, k, N), cross)
