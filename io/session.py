@@ -180,12 +180,17 @@ def reference_tracks(
     return tuple(tracks)
 
 
+def require_scenario(log: str | Path) -> None:
+    """Raise UsageError for a recorded log, which has no bound."""
+    if not is_simulated(log):
+        raise UsageError(f"--bound: {log} is a recorded log; the bound needs the true states of a scenario")
+
+
 def bound(scenario: str | Path, timeline: Timeline, assumptions: Assumptions, seed: int = 0) -> PositionBound:
     """Return the posterior Cramer-Rao bound of the position on a scenario's dive: the least sigma of any filter.
 
     The timeline is that of ``open_log(scenario, seed=seed)``, the assumptions those of the filters. Raises
     UsageError for a recorded log, whose true states are unknown, and for assumptions that have no bound.
     """
-    if not is_simulated(scenario):
-        raise UsageError(f"--bound: {scenario} is a recorded log; the bound needs the true states of a scenario")
+    require_scenario(scenario)
     return position_bound(simulate(find_scenario(str(scenario)), seed), timeline, assumptions)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     "--jobs", "-j", metavar="N", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]"
 )
 @run_options
+@click.option("--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.")
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
 @click.option(
@@ -43,6 +44,7 @@ def compare(
     seeds: int,
     jobs: int | None,
     choices: RunChoices,
+    bound: bool,
     output: Path | None,
     force: bool,
     json_to: str | None,
@@ -57,7 +59,7 @@ def compare(
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
     """
-    from usbldr.io.session import is_simulated
+    from usbldr.io.session import is_simulated, require_scenario
     from usbldr_cli.runs.compare_directory import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
 
@@ -65,19 +67,22 @@ def compare(
     _refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
         request: dict[str, Any] = {"runs": logs}
-        rows = _finished(logs, filters)
+        rows = _finished(logs, {"--filters": filters is not None, "--bound": bound})
         if output is not None:
             prepare(output, request, force)
     else:
         methods = _methods(filters, choices)
         request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": selection}
+        request |= {"bound": True} if bound else {}
         for log in logs:
+            if bound:
+                require_scenario(log)
             if is_simulated(log):
                 open_log(log, **selection)  # reports a misspelt name before hours of work
         if output is not None:
             prepare(output, request, force)
         store = None if output is None else output / UNITS
-        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, selection, store)
+        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, selection, store, bound)
         _refuse_empty(rows)
     _write(output, rows, request)
     _print_result(rows, request, output, json_to, quiet)
@@ -100,15 +105,16 @@ def _refuse_inputs(
             refuse_file("--json", Path(str(json_to)), force, read, output)
 
 
-def _finished(folders: Sequence[str], filters: str | None) -> "list[ComparisonRow]":
+def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[ComparisonRow]":
     """Return the rows of run directories that are comparable."""
     from usbldr_cli.runs.finished_runs import is_run, read_runs
     from usbldr_cli.runs.seed_table import require_comparable
 
     if not all(is_run(Path(folder)) for folder in folders):
         raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
-    if filters is not None:
-        raise UsageError("run directories are compared as they are: leave --filters out")
+    for option, given in asked.items():
+        if given:
+            raise UsageError(f"run directories are compared as they are: leave {option} out")
     rows = read_runs([Path(folder) for folder in folders])
     require_comparable(rows)
     return rows
@@ -147,16 +153,24 @@ def _run(
     choices: RunChoices,
     selection: dict[str, Any],
     store: Path | None,
+    bound: bool,
 ) -> "list[ComparisonRow]":
-    """Run everything; a deterministic method runs once on a file, and once on each dive of a scenario."""
+    """Run everything; a deterministic method runs once on a file, and once on each dive of a scenario.
+
+    The bound is that for the states that the first filter estimates.
+    """
     from usbldr.filters.replay.methods import METHODS, track_name
+    from usbldr.io.reports.report_text import BOUND_NAMES
     from usbldr_cli.runs.jobs import run_jobs
-    from usbldr_cli.runs.seed_table import ComparisonRow
+    from usbldr_cli.runs.seed_table import BOUND, ComparisonRow
 
     cells: dict[tuple[str, str], dict[int, Job]] = {}
     for log in logs:
         for method in methods:
             cells[log, method] = _cell(log, method, seeds, choices, selection)
+        if bound:
+            first = next((method for method in methods if METHODS[method].is_filter), methods[0])
+            cells[log, BOUND] = {seed: replace(unit, bound=True) for seed, unit in cells[log, first].items()}
     seed_major = sorted(
         ((log, seed, method) for (log, method), units in cells.items() for seed in units),
         key=lambda at: (logs.index(at[0]), at[1]),  # units of one dive follow each other: it is read once
@@ -172,8 +186,9 @@ def _run(
         name = Path(log).name if names.count(Path(log).name) == 1 else log
         found = tuple(by_place[log, seed, method] for seed in units)
         dives = next(iter(units.values())).simulated
-        label = track_name(method, choices.smooth)
-        rows.append(ComparisonRow(name, label, method, tuple(units), found, METHODS[method].draws, dives))
+        label = BOUND_NAMES[choices.smooth] if method == BOUND else track_name(method, choices.smooth)
+        draws = method != BOUND and METHODS[method].draws
+        rows.append(ComparisonRow(name, label, method, tuple(units), found, draws, dives))
     return rows
 
 

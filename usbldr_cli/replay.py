@@ -79,7 +79,7 @@ def replay(
     from usbldr.io.inputs import output_conflict
     from usbldr.io.read import require
     from usbldr.io.reports.run_directory import run_directory
-    from usbldr.io.session import is_simulated, resolve
+    from usbldr.io.session import require_scenario, resolve
     from usbldr.io.timeline import timeline
 
     chosen = method_named(method)
@@ -87,9 +87,8 @@ def replay(
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file is not None and (option, file) != ("--json", "-"):
             refuse_file(option, Path(file), force, read, output)
-    if bound and not is_simulated(selection["log"]):
-        text = "is a recorded log; the bound needs the true states of a scenario"
-        raise UsageError(f"--bound: {selection['log']} {text}")
+    if bound:
+        require_scenario(selection["log"])
     log = open_log(seed=choices.seed, **selection)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:

@@ -40,6 +40,13 @@ class PositionBound(NamedTuple):
         """The least mean |east| and |north| of a smoother."""
         return (OF_SIGMA * self.smoother_sd_m.mean(axis=0)).tolist()
 
+    def metrics(self, smooth: bool) -> dict[str, float]:
+        """Return the least errors of a filter, or of a smoother, by their names in report.json."""
+        sd_m = self.smoother_sd_m if smooth else self.filter_sd_m
+        east_m, north_m = self.smoother_m if smooth else self.filter_m
+        rmse_m = math.sqrt(2 * float(np.mean(np.square(sd_m))))  # of the horizontal error
+        return {"mean_abs_east_m": east_m, "mean_abs_north_m": north_m, "rmse_horizontal_m": rmse_m}
+
 
 def position_bound(simulated: SimulatedDive, timeline: Timeline, assumptions: Assumptions) -> PositionBound:
     """Return the posterior Cramer-Rao bound of the position on the slow grid (see `dive_bounds`)."""

@@ -218,11 +218,9 @@ def report_content(run: Run) -> dict[str, Any]:
     }
 
 
-def _bound(bound: PositionBound) -> dict[str, Any]:
-    """Return the lower bound on the mean errors of any filter and of any smoother."""
-    names = ("mean_abs_east_m", "mean_abs_north_m")
-    bounds = {"filter": bound.filter_m, "smoother": bound.smoother_m}
-    return {name: dict(zip(names, errors_m, strict=True)) for name, errors_m in bounds.items()}
+def _bound(bound: PositionBound) -> dict[str, dict[str, float]]:
+    """Return the lower bound on the mean errors and the rmse of any filter and of any smoother."""
+    return {"filter": bound.metrics(smooth=False), "smoother": bound.metrics(smooth=True)}
 
 
 def _influence(fix: Influence) -> dict[str, Any]:

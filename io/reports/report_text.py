@@ -97,6 +97,9 @@ def error_table(report: ErrorReport) -> Table:
     return Table("error in m", heads, tuple(rows))
 
 
+BOUND_NAMES = {False: "bound", True: "smoother bound"}  # by whether the track is smoothed
+
+
 def method_table(run: Run) -> Table:
     """Return the method beside raw fixes and dead reckoning, and the bound of any filter and any smoother."""
     heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "coverage")
@@ -111,8 +114,9 @@ def method_table(run: Run) -> Table:
         share = f"{100 * report.coverage.share:.0f} %"
         rows.append((report.label, *numbers, f"{report.coverage.matched}", share))
     if run.bound is not None:
-        for name, errors_m in (("bound", run.bound.filter_m), ("smoother bound", run.bound.smoother_m)):
-            rows.append((name, *metres(*errors_m), *[""] * (len(heads) - 2)))
+        for smooth, name in BOUND_NAMES.items():
+            east, north, rmse = metres(*run.bound.metrics(smooth).values())
+            rows.append((name, east, north, "", rmse, *[""] * (len(heads) - 4)))
     return Table("mean error in m", heads, tuple(rows))
 
 

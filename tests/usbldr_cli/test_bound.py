@@ -1,13 +1,18 @@
 """`replay --bound`: the least error that any filter could have on a scenario."""
 
 import json
+import re
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from click import Command
 from click.testing import CliRunner
 
+from commands import output_of
 from paper.bounds import limits
 from usbldr.io.scenarios.library import find_scenario
+from usbldr_cli.compare import compare
 from usbldr_cli.main import cli
 from usbldr_cli.replay import replay
 
@@ -22,13 +27,38 @@ def test_the_bound_is_that_of_the_study(tmp_path: Path) -> None:
     assert done.exit_code == 0
     want = limits(find_scenario("paper"), ("scale",), (3,))
     bound = json.loads((tmp_path / "run" / "report.json").read_text(encoding="utf-8"))["bound"]
-    shown = [line.split()[-2:] for line in done.output.splitlines() if line.startswith(("bound", "smoother bound"))]
+    shown = [line.split()[-3:] for line in done.output.splitlines() if line.startswith(("bound", "smoother bound"))]
     for k, (name, errors_m) in enumerate((("filter", want.filter_m), ("smoother", want.smoother_m))):
-        assert list(bound[name].values()) == pytest.approx(errors_m, rel=1e-12)
-        assert shown[k] == [f"{error_m:.3f}" for error_m in errors_m]
+        least = bound[name]
+        assert [least["mean_abs_east_m"], least["mean_abs_north_m"]] == pytest.approx(errors_m, rel=1e-12)
+        assert shown[k] == [f"{error_m:.3f}" for error_m in (*errors_m, least["rmse_horizontal_m"])]
 
 
-def test_a_recorded_log_has_no_bound() -> None:
-    done = CliRunner().invoke(replay, [str(SAMPLE), "--bound"])
+def test_the_row_of_a_comparison_is_the_mean_of_the_seeds_own_bounds(tmp_path: Path) -> None:
+    text = (files("usbldr.io.scenarios") / "paper.toml").read_text(encoding="utf-8")
+    dive, out = tmp_path / "short.toml", tmp_path / "compared"
+    dive.write_text(re.sub(r"(?m)^duration_s = .*", "duration_s = 20.0", text), encoding="utf-8")
+    alone: list[dict[str, float]] = []
+    for seed in ("4", "5"):
+        run = tmp_path / seed
+        output_of("replay", dive, "-f", "ekf", "--seed", seed, "--bound", "-o", run)
+        alone.append(json.loads((run / "report.json").read_text(encoding="utf-8"))["bound"]["filter"])
+
+    output_of("compare", dive, "-f", "dr,ekf,usbl", "--seed", 4, "--seeds", 2, "--bound", "-j", 1, "-o", out)
+
+    told = json.loads((out / "compare.json").read_text(encoding="utf-8"))
+    row = told["rows"][-1]
+    assert row["filter"] == "bound"
+    for name in ("mean_abs_east_m", "mean_abs_north_m", "rmse_horizontal_m"):
+        assert row[name] == pytest.approx((alone[0][name] + alone[1][name]) / 2, rel=1e-12)
+        assert f",{row[name]!r}," in (out / "compare.csv").read_text(encoding="utf-8").splitlines()[-1]
+    line = next(line for line in (out / "compare.md").read_text(encoding="utf-8").splitlines() if "| bound |" in line)
+    assert line.count(f"{row['mean_abs_east_m']:.3f} ± ") >= 1
+    assert "bound is best" not in told["verdict"]
+
+
+@pytest.mark.parametrize("command", [replay, compare])
+def test_a_recorded_log_has_no_bound(command: Command) -> None:
+    done = CliRunner().invoke(command, [str(SAMPLE), "--bound"])
 
     assert str(done.exception) == f"--bound: {SAMPLE} is a recorded log; the bound needs the true states of a scenario"

@@ -22,7 +22,7 @@ from usbldr_cli.figures.overlay import (
 )
 from usbldr_cli.figures.style import Figure, in_style, legend_below, save
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.seed_table import ComparisonRow, grouped
+from usbldr_cli.runs.seed_table import BOUND, ComparisonRow, grouped
 
 CROWDED = 20.0  # largest over smallest error from which the axis is logarithmic
 
@@ -35,7 +35,7 @@ def write_figures(folder: Path, rows: Sequence[ComparisonRow]) -> list[tuple[str
         for log, group in groups.items():
             end = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.-]+", "_", log).strip("_")
             for name, caption, draw in PICTURES:
-                figure = draw([row for row in group if row.good])
+                figure = draw([row for row in group if row.good and row.method != BOUND])
                 if figure is not None:
                     _save_whole(figure, folder / f"{name}{end}.png")
                     written.append((f"{name}{end}.png", f"{caption} ({log})"))

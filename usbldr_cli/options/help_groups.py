@@ -7,13 +7,13 @@ import click
 COMMON = {
     "Log": ("config", "truth", "joined"),
     "Filter": ("method", "filters", "particles", "calibrate", "tune", "smooth", "seed", "seeds"),
-    "Scoring": ("start", "end", "align", "bound"),
+    "Scoring": ("start", "end", "align"),
     "Output": ("output", "force", "json_to", "quiet", "jobs"),
 }
 RARE = {
     "Log": ("dvl", "compass", "usbl", "gps", "depth", "msg_path", "strict"),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
-    "Scoring": ("slow_hz", "dr_from", "leave_one_out"),
+    "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound"),
     "Output": ("write_calibration",),
 }
 """The parameters of each group, in the order in which help lists them."""

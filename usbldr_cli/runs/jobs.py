@@ -43,6 +43,7 @@ class Job:
     method: str
     choices: RunChoices
     selection: Mapping[str, Any] = field(default_factory=dict[str, Any])  # values of options.selection_options
+    bound: bool = False  # compute the least error of a filter that estimates the same states, and run nothing
 
     @property
     def simulated(self) -> bool:
@@ -154,6 +155,8 @@ def _run(unit: Job, kept: JobStore | None) -> _FinishedJob:
     choices = relevant_choices(unit.method, unit.choices)
     try:
         source = _read(unit.log, selection, choices.seed if unit.simulated else 0, choices.fast_hz, choices.slow_hz)
+        if unit.bound:
+            return _FinishedJob(_bound(unit, source, choices), None, None)
         key = _key(source, unit.method, choices)
         if kept is not None and (outcome := kept.read(key)) is not None:
             return _FinishedJob(outcome, None, None)
@@ -179,6 +182,14 @@ def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: 
     found = open_log(log, seed, **dict(selection))
     dive_timeline = timeline(found, fast_hz, slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))
+
+
+def _bound(unit: Job, source: _Source, choices: RunChoices) -> JobResult:
+    from usbldr.io.session import bound, resolve
+
+    used = resolve(source.log, source.dive_timeline, unit.method, choices.settings())
+    known = replace(source.log.assumptions, calibrate=used.calibrate, aid=used.aid)
+    return JobResult(bound(unit.log, source.dive_timeline, known, choices.seed).metrics(unit.choices.smooth))
 
 
 def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:

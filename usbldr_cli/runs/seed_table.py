@@ -23,6 +23,7 @@ from usbldr.filters.evaluation.seed_statistics import (
 from usbldr.filters.windows import windows_text
 from usbldr_cli.runs.job_store import JobResult, ScoringContext
 
+BOUND = "bound"  # stands for a method in the row of the least error that any filter could have
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
 """The metrics whose difference to the first row is reported."""
 
@@ -170,7 +171,9 @@ def _measure(judged: ScoringContext) -> tuple[str, str, str, str]:
 
 def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
     """Return which row of a log is best, and by how much."""
-    ranked = sorted((row for row in rows if row.good), key=lambda row: row.mean("mean_horizontal_m") or 0.0)
+    ranked = sorted(
+        (row for row in rows if row.good and row.method != BOUND), key=lambda row: row.mean("mean_horizontal_m") or 0.0
+    )
     if not ranked:
         return f"{rows[0].log}: no run succeeded"
     best, *others = ranked
@@ -203,7 +206,7 @@ def overall(rows: Sequence[ComparisonRow]) -> str:
         return best_method_sentence(rows)
     best: dict[str, list[str]] = {}
     for log, group in groups.items():
-        ranked = [row for row in group if row.good]
+        ranked = [row for row in group if row.good and row.method != BOUND]
         if ranked:
             winner = min(ranked, key=lambda row: row.mean("mean_horizontal_m") or 0.0)
             best.setdefault(winner.label, []).append(log)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
 from usbldr_cli.runs.seed_table import (
+    BOUND,
     ComparisonRow,
     best_method_sentence,
     difference,
@@ -27,11 +28,14 @@ LEGEND = (
 def error_table(rows: Sequence[ComparisonRow]) -> Table:
     """Return the errors of a log's rows, each with its difference to the first."""
     first = rows[0]
-    heads = ("|east|", "|north|", "horizontal", "CEP95", f"minus {first.label}")
+    columns = {"|east|": "mean_abs_east_m", "|north|": "mean_abs_north_m", "horizontal": "mean_horizontal_m"}
+    if any(row.method == BOUND for row in rows):
+        columns["rmse"] = "rmse_horizontal_m"
+    heads = (*columns, "CEP95", f"minus {first.label}")
     body = tuple(
         (
             row.label,
-            *(_mean_se(row, f"mean_{name}_m") for name in ("abs_east", "abs_north", "horizontal")),
+            *(_mean_se(row, metric) for metric in columns.values()),
             _number(row, "p95_horizontal_m"),
             "" if row is first else _against(row, first),
         )
@@ -46,7 +50,7 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
     heads = ("runs", "median horiz.", "diverged", "ESS", "NEES", "sigmas", "time")
     body: list[tuple[str, ...]] = []
     for row in rows:
-        if not row.good:
+        if not row.good or row.method == BOUND:
             continue
         metrics = row_metrics(row)
         share, ess, seconds = metrics.get("diverged_share"), metrics["ess_mean_ratio"], metrics["filter_time_s"]
