@@ -108,8 +108,7 @@ def message_covariance(raw: RawRecords, frame: str) -> Array:
 
 
 def _round(sd_m: Vector) -> Array:
-    """Return covariances without a direction, (n, 2, 2); NaN if the sd is no number between 0 and "
-    "MAX_POSITION_SD_M."""
+    """Return covariances without a direction, (n, 2, 2); NaN unless 0 < sd_m <= MAX_POSITION_SD_M."""
     known = (sd_m > 0) & (sd_m <= MAX_POSITION_SD_M)
     return np.eye(2) * np.where(known, sd_m, np.nan)[:, None, None] ** 2
 

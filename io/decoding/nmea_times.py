@@ -24,8 +24,7 @@ EPOCH = re.compile(r"(?<![\d.:])(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|
 
 
 def prefixed_ns(prefix: str) -> int:
-    """Return the log time before a sentence, NO_TIME without: ISO 8601, or seconds, ms, us, ns since "
-    "1970."""
+    """Return the log time before a sentence, NO_TIME without one: ISO 8601, or s, ms, us, ns since 1970."""
     if len(prefix) < 9:
         return NO_TIME
     iso = ISO.search(prefix)
