@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from usbldr.filters.bounds.dive_bounds import PositionBound
     from usbldr.filters.errors import CheckError, LogError, UsageError, UsbldrError
     from usbldr.filters.evaluation.error_report import ErrorReport, Window
+    from usbldr.filters.identification.identification import Identification
     from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
     from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
     from usbldr.filters.replay.methods import METHODS, FilterSettings, Method
@@ -31,6 +32,7 @@ __all__ = [
     "ErrorReport",
     "FilterSettings",
     "Gaussian",
+    "Identification",
     "LogError",
     "Method",
     "Mixture",
@@ -54,6 +56,7 @@ _HOMES = {
     "bounds.dive_bounds": ("PositionBound",),
     "errors": ("CheckError", "LogError", "UsageError", "UsbldrError"),
     "evaluation.error_report": ("ErrorReport", "Window"),
+    "identification.identification": ("Identification",),
     "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),
     "models.parameters": ("Assumptions", "ProcessNoise", "SensorErrors", "Start"),
     "replay.methods": ("METHODS", "FilterSettings", "Method"),

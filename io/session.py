@@ -19,6 +19,7 @@ from usbldr.filters.bounds.dive_bounds import PositionBound, position_bound
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.evaluation import evaluate as evaluate_track
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.observability import identify
 from usbldr.filters.identification.tuning import tune
 from usbldr.filters.models.calibration import AUTO
@@ -75,7 +76,7 @@ def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0)
     return simulated_log(find_scenario(str(log)), seed)
 
 
-def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Assumptions:
+def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Identification:
     """Return the assumptions of a method: as configured, with the settings, and with what is identified from the log.
 
     Without ``settings.calibrate``, sensor errors that the method cannot estimate are left out.
@@ -88,13 +89,16 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
     estimable = method_named(method).estimates
     if assumptions.calibrate == (AUTO,) and not estimable:
         assumptions = replace(assumptions, calibrate=())
+    found = Identification(assumptions)
     if assumptions.calibrate == (AUTO,):
-        assumptions = identify(timeline, assumptions)
+        found = identify(timeline, assumptions)
         if settings.calibrate is None:
-            assumptions = replace(
-                assumptions, calibrate=tuple(key for key in assumptions.calibrate if key in estimable)
-            )
-    return tune(timeline, assumptions).assumptions if settings.tune else assumptions
+            kept = tuple(key for key in found.parameters.calibrate if key in estimable)
+            found = replace(found, parameters=replace(found.parameters, calibrate=kept))
+    if settings.tune:
+        tuned = tune(timeline, found.parameters)
+        found = replace(found, parameters=tuned.parameters, tuned=tuned.tuned)
+    return found
 
 
 def replay(
@@ -102,26 +106,31 @@ def replay(
     timeline: Timeline,
     method: str = "cpf",
     settings: RunSettings = RunSettings(),
-    assumptions: Assumptions | None = None,
+    identification: Identification | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Trajectory:
     """Run a method of METHODS over a log and return its track.
 
-    ``assumptions`` are those of `resolve`, which is called without them. ``progress`` is called with the number
+    ``identification`` is that of `resolve`, which is called without one. ``progress`` is called with the number
     of epochs done and of all. Raises LogError if the log lacks a sensor or a start, UsageError for settings that do not
     fit the method.
     """
     able = method_named(method)
     require(log, able.sensors)
-    used = resolve(log, timeline, method, settings) if assumptions is None else assumptions
+    found = resolve(log, timeline, method, settings) if identification is None else identification
+    used = found.parameters
     require_gps(timeline, used.aid, str(log.path))
     if able.is_filter and used.start is None and not len(starting_fixes(timeline, used)[0]):
         raise LogError(f"{log.path}: {NO_START_TEXT}")
-    anchor = find_start(replace(log, assumptions=used), timeline, settings.dr_from) if able.anchored else None
-    return run(method, timeline, used, settings, progress, anchor)
+    anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
+    track = run(method, timeline, used, settings, progress, anchor)
+    warnings = tuple(f"{method}: {text}" for text in found.warnings) if able.is_filter else ()
+    return replace(track, warnings=warnings + track.warnings)
 
 
-def find_start(log: Log, timeline: Timeline, dr_from: str | tuple[float, float]) -> Anchor | None:
+def find_start(
+    log: Log, timeline: Timeline, assumptions: Assumptions, dr_from: str | tuple[float, float]
+) -> Anchor | None:
     """Return where dead reckoning starts, None if the log has no such position.
 
     Raises UsageError for an invalid place, or for LAT,LON without an origin.
@@ -129,7 +138,7 @@ def find_start(log: Log, timeline: Timeline, dr_from: str | tuple[float, float])
     if isinstance(dr_from, str):
         if dr_from not in ANCHORS:
             raise UsageError(f"--dr-from {dr_from} is neither LAT,LON in degrees nor one of {', '.join(ANCHORS)}")
-        return find_anchor(dr_from, timeline, log.assumptions, log.truth)
+        return find_anchor(dr_from, timeline, assumptions, log.truth)
     lat_deg, lon_deg = dr_from
     if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 360):
         raise UsageError(
@@ -159,24 +168,24 @@ def score(
     timeline: Timeline,
     method: str = "cpf",
     settings: RunSettings = RunSettings(),
-    assumptions: Assumptions | None = None,
+    identification: Identification | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ScoredTrack:
     """Replay a log and compute the errors of the track, if the log has a truth (see `replay` and `evaluate`)."""
-    track = replay(log, timeline, method, settings, assumptions, progress)
+    track = replay(log, timeline, method, settings, identification, progress)
     return ScoredTrack(track, None if log.truth is None else evaluate(log, timeline, track, settings))
 
 
 def reference_tracks(
-    log: Log, timeline: Timeline, method: str, settings: RunSettings, assumptions: Assumptions
+    log: Log, timeline: Timeline, method: str, settings: RunSettings, identification: Identification
 ) -> tuple[ScoredTrack, ...]:
     """Return raw fixes and dead reckoning, scored like the track of the method, if the log allows them."""
-    anchor = find_start(replace(log, assumptions=assumptions), timeline, settings.dr_from)
+    anchor = find_start(log, timeline, identification.parameters, settings.dr_from)
     possible = {"usbl": len(timeline.fix_time_s) > 0, "dr": anchor is not None}
     tracks: list[ScoredTrack] = []
     for name, available in possible.items():
         with suppress(LogError):  # a reference track without truth does not fail the run
-            tracks += [score(log, timeline, name, settings, assumptions)] if available and name != method else []
+            tracks += [score(log, timeline, name, settings, identification)] if available and name != method else []
     return tuple(tracks)
 
 

@@ -19,7 +19,7 @@ from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeaveOneOut
-    from usbldr.filters.models.parameters import Assumptions
+    from usbldr.filters.identification.identification import Identification
     from usbldr.filters.replay.methods import Method
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
@@ -98,14 +98,14 @@ def replay(
     require(log, chosen.sensors)
     _refuse_for_tracks(chosen, choices)
     dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
-    settings, configured = choices.settings(log.start_ns), log.assumptions
-    log = replace(log, assumptions=resolve(log, dive_timeline, method, settings))
+    settings = choices.settings(log.start_ns)
+    found = resolve(log, dive_timeline, method, settings)
     warnings = convention_warnings(log, dive_timeline)
     for finding in warnings:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
     log = replace(log, findings=(*log.findings, *warnings))
     if write_calibration is not None:
-        _refuse_without_errors(chosen, log)
+        _refuse_without_errors(chosen, found)
     if leave_one_out is not None:
         _refuse_without_shifts(chosen, dive_timeline)
     name = log.path.name if log.path.is_dir() else log.path.stem
@@ -113,9 +113,9 @@ def replay(
     if what := output_conflict(target, read, inside=False):
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
-        run = _run(method, log, dive_timeline, choices, settings)
+        run = _run(method, log, dive_timeline, found, choices, settings)
         if bound:
-            run = _with_bound(selection["log"], run, configured)
+            run = _with_bound(selection["log"], run)
         if leave_one_out is not None:
             run = _with_left_out(method, run, settings, leave_one_out)
         _write(folder, run)
@@ -138,11 +138,11 @@ def _refuse_for_tracks(method: "Method", choices: RunChoices) -> None:
         raise UsageError(f"--{option} needs a filter, and {method.name} is not one (filters: {filters})")
 
 
-def _refuse_without_errors(method: "Method", log: "Log") -> None:
+def _refuse_without_errors(method: "Method", found: "Identification") -> None:
     """Refuse --write-calibration if no sensor errors are estimated."""
     if not method.is_filter:
         raise UsageError(f"--write-calibration: {method.name} is not a filter, so it estimates no sensor errors")
-    if not log.assumptions.calibrate:
+    if not found.parameters.calibrate:
         hint = "add --calibrate auto, or --calibrate with their names if it finds none"
         raise UsageError(f"--write-calibration: no sensor errors are estimated; {hint}")
 
@@ -160,24 +160,33 @@ def _refuse_without_shifts(method: "Method", dive_timeline: "Timeline") -> None:
         raise UsageError("--leave-one-out: the log has no USBL fix to leave out")
 
 
-def _run(method: str, log: "Log", dive_timeline: "Timeline", choices: RunChoices, settings: "RunSettings") -> "Run":
+def _run(
+    method: str,
+    log: "Log",
+    dive_timeline: "Timeline",
+    found: "Identification",
+    choices: RunChoices,
+    settings: "RunSettings",
+) -> "Run":
     """Compute and score the track and the reference tracks."""
     from usbldr.io.reports.report_json import Run
     from usbldr.io.session import reference_tracks
     from usbldr.io.settings.validation import read_document
 
-    references = reference_tracks(log, dive_timeline, method, settings, log.assumptions)
-    scored = _score(method, log, dive_timeline, settings)
+    references = reference_tracks(log, dive_timeline, method, settings, found)
+    scored = _score(method, log, dive_timeline, found, settings)
     content = None if log.configuration is None else read_document(log.configuration)
-    return Run(log, dive_timeline, scored, references, choices.order, choices.seed, asdict(choices), content)
+    return Run(log, dive_timeline, found, scored, references, choices.order, choices.seed, asdict(choices), content)
 
 
-def _score(method: str, log: "Log", dive_timeline: "Timeline", settings: "RunSettings") -> "ScoredTrack":
+def _score(
+    method: str, log: "Log", dive_timeline: "Timeline", found: "Identification", settings: "RunSettings"
+) -> "ScoredTrack":
     """Compute and score a track, with a progress bar if stderr is a terminal."""
     from usbldr.io.session import score
 
     with _bar(method, len(dive_timeline.time_s)) as progress:
-        return score(log, dive_timeline, method, settings, log.assumptions, progress)
+        return score(log, dive_timeline, method, settings, found, progress)
 
 
 @contextmanager
@@ -186,12 +195,12 @@ def _bar(label: str, total: int) -> "Generator[Callable[[int, int], None]]":
         yield lambda done, _: bar.update(done - bar.pos)
 
 
-def _with_bound(scenario: str, run: "Run", configured: "Assumptions") -> "Run":
+def _with_bound(scenario: str, run: "Run") -> "Run":
     """Return the run with the bound for the noise of the scenario and the states that the run estimated."""
     from usbldr.io.session import bound
 
-    used = run.log.assumptions
-    assumptions = replace(configured, calibrate=used.calibrate, aid=used.aid)
+    used = run.identification.parameters
+    assumptions = replace(run.log.assumptions, calibrate=used.calibrate, aid=used.aid)
     return replace(run, bound=bound(scenario, run.timeline, assumptions, run.seed))
 
 
@@ -203,7 +212,7 @@ def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int)
     found: list[LeaveOneOut] = []
     for fix in most_influential(whole, count):
         try:
-            other = _score(method, log, without_fix(dive_timeline, fix.row), settings)
+            other = _score(method, log, without_fix(dive_timeline, fix.row), run.identification, settings)
         except LogError as err:
             raise LogError(f"--leave-one-out, without the fix at {fix.time_s:.1f} s: {err}") from err
         change_m = math.nan
@@ -221,8 +230,8 @@ def _write(folder: Path, run: "Run") -> None:
     from usbldr_cli.figures.run_figures import write_figures
 
     write_tables(folder, run)
-    if run.log.assumptions.tuned:
-        (folder / TUNED).write_text(tuned_toml(run.log), encoding="utf-8")
+    if run.identification.tuned:
+        (folder / TUNED).write_text(tuned_toml(run.log.path.name, run.identification), encoding="utf-8")
     write_markdown(folder, run, write_figures(folder, run))
     write_json(folder, run)
 
@@ -231,7 +240,8 @@ def _write_calibration(file: Path, run: "Run") -> None:
     """Write the configuration for the next dive."""
     from usbldr.io.reports.calibration_config import calibrated_configuration
 
-    write_file("--write-calibration", file, calibrated_configuration(run.log, run.scored.trajectory))
+    text = calibrated_configuration(run.log, run.identification.parameters.errors, run.scored.trajectory)
+    write_file("--write-calibration", file, text)
 
 
 def _print_result(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:

@@ -15,10 +15,9 @@ from paper.figures import log_scale, nees_over_time, save_small
 from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.replay.prior import find_anchor
-from usbldr.filters.replay.run import run
 from usbldr.filters.types import Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack
+from usbldr.io.session import replay
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.health import innovation_figure
 from usbldr_cli.figures.run_figures import error_figure
@@ -51,17 +50,16 @@ def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
 def online_run(case: Case, change: str, folder: Path) -> Run:
     """Return adf on a log with what people do without a filter beside it, by the log's last definition."""
     given, definition, way = dive(case.name, 0, folder), case.definitions[-1], replace(BEST, order=online(case))
-    line, assumptions = resolved_input(Cell(case.name, way, change), 0, given)
+    line, found = resolved_input(Cell(case.name, way, change), 0, given)
     truth = truth_for(definition, given)
     scored: list[ScoredTrack] = []
     for method in (way.method, "usbl", "dr"):
-        anchor = find_anchor("start", line, assumptions, None)
-        made = run(method, line, assumptions, way.choices(0).settings(), anchor=anchor)
+        made = replay(given.log, line, method, way.choices(0).settings(), found)
         times_s = None if method == "usbl" else line.time_s[line.slow]
         scored.append(ScoredTrack(made, evaluate(made, truth, definition.window, definition.align, times_s)))
     titled_by = given.log.path.with_name(", USBL ".join(filter(None, (given.log.path.name, change))))
-    log = replace(given.log, path=titled_by, assumptions=assumptions, truth=truth)
-    return Run(log, line, scored[0], tuple(scored[1:]), order=way.order)
+    log = replace(given.log, path=titled_by, truth=truth)
+    return Run(log, line, found, scored[0], tuple(scored[1:]), order=way.order)
 
 
 def draw_consistency(case: Case, rows: Rows, output: Path) -> str:

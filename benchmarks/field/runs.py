@@ -21,14 +21,13 @@ from paper.runs import Way
 from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification import observability
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.methods import METHODS
-from usbldr.filters.replay.prior import find_anchor
-from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Trajectory
-from usbldr.io.session import resolve
+from usbldr.io.session import replay, resolve
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 from usbldr_cli.runs.jobs import THREADS, relevant_choices
@@ -67,31 +66,29 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult
     case = CASES[cell.case]
     try:
         given = dive(cell.case, seed, folder)
-        line, assumptions = resolved_input(cell, seed, given)
-        key = _key(line, given, assumptions, cell, seed)
+        line, found = resolved_input(cell, seed, given)
+        key = _key(line, given, found.parameters, cell, seed)
         names = [f"{key}{definition.name}" for definition in case.definitions]
         kept = [JobStore(store).read(name) for name in names]
         if all(kept):
             return [one for one in kept if one is not None]
-        anchor = find_anchor("start", line, assumptions, None)
         with constants(prior, CHANGES[cell.change].starting):
-            made = run(cell.way.method, line, assumptions, _choices(cell, seed).settings(), anchor=anchor)
+            made = replay(given.log, line, cell.way.method, _choices(cell, seed).settings(), found)
         return [
-            JobStore(store).write(name, *_judged(case, k, made, given, line, assumptions))
-            for k, name in enumerate(names)
+            JobStore(store).write(name, *_judged(case, k, made, given, line, found)) for k, name in enumerate(names)
         ]
     except UsbldrError as fault:
         return [JobResult(fault=str(fault), exit_code=fault.exit_code)] * len(case.definitions)
 
 
-def resolved_input(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Assumptions]:
-    """Return records and assumptions of a cell: those of the log with the cell's change."""
+def resolved_input(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Identification]:
+    """Return records and identification of a cell: those of the log with the cell's change."""
     change = CHANGES[cell.change]
     line = change.records(given.line)
     before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
     with constants(observability, change.observing), constants(prior, change.starting):
-        assumptions = resolve(before, line, cell.way.method, _choices(cell, seed).settings())
-    return line, change.after(assumptions, line)
+        found = resolve(before, line, cell.way.method, _choices(cell, seed).settings())
+    return line, replace(found, parameters=change.after(found.parameters, line))
 
 
 def _choices(cell: Cell, seed: int) -> RunChoices:
@@ -100,7 +97,7 @@ def _choices(cell: Cell, seed: int) -> RunChoices:
 
 
 def _judged(
-    case: Case, k: int, made: Trajectory, given: Dive, line: Timeline, assumptions: Assumptions
+    case: Case, k: int, made: Trajectory, given: Dive, line: Timeline, found: Identification
 ) -> tuple[JobResult, Trace]:
     definition = case.definitions[k]
     times_s = None if made.method == "usbl" else line.time_s[line.slow]
@@ -108,7 +105,7 @@ def _judged(
     metrics = report.flat() | refusals(made)
     for one in estimated_errors(made):
         metrics |= {f"found_{one.name}": float(one.value[-1]), f"found_sd_{one.name}": float(one.sd[-1])}
-    for key, narrowed, verdict in assumptions.observed:
+    for key, narrowed, verdict in found.observed:
         metrics |= {f"narrowed_{key}": narrowed, f"verdict_{key}": float(VERDICTS.index(verdict))}
     judged = ScoringContext(
         log=given.log.path.name,
@@ -139,7 +136,7 @@ def refusals(made: Trajectory) -> dict[str, float]:
 def _key(line: Timeline, given: Dive, assumptions: Assumptions, cell: Cell, seed: int) -> str:
     """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
     settings, starting = _choices(cell, seed).settings(), cell.change if CHANGES[cell.change].starting else ""
-    parts = (line, given.truth, replace(assumptions, observed=()), cell.way.method, settings, starting)
+    parts = (line, given.truth, assumptions, cell.way.method, settings, starting)
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 
 

@@ -21,11 +21,17 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.identification.identification import (
+    DR_WALK_NAME,
+    Identification,
+    NoiseChange,
+    StateObservability,
+)
 from usbldr.filters.identification.tuning import estimate_dvl_noise
 from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
 from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, STATES, prior_sd
 from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.parameters import DR_WALK_NAME, Assumptions, NoiseChange, StateObservability
+from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Timeline, Vector
 
 CANDIDATE_KEYS = ("scale", "heading", "deviation", "latency", "usbl-bias")
@@ -54,7 +60,7 @@ class _NoiseModel(NamedTuple):
     inflates_usbl_sd: bool = False  # fixes noisier than stated: never chosen, only compared with drift
 
 
-def identify(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
+def identify(timeline: Timeline, assumptions: Assumptions) -> Identification:
     """Return the assumptions with the observable error states, and with the noise for which the evidence is strong.
 
     Field ``observed`` holds the sigma ratio of each error, ``noise_changes`` the changed numbers of the noise. Without
@@ -63,7 +69,7 @@ def identify(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
     with_dvl = _with_dvl_noise(timeline, assumptions)
     if not len(timeline.fix_time_s):
         nothing = tuple(StateObservability(key, 1.0, "not observable") for key in CANDIDATE_KEYS)
-        return replace(with_dvl, calibrate=(), observed=nothing, noise_changes=_noise_changes(assumptions, with_dvl))
+        return Identification(replace(with_dvl, calibrate=()), nothing, _noise_changes(assumptions, with_dvl))
     every = replace(with_dvl, calibrate=CANDIDATE_KEYS)
     sd_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
     current = _with_correlation(
@@ -88,18 +94,15 @@ def identify(timeline: Timeline, assumptions: Assumptions) -> Assumptions:
         hidden = "only in turns" if straight and key in NEEDS_TURNS else "not observable"
         observed.append(StateObservability(key, sigma_ratio, "observable" if seen else hidden))
     kept = tuple(told.key for told in observed if told.conclusion == "observable")
-    return replace(
-        current, calibrate=kept, observed=tuple(observed), noise_changes=_noise_changes(assumptions, current)
-    )
+    return Identification(replace(current, calibrate=kept), tuple(observed), _noise_changes(assumptions, current))
 
 
 def _with_dvl_noise(timeline: Timeline, given: Assumptions) -> Assumptions:
     """Return the assumptions with the noise estimated from the DVL's own records, if the evidence is strong."""
-    tuned = estimate_dvl_noise(timeline, given).assumptions
-    told = replace(tuned, tuned=given.tuned)
-    changes = sum(one.identified for one in tuned.tuned)
-    before, after = dvl_likelihoods(timeline, [given, told])
-    return told if after - before > MIN_LOG_BAYES_FACTOR * changes else given
+    found = estimate_dvl_noise(timeline, given)
+    changes = sum(one.identified for one in found.tuned)
+    before, after = dvl_likelihoods(timeline, [given, found.parameters])
+    return found.parameters if after - before > MIN_LOG_BAYES_FACTOR * changes else given
 
 
 def _best(among: Sequence[_NoiseModel], log_likelihood: Vector) -> int:

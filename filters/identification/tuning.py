@@ -20,9 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.identification.identification import Identification, TunedParameter
 from usbldr.filters.identification.newton import Maximum, maximise
 from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
-from usbldr.filters.models.parameters import Assumptions, TunedParameter
+from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Timeline, Vector
 
 PRIOR_SD = math.log(3)  # [1] of each logarithm: a factor of three is one sigma
@@ -71,15 +72,7 @@ USBL = (
 )
 
 
-class TuningResult(NamedTuple):
-    """The result of a search."""
-
-    assumptions: Assumptions  # with each number in ``tuned``
-    evaluations: int  # over the DVL's records or the fixes
-    converged: bool
-
-
-def tune(timeline: Timeline, assumptions: Assumptions) -> TuningResult:
+def tune(timeline: Timeline, assumptions: Assumptions) -> Identification:
     """Return the assumptions that explain the records of the DVL and the fixes best.
 
     Without fixes only the noise of the DVL is estimated. Raises LogError if nothing gives the start.
@@ -87,28 +80,27 @@ def tune(timeline: Timeline, assumptions: Assumptions) -> TuningResult:
     dvl_fit = estimate_dvl_noise(timeline, assumptions)
     if not len(timeline.fix_time_s):
         return dvl_fit
-    log = dr_residuals(timeline, dvl_fit.assumptions)
+    given = dvl_fit.parameters
+    log = dr_residuals(timeline, given)
     for _ in range(LATENCY_ITERATIONS - 1):
-        log = dr_residuals(timeline, dvl_fit.assumptions, fix_likelihoods(log, [dvl_fit.assumptions]).latency_s)
-    usbl_fit = _search(lambda members: fix_likelihoods(log, members).log_likelihood, dvl_fit.assumptions, USBL)
-    return TuningResult(
-        usbl_fit.assumptions, dvl_fit.evaluations + usbl_fit.evaluations, dvl_fit.converged and usbl_fit.converged
-    )
+        log = dr_residuals(timeline, given, fix_likelihoods(log, [given]).latency_s)
+    usbl_fit = _search(lambda members: fix_likelihoods(log, members).log_likelihood, given, USBL)
+    return replace(usbl_fit, tuned=dvl_fit.tuned + usbl_fit.tuned)
 
 
-def estimate_dvl_noise(timeline: Timeline, given: Assumptions) -> TuningResult:
+def estimate_dvl_noise(timeline: Timeline, given: Assumptions) -> Identification:
     """Return the assumptions that explain the DVL's own records best; their sigma may grow but not shrink."""
 
-    def fit(among: Sequence[TunableParameter]) -> TuningResult:
+    def fit(among: Sequence[TunableParameter]) -> Identification:
         return _search(lambda members: dvl_likelihoods(timeline, members), given, among)
 
     dvl_fit = fit(DVL)
-    return dvl_fit if dvl_fit.assumptions.dvl_sd_scale >= given.dvl_sd_scale else fit(DVL[1:])
+    return dvl_fit if dvl_fit.parameters.dvl_sd_scale >= given.dvl_sd_scale else fit(DVL[1:])
 
 
 def _search(
     objective: Callable[[Sequence[Assumptions]], Vector], given: Assumptions, among: Sequence[TunableParameter]
-) -> TuningResult:
+) -> Identification:
     """Estimate the parameters that the assumptions use, then once more only the observable ones."""
     before = {p: p.to_unbounded(value) for p in among if (value := p.value(given)) is not None}
 
@@ -124,9 +116,7 @@ def _search(
     last = first if is_identified.all() else search(identified, first.point[is_identified])
     made = _at(given, identified, last.point)
     sd = dict(zip(before, first.sd.tolist(), strict=True)) | dict(zip(identified, last.sd.tolist(), strict=True))
-    found = tuple(_tuned(p, given, made, sd[p], p in identified) for p in before)
-    evaluations = first.batches + (0 if last is first else last.batches)
-    return TuningResult(replace(made, tuned=given.tuned + found), evaluations, first.converged and last.converged)
+    return Identification(made, tuned=tuple(_tuned(p, given, made, sd[p], p in identified) for p in before))
 
 
 def _at(given: Assumptions, parameters: Sequence[TunableParameter], point: Vector) -> Assumptions:

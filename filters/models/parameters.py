@@ -5,7 +5,7 @@ The defaults apply to every log; a configuration or a scenario states others. St
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
 from usbldr.filters.models.quantities import (
@@ -124,36 +124,6 @@ class Start:
 UNKNOWN_START = Start(math.nan, math.nan, math.nan)
 
 
-class StateObservability(NamedTuple):
-    """Whether one key of calibration.STATES is observable in a log."""
-
-    key: str
-    sigma_ratio: float  # posterior over prior sigma, at the end of the log
-    conclusion: str  # "observable", "only in turns", "not observable"
-
-
-class TunedParameter(NamedTuple):
-    """A parameter estimated from the log, see tuning.py."""
-
-    name: str  # with its unit
-    before: float
-    after: float
-    low: float  # one sigma down, from the width of the likelihood
-    high: float  # one sigma up
-    identified: bool  # False: the likelihood is too flat, and the value is unchanged
-
-
-DR_WALK_NAME = "position_walk_m"  # of ProcessNoise.position_m in noise changes
-
-
-class NoiseChange(NamedTuple):
-    """A parameter of the noise that the log contradicted, and its new value; see observability.py."""
-
-    name: str  # with its unit
-    before: float
-    after: float
-
-
 @dataclass(frozen=True, slots=True)
 class Assumptions:
     """The model side of a run, the same for every filter."""
@@ -167,11 +137,8 @@ class Assumptions:
     start: Start | None = None
     calibrate: tuple[str, ...] = ()  # keys of calibration.STATES; AUTO until identification has replaced it
     errors: SensorErrors = SensorErrors()
-    observed: tuple[StateObservability, ...] = ()  # reasons of the choice, if identification made it
-    noise_changes: tuple[NoiseChange, ...] = ()  # made by identification
     gps: NoiseFamily = Contamination()  # of fixes in the windows of aid
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and not truth
     dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL
     usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL
-    tuned: tuple[TunedParameter, ...] = ()  # of the above, those estimated from the log

@@ -13,7 +13,7 @@ from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter, re
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.parameters import DR_WALK_NAME, Assumptions
+from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.replay.dead_reckoning import Anchor
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, MAX_FIX_DELAY_S, discarded_fixes
 from usbldr.filters.replay.methods import (
@@ -102,7 +102,7 @@ def _run(
         ess if method.draws else None,
         particles,
         acceptance if method.draws else None,
-        _warnings(method, settings, assumptions, ess, done, late)
+        _warnings(method, settings, ess, done, late)
         + tuple(f"{name}: {reacquisition_text(one)}" for one in reacquisitions)
         + tuple(f"{name}: {texts}" for one in recoveries if (texts := recovery_warning(one)) is not None),
         time.perf_counter() - began,
@@ -137,17 +137,11 @@ def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequenc
 def _warnings(
     method: Method,
     settings: FilterSettings,
-    assumptions: Assumptions,
     ess: Vector,
     updates: Sequence[Update],
     late: int,
 ) -> tuple[str, ...]:
     name, texts = method.name, list[str]()
-    if any(number.name == DR_WALK_NAME for number in assumptions.noise_changes):
-        texts.append(
-            f"{name}: the fixes contradict dead reckoning, so that it may walk {assumptions.process.position_m:g} m in "
-            "a second and the track follows them: check the DVL's bottom lock, its axes and mounting, and the compass"
-        )
     if late:
         texts.append(
             f"{name}: {late} fixes came more than {MAX_FIX_DELAY_S:g} s late, or after the end, and were not used"

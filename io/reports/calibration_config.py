@@ -13,6 +13,7 @@ from tomlkit.items import InlineTable
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, REPORTED_QUANTITIES, assumed_sd, estimated_errors
+from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
 from usbldr.io.settings.configuration import parse_configuration
@@ -22,7 +23,7 @@ KEYS = {reported.name: reported for reported in REPORTED_QUANTITIES.values() if 
 """By the name that an error has at the border; a USBL bias that drifts is not a property of the sensor."""
 
 
-def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
+def calibrated_configuration(log: Log, stated: SensorErrors, trajectory: Trajectory) -> str:
     """Return the text of a configuration that also subtracts the estimated sensor errors.
 
     An error that was hardly observable is left as it was, and the start of the dive becomes a comment. Raises
@@ -33,7 +34,7 @@ def calibrated_configuration(log: Log, trajectory: Trajectory) -> str:
         raise UsageError(f"{trajectory.label} estimated no sensor errors, so there is nothing to write")
     document: Any = tomlkit.parse("schema = 1\n" if log.configuration is None else read_text(log.configuration))
     title = [f"# Errors of sensors that {trajectory.label} found on {log.path.name} are added to what was stated."]
-    assumed = assumed_sd(log.assumptions.errors)
+    assumed = assumed_sd(stated)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
         if place is None or sd > MAX_SIGMA_RATIO * assumed[error.name]:

@@ -17,8 +17,8 @@ from usbldr.filters.evaluation.consistency import DOF, consistency_text
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influences, most_influential
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import estimated_errors
-from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.log import Log
 from usbldr.io.provenance import provenance_values
@@ -42,6 +42,7 @@ class Run:
 
     log: Log
     timeline: Timeline
+    identification: Identification
     scored: ScoredTrack
     reference_tracks: tuple[ScoredTrack, ...] = ()  # usbl and dr, scored in the same way
     order: str = "validity"  # of the fixes
@@ -80,10 +81,9 @@ class Run:
         """Return the warnings of the filter and of its evaluation."""
         report = self.scored.report
         scored = () if report is None else report.warnings
-        used = self.log.assumptions
-        if report is not None and not used.calibrate and _far_over_confident(report):
+        if report is not None and not self.identification.parameters.calibrate and _far_over_confident(report):
             hint = "--calibrate auto estimates the sensor errors that are observable in the log"
-            if used.observed:
+            if self.identification.observed:
                 hint = "no sensor error that it can estimate is observable in the log; usbldr doctor looks for others"
             nees = f"NEES {report.nees.mean:.1f}, expected {DOF}" if report.nees is not None else ""
             scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")
@@ -200,7 +200,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "order": run.order,
         "options": run.options,
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
-        "assumptions": _assumptions(log.assumptions),
+        "assumptions": _assumptions(run.identification),
         "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in estimated_errors(trajectory)},
         "influential_fixes": [_influence(fix) for fix in most_influential(trajectory)],
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
@@ -227,14 +227,16 @@ def _influence(fix: Influence) -> dict[str, Any]:
     return {**fix._asdict(), "shift_m": fix.shift_m}
 
 
-def _assumptions(assumptions: Assumptions) -> dict[str, Any]:
+def _assumptions(found: Identification) -> dict[str, Any]:
     """Return the assumptions of the run, with the name of each noise family."""
-    content: dict[str, Any] = json_values(assumptions)
+    content: dict[str, Any] = json_values(found.parameters)
     for sensor in ("dvl", "compass", "usbl", "gps"):
-        content[sensor] = {"family": type(getattr(assumptions, sensor)).__name__, **content[sensor]}
-    content["tuned"] = [number._asdict() for number in assumptions.tuned]
-    content["noise_changes"] = [number._asdict() for number in assumptions.noise_changes]
-    return content
+        content[sensor] = {"family": type(getattr(found.parameters, sensor)).__name__, **content[sensor]}
+    return content | {
+        "observed": found.observed,
+        "noise_changes": [number._asdict() for number in found.noise_changes],
+        "tuned": [number._asdict() for number in found.tuned],
+    }
 
 
 def _truth(truth: Truth | None) -> dict[str, Any] | None:

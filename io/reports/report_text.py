@@ -11,8 +11,8 @@ from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, FixUpdates,
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
+from usbldr.filters.identification.identification import StateObservability
 from usbldr.filters.models.calibration import EstimatedError, estimated_errors
-from usbldr.filters.models.parameters import StateObservability
 from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.reports.report_json import Run
@@ -42,7 +42,7 @@ def context(run: Run) -> list[tuple[str, str]]:
     lines = [("log", f"{run.log.path.name} ({run.log.format}), {length_s:.0f} s")]
     if run.configuration is not None and run.log.configuration is not None:
         lines.append(("settings", run.log.configuration.name))
-    windows = run.log.assumptions.aid
+    windows = run.identification.parameters.aid
     aid = [("aid", aid_text(windows))] if windows else []
     report = run.scored.report
     if report is None:
@@ -197,9 +197,9 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(("ESS", f"{100 * ess:.0f} % of {run.scored.trajectory.particles} particles{moved}"))
         if calibrated := estimated_errors(run.scored.trajectory):
             lines.append(("calibrated", ", ".join(_calibrated(error) for error in calibrated)))
-        if observed := run.log.assumptions.observed:
+        if observed := run.identification.observed:
             lines.append(("observed", _observability(observed)))
-        if changes := run.log.assumptions.noise_changes:
+        if changes := run.identification.noise_changes:
             text = ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in changes)
             lines.append(("noise", f"estimated from the log: {text}"))
         if report.surfacing is not None:
@@ -210,7 +210,7 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(("surfacing", f"{mean_m:.2f} m {when}{share}"))
         if (speed := report.speed) is not None:
             lines.append(("run time", f"{speed.filter_time_s:.2f} s, {speed.real_time_factor:.0f} times real time"))
-    if tuned := run.log.assumptions.tuned:
+    if tuned := run.identification.tuned:
         lines.append(("tuned", "; ".join(tuned_text(number) for number in tuned)))
     for scored in (run.scored, *run.reference_tracks):
         judged = scored.report

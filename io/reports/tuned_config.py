@@ -3,8 +3,8 @@
 import json
 from collections.abc import Mapping
 
-from usbldr.filters.models.parameters import Assumptions, TunedParameter
-from usbldr.io.log import Log
+from usbldr.filters.identification.identification import Identification, TunedParameter
+from usbldr.filters.models.parameters import Assumptions
 from usbldr.io.settings.toml_text import noise_text, stated, toml_text
 
 TUNED = "tuned.toml"  # in a run directory
@@ -18,14 +18,14 @@ def tuned_text(number: TunedParameter) -> str:
     return f"{name} {number.before:.3g} to {number.after:.3g} ({number.low:.3g} to {number.high:.3g})"
 
 
-def tuned_toml(log: Log) -> str:
+def tuned_toml(log_name: str, found: Identification) -> str:
     """Return a configuration that states what was tuned, to be merged into that of the log."""
     title = [
-        f"Noise that usbldr --tune estimated from {log.path.name} by the predictive likelihood, without the truth.",
+        f"Noise that usbldr --tune estimated from {log_name} by the predictive likelihood, without the truth.",
         "To use it again, copy these keys into usbldr.toml. One sigma down and up is in brackets.",
-        *(tuned_text(number) for number in log.assumptions.tuned),
+        *(tuned_text(number) for number in found.tuned),
     ]
-    return toml_text(title, _sections(log.assumptions), {})
+    return toml_text(title, _sections(found.parameters), {})
 
 
 def _sections(found: Assumptions) -> Mapping[str, Mapping[str, str]]:

@@ -70,7 +70,7 @@ def test_dead_reckoning_starts_where_the_settings_say() -> None:
 
 @pytest.mark.parametrize(
     ("dr_from", "said"),
-    [("home", "--dr-from home is neither LAT,LON in degrees nor one of start"), ((91.0, 0.0), "is no place")],
+    [("home", "--dr-from home is neither LAT,LON in degrees nor one of start"), ((91.0, 0.0), "is not a position")],
 )
 def test_a_start_that_is_none_is_refused(dr_from: str | tuple[float, float], said: str) -> None:
     log = usbldr.open_log("paper")

@@ -218,10 +218,10 @@ def test_a_dvl_whose_noise_is_not_estimated_keeps_its_stated_sigma() -> None:
     line = weaving_dive(Faults())
     overstated = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
     with constants(observability, ABLATIONS["DVL noise not estimated"].observing):
-        stated = observability.identify(overstated, Assumptions())
+        stated = observability.identify(overstated, Assumptions()).parameters
 
     assert (stated.dvl_sd_scale, stated.process) == (1.0, ProcessNoise())
-    assert observability.identify(overstated, Assumptions()).dvl_sd_scale > 1
+    assert observability.identify(overstated, Assumptions()).parameters.dvl_sd_scale > 1
 
 
 def test_with_rare_fixes_the_noise_of_the_dvls_records_keeps_the_track(tmp_path: Path) -> None:

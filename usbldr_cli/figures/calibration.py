@@ -31,7 +31,7 @@ def calibration_figure(run: Run) -> Figure | None:
         return None
     figure = run_figure(run, "Sensor errors", 11, 1.3 + 1.75 * len(errors))
     panels: Any = figure.subplots(len(errors), 1, sharex=True, squeeze=False)
-    assumed = assumed_sd(run.log.assumptions.errors)
+    assumed = assumed_sd(run.identification.parameters.errors)
     for axes, error in zip(panels[:, 0], errors, strict=True):
         _draw(axes, run, error, assumed[error.name])
     time_axis(panels[-1, 0], run.timeline.time_s)

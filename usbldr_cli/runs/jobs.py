@@ -187,7 +187,7 @@ def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: 
 def _bound(unit: Job, source: _Source, choices: RunChoices) -> JobResult:
     from usbldr.io.session import bound, resolve
 
-    used = resolve(source.log, source.dive_timeline, unit.method, choices.settings())
+    used = resolve(source.log, source.dive_timeline, unit.method, choices.settings()).parameters
     known = replace(source.log.assumptions, calibrate=used.calibrate, aid=used.aid)
     return JobResult(bound(unit.log, source.dive_timeline, known, choices.seed).metrics(unit.choices.smooth))
 
@@ -195,14 +195,14 @@ def _bound(unit: Job, source: _Source, choices: RunChoices) -> JobResult:
 def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:
     from usbldr.filters.replay.methods import METHODS
     from usbldr.io.read import require
-    from usbldr.io.session import evaluate, replay, resolve
+    from usbldr.io.session import evaluate, replay
 
-    require(source.log, METHODS[method].sensors)
-    dive_timeline, settings = source.dive_timeline, choices.settings(source.log.start_ns)
-    log = replace(source.log, assumptions=resolve(source.log, dive_timeline, method, settings))
+    log, dive_timeline = source.log, source.dive_timeline
+    require(log, METHODS[method].sensors)
+    settings = choices.settings(log.start_ns)
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
-    trajectory = replay(log, dive_timeline, method, settings, log.assumptions)
+    trajectory = replay(log, dive_timeline, method, settings)
     report = evaluate(log, dive_timeline, trajectory, settings)
     context = ScoringContext(
         log=log.path.name,

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.identification.identification import Identification, TunedParameter
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.tuning import tune
 from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start, TunedParameter
+from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
 from usbldr.filters.types import Timeline
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -21,8 +22,8 @@ from weaving import Faults, weaving_dive
 PLAIN = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
 
 
-def by_name(assumptions: Assumptions) -> dict[str, TunedParameter]:
-    return {told.name: told for told in assumptions.tuned}
+def by_name(found: Identification) -> dict[str, TunedParameter]:
+    return {told.name: told for told in found.tuned}
 
 
 def log_density(x: np.ndarray, cov: np.ndarray) -> float:
@@ -106,7 +107,7 @@ def test_a_vehicle_that_rests_for_ten_minutes_and_then_moves_is_heard_as_it_move
     walk = np.where(line.time_s[:, None] < 600.0, 0.0, walk - walk[3000])
     moving = replace(line, dvl_mps=walk + 0.05 * rng.standard_normal(walk.shape)).with_fixes(np.arange(0))
 
-    found = by_name(tune(moving, PLAIN).assumptions)["velocity_walk_mps"]
+    found = by_name(tune(moving, PLAIN))["velocity_walk_mps"]
 
     assert found.after == pytest.approx(0.05 * math.sqrt(2 / 3), rel=0.15)  # in the mean square
 
@@ -135,7 +136,7 @@ def test_the_wrong_mixture_becomes_that_of_the_paper() -> None:
     """Eq. (23): share .3, ratio 10; 1000 fixes of two axes leave 5 % of each, and the sigma of a fix is 1 m."""
     log = simulated_log(find_scenario("paper"), 0)
     wrong = replace(log.assumptions, usbl=Mixture(0.1, 4.0), usbl_sd_scale=1.6, calibrate=("scale",))
-    found = by_name(tune(timeline(log), wrong).assumptions)
+    found = by_name(tune(timeline(log), wrong))
 
     assert found["usbl_outlier_share"].after == pytest.approx(0.30, abs=3 * 0.026)
     assert found["usbl_outlier_variance_ratio"].after == pytest.approx(10.0, rel=3 * 0.08)
@@ -145,7 +146,7 @@ def test_the_wrong_mixture_becomes_that_of_the_paper() -> None:
 def test_white_noise_of_fixes_comes_out_whatever_sigma_they_state() -> None:
     """800 numbers tell a sigma to 2.5 %."""
     line = weaving_dive(Faults())
-    found = by_name(tune(replace(line, fix_cov_m2=9 * line.fix_cov_m2), PLAIN).assumptions)
+    found = by_name(tune(replace(line, fix_cov_m2=9 * line.fix_cov_m2), PLAIN))
 
     assert found["usbl_sd_scale"].after == pytest.approx(1 / 3, rel=0.1)
 
@@ -160,7 +161,7 @@ def test_the_walk_and_the_noise_of_a_velocity_come_out_as_closely_as_the_widths_
         seen = replace(
             line, dvl_mps=walk + 0.02 * rng.standard_normal(walk.shape), dvl_sd_mps=np.full(len(walk), 0.005)
         )
-        found = by_name(tune(seen, PLAIN).assumptions)
+        found = by_name(tune(seen, PLAIN))
         for name, right in (("dvl_sd_scale", 4.0), ("velocity_walk_mps", 0.03)):
             width = math.log(found[name].high / found[name].low) / 2
             errors.append(math.log(found[name].after / right) / width)
@@ -175,9 +176,9 @@ def test_a_dvl_is_never_trusted_more_than_stated() -> None:
     quiet = walk + 0.005 * rng.standard_normal(walk.shape)
     seen = replace(line, dvl_mps=quiet, dvl_sd_mps=np.full(len(walk), 0.02))
 
-    made = tune(seen, PLAIN).assumptions
+    made = tune(seen, PLAIN)
 
-    assert made.dvl_sd_scale == 1.0
+    assert made.parameters.dvl_sd_scale == 1.0
     assert set(by_name(made)) == {"velocity_walk_mps"}
 
 
@@ -186,7 +187,7 @@ def test_gross_errors_come_out_with_their_share_and_size() -> None:
     rng = np.random.default_rng(3)
     gross = rng.random(len(line.fix_m)) < 0.1
     spoiled = replace(line, fix_m=line.fix_m + 4.0 * gross[:, None] * rng.standard_normal(line.fix_m.shape))
-    found = by_name(tune(spoiled, replace(PLAIN, usbl=Contamination())).assumptions)
+    found = by_name(tune(spoiled, replace(PLAIN, usbl=Contamination())))
 
     assert found["usbl_outlier_share"].after == pytest.approx(float(gross.mean()), abs=0.02)
     assert found["usbl_outlier_sd_m"].after == pytest.approx(4.0, rel=0.25)
@@ -195,19 +196,19 @@ def test_gross_errors_come_out_with_their_share_and_size() -> None:
 def test_a_number_that_the_log_hardly_knows_stays_as_it_was() -> None:
     line = weaving_dive(Faults())
     assumed = replace(PLAIN, usbl=Contamination(), calibrate=("usbl-bias",))
-    found = tune(line.with_fixes(np.arange(2)), assumed).assumptions
+    found = tune(line.with_fixes(np.arange(2)), assumed)
 
-    assert (found.usbl, found.errors) == (assumed.usbl, assumed.errors)
+    assert (found.parameters.usbl, found.parameters.errors) == (assumed.usbl, assumed.errors)
     for name in ("usbl_outlier_share", "usbl_outlier_sd_m", "usbl_bias_time_s"):
         assert not by_name(found)[name].identified
         assert by_name(found)[name].high > 2 * by_name(found)[name].after
 
 
 def test_states_that_are_not_estimated_are_not_tuned_and_a_0_stays_0() -> None:
-    found = tune(weaving_dive(Faults()), replace(PLAIN, process=ProcessNoise(velocity_mps=0.0))).assumptions
+    found = tune(weaving_dive(Faults()), replace(PLAIN, process=ProcessNoise(velocity_mps=0.0)))
 
     assert set(by_name(found)) == {"dvl_sd_scale", "usbl_sd_scale"}
-    assert found.process.velocity_mps == 0.0
+    assert found.parameters.process.velocity_mps == 0.0
 
 
 def test_the_truth_tells_nothing_and_the_same_log_tells_the_same() -> None:
@@ -218,7 +219,7 @@ def test_the_truth_tells_nothing_and_the_same_log_tells_the_same() -> None:
 
 
 def test_a_log_without_fixes_tells_of_its_dvl() -> None:
-    found = tune(weaving_dive(Faults()).with_fixes(np.arange(0)), PLAIN).assumptions
+    found = tune(weaving_dive(Faults()).with_fixes(np.arange(0)), PLAIN)
 
     assert set(by_name(found)) == {"velocity_walk_mps"}
 

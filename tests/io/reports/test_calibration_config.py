@@ -111,7 +111,7 @@ def following(dive: Path, own: str, *keys: str) -> str:
     place.write_text(own, encoding="utf-8")
     log = read_log(dive)
     log = replace(log, assumptions=replace(log.assumptions, calibrate=keys))
-    return calibrated_configuration(log, run_filter("adf", timeline(log), log.assumptions))
+    return calibrated_configuration(log, log.assumptions.errors, run_filter("adf", timeline(log), log.assumptions))
 
 
 OWN = """\

@@ -10,7 +10,7 @@ import pytest
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
-from usbldr.filters.models.parameters import StateObservability
+from usbldr.filters.identification.identification import Identification, StateObservability
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
@@ -36,10 +36,18 @@ def scored(trajectory: Trajectory, window: Window = Window(), align: str = "none
 
 USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
 CKF = run_filter("ckf", TIMELINE, LOG.assumptions)
+CONFIGURED = Identification(LOG.assumptions)
 
 
 def a_run(trajectory: Trajectory = CKF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
-    return Run(LOG, TIMELINE, scored(trajectory, window, align), (scored(USBL), scored(DR)), options={"start": 4.0})
+    return Run(
+        LOG,
+        TIMELINE,
+        CONFIGURED,
+        scored(trajectory, window, align),
+        (scored(USBL), scored(DR)),
+        options={"start": 4.0},
+    )
 
 
 def written(tmp_path: Path, run: Run) -> Path:
@@ -75,7 +83,12 @@ def test_raw_fixes_have_no_grid_in_their_file_names(tmp_path: Path) -> None:
 
 
 def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None, origin=None), TIMELINE, ScoredTrack(CKF, None))
+    blind = Run(
+        dataclasses.replace(LOG, truth=None, origin=None),
+        TIMELINE,
+        CONFIGURED,
+        ScoredTrack(CKF, None),
+    )
 
     out = written(tmp_path, blind)
 
@@ -92,9 +105,9 @@ def test_the_warning_of_a_far_over_confident_filter_says_what_to_try(
     observed: tuple[StateObservability, ...], hint: str
 ) -> None:
     assert CKF.cov is not None
-    log = dataclasses.replace(LOG, assumptions=dataclasses.replace(LOG.assumptions, calibrate=(), observed=observed))
+    found = Identification(dataclasses.replace(LOG.assumptions, calibrate=()), observed)
 
-    (warning,) = Run(log, TIMELINE, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
+    (warning,) = Run(LOG, TIMELINE, found, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
 
     assert warning.startswith("ckf is far over-confident")
     assert hint in warning
@@ -175,7 +188,7 @@ def test_a_longer_table_is_written_for_other_rates(tmp_path: Path) -> None:
     slow = timeline(LOG, fast_hz=2.0, slow_hz=0.5)
     trajectory = run_filter("ckf", slow, LOG.assumptions)
 
-    out = written(tmp_path, Run(LOG, slow, scored(trajectory)))
+    out = written(tmp_path, Run(LOG, slow, CONFIGURED, scored(trajectory)))
 
     assert len(pd.read_csv(out / "track_2hz.csv")) == 121
     assert (out / "errors_0.5hz.csv").is_file()

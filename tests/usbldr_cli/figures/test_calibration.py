@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import assumed_sd, estimated_errors
 from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.replay.run import run as run_filter
@@ -22,7 +23,7 @@ LOG = simulated_log(dataclasses.replace(find_scenario("paper"), duration_s=60.0)
 TIMELINE = timeline(LOG)
 ERRORS = dataclasses.replace(LOG.assumptions, calibrate=("scale", "heading"), errors=SensorErrors(scale=0.02))
 ADF = run_filter("adf", TIMELINE, ERRORS)
-RUN = Run(dataclasses.replace(LOG, assumptions=ERRORS), TIMELINE, ScoredTrack(ADF, None))
+RUN = Run(LOG, TIMELINE, Identification(ERRORS), ScoredTrack(ADF, None))
 
 
 def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:

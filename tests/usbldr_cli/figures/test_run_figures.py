@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from usbldr.filters.evaluation.evaluation import evaluate
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run as run_filter
@@ -35,7 +36,7 @@ def a_run(trajectory: Trajectory, align: str = "none") -> Run:
         times_s = None if track.method == "usbl" else TIMELINE.time_s[TIMELINE.slow]
         return ScoredTrack(track, evaluate(track, LOG.truth, align=align, times_s=times_s))
 
-    return Run(LOG, TIMELINE, scored(trajectory), (scored(USBL), scored(DR)))
+    return Run(LOG, TIMELINE, Identification(LOG.assumptions), scored(trajectory), (scored(USBL), scored(DR)))
 
 
 def labels(figure) -> list[str]:
@@ -62,7 +63,7 @@ def test_a_particle_filter_has_five_pictures_and_a_single_gaussian_no_particles(
 
 
 def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_truth_no_errors(tmp_path: Path) -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, ScoredTrack(CPF, None))
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.assumptions), ScoredTrack(CPF, None))
 
     assert [name for name, _ in write_figures(tmp_path, a_run(USBL))] == ["track.png", "errors.png", "error_cdf.png"]
     assert [name for name, _ in write_figures(tmp_path, blind)] == ["track.png", "innovations.png", "ess.png"]

@@ -10,6 +10,7 @@ import pytest
 
 from checkout import SAMPLES
 from commands import output_of, run
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.io.reports.tuned_config import tuned_toml
 from usbldr.io.scenarios.library import find_scenario
@@ -85,10 +86,9 @@ def test_the_scales_of_a_configuration_come_back_from_an_export(tmp_path: Path) 
 
 
 def test_the_configuration_states_all_that_differs_from_the_defaults() -> None:
-    log = simulated_log(replace(find_scenario("paper"), duration_s=10.0), 0)
     default = Assumptions()
     found = replace(default, dvl_sd_scale=2.0, usbl_sd_scale=0.25, calibrate=("latency", "usbl-bias"))
     found = replace(found, errors=replace(default.errors, latency_s=1.0, usbl_bias_m=0.7, usbl_bias_s=90.0))
-    text = tuned_toml(replace(log, assumptions=found))
+    text = tuned_toml("paper", Identification(found))
 
     assert assumptions(parse_configuration(tomllib.loads(text), Path("tuned.toml"))) == found

@@ -5,6 +5,7 @@ import numpy as np
 
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
@@ -31,7 +32,7 @@ def scored(trajectory: Trajectory, window: Window, align: str) -> ScoredTrack:
 def a_run(trajectory: Trajectory = CPF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
     tracks = (trajectory, dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2)))
     first, *others = (scored(track, window, align) for track in tracks)
-    return Run(LOG, TIMELINE, first, tuple(others))
+    return Run(LOG, TIMELINE, Identification(LOG.assumptions), first, tuple(others))
 
 
 def test_the_table_ends_in_the_verdict_and_fits_the_terminal() -> None:
@@ -88,7 +89,7 @@ def test_outages_and_warnings_are_told() -> None:
 
 
 def test_a_run_without_truth_has_a_table_without_errors() -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, ScoredTrack(CPF, None))
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.assumptions), ScoredTrack(CPF, None))
 
     text = render(blind)
 
