@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
     from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
     from usbldr.filters.replay.methods import METHODS, FilterSettings, Method
+    from usbldr.filters.replay.online import OnlineEstimate, OnlineFilter
     from usbldr.filters.types import Outage, OutageRecovery, Reacquisition, Timeline, Trajectory, Truth, Update
 
 __all__ = [
@@ -36,6 +37,8 @@ __all__ = [
     "LogError",
     "Method",
     "Mixture",
+    "OnlineEstimate",
+    "OnlineFilter",
     "Outage",
     "OutageRecovery",
     "PositionBound",
@@ -60,6 +63,7 @@ _HOMES = {
     "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),
     "models.parameters": ("Assumptions", "ProcessNoise", "SensorErrors", "Start"),
     "replay.methods": ("METHODS", "FilterSettings", "Method"),
+    "replay.online": ("OnlineEstimate", "OnlineFilter"),
     "types": ("Outage", "OutageRecovery", "Reacquisition", "Timeline", "Trajectory", "Truth", "Update"),
 }
 __getattr__ = lazy_exports(__name__, _HOMES)

@@ -9,6 +9,8 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
 
+LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
+
 
 class Anchor(NamedTuple):
     """A known position of dead reckoning."""
@@ -54,7 +56,7 @@ def usbl(timeline: Timeline) -> Trajectory:
 
 
 def start_position(
-    timeline: Timeline, time_s: Vector, fix_m: Array, count: int = 5, least_sd_m: float = 3.0
+    timeline: Timeline, time_s: Vector, fix_m: Array, count: int = 5, least_sd_m: float = LEAST_START_SD_M
 ) -> tuple[Vector, float]:
     """Return the position at time 0 from the first fixes, (2,), and its 1-sigma per axis.
 

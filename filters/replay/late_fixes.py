@@ -5,19 +5,15 @@ before that time, uses the fix, and runs forward again. Beliefs are immutable, s
 numbers depend on seed and epoch, so a repeated step gives the same result.
 """
 
-import functools
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.protocol import Estimate, Filter, MakeRng
+from usbldr.filters.estimators.protocol import Estimate, Filter, Prior
+from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S, RunningFilter
 from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Update
-
-Belief = TypeVar("Belief")
-MAX_FIX_DELAY_S = 10.0  # later fixes are not used
 
 
 class EpochEstimate(NamedTuple):
@@ -28,34 +24,26 @@ class EpochEstimate(NamedTuple):
     updates: Mapping[int, Sequence[Update]]  # epoch -> updates, of each step that was run or repeated
 
 
-def by_validity(estimator: Filter[Belief], belief: Belief, source: StepSource, seed: int) -> Iterator[EpochEstimate]:
+def by_validity(estimator: Filter[Any], prior: Prior, source: StepSource, seed: int) -> Iterator[EpochEstimate]:
     """Yield the estimate of every epoch with all fixes up to it."""
+    running = RunningFilter(estimator, prior, seed)
     for k in range(len(source.time_s)):
-        belief = estimator.step(belief, source.step(k), _make_rng(seed, k))
-        estimate = estimator.estimate(belief)
+        estimate = running.advance(source.step(k))
         yield EpochEstimate(k, estimate, {k: estimate.updates})
 
 
 def by_arrival(
-    estimator: Filter[Belief], belief: Belief, source: StepSource, seed: int, memory_s: float = MAX_FIX_DELAY_S
+    estimator: Filter[Any], prior: Prior, source: StepSource, seed: int, memory_s: float = MAX_FIX_DELAY_S
 ) -> Iterator[EpochEstimate]:
     """Yield the estimate of every epoch with the fixes that had arrived by then."""
     used, arrived = source.arrivals()
-    before: deque[Belief] = deque()  # the beliefs before the last steps; the newest is that before step k
+    running = RunningFilter(estimator, prior, seed, memory_s)
     for k, time_s in enumerate(source.time_s.tolist()):
-        before.append(belief)
-        while time_s - source.time_s[k - len(before) + 1] > memory_s + 1e-9:
-            before.popleft()
-        oldest = k - len(before) + 1
-        late = [j for j in used[arrived == k].tolist() if j >= oldest]
+        late = [j for j in used[arrived == k].tolist() if time_s - source.time_s[j] <= memory_s + 1e-9]
         first = min([k, *late])
-        belief = before[first - oldest]
-        updates: dict[int, Sequence[Update]] = {}
-        for i in range(first, k + 1):
-            before[i - oldest] = belief
-            belief = estimator.step(belief, source.step(i, time_s), _make_rng(seed, i))
-            updates[i] = estimator.estimate(belief).updates
-        yield EpochEstimate(k, estimator.estimate(belief), updates)
+        running.go_back(k - first)
+        again = [running.advance(source.step(i, time_s)) for i in range(first, k + 1)]
+        yield EpochEstimate(k, again[-1], {first + i: estimate.updates for i, estimate in enumerate(again)})
 
 
 def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> int:
@@ -68,7 +56,3 @@ def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> in
 
 
 FIX_ORDERS: Mapping[str, Callable[..., Iterator[EpochEstimate]]] = {"validity": by_validity, "arrival": by_arrival}
-
-
-def _make_rng(seed: int, epoch: int) -> MakeRng:
-    return functools.partial(np.random.default_rng, (seed, epoch))

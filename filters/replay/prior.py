@@ -42,15 +42,34 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> 
         motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
         walked_m2 = float(motion.noise(0.0, max(0.0, float(time_s[0])))[layout.index("x")])
         position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
+    yaw = (float(timeline.dr_yaw_rad[0]), float(timeline.yaw_sd_rad[0]))
+    mean, P = prior_at(position, position_sd_m, yaw, timeline.dr_mps[0], assumptions, layout)
+    position_rows = list(layout.rows("x", "y"))
+    cross = carried @ P
+    P[position_rows] += cross
+    P[:, position_rows] += cross.T
+    P[np.ix_(position_rows, position_rows)] += cross @ carried.T
+    return Prior(mean, P)
+
+
+def prior_at(
+    position_m: Vector,
+    position_sd_m: float,
+    yaw: tuple[float, float],
+    mps: Vector,
+    assumptions: Assumptions,
+    layout: StateLayout,
+) -> Prior:
+    """Return the belief at a position (2,), with a reading of yaw and its sigma in radians, and of velocity (2,)."""
     start = assumptions.start or UNKNOWN_START
-    yaw_rad = float(timeline.dr_yaw_rad[0])
+    yaw_rad, yaw_sd_rad = yaw
     known: dict[str, tuple[float, float]] = {
         "psi": (yaw_rad, start.sd_yaw_rad),
-        "u": (float(timeline.dr_mps[0, 0]), start.sd_mps),
-        "v": (float(timeline.dr_mps[0, 1]), start.sd_mps),
+        "u": (float(mps[0]), start.sd_mps),
+        "v": (float(mps[1]), start.sd_mps),
         "r": (0.0, start.sd_radps),
-        "x": (float(position[0]), position_sd_m),
-        "y": (float(position[1]), position_sd_m),
+        "x": (float(position_m[0]), position_sd_m),
+        "y": (float(position_m[1]), position_sd_m),
     }
     known |= {name: (0.0, sd) for name, sd in prior_sd(assumptions.errors).items()}
     mean, sd = np.array([known[name] for name in layout.names]).T
@@ -59,13 +78,8 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> 
     errors = {layout.index(name): share for name, share in h.items() if name in layout.names}
     if errors:
         psi, rows, share = layout.index("psi"), list(errors), np.array(list(errors.values()))
-        P[psi, psi] = float(timeline.yaw_sd_rad[0]) ** 2 + share**2 @ sd[rows] ** 2
+        P[psi, psi] = yaw_sd_rad**2 + share**2 @ sd[rows] ** 2
         P[psi, rows] = P[rows, psi] = -share * sd[rows] ** 2
-    position_rows = list(layout.rows("x", "y"))
-    cross = carried @ P
-    P[position_rows] += cross
-    P[:, position_rows] += cross.T
-    P[np.ix_(position_rows, position_rows)] += cross @ carried.T
     return Prior(mean, P)
 
 

@@ -5,17 +5,19 @@ The driver (late_fixes.py, steps.py) alone knows grids, fixes and their times of
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter, reacquisition_text
+from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Assumptions
 from usbldr.filters.replay.dead_reckoning import Anchor
-from usbldr.filters.replay.late_fixes import FIX_ORDERS, MAX_FIX_DELAY_S, discarded_fixes
+from usbldr.filters.replay.late_fixes import FIX_ORDERS, discarded_fixes
 from usbldr.filters.replay.methods import (
     FilterSettings,
     Method,
@@ -24,6 +26,7 @@ from usbldr.filters.replay.methods import (
 )
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
 from usbldr.filters.replay.prior import prior
+from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
 from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Update, Vector
 
@@ -65,21 +68,16 @@ def _run(
     progress: Callable[[int, int], None],
 ) -> Trajectory:
     layout = layout_for(assumptions.calibrate)
-    _check_settings(method, settings, assumptions.calibrate)
     motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
-    assert method.build is not None  # it is a filter
-    name, estimator = method.name, method.build(motion, settings)
-    if method.multiple_hypotheses_by_default if settings.guard is None else settings.guard:
-        estimator = MultiHypothesisFilter(estimator, motion)
+    name, estimator = method.name, make_estimator(method, motion, settings, assumptions.calibrate)
     began = time.perf_counter()
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     by_epoch: dict[int, Sequence[Update]] = {}
     reacquisitions: tuple[Reacquisition, ...] = ()
-    belief = estimator.start(prior(timeline, assumptions, layout))
-    source = StepSource(timeline, assumptions, layout)
-    for k, estimate, updates in FIX_ORDERS[settings.order](estimator, belief, source, settings.seed):
+    source, start = StepSource(timeline, assumptions, layout), prior(timeline, assumptions, layout)
+    for k, estimate, updates in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
         mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
         inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
         by_epoch.update(updates)
@@ -110,6 +108,17 @@ def _run(
         recoveries,
         settings.smooth,
     )
+
+
+def make_estimator(
+    method: Method, motion: VehicleMotion, settings: FilterSettings, calibrate: Sequence[str]
+) -> Filter[Any]:
+    """Return the filter of a method, with its hypotheses if it has them; raise UsageError for what it cannot do."""
+    _check_settings(method, settings, calibrate)
+    assert method.build is not None  # it is a filter
+    estimator = method.build(motion, settings)
+    guarded = method.multiple_hypotheses_by_default if settings.guard is None else settings.guard
+    return MultiHypothesisFilter(estimator, motion) if guarded else estimator
 
 
 def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequence[str]) -> None:

@@ -51,27 +51,41 @@ class VehicleMeasurements:
     """The compass and DVL measurements of an epoch."""
 
     def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> None:
-        self.timeline = timeline
-        self.compass = sensors.compass_model(layout)
-        self.dvl = sensors.dvl_models(layout, assumptions.dvl_lever_m)
-        self.compass_noise = _scalar_noise(assumptions.compass)
-        self.dvl_noise = _scalar_noise(assumptions.dvl)
-        self.dvl_sd_mps = assumptions.dvl_sd_scale * timeline.dvl_sd_mps
+        self.timeline, self.sensors = timeline, VehicleSensors(assumptions, layout)
 
     def at(self, k: int) -> Iterator[Measurement]:
-        """Yield the measurements of epoch k; n averaged records have R / n."""
+        """Yield the measurements of epoch k."""
         line = self.timeline
         time_s = float(line.time_s[k])
         if line.yaw_count[k]:
-            noise = self.compass_noise(float(line.yaw_sd_rad[k]), int(line.yaw_count[k]))
-            z = line.yaw_rad[k : k + 1]
-            yield Measurement(z, self.compass, noise, "compass", "yaw", k, time_s, bool(self.compass.nonlinear))
+            yaw_rad, sd_rad = line.yaw_rad[k : k + 1], float(line.yaw_sd_rad[k])
+            yield self.sensors.compass(k, time_s, yaw_rad, sd_rad, int(line.yaw_count[k]))
         if line.dvl_count[k]:
-            noise = self.dvl_noise(float(self.dvl_sd_mps[k]), int(line.dvl_count[k]))
-            for axis, name in enumerate(("starboard", "forward")):
-                z = line.dvl_mps[k, axis : axis + 1]
-                model = self.dvl[axis]
-                yield Measurement(z, model, noise, "dvl", name, k, time_s, bool(model.nonlinear))
+            yield from self.sensors.dvl(k, time_s, line.dvl_mps[k], float(line.dvl_sd_mps[k]), int(line.dvl_count[k]))
+
+
+class VehicleSensors:
+    """Compass and DVL as the parameters describe them: from readings to measurements."""
+
+    def __init__(self, assumptions: Assumptions, layout: StateLayout) -> None:
+        self._compass = sensors.compass_model(layout)
+        self._dvl = sensors.dvl_models(layout, assumptions.dvl_lever_m)
+        self._compass_noise = _scalar_noise(assumptions.compass)
+        self._dvl_noise = _scalar_noise(assumptions.dvl)
+        self._dvl_sd_scale = assumptions.dvl_sd_scale
+
+    def compass(self, row: int, time_s: float, yaw_rad: Vector, sd_rad: float, count: int = 1) -> Measurement:
+        """Return the measurement of a yaw (1,) that is the mean of ``count`` records with this sigma each."""
+        noise = self._compass_noise(sd_rad, count)
+        nonlinear = bool(self._compass.nonlinear)
+        return Measurement(yaw_rad, self._compass, noise, "compass", "yaw", row, time_s, nonlinear)
+
+    def dvl(self, row: int, time_s: float, mps: Vector, sd_mps: float, count: int = 1) -> Iterator[Measurement]:
+        """Yield the measurements of a velocity (2,), starboard and forward, the mean of ``count`` records."""
+        noise = self._dvl_noise(self._dvl_sd_scale * sd_mps, count)
+        for axis, name in enumerate(("starboard", "forward")):
+            model = self._dvl[axis]
+            yield Measurement(mps[axis : axis + 1], model, noise, "dvl", name, row, time_s, bool(model.nonlinear))
 
 
 class FixMeasurements:

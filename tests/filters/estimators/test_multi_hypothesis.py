@@ -92,9 +92,7 @@ def replayed(
     estimator = build(motion, FilterSettings(particles=20, gate=gate))
     estimator = MultiHypothesisFilter(estimator, motion) if guarded else estimator
     epochs = list(
-        by_validity(
-            estimator, estimator.start(prior(line, assumed, StateLayout())), StepSource(line, assumed, StateLayout()), 0
-        )
+        by_validity(estimator, prior(line, assumed, StateLayout()), StepSource(line, assumed, StateLayout()), 0)
     )
     mean, cov = np.array([one.estimate.mean for one in epochs]), np.array([one.estimate.cov for one in epochs])
     error = mean[:, 4:6] - truth

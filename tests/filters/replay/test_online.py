@@ -1,0 +1,222 @@
+"""The filter in a loop of one's own, against replay of the same records."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from timelines import HZ, five_hz
+from usbldr.filters.errors import UsageError
+from usbldr.filters.models.noise import Gaussian
+from usbldr.filters.models.parameters import Assumptions, Start
+from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.online import OnlineFilter
+from usbldr.filters.replay.run import run
+from usbldr.filters.types import Timeline, Update
+from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import timeline
+
+FILTERS = [name for name, method in METHODS.items() if method.is_filter]
+STARTED = Assumptions(start=Start(0.0, 0.0, 2.0), calibrate=("scale",), dvl_lever_m=(0.3, 1.0, 0.0))
+SETTINGS = FilterSettings(particles=20, seed=3)
+COV_M2 = np.eye(2)
+
+
+def one_record_per_epoch(seconds: int = 40) -> Timeline:
+    """Turn slowly at 1 m/s. An epoch has a heading (in whole degrees), a velocity or a fix; the first has nothing."""
+    K, rng = seconds * HZ, np.random.default_rng(5)
+    kind, epochs_s = np.arange(K) % 3, np.arange(K) / HZ
+    yaw = -np.array([math.radians(degree) for degree in np.round(0.2 * epochs_s + rng.normal(size=K))])
+    mps = np.array([0.1, 1.0]) + 0.02 * rng.normal(size=(K, 2))
+    fixes = kind == 2
+    fix_m = np.column_stack([0 * epochs_s, epochs_s])[fixes] + rng.normal(size=(fixes.sum(), 2))
+    yaw_count, dvl_count = (((kind == which) & (epochs_s > 0)).astype(np.intp) for which in (0, 1))
+    sd_rad = math.radians(1.0)
+    return five_hz(mps, yaw, epochs_s[fixes], fix_m, yaw_sd_rad=sd_rad, yaw_count=yaw_count, dvl_count=dvl_count)
+
+
+def started(method: str, line: Timeline, parameters: Assumptions, settings: FilterSettings = SETTINGS) -> OnlineFilter:
+    online = OnlineFilter(method, parameters, settings)
+    assert online.heading(0.0, degrees(-line.dr_yaw_rad[0]), degrees(line.yaw_sd_rad[0])) is None
+    assert online.velocity(0.0, line.dr_mps[0, 0], line.dr_mps[0, 1], line.dvl_sd_mps[0]) is None
+    return online
+
+
+def taken(online: OnlineFilter, line: Timeline, k: int) -> list[Update | None]:
+    """Give the filter what an epoch has, with the sigma of the mean of its records."""
+    t = float(line.time_s[k])
+    done: list[Update | None] = []
+    if n := line.yaw_count[k]:
+        done.append(online.heading(t, degrees(-line.yaw_rad[k]), degrees(line.yaw_sd_rad[k]) / math.sqrt(n)))
+    if n := line.dvl_count[k]:
+        done.append(online.velocity(t, line.dvl_mps[k, 0], line.dvl_mps[k, 1], line.dvl_sd_mps[k] / math.sqrt(n)))
+    for f in np.flatnonzero(np.searchsorted(line.time_s, line.fix_received_s) == k):
+        done.append(online.fix(float(line.fix_time_s[f]), line.fix_m[f, 0], line.fix_m[f, 1], line.fix_cov_m2[f]))
+    return done
+
+
+def degrees(angle_rad: float) -> float:
+    return round(math.degrees(angle_rad), 12)  # whole degrees pass without loss
+
+
+@pytest.mark.parametrize("method", FILTERS)
+def test_with_one_record_per_epoch_the_track_is_that_of_replay_to_the_last_bit(method: str) -> None:
+    line = one_record_per_epoch()
+    track, online = run(method, line, STARTED, SETTINGS), started(method, line, STARTED)
+
+    means, updates = [[*online.estimate.states.values()]], list[Update | None]()
+    for k in range(1, len(line.time_s)):
+        updates += taken(online, line, k)
+        means.append([*online.estimate.states.values()])
+
+    np.testing.assert_array_equal(means, track.mean)
+    assert track.cov is not None
+    np.testing.assert_array_equal(online.estimate.cov, track.cov[-1])
+    assert len(updates) == len(line.time_s) - 1
+    for sensor in ("usbl", "compass"):
+        told = [(u.outcome, u.nis, u.innovation) for u in updates if u is not None and u.sensor == sensor]
+        assert told == [(u.outcome, u.nis, u.innovation) for u in track.updates if u.sensor == sensor]
+
+
+@pytest.mark.parametrize("method", ["adf", "ekf"])
+def test_record_by_record_a_dive_with_late_fixes_is_known_as_well_as_in_replay(method: str) -> None:
+    log = simulated_log(replace(find_scenario("lawnmower"), duration_s=200.0), 2)
+    line, truth = timeline(log), log.truth
+    assert truth is not None
+    line = replace(line, fix_received_s=line.fix_time_s + 0.7)
+    parameters = replace(log.assumptions, calibrate=("scale",))
+    track, online = run(method, line, parameters, replace(SETTINGS, order="arrival")), OnlineFilter(method, parameters)
+
+    position_m, updates = np.full((len(line.time_s), 2), np.nan), list[Update]()
+    for k, time_s in enumerate(line.time_s.tolist()):
+        updates += [update for update in taken(online, line, k) if update is not None]
+        if online.started:
+            online.predict(time_s)
+            position_m[k] = online.estimate.position_m
+
+    later = line.time_s > 20
+    true_m = np.column_stack([np.interp(line.time_s, truth.time_s, truth.position_m[:, axis]) for axis in (0, 1)])
+    own_m, replayed_m = (float(np.hypot(*(m - true_m)[later].T).mean()) for m in (position_m, track.position_m))
+    assert own_m == pytest.approx(replayed_m, rel=0.05)
+    for sensor in ("dvl", "compass", "usbl"):
+        own, replayed = (
+            np.mean([u.nis / u.dof for u in told if u.sensor == sensor and u.time_s > 20])
+            for told in (updates, track.updates)
+        )
+        assert own == pytest.approx(replayed, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("method", "gate", "outcome"),
+    [("ekf", 0.99, "rejected"), ("adf", None, "rejected"), ("ckf", None, "down-weighted")],
+)
+def test_a_gross_fix_says_what_became_of_it(method: str, gate: float | None, outcome: str) -> None:
+    line = one_record_per_epoch()
+    online = started(method, line, Assumptions(start=Start(0.0, 0.0, 2.0)), FilterSettings(gate=gate))
+    for k in range(1, len(line.time_s)):
+        taken(online, line, k)
+    before, t = online.estimate, float(line.time_s[-1])
+
+    update = online.fix(t, before.position_m[0] + 60.0, before.position_m[1], COV_M2)
+
+    assert update is not None
+    assert (update.sensor, update.outcome, update.dof) == ("usbl", outcome, 2)
+    assert update.innovation == pytest.approx((60.0, 0.0), abs=1e-9)
+    assert np.hypot(*(online.estimate.position_m - before.position_m)) < 1.0
+
+
+def test_a_late_measurement_of_any_sensor_is_taken_at_its_own_time() -> None:
+    """A filter without chance ends where it would have if all had come in time; time may pass in between."""
+    both: list[OnlineFilter] = []
+    for late in (False, True):
+        online = started("adf", one_record_per_epoch(), Assumptions(start=Start(0.0, 0.0, 2.0)))
+        calls = [
+            lambda online=online: online.velocity(1.0, 0.0, 1.0, 0.02),
+            lambda online=online: online.fix(2.0, 1.0, 2.0, COV_M2),
+            lambda online=online: online.heading(3.0, 5.0, 1.0),
+            lambda online=online: online.velocity(4.0, 0.1, 1.1, 0.02),
+            lambda online=online: online.fix(4.5, 0.5, 4.0, COV_M2),
+        ]
+        told = [calls[i]() for i in ((2, 4, 1, 3, 0) if late else range(5))]
+        assert [one.time_s for one in told if one is not None] == (
+            [3.0, 4.5, 2.0, 4.0, 1.0] if late else [1, 2, 3, 4, 4.5]
+        )
+        both.append(online)
+
+    in_time, late = (online.estimate for online in both)
+    assert late.states == in_time.states
+    assert late.time_s == in_time.time_s == 4.5
+    np.testing.assert_array_equal(late.cov, in_time.cov)
+
+
+def test_what_comes_too_late_is_refused_and_changes_nothing() -> None:
+    online = started("adf", one_record_per_epoch(), Assumptions(start=Start(0.0, 0.0, 2.0)))
+    for time_s in range(1, 31):
+        online.predict(float(time_s))
+    before = online.estimate.states
+
+    with pytest.raises(
+        UsageError, match="the measurement of 18 s comes too late: adf is at 30 s and goes back to 19 s"
+    ):
+        online.fix(18.0, 0.0, 0.0, COV_M2)
+    with pytest.raises(UsageError, match="predict: 29 s lies before the latest time, 30 s"):
+        online.predict(29.0)
+
+    assert online.estimate.states == before
+    assert online.fix(21.0, 0.0, 0.0, COV_M2) is not None
+
+
+def test_it_starts_at_the_first_fix_after_a_heading_and_a_velocity() -> None:
+    online = OnlineFilter("ekf", Assumptions(usbl=Gaussian(), usbl_lever_m=(0.0, 2.0, 0.0)))
+    assert online.fix(0.0, 500.0, 0.0, COV_M2) is None
+    assert online.heading(0.5, 90.0, 1.0) is None
+    assert online.fix(1.0, 500.0, 0.0, COV_M2) is None
+    assert online.velocity(1.5, 0.0, 1.0, 0.02) is None
+    assert not online.started
+    with pytest.raises(UsageError, match="ekf has not started: it needs a heading, a velocity, and then a fix"):
+        online.predict(2.0)
+
+    assert online.fix(2.0, 10.0, 20.0, COV_M2) is None
+
+    estimate = online.estimate
+    assert estimate.time_s == 2.0
+    np.testing.assert_allclose(estimate.position_m, [8.0, 20.0], atol=1e-12)  # the transponder is 2 m ahead
+    np.testing.assert_allclose(estimate.position_cov_m2, 9.0 * np.eye(2), atol=1e-12)
+    assert estimate.heading_deg == pytest.approx(90.0)
+    np.testing.assert_allclose(estimate.velocity_mps, [0.0, 1.0], atol=1e-12)
+    online.predict(7.0)
+    np.testing.assert_allclose(online.estimate.position_m, [13.0, 20.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("method", "parameters", "settings", "text"),
+    [
+        ("dr", Assumptions(), FilterSettings(), "dr is no filter"),
+        ("ekf", Assumptions(calibrate=("auto",)), FilterSettings(), "need the whole dive"),
+        ("ekf", Assumptions(), FilterSettings(smooth=True), "need the whole dive"),
+        ("adf", Assumptions(), FilterSettings(gate=0.99), "takes no gate"),
+    ],
+)
+def test_what_does_not_fit_is_refused(
+    method: str, parameters: Assumptions, settings: FilterSettings, text: str
+) -> None:
+    with pytest.raises(UsageError, match=text):
+        OnlineFilter(method, parameters, settings)
+
+
+def test_values_that_are_no_measurement_are_refused() -> None:
+    online = started("ekf", one_record_per_epoch(), Assumptions(start=Start(0.0, 0.0, 2.0)))
+    for call in (
+        lambda: online.heading(math.nan, 0.0, 1.0),
+        lambda: online.heading(1.0, 0.0, 0.0),
+        lambda: online.velocity(1.0, math.inf, 0.0, 1.0),
+        lambda: online.fix(1.0, 0.0, 0.0, [[1.0, 2.0], [2.0, 1.0]]),
+        lambda: online.fix(1.0, 0.0, 0.0, [[1.0, math.nan], [math.nan, 1.0]]),
+        lambda: online.predict(math.inf),
+    ):
+        with pytest.raises(UsageError, match="must be finite"):
+            call()
+    with pytest.raises(UsageError, match="no symmetric matrix of 2 x 2"):
+        online.fix(1.0, 0.0, 0.0, [1.0, 1.0])
