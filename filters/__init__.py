@@ -20,14 +20,13 @@ if TYPE_CHECKING:
     from usbldr.filters.evaluation.error_report import ErrorReport, Window
     from usbldr.filters.identification.identification import Identification
     from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
-    from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
+    from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
     from usbldr.filters.replay.methods import METHODS, FilterSettings, Method
     from usbldr.filters.replay.online import OnlineEstimate, OnlineFilter
     from usbldr.filters.types import Outage, OutageRecovery, Reacquisition, Timeline, Trajectory, Truth, Update
 
 __all__ = [
     "METHODS",
-    "Assumptions",
     "CheckError",
     "Contamination",
     "ErrorReport",
@@ -41,6 +40,7 @@ __all__ = [
     "OnlineFilter",
     "Outage",
     "OutageRecovery",
+    "Parameters",
     "PositionBound",
     "ProcessNoise",
     "Reacquisition",
@@ -61,7 +61,7 @@ _HOMES = {
     "evaluation.error_report": ("ErrorReport", "Window"),
     "identification.identification": ("Identification",),
     "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),
-    "models.parameters": ("Assumptions", "ProcessNoise", "SensorErrors", "Start"),
+    "models.parameters": ("Parameters", "ProcessNoise", "SensorErrors", "Start"),
     "replay.methods": ("METHODS", "FilterSettings", "Method"),
     "replay.online": ("OnlineEstimate", "OnlineFilter"),
     "types": ("Outage", "OutageRecovery", "Reacquisition", "Timeline", "Trajectory", "Truth", "Update"),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Truth
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
@@ -34,7 +34,7 @@ class Log:
     start_ns: int  # absolute time of time_s = 0: the earliest stamp among the DVL, compass and USBL records used
     tables: Mapping[str, pd.DataFrame]
     provenance: Mapping[str, Provenance]
-    assumptions: Assumptions
+    parameters: Parameters
     origin: Origin | None = None
     truth: Truth | None = None
     configuration: Path | None = None  # which usbldr.toml was read

@@ -30,7 +30,7 @@ from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, fi
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
 from usbldr.io.provenance import Provenance
 from usbldr.io.reader import Reader, TopicInfo, utc
-from usbldr.io.settings.configuration import assumptions
+from usbldr.io.settings.configuration import parameters
 from usbldr.io.settings.sensor_sections import Configuration, GpsSection
 
 
@@ -127,7 +127,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         start_ns=start_ns,
         tables={role: _in_seconds(role, table, start_ns) for role, table in tables.items()},
         provenance=provenance,
-        assumptions=assumptions(configuration),
+        parameters=parameters(configuration),
         origin=origin,
         truth=truth,
         configuration=opened.file,

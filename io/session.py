@@ -24,7 +24,7 @@ from usbldr.filters.identification.observability import identify
 from usbldr.filters.identification.tuning import tune
 from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.noise import NoiseFamily
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import Anchor
 from usbldr.filters.replay.methods import FilterSettings, method_named
 from usbldr.filters.replay.position_fixes import require_gps
@@ -81,17 +81,17 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
 
     Without ``settings.calibrate``, sensor errors that the method cannot estimate are left out.
     """
-    assumptions = replace(log.assumptions, **settings.noise)
+    parameters = replace(log.parameters, **settings.noise)
     if settings.aid is not None:
-        assumptions = replace(assumptions, aid=settings.aid)
+        parameters = replace(parameters, aid=settings.aid)
     if settings.calibrate is not None:
-        assumptions = replace(assumptions, calibrate=settings.calibrate)
+        parameters = replace(parameters, calibrate=settings.calibrate)
     estimable = method_named(method).estimates
-    if assumptions.calibrate == (AUTO,) and not estimable:
-        assumptions = replace(assumptions, calibrate=())
-    found = Identification(assumptions)
-    if assumptions.calibrate == (AUTO,):
-        found = identify(timeline, assumptions)
+    if parameters.calibrate == (AUTO,) and not estimable:
+        parameters = replace(parameters, calibrate=())
+    found = Identification(parameters)
+    if parameters.calibrate == (AUTO,):
+        found = identify(timeline, parameters)
         if settings.calibrate is None:
             kept = tuple(key for key in found.parameters.calibrate if key in estimable)
             found = replace(found, parameters=replace(found.parameters, calibrate=kept))
@@ -129,7 +129,7 @@ def replay(
 
 
 def find_start(
-    log: Log, timeline: Timeline, assumptions: Assumptions, dr_from: str | tuple[float, float]
+    log: Log, timeline: Timeline, parameters: Parameters, dr_from: str | tuple[float, float]
 ) -> Anchor | None:
     """Return where dead reckoning starts, None if the log has no such position.
 
@@ -138,7 +138,7 @@ def find_start(
     if isinstance(dr_from, str):
         if dr_from not in ANCHORS:
             raise UsageError(f"--dr-from {dr_from} is neither LAT,LON in degrees nor one of {', '.join(ANCHORS)}")
-        return find_anchor(dr_from, timeline, assumptions, log.truth)
+        return find_anchor(dr_from, timeline, parameters, log.truth)
     lat_deg, lon_deg = dr_from
     if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 360):
         raise UsageError(
@@ -159,7 +159,7 @@ def evaluate(log: Log, timeline: Timeline, track: Trajectory, settings: RunSetti
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
     at_s = timeline.time_s[timeline.slow] if np.array_equal(track.time_s, timeline.time_s) else None
-    aid = log.assumptions.aid if settings.aid is None else settings.aid
+    aid = log.parameters.aid if settings.aid is None else settings.aid
     return evaluate_track(track, log.truth, settings.window, settings.align, at_s, aid)
 
 
@@ -195,11 +195,11 @@ def require_scenario(log: str | Path) -> None:
         raise UsageError(f"--bound: {log} is a recorded log; the bound needs the true states of a scenario")
 
 
-def bound(scenario: str | Path, timeline: Timeline, assumptions: Assumptions, seed: int = 0) -> PositionBound:
+def bound(scenario: str | Path, timeline: Timeline, parameters: Parameters, seed: int = 0) -> PositionBound:
     """Return the posterior Cramer-Rao bound of the position on a scenario's dive: the least sigma of any filter.
 
     The timeline is that of ``open_log(scenario, seed=seed)``, the assumptions those of the filters. Raises
     UsageError for a recorded log, whose true states are unknown, and for assumptions that have no bound.
     """
     require_scenario(scenario)
-    return position_bound(simulate(find_scenario(str(scenario)), seed), timeline, assumptions)
+    return position_bound(simulate(find_scenario(str(scenario)), seed), timeline, parameters)

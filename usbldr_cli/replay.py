@@ -200,8 +200,8 @@ def _with_bound(scenario: str, run: "Run") -> "Run":
     from usbldr.io.session import bound
 
     used = run.identification.parameters
-    assumptions = replace(run.log.assumptions, calibrate=used.calibrate, aid=used.aid)
-    return replace(run, bound=bound(scenario, run.timeline, assumptions, run.seed))
+    parameters = replace(run.log.parameters, calibrate=used.calibrate, aid=used.aid)
+    return replace(run, bound=bound(scenario, run.timeline, parameters, run.seed))
 
 
 def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int) -> "Run":

@@ -16,7 +16,7 @@ import numpy as np
 from field.logs import cut, stamped_at_arrival, thinned
 from usbldr.filters.identification import observability
 from usbldr.filters.models.calibration import STATES
-from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions, Start
+from usbldr.filters.models.parameters import UNKNOWN_START, Parameters, Start
 from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
 from usbldr.filters.types import Timeline
 
@@ -31,8 +31,8 @@ def _same_line(line: Timeline) -> Timeline:
     return line
 
 
-def _same(assumptions: Assumptions, line: Timeline) -> Assumptions:
-    return assumptions
+def _same(parameters: Parameters, line: Timeline) -> Parameters:
+    return parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +40,8 @@ class Change:
     """How a run departs from one with the defaults."""
 
     records: Callable[[Timeline], Timeline] = _same_line
-    before: Callable[[Assumptions, Timeline], Assumptions] = _same  # identification from the log
-    after: Callable[[Assumptions, Timeline], Assumptions] = _same
+    before: Callable[[Parameters, Timeline], Parameters] = _same  # identification from the log
+    after: Callable[[Parameters, Timeline], Parameters] = _same
     observing: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of observability.py meanwhile
     options: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of RunChoices
     starting: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of start.py all the while
@@ -63,24 +63,24 @@ def constants(module: Any, values: Mapping[str, Any]) -> Iterator[None]:
 def _without(key: str) -> Change:
     """Take a state away; the error that it stood for is noise again."""
 
-    def after(assumptions: Assumptions, line: Timeline) -> Assumptions:
-        kept = tuple(name for name in assumptions.calibrate if name != key)
-        less = replace(assumptions, calibrate=kept)
-        return replace(less, usbl_sd_scale=1.0) if key == "usbl-bias" and kept != assumptions.calibrate else less
+    def after(parameters: Parameters, line: Timeline) -> Parameters:
+        kept = tuple(name for name in parameters.calibrate if name != key)
+        less = replace(parameters, calibrate=kept)
+        return replace(less, usbl_sd_scale=1.0) if key == "usbl-bias" and kept != parameters.calibrate else less
 
     return Change(after=after)
 
 
-def _everything(assumptions: Assumptions, line: Timeline) -> Assumptions:
-    return replace(assumptions, calibrate=observability.CANDIDATE_KEYS)
+def _everything(parameters: Parameters, line: Timeline) -> Parameters:
+    return replace(parameters, calibrate=observability.CANDIDATE_KEYS)
 
 
-def _plain_start(assumptions: Assumptions, line: Timeline) -> Assumptions:
+def _plain_start(parameters: Parameters, line: Timeline) -> Parameters:
     """Start at the plain median of the first fixes, wherever the vehicle has gone meanwhile."""
-    if assumptions.start is not None:
-        return assumptions
+    if parameters.start is not None:
+        return parameters
     east_m, north_m = np.median(line.fix_m[:5], axis=0).tolist()
-    return replace(assumptions, start=Start(east_m, north_m, 3.0))
+    return replace(parameters, start=Start(east_m, north_m, 3.0))
 
 
 def _ablations() -> Iterator[tuple[str, Change]]:
@@ -94,7 +94,7 @@ def _ablations() -> Iterator[tuple[str, Change]]:
         "USBL_SD_FACTORS": (),
     }
     yield "noise not estimated from the log", Change(observing=as_assumed)
-    yield "DVL noise not estimated", Change(observing={"_with_dvl_noise": lambda line, assumptions: assumptions})
+    yield "DVL noise not estimated", Change(observing={"_with_dvl_noise": lambda line, parameters: parameters})
     yield "without guard", Change(options={"guard": False})
     yield "all states estimated", Change(after=_everything)
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
@@ -108,11 +108,11 @@ def _records() -> Iterator[tuple[str, Change]]:
 
 
 def _scaled(owner: str, name: str, factor: float) -> Change:
-    def before(assumptions: Assumptions, line: Timeline) -> Assumptions:
-        part = getattr(assumptions, owner)
+    def before(parameters: Parameters, line: Timeline) -> Parameters:
+        part = getattr(parameters, owner)
         if not hasattr(part, name):
-            return assumptions
-        return replace(assumptions, **{owner: replace(part, **{name: factor * getattr(part, name)})})
+            return parameters
+        return replace(parameters, **{owner: replace(part, **{name: factor * getattr(part, name)})})
 
     return Change(before=before)
 
@@ -132,7 +132,7 @@ def _scaled_start(name: str, factor: float) -> Change:
 
 def _sensitivity() -> Iterator[tuple[str, Change]]:
     """Yield every default, halved and doubled; those that are switched off by a 0 are left out."""
-    defaults = Assumptions()
+    defaults = Parameters()
     for (label, factor), owner in itertools.product(FACTORS.items(), ("process", "errors", "usbl")):
         part: Any = getattr(defaults, owner)
         for one in fields(part):

@@ -15,7 +15,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import fit_rigid
 from usbldr.filters.evaluation.error_report import WHOLE_LOG, Window
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Outage, Timeline, Truth
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
@@ -101,7 +101,7 @@ def dive(name: str, seed: int, folder: Path) -> Dive:
         request = Request(configuration=str(HERE / f"{name}.toml"))
         log = read_log(folder / case.folder / f"{name}.mcap", request)
     else:
-        log = replace(simulated_log(find_scenario(name), seed), assumptions=Assumptions())
+        log = replace(simulated_log(find_scenario(name), seed), parameters=Parameters())
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against")
     return Dive(log, timeline(log), log.truth)

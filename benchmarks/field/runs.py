@@ -23,7 +23,7 @@ from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification import observability
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import estimated_errors
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory
@@ -85,7 +85,7 @@ def resolved_input(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Identi
     """Return records and identification of a cell: those of the log with the cell's change."""
     change = CHANGES[cell.change]
     line = change.records(given.line)
-    before = replace(given.log, assumptions=change.before(given.log.assumptions, line))
+    before = replace(given.log, parameters=change.before(given.log.parameters, line))
     with constants(observability, change.observing), constants(prior, change.starting):
         found = resolve(before, line, cell.way.method, _choices(cell, seed).settings())
     return line, replace(found, parameters=change.after(found.parameters, line))
@@ -133,10 +133,10 @@ def refusals(made: Trajectory) -> dict[str, float]:
     return {"refused_in_a_row": float(max(rows)), "refused_at_the_end": float(rows[-1])}
 
 
-def _key(line: Timeline, given: Dive, assumptions: Assumptions, cell: Cell, seed: int) -> str:
+def _key(line: Timeline, given: Dive, parameters: Parameters, cell: Cell, seed: int) -> str:
     """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
     settings, starting = _choices(cell, seed).settings(), cell.change if CHANGES[cell.change].starting else ""
-    parts = (line, given.truth, assumptions, cell.way.method, settings, starting)
+    parts = (line, given.truth, parameters, cell.way.method, settings, starting)
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 
 

@@ -24,5 +24,5 @@ def limits(scenario: Scenario, calibrate: Sequence[str], seeds: Sequence[int]) -
 
 def _of_dive(scenario: Scenario, calibrate: Sequence[str], seed: int) -> PositionBound:
     log = simulated_log(scenario, seed)
-    assumptions = replace(log.assumptions, calibrate=tuple(calibrate))
-    return position_bound(simulate(scenario, seed), timeline(log), assumptions)
+    parameters = replace(log.parameters, calibrate=tuple(calibrate))
+    return position_bound(simulate(scenario, seed), timeline(log), parameters)

@@ -180,7 +180,7 @@ def scale_over_time(seed: int) -> tuple[Vector, EstimatedError]:
     """Return times and the DVL's scale error as adf sees it on `paper`."""
     log = simulated_log(find_scenario("paper"), seed)
     line = timeline(log)
-    track = run("adf", line, replace(log.assumptions, calibrate=("scale",)), FilterSettings())
+    track = run("adf", line, replace(log.parameters, calibrate=("scale",)), FilterSettings())
     return track.time_s, next(one for one in estimated_errors(track) if one.name == "dvl_scale")
 
 

@@ -74,15 +74,15 @@ def dive() -> Dive:
     scenario, layout = find_scenario("paper"), StateLayout()
     log = simulated_log(scenario, seed=0)
     line = timeline(log)
-    start = prior(line, log.assumptions, layout)
+    start = prior(line, log.parameters, layout)
     z, noise = np.full((len(line.time_s), 6), np.nan), {}
-    for step in steps(line, log.assumptions, layout):
+    for step in steps(line, log.parameters, layout):
         for reading in step.measurements:
             rows = reading.model.rows
             assert rows is not None, "each reading of this dive is of one state"
             z[step.epoch, rows.start], noise[rows.start] = reading.z[0], reading.noise
     dt_s = float(line.time_s[1] - line.time_s[0])
-    walk_sd = np.sqrt(VehicleMotion(layout, log.assumptions.process).noise(0.0, dt_s))
+    walk_sd = np.sqrt(VehicleMotion(layout, log.parameters.process).noise(0.0, dt_s))
     sd = np.sqrt(start.cov.diagonal())
     return Dive(log, line, dt_s, start.mean, sd, walk_sd, z, noise, true_motion(scenario, line.time_s).position_m)
 
@@ -117,9 +117,7 @@ def ours(work: Dive) -> Iterator[Row]:
         ("usbldr adf (no particles)", "adf", 1),
     ):
         settings = FilterSettings(particles=count)
-        yield timed(
-            label, work, count, lambda n=name, s=settings: run(n, work.line, work.log.assumptions, s).position_m
-        )
+        yield timed(label, work, count, lambda n=name, s=settings: run(n, work.line, work.log.parameters, s).position_m)
 
 
 def of_particles(work: Dive) -> Iterator[Row]:

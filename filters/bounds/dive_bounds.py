@@ -13,7 +13,7 @@ import numpy as np
 from usbldr.filters.bounds.pcrlb import Bounds, bounds
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.steps import steps
@@ -48,25 +48,25 @@ class PositionBound(NamedTuple):
         return {"mean_abs_east_m": east_m, "mean_abs_north_m": north_m, "rmse_horizontal_m": rmse_m}
 
 
-def position_bound(simulated: SimulatedDive, timeline: Timeline, assumptions: Assumptions) -> PositionBound:
+def position_bound(simulated: SimulatedDive, timeline: Timeline, parameters: Parameters) -> PositionBound:
     """Return the posterior Cramer-Rao bound of the position on the slow grid (see `dive_bounds`)."""
-    rows = layout_for(assumptions.calibrate).rows("x", "y")
-    covariances = dive_bounds(simulated, timeline, assumptions)
+    rows = layout_for(parameters.calibrate).rows("x", "y")
+    covariances = dive_bounds(simulated, timeline, parameters)
     filter_sd_m, smoother_sd_m = (np.sqrt(cov[timeline.slow][:, rows, rows]) for cov in covariances)
     return PositionBound(timeline.time_s[timeline.slow], filter_sd_m, smoother_sd_m)
 
 
-def dive_bounds(simulated: SimulatedDive, timeline: Timeline, assumptions: Assumptions) -> Bounds:
+def dive_bounds(simulated: SimulatedDive, timeline: Timeline, parameters: Parameters) -> Bounds:
     """Return the least covariances, at the epochs of the timeline, of the states that the assumptions calibrate.
 
     The timeline is that of the dive's own records. Raises UsageError if there is no bound (pcrlb.py).
     """
-    layout = layout_for(assumptions.calibrate)
+    layout = layout_for(parameters.calibrate)
     return bounds(
-        tuple(steps(timeline, assumptions, layout)),
-        VehicleMotion(layout, assumptions.process, assumptions.errors),
+        tuple(steps(timeline, parameters, layout)),
+        VehicleMotion(layout, parameters.process, parameters.errors),
         true_states(simulated, layout, timeline.time_s),
-        prior(timeline, assumptions, layout).cov,
+        prior(timeline, parameters, layout).cov,
     )
 
 

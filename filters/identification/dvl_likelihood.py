@@ -11,14 +11,14 @@ import numpy as np
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import collapse
 from usbldr.filters.models.noise import BankNoise
-from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
+from usbldr.filters.models.parameters import UNKNOWN_START, Parameters
 from usbldr.filters.types import Indices, Timeline, Vector
 
 SEGMENT_RECORDS = 300  # consecutive, a minute at 5 Hz
 MAX_SEGMENTS = 60  # spread over the log: an hour at 5 Hz is used whole
 
 
-def dvl_likelihoods(timeline: Timeline, members: Sequence[Assumptions]) -> Vector:
+def dvl_likelihoods(timeline: Timeline, members: Sequence[Parameters]) -> Vector:
     """Return the predictive log likelihood of DVL records, both axes, for each of N members, (N,).
 
     The log is split into independent segments of equal length, which run in parallel.

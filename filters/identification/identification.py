@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 
@@ -39,7 +39,7 @@ class TunedParameter(NamedTuple):
 class Identification:
     """The parameters of a run, and how the log led to them; without ``observed`` it was not asked for states."""
 
-    parameters: Assumptions
+    parameters: Parameters
     observed: tuple[StateObservability, ...] = ()
     noise_changes: tuple[NoiseChange, ...] = ()
     tuned: tuple[TunedParameter, ...] = ()

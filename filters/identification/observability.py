@@ -31,7 +31,7 @@ from usbldr.filters.identification.tuning import estimate_dvl_noise
 from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
 from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, STATES, prior_sd
 from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Timeline, Vector
 
 CANDIDATE_KEYS = ("scale", "heading", "deviation", "latency", "usbl-bias")
@@ -54,22 +54,22 @@ MIN_YAW_RANGE_RAD = math.radians(45)  # by judgement: a survey line with its cor
 class _NoiseModel(NamedTuple):
     """One candidate noise model of the log."""
 
-    assumptions: Assumptions
+    parameters: Parameters
     changes: int = 0  # number of changes from the given assumptions
     inflates_dr_walk: bool = False  # random walk of dead reckoning larger than assumed
     inflates_usbl_sd: bool = False  # fixes noisier than stated: never chosen, only compared with drift
 
 
-def identify(timeline: Timeline, assumptions: Assumptions) -> Identification:
+def identify(timeline: Timeline, parameters: Parameters) -> Identification:
     """Return the assumptions with the observable error states, and with the noise for which the evidence is strong.
 
     Field ``observed`` holds the sigma ratio of each error, ``noise_changes`` the changed numbers of the noise. Without
     fixes no state is observable. Raises LogError if nothing gives the start.
     """
-    with_dvl = _with_dvl_noise(timeline, assumptions)
+    with_dvl = _with_dvl_noise(timeline, parameters)
     if not len(timeline.fix_time_s):
         nothing = tuple(StateObservability(key, 1.0, "not observable") for key in CANDIDATE_KEYS)
-        return Identification(replace(with_dvl, calibrate=()), nothing, _noise_changes(assumptions, with_dvl))
+        return Identification(replace(with_dvl, calibrate=()), nothing, _noise_changes(parameters, with_dvl))
     every = replace(with_dvl, calibrate=CANDIDATE_KEYS)
     sd_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
     current = _with_correlation(
@@ -82,9 +82,9 @@ def identify(timeline: Timeline, assumptions: Assumptions) -> Identification:
         _correlation_models,
     ):  # the first choice was made under what the second may have changed
         among = choices(current, every, sd_m)
-        told = fix_likelihoods(dr_residuals(timeline, current, latency_s), [choice.assumptions for choice in among])
+        told = fix_likelihoods(dr_residuals(timeline, current, latency_s), [choice.parameters for choice in among])
         best = _best(among, told.log_likelihood)
-        current = among[best].assumptions
+        current = among[best].parameters
     before = prior_sd(current.errors)
     straight = float(np.ptp(timeline.dr_yaw_rad)) < MIN_YAW_RANGE_RAD
     observed: list[StateObservability] = []
@@ -94,10 +94,10 @@ def identify(timeline: Timeline, assumptions: Assumptions) -> Identification:
         hidden = "only in turns" if straight and key in NEEDS_TURNS else "not observable"
         observed.append(StateObservability(key, sigma_ratio, "observable" if seen else hidden))
     kept = tuple(told.key for told in observed if told.conclusion == "observable")
-    return Identification(replace(current, calibrate=kept), tuple(observed), _noise_changes(assumptions, current))
+    return Identification(replace(current, calibrate=kept), tuple(observed), _noise_changes(parameters, current))
 
 
-def _with_dvl_noise(timeline: Timeline, given: Assumptions) -> Assumptions:
+def _with_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
     """Return the assumptions with the noise estimated from the DVL's own records, if the evidence is strong."""
     found = estimate_dvl_noise(timeline, given)
     changes = sum(one.identified for one in found.tuned)
@@ -120,7 +120,7 @@ def _best(among: Sequence[_NoiseModel], log_likelihood: Vector) -> int:
     return int(np.argmax(score))
 
 
-def _noise_changes(given: Assumptions, current: Assumptions) -> tuple[NoiseChange, ...]:
+def _noise_changes(given: Parameters, current: Parameters) -> tuple[NoiseChange, ...]:
     """Return the numbers of the noise that differ."""
     numbers = {
         "dvl_sd_scale": attrgetter("dvl_sd_scale"),
@@ -141,7 +141,7 @@ def _noise_changes(given: Assumptions, current: Assumptions) -> tuple[NoiseChang
     return tuple(one for one in found if one.after != one.before)
 
 
-def _correlation_models(current: Assumptions, given: Assumptions, sd_m: float) -> list[_NoiseModel]:
+def _correlation_models(current: Parameters, given: Parameters, sd_m: float) -> list[_NoiseModel]:
     """Return candidates for the correlation of fixes, with reliable and unreliable stamps."""
     trusted_s = given.errors.latency_s
     stamps_s = (trusted_s, max(trusted_s, UNTRUSTED_LATENCY_SD_S))
@@ -153,7 +153,7 @@ def _correlation_models(current: Assumptions, given: Assumptions, sd_m: float) -
     ]
 
 
-def _noise_models(current: Assumptions, given: Assumptions, sd_m: float) -> list[_NoiseModel]:
+def _noise_models(current: Parameters, given: Parameters, sd_m: float) -> list[_NoiseModel]:
     """Return candidates for the time constant of fixes, the share of outliers and the random walk of dead reckoning."""
     found: list[_NoiseModel] = []
     stories = [(further, 1.0) for further in DR_WALK_FACTORS] + [(1.0, wider) for wider in USBL_SD_FACTORS]
@@ -174,8 +174,8 @@ def _noise_models(current: Assumptions, given: Assumptions, sd_m: float) -> list
 
 
 def _with_correlation(
-    current: Assumptions, given: Assumptions, sd_m: float, share: float, latency_s: float
-) -> Assumptions:
+    current: Parameters, given: Parameters, sd_m: float, share: float, latency_s: float
+) -> Parameters:
     """Return assumptions in which fixes have this share of their variance in common."""
     total = given.usbl_sd_scale
     return replace(

@@ -23,7 +23,7 @@ from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.identification import Identification, TunedParameter
 from usbldr.filters.identification.newton import Maximum, maximise
 from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Timeline, Vector
 
 PRIOR_SD = math.log(3)  # [1] of each logarithm: a factor of three is one sigma
@@ -32,7 +32,7 @@ LATENCY_ITERATIONS = 3  # until the latency of the linearisation is the estimate
 
 
 class TunableParameter(NamedTuple):
-    """One number of Assumptions."""
+    """One number of Parameters."""
 
     name: str  # with its unit
     path: tuple[str, ...]  # to the number
@@ -40,12 +40,12 @@ class TunableParameter(NamedTuple):
     lower_bound: float = 0.0  # and finite, or below 1 if it is a share
     share: bool = False
 
-    def value(self, assumptions: Assumptions) -> float | None:
+    def value(self, parameters: Parameters) -> float | None:
         """Return the number; None if these assumptions do not use it, or it is 0 and so off."""
-        owner: Any = assumptions
+        owner: Any = parameters
         for name in self.path:
             owner = getattr(owner, name, None)
-        used = not self.state or self.state in assumptions.calibrate
+        used = not self.state or self.state in parameters.calibrate
         return float(owner) if owner is not None and used and owner > self.lower_bound else None
 
     def to_unbounded(self, value: float) -> float:
@@ -72,12 +72,12 @@ USBL = (
 )
 
 
-def tune(timeline: Timeline, assumptions: Assumptions) -> Identification:
+def tune(timeline: Timeline, parameters: Parameters) -> Identification:
     """Return the assumptions that explain the records of the DVL and the fixes best.
 
     Without fixes only the noise of the DVL is estimated. Raises LogError if nothing gives the start.
     """
-    dvl_fit = estimate_dvl_noise(timeline, assumptions)
+    dvl_fit = estimate_dvl_noise(timeline, parameters)
     if not len(timeline.fix_time_s):
         return dvl_fit
     given = dvl_fit.parameters
@@ -88,7 +88,7 @@ def tune(timeline: Timeline, assumptions: Assumptions) -> Identification:
     return replace(usbl_fit, tuned=dvl_fit.tuned + usbl_fit.tuned)
 
 
-def estimate_dvl_noise(timeline: Timeline, given: Assumptions) -> Identification:
+def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Identification:
     """Return the assumptions that explain the DVL's own records best; their sigma may grow but not shrink."""
 
     def fit(among: Sequence[TunableParameter]) -> Identification:
@@ -99,7 +99,7 @@ def estimate_dvl_noise(timeline: Timeline, given: Assumptions) -> Identification
 
 
 def _search(
-    objective: Callable[[Sequence[Assumptions]], Vector], given: Assumptions, among: Sequence[TunableParameter]
+    objective: Callable[[Sequence[Parameters]], Vector], given: Parameters, among: Sequence[TunableParameter]
 ) -> Identification:
     """Estimate the parameters that the assumptions use, then once more only the observable ones."""
     before = {p: p.to_unbounded(value) for p in among if (value := p.value(given)) is not None}
@@ -119,10 +119,10 @@ def _search(
     return Identification(made, tuned=tuple(_tuned(p, given, made, sd[p], p in identified) for p in before))
 
 
-def _at(given: Assumptions, parameters: Sequence[TunableParameter], point: Vector) -> Assumptions:
+def _at(given: Parameters, tunable: Sequence[TunableParameter], point: Vector) -> Parameters:
     """Return the assumptions at a point of the search."""
     made = given
-    for parameter, z in zip(parameters, point.tolist(), strict=True):
+    for parameter, z in zip(tunable, point.tolist(), strict=True):
         made = _with(made, parameter.path, parameter.from_unbounded(z))
     return made
 
@@ -134,7 +134,7 @@ def _with(owner: Any, path: Sequence[str], value: float) -> Any:
 
 
 def _tuned(
-    parameter: TunableParameter, given: Assumptions, made: Assumptions, sd: float, identified: bool
+    parameter: TunableParameter, given: Parameters, made: Parameters, sd: float, identified: bool
 ) -> TunedParameter:
     before, after = parameter.value(given), parameter.value(made)
     assert before is not None

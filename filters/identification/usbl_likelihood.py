@@ -18,7 +18,7 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import BankNoise
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import displacement_m, drift_rates, integrate, interpolate, velocity_mps
 from usbldr.filters.replay.prior import prior
@@ -57,9 +57,9 @@ class FixLikelihoods(NamedTuple):
     sd: Mapping[str, Vector]  # (N,) of each state after the last fix
 
 
-def dr_residuals(timeline: Timeline, assumptions: Assumptions, latency_s: float = 0.0) -> DrResiduals:
+def dr_residuals(timeline: Timeline, parameters: Parameters, latency_s: float = 0.0) -> DrResiduals:
     """Return the residuals of the first fixes to dead reckoning, linearised about ``latency_s``."""
-    layout = layout_for(assumptions.calibrate)
+    layout = layout_for(parameters.calibrate)
     states = StateLayout(tuple(name for name in layout.names if name not in DR_INPUT_STATES))
     t = timeline.fix_time_s[:MAX_FIXES]
     valid_s, count = t - latency_s, len(t)
@@ -68,7 +68,7 @@ def dr_residuals(timeline: Timeline, assumptions: Assumptions, latency_s: float 
     drift_at = interpolate(timeline, drift.reshape(len(drift), -1), valid_s).reshape(count, 2, -1)
     V_at = interpolate(timeline, V, valid_s)
     reckoned_m = interpolate(timeline, displacement_m(timeline), valid_s) + V_at * latency_s
-    arm_m = rotated(np.interp(valid_s, timeline.time_s, yaw), np.array(assumptions.usbl_lever_m[:2]))
+    arm_m = rotated(np.interp(valid_s, timeline.time_s, yaw), np.array(parameters.usbl_lever_m[:2]))
     measurement_matrix = np.zeros((count, 2, len(states)))
     for names in (("x", "y"), BIAS_STATES):
         for axis, row in enumerate(states.existing(*names)):
@@ -94,7 +94,7 @@ def dr_residuals(timeline: Timeline, assumptions: Assumptions, latency_s: float 
     )
 
 
-def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLikelihoods:
+def fix_likelihoods(log: DrResiduals, members: Sequence[Parameters]) -> FixLikelihoods:
     """Run adf over the fixes for each member with its own assumptions; all calibrate the same states."""
     rows = log.rows
     starts = [prior(log.timeline, member, log.layout) for member in members]
@@ -126,7 +126,7 @@ def fix_likelihoods(log: DrResiduals, members: Sequence[Assumptions]) -> FixLike
     return FixLikelihoods(total, float(bank.mean[latency, 0].sum()), by_name)
 
 
-def _between_fixes(log: DrResiduals, members: Sequence[Assumptions]) -> tuple[Array, Array]:
+def _between_fixes(log: DrResiduals, members: Sequence[Parameters]) -> tuple[Array, Array]:
     """Return the decay factor of each state from fix to fix and its process noise, (F, n, N) both."""
     rows = log.rows
     walks = np.stack([VehicleMotion(log.layout, m.process, m.errors).noise(0.0, 1.0)[rows] for m in members], axis=1)

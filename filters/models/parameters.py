@@ -125,7 +125,7 @@ UNKNOWN_START = Start(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
-class Assumptions:
+class Parameters:
     """The model side of a run, the same for every filter."""
 
     process: ProcessNoise = ProcessNoise()

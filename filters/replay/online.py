@@ -17,7 +17,7 @@ from usbldr.filters.estimators.protocol import Step
 from usbldr.filters.frames import heading_deg, rotated
 from usbldr.filters.models.calibration import AUTO, layout_for
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.states import POSITION
 from usbldr.filters.replay.dead_reckoning import LEAST_START_SD_M
@@ -51,7 +51,7 @@ class OnlineFilter:
     from any zero of yours. A call that raises leaves the filter as it was.
     """
 
-    def __init__(self, method: str, parameters: Assumptions, settings: FilterSettings = FilterSettings()) -> None:
+    def __init__(self, method: str, parameters: Parameters, settings: FilterSettings = FilterSettings()) -> None:
         """Raise UsageError for a method that is no filter and for settings that need the whole dive or do not fit."""
         if not method_named(method).is_filter:
             raise UsageError(f"{method} is no filter (filters: {methods_that(lambda m: m.is_filter)})")

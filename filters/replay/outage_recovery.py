@@ -13,7 +13,7 @@ from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import MOTION_STATES, POSITION, StateLayout
 from usbldr.filters.replay.position_fixes import usbl_fixes
@@ -24,13 +24,13 @@ FALSE_ALARM_PROBABILITY = 0.001  # of a warning if the covariance is right
 
 
 def outage_recoveries(
-    timeline: Timeline, assumptions: Assumptions, layout: StateLayout, mean: Array, cov: Array
+    timeline: Timeline, parameters: Parameters, layout: StateLayout, mean: Array, cov: Array
 ) -> tuple[OutageRecovery, ...]:
     """Return one recovery for each USBL outage that ended in the log.
 
     ``mean`` (K, n) and ``cov`` (K, n, n) are the filtered ones of each epoch, never smoothed ones.
     """
-    fixes, t = usbl_fixes(timeline, assumptions, layout), timeline.time_s
+    fixes, t = usbl_fixes(timeline, parameters, layout), timeline.time_s
     usbl_outages = [outage for outage in timeline.outages if outage.sensor == "usbl"]
     constant = slice(len(MOTION_STATES), None)  # calibration states, which change by the fixes alone
     H = np.zeros((2, len(layout)))  # of a fix, without its latency

@@ -12,7 +12,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.models.noise import NoiseFamily
-from usbldr.filters.models.parameters import Assumptions, LeverArm
+from usbldr.filters.models.parameters import LeverArm, Parameters
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Array, Indices, Timeline, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
@@ -34,22 +34,22 @@ class PositionFixes(NamedTuple):
     layout: StateLayout  # with the error states of this sensor
 
 
-def usbl_fixes(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> PositionFixes:
+def usbl_fixes(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> PositionFixes:
     """Return all USBL fixes."""
     rows = np.arange(len(timeline.fix_time_s))
-    cov_m2 = assumptions.usbl_sd_scale**2 * timeline.fix_cov_m2
+    cov_m2 = parameters.usbl_sd_scale**2 * timeline.fix_cov_m2
     fixes = (rows, timeline.fix_time_s, timeline.fix_received_s, timeline.fix_m, cov_m2)
-    return PositionFixes("usbl", *fixes, assumptions.usbl, assumptions.usbl_lever_m, layout)
+    return PositionFixes("usbl", *fixes, parameters.usbl, parameters.usbl_lever_m, layout)
 
 
-def gps_fixes(timeline: Timeline, assumptions: Assumptions) -> PositionFixes:
+def gps_fixes(timeline: Timeline, parameters: Parameters) -> PositionFixes:
     """Return the GPS fixes inside the windows; no sensor error applies to them."""
-    rows = np.flatnonzero(in_windows(timeline.gps_time_s, assumptions.aid))
+    rows = np.flatnonzero(in_windows(timeline.gps_time_s, parameters.aid))
     sd_m = np.full(len(rows), DEFAULT_GPS_SD_M) if timeline.gps_sd_m is None else timeline.gps_sd_m[rows]
     sd_m = np.where(sd_m > 0, sd_m, DEFAULT_GPS_SD_M)
     t, cov_m2 = timeline.gps_time_s[rows], sd_m[:, None, None] ** 2 * np.eye(2)
     return PositionFixes(
-        "gps", rows, t, t, timeline.gps_m[rows], cov_m2, assumptions.gps, assumptions.gps_lever_m, StateLayout()
+        "gps", rows, t, t, timeline.gps_m[rows], cov_m2, parameters.gps, parameters.gps_lever_m, StateLayout()
     )
 
 

@@ -9,7 +9,7 @@ from usbldr.filters.estimators.protocol import Prior
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import prior_sd
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.parameters import UNKNOWN_START, Assumptions
+from usbldr.filters.models.parameters import UNKNOWN_START, Parameters
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import Anchor, start_position, start_sensitivity
 from usbldr.filters.replay.position_fixes import PositionFixes, gps_fixes, usbl_fixes
@@ -21,7 +21,7 @@ NO_START_TEXT = (
 )
 
 
-def prior(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> Prior:
+def prior(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> Prior:
     """Return mean (n,) and covariance (n, n) at the first epoch, from the stated start or the first fixes.
 
     Yaw and velocity start at the first compass and DVL records with a wide sigma, as the filter uses these records
@@ -30,20 +30,20 @@ def prior(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> 
     position.
     """
     carried = np.zeros((2, len(layout)))  # start position by each sensor error, from carrying the fixes back
-    if assumptions.start is not None:
-        position = np.array([assumptions.start.east_m, assumptions.start.north_m])
-        position_sd_m = assumptions.start.sd_m
+    if parameters.start is not None:
+        position = np.array([parameters.start.east_m, parameters.start.north_m])
+        position_sd_m = parameters.start.sd_m
     else:
-        time_s, fix_m = starting_fixes(timeline, assumptions)
+        time_s, fix_m = starting_fixes(timeline, parameters)
         if not len(time_s):
             raise LogError(NO_START_TEXT)
         position, position_sd_m = start_position(timeline, time_s, fix_m)
         carried = start_sensitivity(timeline, time_s, layout.names)
-        motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
+        motion = VehicleMotion(layout, parameters.process, parameters.errors)
         walked_m2 = float(motion.noise(0.0, max(0.0, float(time_s[0])))[layout.index("x")])
         position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
     yaw = (float(timeline.dr_yaw_rad[0]), float(timeline.yaw_sd_rad[0]))
-    mean, P = prior_at(position, position_sd_m, yaw, timeline.dr_mps[0], assumptions, layout)
+    mean, P = prior_at(position, position_sd_m, yaw, timeline.dr_mps[0], parameters, layout)
     position_rows = list(layout.rows("x", "y"))
     cross = carried @ P
     P[position_rows] += cross
@@ -57,11 +57,11 @@ def prior_at(
     position_sd_m: float,
     yaw: tuple[float, float],
     mps: Vector,
-    assumptions: Assumptions,
+    parameters: Parameters,
     layout: StateLayout,
 ) -> Prior:
     """Return the belief at a position (2,), with a reading of yaw and its sigma in radians, and of velocity (2,)."""
-    start = assumptions.start or UNKNOWN_START
+    start = parameters.start or UNKNOWN_START
     yaw_rad, yaw_sd_rad = yaw
     known: dict[str, tuple[float, float]] = {
         "psi": (yaw_rad, start.sd_yaw_rad),
@@ -71,7 +71,7 @@ def prior_at(
         "x": (float(position_m[0]), position_sd_m),
         "y": (float(position_m[1]), position_sd_m),
     }
-    known |= {name: (0.0, sd) for name, sd in prior_sd(assumptions.errors).items()}
+    known |= {name: (0.0, sd) for name, sd in prior_sd(parameters.errors).items()}
     mean, sd = np.array([known[name] for name in layout.names]).T
     P = np.diag(sd**2)
     h = {"heading_bias": 1.0, "deviation_sin": math.sin(yaw_rad), "deviation_cos": math.cos(yaw_rad)}
@@ -83,12 +83,12 @@ def prior_at(
     return Prior(mean, P)
 
 
-def starting_fixes(timeline: Timeline, assumptions: Assumptions) -> tuple[Vector, Array]:
+def starting_fixes(timeline: Timeline, parameters: Parameters) -> tuple[Vector, Array]:
     """Return times and positions of the fixes at the start: USBL, or aiding GPS if it is earlier; may be empty.
 
     (F,) and (F, 2).
     """
-    usbl, gps = usbl_fixes(timeline, assumptions, StateLayout()), gps_fixes(timeline, assumptions)
+    usbl, gps = usbl_fixes(timeline, parameters, StateLayout()), gps_fixes(timeline, parameters)
     first = min((usbl, gps), key=lambda fixes: float(fixes.time_s[0]) if len(fixes.time_s) else math.inf)
     return first.time_s, vehicle_positions_m(timeline, first)
 
@@ -99,21 +99,21 @@ def vehicle_positions_m(timeline: Timeline, fixes: PositionFixes) -> Array:
     return fixes.position_m - rotated(yaw, np.array(fixes.lever_m[:2]))
 
 
-def find_anchor(where: str, timeline: Timeline, assumptions: Assumptions, truth: Truth | None) -> Anchor | None:
+def find_anchor(where: str, timeline: Timeline, parameters: Parameters, truth: Truth | None) -> Anchor | None:
     """Return the anchor "start", "first-fix", "first-gps" or "first-truth" of a log, None if the log lacks it.
 
     "start" is the stated start, else the first fixes: as for a filter. A single fix may be an outlier,
     so "first-fix" is the median of the first five.
     """
-    if where == "start" and assumptions.start is not None:
-        start = assumptions.start
+    if where == "start" and parameters.start is not None:
+        start = parameters.start
         return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
     if where in ("start", "first-fix"):
-        usbl = usbl_fixes(timeline, assumptions, StateLayout())
+        usbl = usbl_fixes(timeline, parameters, StateLayout())
         fixes = (
             (usbl.time_s, vehicle_positions_m(timeline, usbl))
             if where == "first-fix"
-            else starting_fixes(timeline, assumptions)
+            else starting_fixes(timeline, parameters)
         )
         if not len(fixes[0]):
             return None

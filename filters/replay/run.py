@@ -15,7 +15,7 @@ from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import Anchor
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, discarded_fixes
 from usbldr.filters.replay.methods import (
@@ -41,7 +41,7 @@ MIN_ESS_RATIO = 0.05  # of N: below it on average the particles no longer tell t
 def run(
     name: str,
     timeline: Timeline,
-    assumptions: Assumptions,
+    parameters: Parameters,
     settings: FilterSettings = FilterSettings(),
     progress: Callable[[int, int], None] = lambda done, total: None,
     anchor: Anchor | None = None,
@@ -55,7 +55,7 @@ def run(
     if method.make_track is not None:
         return method.make_track(timeline, anchor)
     try:
-        return _run(method, timeline, assumptions, settings, progress)
+        return _run(method, timeline, parameters, settings, progress)
     except np.linalg.LinAlgError as err:
         raise LogError(f"{name}: {SINGULAR_TEXT}") from err
 
@@ -63,20 +63,20 @@ def run(
 def _run(
     method: Method,
     timeline: Timeline,
-    assumptions: Assumptions,
+    parameters: Parameters,
     settings: FilterSettings,
     progress: Callable[[int, int], None],
 ) -> Trajectory:
-    layout = layout_for(assumptions.calibrate)
-    motion = VehicleMotion(layout, assumptions.process, assumptions.errors)
-    name, estimator = method.name, make_estimator(method, motion, settings, assumptions.calibrate)
+    layout = layout_for(parameters.calibrate)
+    motion = VehicleMotion(layout, parameters.process, parameters.errors)
+    name, estimator = method.name, make_estimator(method, motion, settings, parameters.calibrate)
     began = time.perf_counter()
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     by_epoch: dict[int, Sequence[Update]] = {}
     reacquisitions: tuple[Reacquisition, ...] = ()
-    source, start = StepSource(timeline, assumptions, layout), prior(timeline, assumptions, layout)
+    source, start = StepSource(timeline, parameters, layout), prior(timeline, parameters, layout)
     for k, estimate, updates in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
         mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
         inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
@@ -84,7 +84,7 @@ def _run(
         if k % 100 == 0:
             progress(k, count)
     progress(count, count)
-    recoveries = outage_recoveries(timeline, assumptions, layout, mean, cov)
+    recoveries = outage_recoveries(timeline, parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
         mean, cov = smooth(mean, cov, inflation, timeline.time_s, motion, method.smoother_transform)
     done = tuple(update for k in sorted(by_epoch) for update in by_epoch[k])

@@ -12,7 +12,7 @@ import numpy as np
 from usbldr.filters.estimators.protocol import Step
 from usbldr.filters.models import sensors
 from usbldr.filters.models.noise import Noise, NoiseFamily
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.position_fixes import PositionFixes, gps_fixes, usbl_fixes
@@ -22,10 +22,10 @@ from usbldr.filters.types import Indices, Timeline, Vector
 class StepSource:
     """The measurements of a timeline, by epoch."""
 
-    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> None:
+    def __init__(self, timeline: Timeline, parameters: Parameters, layout: StateLayout) -> None:
         self.time_s = timeline.time_s
-        self.vehicle = VehicleMeasurements(timeline, assumptions, layout)
-        both = (usbl_fixes(timeline, assumptions, layout), gps_fixes(timeline, assumptions))
+        self.vehicle = VehicleMeasurements(timeline, parameters, layout)
+        both = (usbl_fixes(timeline, parameters, layout), gps_fixes(timeline, parameters))
         self.fixes = tuple(FixMeasurements(timeline.time_s, fixes) for fixes in both)
 
     def step(self, k: int, received_by_s: float = np.inf) -> Step:
@@ -41,17 +41,17 @@ class StepSource:
         return used, np.maximum(used, np.searchsorted(self.time_s, received_s, side="left"))
 
 
-def steps(timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> Iterator[Step]:
+def steps(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> Iterator[Step]:
     """Yield a step per epoch, with all fixes."""
-    readings = StepSource(timeline, assumptions, layout)
+    readings = StepSource(timeline, parameters, layout)
     return (readings.step(k) for k in range(len(timeline.time_s)))
 
 
 class VehicleMeasurements:
     """The compass and DVL measurements of an epoch."""
 
-    def __init__(self, timeline: Timeline, assumptions: Assumptions, layout: StateLayout) -> None:
-        self.timeline, self.sensors = timeline, VehicleSensors(assumptions, layout)
+    def __init__(self, timeline: Timeline, parameters: Parameters, layout: StateLayout) -> None:
+        self.timeline, self.sensors = timeline, VehicleSensors(parameters, layout)
 
     def at(self, k: int) -> Iterator[Measurement]:
         """Yield the measurements of epoch k."""
@@ -67,12 +67,12 @@ class VehicleMeasurements:
 class VehicleSensors:
     """Compass and DVL as the parameters describe them: from readings to measurements."""
 
-    def __init__(self, assumptions: Assumptions, layout: StateLayout) -> None:
+    def __init__(self, parameters: Parameters, layout: StateLayout) -> None:
         self._compass = sensors.compass_model(layout)
-        self._dvl = sensors.dvl_models(layout, assumptions.dvl_lever_m)
-        self._compass_noise = _scalar_noise(assumptions.compass)
-        self._dvl_noise = _scalar_noise(assumptions.dvl)
-        self._dvl_sd_scale = assumptions.dvl_sd_scale
+        self._dvl = sensors.dvl_models(layout, parameters.dvl_lever_m)
+        self._compass_noise = _scalar_noise(parameters.compass)
+        self._dvl_noise = _scalar_noise(parameters.dvl)
+        self._dvl_sd_scale = parameters.dvl_sd_scale
 
     def compass(self, row: int, time_s: float, yaw_rad: Vector, sd_rad: float, count: int = 1) -> Measurement:
         """Return the measurement of a yaw (1,) that is the mean of ``count`` records with this sigma each."""

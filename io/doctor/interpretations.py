@@ -172,7 +172,7 @@ def _at_reference_point(
     log: Log, timeline: Timeline, velocity: Array, psi: Vector, fixes: Array
 ) -> tuple[Array, Array]:
     """Return velocity and fixes of the vehicle's reference point, if the configuration states lever arms."""
-    dvl, transponder = (np.asarray(arm[:2]) for arm in (log.assumptions.dvl_lever_m, log.assumptions.usbl_lever_m))
+    dvl, transponder = (np.asarray(arm[:2]) for arm in (log.parameters.dvl_lever_m, log.parameters.usbl_lever_m))
     if dvl.any() and len(psi) > 1:
         rate: Vector = np.gradient(psi, timeline.time_s)
         velocity = velocity - rate[:, None] * np.array([-dvl[1], dvl[0]])

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 
 from usbldr.filters.identification.identification import Identification, TunedParameter
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.io.settings.toml_text import noise_text, stated, toml_text
 
 TUNED = "tuned.toml"  # in a run directory
@@ -28,7 +28,7 @@ def tuned_toml(log_name: str, found: Identification) -> str:
     return toml_text(title, _sections(found.parameters), {})
 
 
-def _sections(found: Assumptions) -> Mapping[str, Mapping[str, str]]:
+def _sections(found: Parameters) -> Mapping[str, Mapping[str, str]]:
     process, sizes = stated(found.process), stated(found.errors)
     keys = {"latency": ("latency_sd_s",), "usbl-bias": ("usbl_bias_sd_m", "usbl_bias_time_s")}
     return {

@@ -15,7 +15,7 @@ import pandas as pd
 import pymap3d  # pyright: ignore[reportMissingTypeStubs]
 
 from usbldr.filters.frames import heading_deg
-from usbldr.filters.models.parameters import Assumptions, LeverArm
+from usbldr.filters.models.parameters import LeverArm, Parameters
 from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Array, Truth, Vector
@@ -56,7 +56,7 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
             sensor: Provenance(f"{scenario.name}/{sensor}", "simulated", "scenario", seeded, len(t), len(t))
             for sensor, t in tables.items()
         },
-        assumptions=Assumptions(
+        parameters=Parameters(
             process=scenario.process,
             dvl=_assumed(scenario.dvl.told_noise, scenario.dvl.noise),
             compass=_assumed(scenario.compass.told_noise, scenario.compass.noise),

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.io.settings.noise_sections import calibrated_keys, noise_family_of, start_of, stated_model
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.validation import checked, read_document
@@ -48,9 +48,9 @@ def parse_configuration(document: dict[str, object], file: Path) -> Configuratio
     return checked(document, Configuration, file)
 
 
-def assumptions(configuration: Configuration) -> Assumptions:
+def parameters(configuration: Configuration) -> Parameters:
     """Return the model side of a run: the stated values, usbldr's defaults for the rest. Angles become radians."""
-    start, default = configuration.start, Assumptions()
+    start, default = configuration.start, Parameters()
     return replace(
         default,
         process=stated_model(default.process, configuration.process),

@@ -44,8 +44,8 @@ def cut_log(log: Log, start_s: float, end_s: float) -> Log:
     tables = {sensor: table for sensor, table in tables.items() if len(table)}
     if not tables:
         raise LogError(f"{log.path}: no record is between {start_s:g} and {end_s:g} s")
-    known = log.assumptions if start_s <= 0 else replace(log.assumptions, start=None)
-    return replace(log, tables=tables, assumptions=known, truth=_cut_truth(log.truth, start_s, end_s))
+    known = log.parameters if start_s <= 0 else replace(log.parameters, start=None)
+    return replace(log, tables=tables, parameters=known, truth=_cut_truth(log.truth, start_s, end_s))
 
 
 def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | None:
@@ -111,7 +111,7 @@ def _restamped(log: Log, latencies: Mapping[str, float]) -> Log:
 def _configuration(
     log: Log, written: Log, conventions: Mapping[str, Mapping[str, str]], latencies: Mapping[str, float]
 ) -> str:
-    known = log.assumptions
+    known = log.parameters
     sections: dict[str, dict[str, str]] = {}
     if log.origin is not None:
         sections["map"] = {"origin_lat_deg": repr(log.origin.lat_deg), "origin_lon_deg": repr(log.origin.lon_deg)}

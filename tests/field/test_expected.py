@@ -16,7 +16,7 @@ from survey.errors import anchored, euler, fitted, fix_offsets, statistics
 from survey.expected import EXPLAINED, Number, compared, expected, last_digit, leaves, tolerance_of
 from survey.measured import measured
 from usbldr.filters.errors import LogError
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Truth
 from usbldr.io.log import Log
 
@@ -107,7 +107,7 @@ def log() -> Log:
     )
     usbl = {"time_s": [-5.0, 2.0, 4.5], "east_m": [0.0, 7.0, 10.0], "north_m": [0.0, 2.0, 8.5]}
     tables = {"dvl": pd.DataFrame(speed), "compass": pd.DataFrame(compass), "usbl": pd.DataFrame(usbl)}
-    return Log(Path("made-up"), "", "simulated", 0, tables, {}, Assumptions(), truth=truth)
+    return Log(Path("made-up"), "", "simulated", 0, tables, {}, Parameters(), truth=truth)
 
 
 def test_a_record_holds_until_the_next_but_no_longer_than_it_may(log: Log) -> None:

@@ -42,7 +42,7 @@ def test_every_format_of_uib_field_gives_the_same_track(field_logs: Path) -> Non
     tracks = []
     for name in ("uib_field.mcap", "uib_field.bag", "uib_field_db3", "csv"):
         log = uib(field_logs, name)
-        tracks.append(run("adf", timeline(log), replace(log.assumptions, calibrate=())).position_m)
+        tracks.append(run("adf", timeline(log), replace(log.parameters, calibrate=())).position_m)
 
     for track in tracks[1:]:
         np.testing.assert_allclose(track, tracks[0], rtol=0, atol=1e-6)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Outage
 from usbldr.io.log import Log
 from usbldr.io.timeline import timeline
@@ -38,7 +38,7 @@ def usbl_table(time_s: ArrayLike, east: ArrayLike = 0.0, north: ArrayLike = 0.0,
 
 
 def log(**tables: pd.DataFrame) -> Log:
-    return Log(Path("dive.mcap"), "", "MCAP", 10**18, tables, {}, Assumptions())
+    return Log(Path("dive.mcap"), "", "MCAP", 10**18, tables, {}, Parameters())
 
 
 def grid(seconds: float, rate_hz: float = 5.0) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from paper.runs import Way
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.identification import observability
 from usbldr.filters.identification.observability import CANDIDATE_KEYS
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise
+from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import displacement_m
@@ -186,14 +186,14 @@ def test_a_straight_track_at_constant_speed_tells_no_lead(line: Timeline) -> Non
 def test_every_default_is_halved_and_doubled() -> None:
     for name in (one.name for one in fields(ProcessNoise) if getattr(ProcessNoise(), one.name)):
         for label, factor in (("half", 0.5), ("twice", 2.0)):
-            changed = SENSITIVITY[f"process.{name} {label}"].before(Assumptions(), None)  # type: ignore[arg-type]
+            changed = SENSITIVITY[f"process.{name} {label}"].before(Parameters(), None)  # type: ignore[arg-type]
             expected = replace(ProcessNoise(), **{name: factor * getattr(ProcessNoise(), name)})
-            assert changed == replace(Assumptions(), process=expected)
+            assert changed == replace(Parameters(), process=expected)
 
 
 def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
     """Each change has to do something on a log that uses everything, or it would show a robustness that is none."""
-    given = replace(Assumptions(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
+    given = replace(Parameters(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
     usual = prior.prior(line, given, StateLayout())
     for name, change in CHANGES.items():
         if name in ("", "tuned", "without guard", "all states estimated"):
@@ -209,19 +209,19 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
 
 def test_noise_that_is_not_estimated_from_the_log_has_one_model() -> None:
     with constants(observability, ABLATIONS["noise not estimated from the log"].observing):
-        models = observability._noise_models(Assumptions(), Assumptions(), 1.0)
+        models = observability._noise_models(Parameters(), Parameters(), 1.0)
 
-    assert models == [observability._NoiseModel(Assumptions())]
+    assert models == [observability._NoiseModel(Parameters())]
 
 
 def test_a_dvl_whose_noise_is_not_estimated_keeps_its_stated_sigma() -> None:
     line = weaving_dive(Faults())
     overstated = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
     with constants(observability, ABLATIONS["DVL noise not estimated"].observing):
-        stated = observability.identify(overstated, Assumptions()).parameters
+        stated = observability.identify(overstated, Parameters()).parameters
 
     assert (stated.dvl_sd_scale, stated.process) == (1.0, ProcessNoise())
-    assert observability.identify(overstated, Assumptions()).parameters.dvl_sd_scale > 1
+    assert observability.identify(overstated, Parameters()).parameters.dvl_sd_scale > 1
 
 
 def test_with_rare_fixes_the_noise_of_the_dvls_records_keeps_the_track(tmp_path: Path) -> None:
@@ -249,7 +249,7 @@ def test_a_constant_is_another_only_for_a_while() -> None:
 
 
 def test_a_state_is_taken_away_alone_and_its_share_of_the_error_given_back(line: Timeline) -> None:
-    settled = replace(Assumptions(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
+    settled = replace(Parameters(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
 
     for key in CANDIDATE_KEYS:
         left = ABLATIONS[f"without {key}"].after(settled, line)

@@ -21,7 +21,7 @@ def one(name: str, seed: int) -> dict[str, float]:
     """Run one filter on one realisation with the noise model that the scenario writes beside its log."""
     log = simulated_log(PAPER, seed)
     line = timeline(log)
-    track = run(name, line, log.assumptions, FilterSettings(particles=100, seed=seed))
+    track = run(name, line, log.parameters, FilterSettings(particles=100, seed=seed))
     assert log.truth is not None
     report = evaluate(track, log.truth, times_s=line.time_s[line.slow])
     return {name: value for name, value in report.flat().items() if value is not None}

@@ -206,7 +206,7 @@ def test_limits_of_one_dive_are_its_bounds_at_the_epochs_of_the_errors() -> None
     short = replace(find_scenario("paper-drawn"), duration_s=20.0)
     log = simulated_log(short, 1)
     line = timeline(log)
-    bounds = dive_bounds(simulate(short, 1), line, replace(log.assumptions, calibrate=("scale",)))
+    bounds = dive_bounds(simulate(short, 1), line, replace(log.parameters, calibrate=("scale",)))
 
     found = limits(short, ("scale",), (1,))
 

@@ -89,7 +89,7 @@ HONEST = dataclasses.replace(
 
 def test_of_everything_that_is_wrong_the_configuration_tells_nothing() -> None:
     assert configuration_text(FAULTY, 0, {}) == configuration_text(HONEST, 0, {})
-    assert simulated_log(FAULTY, 0).assumptions == simulated_log(HONEST, 0).assumptions
+    assert simulated_log(FAULTY, 0).parameters == simulated_log(HONEST, 0).parameters
 
 
 def test_what_is_told_stands_in_the_tables_and_what_is_true_in_the_records() -> None:
@@ -100,8 +100,8 @@ def test_what_is_told_stands_in_the_tables_and_what_is_true_in_the_records() -> 
     fixes = log.tables["usbl"]
     np.testing.assert_array_equal(fixes[["cov_ee_m2", "cov_en_m2"]], dive.fix_cov_m2[:, 0])
     np.testing.assert_array_equal(fixes[["east_m", "north_m"]], dive.usbl.value)
-    assert log.assumptions.dvl_lever_m == (0.5, 0.6, -0.7)
-    assert log.assumptions.usbl_lever_m == (0.0, -2.0, 1.0)
+    assert log.parameters.dvl_lever_m == (0.5, 0.6, -0.7)
+    assert log.parameters.usbl_lever_m == (0.0, -2.0, 1.0)
 
 
 def test_a_log_begins_with_its_first_record_and_not_with_the_dive() -> None:
@@ -121,7 +121,7 @@ def test_a_faulty_dive_reads_back_as_it_was_simulated(tmp_path: Path, name: str)
 
     read = read_log(tmp_path / name)
 
-    assert (read.start_ns, read.assumptions) == (written.start_ns, written.assumptions)
+    assert (read.start_ns, read.parameters) == (written.start_ns, written.parameters)
     for sensor, table in written.tables.items():
         columns = [column for column in table.columns if column != "up_mps"]
         pd.testing.assert_frame_equal(
@@ -137,7 +137,7 @@ def test_every_scenario_reads_back_as_the_filters_are_given_it_in_memory(tmp_pat
 
     read = read_log(tmp_path / "dive.mcap")
 
-    assert read.assumptions == written.assumptions
+    assert read.parameters == written.parameters
     for sensor, table in written.tables.items():
         pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-11)
     told = tomllib.loads(configuration.read_text(encoding="utf-8"))

@@ -16,7 +16,7 @@ from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, chi_square_quantile
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise
+from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.sigma_points import cubature
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.methods import FilterSettings
@@ -43,7 +43,7 @@ class Dive(NamedTuple):
     """One dive, replayed."""
 
     line: Timeline
-    assumed: Assumptions
+    assumed: Parameters
     track: Trajectory
     error_m: np.ndarray  # (K, 2)
 
@@ -74,9 +74,9 @@ def dives(scene: Scenario, method: str, seeds: int) -> tuple[Dive, ...]:
         log = simulated_log(scene, seed)
         assert log.truth is not None
         line = timeline(log)
-        track = run(method, line, log.assumptions, FilterSettings(particles=20))
+        track = run(method, line, log.parameters, FilterSettings(particles=20))
         truth = np.column_stack([np.interp(line.time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T])
-        found.append(Dive(line, log.assumptions, track, track.position_m - truth))
+        found.append(Dive(line, log.parameters, track, track.position_m - truth))
     return tuple(found)
 
 
@@ -213,7 +213,7 @@ def test_a_return_is_told_by_its_first_fixes_and_by_what_was_known_before_them()
     line = replace(line, fix_m=fix_m, fix_cov_m2=np.tile(0.09 * np.eye(2), (len(fix_m), 1, 1)))
     line = replace(line, outages=(*line.outages, Outage("dvl", 160.0, 170.0)))
 
-    (one,) = outage_recoveries(line, Assumptions(), layout, mean, cov)
+    (one,) = outage_recoveries(line, Parameters(), layout, mean, cov)
 
     median_m2 = np.pi / 2 / 5 * 0.09
     assert one == pytest.approx((89.0, 150.0, 1.0, 2.0, 5.0, 5.0 / np.sqrt(4 + 4 - 2 * 1.5 + median_m2), 2.0))
@@ -238,9 +238,9 @@ def test_a_smoothed_track_reports_the_same_recoveries_as_its_filter() -> None:
     log = simulated_log(scenario(("usbl",), 90.0, 60.0), 0)
     line = timeline(log)
 
-    smoothed = run("adf", line, log.assumptions, FilterSettings(smooth=True))
+    smoothed = run("adf", line, log.parameters, FilterSettings(smooth=True))
 
-    assert smoothed.recoveries == run("adf", line, log.assumptions).recoveries
+    assert smoothed.recoveries == run("adf", line, log.parameters).recoveries
 
 
 def test_a_silence_until_the_end_has_no_return() -> None:
@@ -258,6 +258,6 @@ def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
         outages=(*line.outages, Outage("usbl", 151.0, 165.0)),
     )
 
-    (one,) = run("adf", line, log.assumptions).recoveries
+    (one,) = run("adf", line, log.parameters).recoveries
 
     assert (one.start_s, one.end_s) == (151.0, 165.0)

@@ -54,7 +54,7 @@ def test_the_recipe_makes_the_same_bytes_or_where_libraries_differ_the_same_reco
     if parts and all((made_again / file).read_bytes() == (SAMPLES / file).read_bytes() for file in parts):
         return
     shipped, made = read_log(SAMPLES / name), read_log(made_again / name)
-    assert (shipped.start_ns, shipped.assumptions) == (made.start_ns, made.assumptions)
+    assert (shipped.start_ns, shipped.parameters) == (made.start_ns, made.parameters)
     assert shipped.tables.keys() == made.tables.keys()
     for sensor, table in shipped.tables.items():
         pd.testing.assert_frame_equal(made.tables[sensor], table, rtol=0, atol=1e-9)

@@ -90,7 +90,7 @@ def every_kind_of_record(folder: Path) -> Path:
 
 def assert_same(back: Log, log: Log) -> None:
     """Stamps to the nanosecond, values to rounding."""
-    assert (back.start_ns, back.assumptions) == (log.start_ns, log.assumptions)
+    assert (back.start_ns, back.parameters) == (log.start_ns, log.parameters)
     assert list(back.tables) == list(log.tables)
     for sensor, table in log.tables.items():
         other = back.tables[sensor]
@@ -147,13 +147,13 @@ def test_replaying_an_export_of_uib_field_gives_the_same_track(field_logs: Path,
     log = read_log(field_logs / "uib_field" / name, Request(str(FIELD_CONFIGURATIONS / "uib_field.toml")))
     export(log, tmp_path / "out.mcap")
     export(log, tmp_path / "folder")
-    track = run("adf", timeline(log), replace(log.assumptions, calibrate=())).position_m
+    track = run("adf", timeline(log), replace(log.parameters, calibrate=())).position_m
 
     for written in (tmp_path / "out.mcap", tmp_path / "folder"):
         back = read_log(written)
         assert_same(back, log)
-        assert back.assumptions.calibrate == log.assumptions.calibrate == ("auto",)
-        found = run("adf", timeline(back), replace(back.assumptions, calibrate=())).position_m
+        assert back.parameters.calibrate == log.parameters.calibrate == ("auto",)
+        found = run("adf", timeline(back), replace(back.parameters, calibrate=())).position_m
         np.testing.assert_allclose(found, track, rtol=0, atol=1e-6)
 
 
@@ -212,8 +212,8 @@ def test_a_stretch_holds_what_was_valid_in_it(tmp_path: Path) -> None:
 def test_a_known_start_is_forgotten_where_the_beginning_is_cut_off(tmp_path: Path) -> None:
     log = read_log(every_kind_of_record(tmp_path))
 
-    assert cut_log(log, -1.0, 9.0).assumptions.start == log.assumptions.start
-    assert cut_log(log, 0.1, 9.0).assumptions.start is None
+    assert cut_log(log, -1.0, 9.0).parameters.start == log.parameters.start
+    assert cut_log(log, 0.1, 9.0).parameters.start is None
 
 
 @pytest.mark.parametrize("out", ["dive.mcap", "dive.bag"])

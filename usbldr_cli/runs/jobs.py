@@ -188,7 +188,7 @@ def _bound(unit: Job, source: _Source, choices: RunChoices) -> JobResult:
     from usbldr.io.session import bound, resolve
 
     used = resolve(source.log, source.dive_timeline, unit.method, choices.settings()).parameters
-    known = replace(source.log.assumptions, calibrate=used.calibrate, aid=used.aid)
+    known = replace(source.log.parameters, calibrate=used.calibrate, aid=used.aid)
     return JobResult(bound(unit.log, source.dive_timeline, known, choices.seed).metrics(unit.choices.smooth))
 
 
@@ -234,7 +234,7 @@ def _key(source: _Source, method: str, choices: RunChoices) -> str:
 
 def _digest(log: "Log", dive_timeline: "Timeline") -> str:
     """Return the digest of records, truth, assumptions and the file that they come from."""
-    digest = hashlib.sha256(repr((log.sha256, log.origin, log.assumptions)).encode())
+    digest = hashlib.sha256(repr((log.sha256, log.origin, log.parameters)).encode())
     for part in (dive_timeline, log.truth):
         for name, value in [] if part is None else [(f.name, getattr(part, f.name)) for f in fields(part)]:
             digest.update(name.encode())

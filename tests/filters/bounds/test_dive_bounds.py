@@ -9,7 +9,7 @@ import pytest
 from usbldr.filters.bounds.dive_bounds import dive_bounds, true_states
 from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
@@ -34,9 +34,9 @@ TURNING = replace(
 )
 
 
-def seen(scenario: Scenario, calibrate: tuple[str, ...]) -> tuple[Timeline, Assumptions]:
+def seen(scenario: Scenario, calibrate: tuple[str, ...]) -> tuple[Timeline, Parameters]:
     log = simulated_log(scenario, seed=3)
-    return timeline(log), replace(log.assumptions, calibrate=calibrate)
+    return timeline(log), replace(log.parameters, calibrate=calibrate)
 
 
 def test_the_true_states_explain_every_reading_of_sensors_that_err_but_have_no_noise() -> None:
@@ -47,13 +47,13 @@ def test_the_true_states_explain_every_reading_of_sensors_that_err_but_have_no_n
         compass=replace(TURNING.compass, sd_rad=1e-9, bias_rad=0.05, deviation_rad=(0.02, -0.01)),
         usbl=replace(TURNING.usbl, accuracy=Accuracy(sd_m=1e-9), timing=Timing(latency_s=0.4)),
     )
-    line, assumptions = seen(wrong, keys)
+    line, parameters = seen(wrong, keys)
     layout = layout_for(keys)
 
     states = true_states(simulate(wrong, seed=3), layout, line.time_s)
 
     checked = 0
-    for step in steps(line, assumptions, layout):
+    for step in steps(line, parameters, layout):
         for reading in step.measurements:
             want = reading.model.predict(states[step.epoch][:, None])
             away_from_corner = reading.sensor != "usbl" or not 29.5 < reading.time_s < 30.5
@@ -68,11 +68,11 @@ def test_the_true_states_explain_every_reading_of_sensors_that_err_but_have_no_n
 @pytest.mark.parametrize("smooth", [False, True], ids=["filter", "smoother"])
 def test_with_gaussian_noise_the_bound_is_what_an_ekf_says_of_itself(calibrate: tuple[str, ...], smooth: bool) -> None:
     """The EKF has its Jacobians at its own estimates, a few centimetres and hundredths of a degree off the truth."""
-    line, assumptions = seen(TURNING, calibrate)
-    claimed = run("ekf", line, assumptions, FilterSettings(smooth=smooth)).cov
+    line, parameters = seen(TURNING, calibrate)
+    claimed = run("ekf", line, parameters, FilterSettings(smooth=smooth)).cov
     assert claimed is not None
 
-    got = dive_bounds(simulate(TURNING, seed=3), line, assumptions)[smooth]
+    got = dive_bounds(simulate(TURNING, seed=3), line, parameters)[smooth]
 
     sd, want = (np.sqrt(np.einsum("kii->ki", cov))[10:] for cov in (got, claimed))
     np.testing.assert_allclose(sd, want, rtol=0.03)

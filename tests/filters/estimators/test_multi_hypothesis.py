@@ -14,7 +14,7 @@ from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise
+from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.sigma_points import cubature
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.late_fixes import by_validity
@@ -85,7 +85,7 @@ def replayed(
     gate: float | None = None,
 ) -> FilterRun:
     """Run a filter over the dive, with or without the hypotheses."""
-    assumed = Assumptions(process=process, usbl=usbl)
+    assumed = Parameters(process=process, usbl=usbl)
     motion = VehicleMotion(StateLayout(), process)
     build = METHODS[name].build
     assert build is not None
@@ -250,7 +250,7 @@ def test_a_cluster_before_the_outage_does_not_move_a_certain_filter() -> None:
 
 def test_estimates_repeat_when_a_step_is_run_again() -> None:
     line, _ = dive(2, 5, 50.0)
-    assumed = Assumptions(process=UNCERTAIN)
+    assumed = Parameters(process=UNCERTAIN)
     motion = VehicleMotion(StateLayout(), UNCERTAIN)
     guard = MultiHypothesisFilter(CubatureParticleFilter(motion, cubature, 20), motion)
     readings = StepSource(line, assumed, StateLayout())
@@ -266,7 +266,7 @@ def test_estimates_repeat_when_a_step_is_run_again() -> None:
 
 def test_a_run_warns_of_each_reacquisition() -> None:
     line, truth = dive(1, 20, 50.0)
-    assumed = Assumptions(process=UNCERTAIN)
+    assumed = Parameters(process=UNCERTAIN)
 
     alone, guarded = (run("adf", line, assumed, FilterSettings(guard=on)) for on in (False, True))
 
@@ -284,7 +284,7 @@ def test_a_log_that_ends_while_fixes_are_rejected_reports_them() -> None:
     rows = line.fix_time_s < OUTAGE[1] + 5  # the outliers are the last
     ended = line.with_fixes(rows)
 
-    track = run("adf", ended, Assumptions(process=UNCERTAIN), FilterSettings(guard=True))
+    track = run("adf", ended, Parameters(process=UNCERTAIN), FilterSettings(guard=True))
 
     (one,) = track.reacquisitions
     rejected = [update for update in track.updates if update.outcome == "rejected" and update.sensor == "usbl"]
@@ -297,7 +297,7 @@ def test_a_log_that_ends_with_a_single_rejected_fix_reports_nothing() -> None:
     line, _ = dive(1, 5, 50.0)
 
     track = run(
-        "adf", line.with_fixes(line.fix_time_s <= OUTAGE[1]), Assumptions(process=UNCERTAIN), FilterSettings(guard=True)
+        "adf", line.with_fixes(line.fix_time_s <= OUTAGE[1]), Parameters(process=UNCERTAIN), FilterSettings(guard=True)
     )
 
     assert [update.outcome for update in track.updates if update.sensor == "usbl"][-2:] == ["used", "rejected"]
@@ -310,7 +310,7 @@ def test_each_epoch_uses_only_the_fixes_that_had_arrived() -> None:
     late = replace(line, fix_received_s=line.fix_time_s + 2.0)
     known = line.fix_time_s <= END_S - 2.0
     ended = line.with_fixes(known)
-    assumed = Assumptions(process=UNCERTAIN)
+    assumed = Parameters(process=UNCERTAIN)
 
     online = run("adf", late, assumed, FilterSettings(guard=True, order="arrival"))
     offline = run("adf", ended, assumed, FilterSettings(guard=True))
@@ -328,7 +328,7 @@ def test_clusters_between_good_fixes_do_not_move_the_track(seed: int) -> None:
     assert log.truth is not None
     truth = np.column_stack([np.interp(line.time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T])
     alone, guarded = (
-        float(np.hypot(*(run("adf", line, log.assumptions, FilterSettings(guard=on)).position_m - truth).T).max())
+        float(np.hypot(*(run("adf", line, log.parameters, FilterSettings(guard=on)).position_m - truth).T).max())
         for on in (False, True)
     )
 

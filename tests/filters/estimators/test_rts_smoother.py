@@ -97,7 +97,7 @@ def test_a_state_that_is_known_exactly_stays_known() -> None:
 def test_smoothing_leaves_the_last_epoch_and_narrows_the_others(name: str) -> None:
     log = simulated_log(replace(PAPER, duration_s=60.0), 3)
     line = timeline(log)
-    assumed = replace(log.assumptions, calibrate=("scale", "misalignment"))
+    assumed = replace(log.parameters, calibrate=("scale", "misalignment"))
     plain, smoothed = (run(name, line, assumed, FilterSettings(particles=20, smooth=on)) for on in (False, True))
 
     assert (plain.label, smoothed.label) == (name, f"{name} smoothed")
@@ -141,5 +141,5 @@ def test_only_what_is_near_a_gaussian_is_smoothed() -> None:
     log = simulated_log(replace(PAPER, duration_s=5.0), 0)
     line = timeline(log)
     with pytest.raises(UsageError, match="pf is too far from a Gaussian"):
-        run("pf", line, log.assumptions, FilterSettings(smooth=True))
+        run("pf", line, log.parameters, FilterSettings(smooth=True))
     assert METHODS["pf"].smoother_transform is None

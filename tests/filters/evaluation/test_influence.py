@@ -14,14 +14,14 @@ from commands import output_of
 from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.influence import compare_without, influences, most_influential, without_fix
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.library import find_scenario
 from weaving import Faults, weaving_dive
 
-ASSUMED = Assumptions(usbl=Gaussian(), start=Start(2.0, 0.0, 3.0))
+ASSUMED = Parameters(usbl=Gaussian(), start=Start(2.0, 0.0, 3.0))
 
 
 @pytest.mark.parametrize("method", ["ekf", "adf", "cpf", "pf-wekf"])
@@ -66,7 +66,7 @@ def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> Non
     line = weaving_dive(Faults(), seconds=80)
     line.fix_m[30] += (40.0, 0.0)
     line = replace(line, fix_cov_m2=100.0 * np.tile(np.eye(2), (79, 1, 1)))
-    assumed = Assumptions(ProcessNoise(0.0, 1e-3, 0.05, 0.1), usbl=Gaussian(), start=Start(0.0, 0.0, 1000.0))
+    assumed = Parameters(ProcessNoise(0.0, 1e-3, 0.05, 0.1), usbl=Gaussian(), start=Start(0.0, 0.0, 1000.0))
     whole = run("ekf", line, assumed)
     fix = influences(whole)[30]
 

@@ -8,12 +8,12 @@ import pytest
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.observability import CANDIDATE_KEYS, MAX_SIGMA_RATIO, _best, _NoiseModel, identify
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
 from weaving import SD_M, Faults, weaving_dive
 
-ASSUMED = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
+ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
 TWENTY_TO_ONE = np.log(20)  # what Kass and Raftery call strong
 
 

@@ -12,14 +12,14 @@ from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.tuning import tune
 from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_likelihoods
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.filters.types import Timeline
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from weaving import Faults, weaving_dive
 
-PLAIN = Assumptions(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
+PLAIN = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
 
 
 def by_name(found: Identification) -> dict[str, TunedParameter]:
@@ -135,7 +135,7 @@ def test_fixes_at_rest_are_as_likely_as_their_joint_normal_density() -> None:
 def test_the_wrong_mixture_becomes_that_of_the_paper() -> None:
     """Eq. (23): share .3, ratio 10; 1000 fixes of two axes leave 5 % of each, and the sigma of a fix is 1 m."""
     log = simulated_log(find_scenario("paper"), 0)
-    wrong = replace(log.assumptions, usbl=Mixture(0.1, 4.0), usbl_sd_scale=1.6, calibrate=("scale",))
+    wrong = replace(log.parameters, usbl=Mixture(0.1, 4.0), usbl_sd_scale=1.6, calibrate=("scale",))
     found = by_name(tune(timeline(log), wrong))
 
     assert found["usbl_outlier_share"].after == pytest.approx(0.30, abs=3 * 0.026)

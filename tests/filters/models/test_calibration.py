@@ -9,14 +9,14 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, estimated_errors, layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
 from weaving import SD_RAD, Faults, weaving_dive
 
-ASSUMED = Assumptions(
+ASSUMED = Parameters(
     process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), errors=SensorErrors()
 )
 
@@ -145,7 +145,7 @@ def test_on_a_straight_course_a_sensor_tells_nothing_of_its_own_error(method: st
     """No fix to speak of, no turn, and a process noise that is not the vehicle's: the error stays what it was."""
     timeline = weaving_dive(Faults(), seconds=200, weaves=False)
     hardly = replace(timeline, fix_cov_m2=1e8 * timeline.fix_cov_m2)
-    assumed = Assumptions(usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), calibrate=(key,))
+    assumed = Parameters(usbl=Gaussian(), start=Start(0.0, 0.0, 0.05), calibrate=(key,))
 
     for error in estimated_errors(run(method, hardly, assumed, FilterSettings(particles=20))):
         assert abs(error.value[-1]) < error.sd[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
@@ -18,7 +18,7 @@ SECONDS = 30
 PAPER = find_scenario("paper")
 LOG = simulated_log(replace(PAPER, duration_s=float(SECONDS)), 4)
 LINE = timeline(LOG)
-ASSUMED = replace(LOG.assumptions, calibrate=("scale",))
+ASSUMED = replace(LOG.parameters, calibrate=("scale",))
 
 
 def delayed(by_s: np.ndarray | float) -> Timeline:
@@ -74,7 +74,7 @@ def test_a_fix_older_than_the_memory_is_not_used_and_that_is_said() -> None:
 
 def test_a_dive_known_late_is_known_worse_and_at_validity_no_worse() -> None:
     """With a fix each second that comes 4 s late the last fix is 4 to 5 s old, and drift adds to it."""
-    assumed = Assumptions(process=ProcessNoise(position_m=0.3), usbl=PAPER.usbl.noise, start=Start(0.0, 0.0, 1.0))
+    assumed = Parameters(process=ProcessNoise(position_m=0.3), usbl=PAPER.usbl.noise, start=Start(0.0, 0.0, 1.0))
     at_once, late, valid = (
         run("adf", delayed(delay_s), assumed, FilterSettings(order=order))
         for delay_s, order in ((0.0, "arrival"), (4.0, "arrival"), (4.0, "validity"))

@@ -9,7 +9,7 @@ from commands import output_of
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Timeline, Trajectory
@@ -32,7 +32,7 @@ def position_cov_m2(track: Trajectory) -> Array:
 def test_every_filter_estimates_from_the_start_on_where_the_first_fix_comes_after_a_minute(method: str) -> None:
     whole = weaving_dive(Faults(), seconds=90)
     track = run(
-        method, whole.with_fixes(whole.fix_time_s >= 60.0), Assumptions(usbl=Gaussian()), FilterSettings(particles=50)
+        method, whole.with_fixes(whole.fix_time_s >= 60.0), Parameters(usbl=Gaussian()), FilterSettings(particles=50)
     )
 
     assert track.time_s[0] == 0
@@ -46,7 +46,7 @@ def test_a_start_that_was_carried_back_for_minutes_is_as_doubtful_as_what_carrie
     for seed in range(10):
         faults = Faults(dvl_scale=float(rng.normal(0, 0.01)), heading_bias_deg=float(rng.normal(0, 5)))
         whole = weaving_dive(faults, seed, seconds=230, weaves=False)
-        assumed = Assumptions(usbl=Gaussian(), calibrate=("scale", "heading"))
+        assumed = Parameters(usbl=Gaussian(), calibrate=("scale", "heading"))
         track = run("ekf", whole.with_fixes(whole.fix_time_s >= 200.0), assumed)
         value = nees_at_fixes(track, whole)
         before.append(value[0])

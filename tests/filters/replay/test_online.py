@@ -9,7 +9,7 @@ import pytest
 from timelines import HZ, five_hz
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.models.parameters import Assumptions, Start
+from usbldr.filters.models.parameters import Parameters, Start
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.online import OnlineFilter
 from usbldr.filters.replay.run import run
@@ -19,7 +19,7 @@ from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 
 FILTERS = [name for name, method in METHODS.items() if method.is_filter]
-STARTED = Assumptions(start=Start(0.0, 0.0, 2.0), calibrate=("scale",), dvl_lever_m=(0.3, 1.0, 0.0))
+STARTED = Parameters(start=Start(0.0, 0.0, 2.0), calibrate=("scale",), dvl_lever_m=(0.3, 1.0, 0.0))
 SETTINGS = FilterSettings(particles=20, seed=3)
 COV_M2 = np.eye(2)
 
@@ -37,7 +37,7 @@ def one_record_per_epoch(seconds: int = 40) -> Timeline:
     return five_hz(mps, yaw, epochs_s[fixes], fix_m, yaw_sd_rad=sd_rad, yaw_count=yaw_count, dvl_count=dvl_count)
 
 
-def started(method: str, line: Timeline, parameters: Assumptions, settings: FilterSettings = SETTINGS) -> OnlineFilter:
+def started(method: str, line: Timeline, parameters: Parameters, settings: FilterSettings = SETTINGS) -> OnlineFilter:
     online = OnlineFilter(method, parameters, settings)
     assert online.heading(0.0, degrees(-line.dr_yaw_rad[0]), degrees(line.yaw_sd_rad[0])) is None
     assert online.velocity(0.0, line.dr_mps[0, 0], line.dr_mps[0, 1], line.dvl_sd_mps[0]) is None
@@ -86,7 +86,7 @@ def test_record_by_record_a_dive_with_late_fixes_is_known_as_well_as_in_replay(m
     line, truth = timeline(log), log.truth
     assert truth is not None
     line = replace(line, fix_received_s=line.fix_time_s + 0.7)
-    parameters = replace(log.assumptions, calibrate=("scale",))
+    parameters = replace(log.parameters, calibrate=("scale",))
     track, online = run(method, line, parameters, replace(SETTINGS, order="arrival")), OnlineFilter(method, parameters)
 
     position_m, updates = np.full((len(line.time_s), 2), np.nan), list[Update]()
@@ -114,7 +114,7 @@ def test_record_by_record_a_dive_with_late_fixes_is_known_as_well_as_in_replay(m
 )
 def test_a_gross_fix_says_what_became_of_it(method: str, gate: float | None, outcome: str) -> None:
     line = one_record_per_epoch()
-    online = started(method, line, Assumptions(start=Start(0.0, 0.0, 2.0)), FilterSettings(gate=gate))
+    online = started(method, line, Parameters(start=Start(0.0, 0.0, 2.0)), FilterSettings(gate=gate))
     for k in range(1, len(line.time_s)):
         taken(online, line, k)
     before, t = online.estimate, float(line.time_s[-1])
@@ -131,7 +131,7 @@ def test_a_late_measurement_of_any_sensor_is_taken_at_its_own_time() -> None:
     """A filter without chance ends where it would have if all had come in time; time may pass in between."""
     both: list[OnlineFilter] = []
     for late in (False, True):
-        online = started("adf", one_record_per_epoch(), Assumptions(start=Start(0.0, 0.0, 2.0)))
+        online = started("adf", one_record_per_epoch(), Parameters(start=Start(0.0, 0.0, 2.0)))
         calls = [
             lambda online=online: online.velocity(1.0, 0.0, 1.0, 0.02),
             lambda online=online: online.fix(2.0, 1.0, 2.0, COV_M2),
@@ -152,7 +152,7 @@ def test_a_late_measurement_of_any_sensor_is_taken_at_its_own_time() -> None:
 
 
 def test_what_comes_too_late_is_refused_and_changes_nothing() -> None:
-    online = started("adf", one_record_per_epoch(), Assumptions(start=Start(0.0, 0.0, 2.0)))
+    online = started("adf", one_record_per_epoch(), Parameters(start=Start(0.0, 0.0, 2.0)))
     for time_s in range(1, 31):
         online.predict(float(time_s))
     before = online.estimate.states
@@ -169,7 +169,7 @@ def test_what_comes_too_late_is_refused_and_changes_nothing() -> None:
 
 
 def test_it_starts_at_the_first_fix_after_a_heading_and_a_velocity() -> None:
-    online = OnlineFilter("ekf", Assumptions(usbl=Gaussian(), usbl_lever_m=(0.0, 2.0, 0.0)))
+    online = OnlineFilter("ekf", Parameters(usbl=Gaussian(), usbl_lever_m=(0.0, 2.0, 0.0)))
     assert online.fix(0.0, 500.0, 0.0, COV_M2) is None
     assert online.heading(0.5, 90.0, 1.0) is None
     assert online.fix(1.0, 500.0, 0.0, COV_M2) is None
@@ -193,21 +193,19 @@ def test_it_starts_at_the_first_fix_after_a_heading_and_a_velocity() -> None:
 @pytest.mark.parametrize(
     ("method", "parameters", "settings", "text"),
     [
-        ("dr", Assumptions(), FilterSettings(), "dr is no filter"),
-        ("ekf", Assumptions(calibrate=("auto",)), FilterSettings(), "need the whole dive"),
-        ("ekf", Assumptions(), FilterSettings(smooth=True), "need the whole dive"),
-        ("adf", Assumptions(), FilterSettings(gate=0.99), "takes no gate"),
+        ("dr", Parameters(), FilterSettings(), "dr is no filter"),
+        ("ekf", Parameters(calibrate=("auto",)), FilterSettings(), "need the whole dive"),
+        ("ekf", Parameters(), FilterSettings(smooth=True), "need the whole dive"),
+        ("adf", Parameters(), FilterSettings(gate=0.99), "takes no gate"),
     ],
 )
-def test_what_does_not_fit_is_refused(
-    method: str, parameters: Assumptions, settings: FilterSettings, text: str
-) -> None:
+def test_what_does_not_fit_is_refused(method: str, parameters: Parameters, settings: FilterSettings, text: str) -> None:
     with pytest.raises(UsageError, match=text):
         OnlineFilter(method, parameters, settings)
 
 
 def test_values_that_are_no_measurement_are_refused() -> None:
-    online = started("ekf", one_record_per_epoch(), Assumptions(start=Start(0.0, 0.0, 2.0)))
+    online = started("ekf", one_record_per_epoch(), Parameters(start=Start(0.0, 0.0, 2.0)))
     for call in (
         lambda: online.heading(math.nan, 0.0, 1.0),
         lambda: online.heading(1.0, 0.0, 0.0),

@@ -11,7 +11,7 @@ from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.models.parameters import Assumptions, Start
+from usbldr.filters.models.parameters import Parameters, Start
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.position_fixes import DEFAULT_GPS_SD_M, gps_fixes, require_gps
@@ -20,7 +20,7 @@ from usbldr.filters.replay.steps import steps
 from usbldr.filters.types import Array, Indices, Timeline, Trajectory, Truth
 
 WINDOWS = ((3.0, 5.0), (20.0, 22.0))
-AIDED = Assumptions(aid=WINDOWS, start=Start(0.0, 0.0, 3.0, sd_yaw_rad=0.01, sd_mps=0.02, sd_radps=0.01))
+AIDED = Parameters(aid=WINDOWS, start=Start(0.0, 0.0, 3.0, sd_yaw_rad=0.01, sd_mps=0.02, sd_radps=0.01))
 GPS_S = np.arange(0.0, 30.5, 0.5)
 
 
@@ -62,7 +62,7 @@ def test_gps_outside_the_windows_changes_no_bit_and_inside_it_changes_the_track(
 
 
 def test_without_windows_gps_never_reaches_a_filter() -> None:
-    used = [m.sensor for step in steps(timeline(), Assumptions(), StateLayout()) for m in step.measurements]
+    used = [m.sensor for step in steps(timeline(), Parameters(), StateLayout()) for m in step.measurements]
 
     assert "gps" not in used
 
@@ -116,9 +116,9 @@ def test_the_antennas_place_is_taken_off() -> None:
 
 def test_errors_of_the_usbl_are_not_laid_to_gps() -> None:
     """With a correlated USBL error as states the fixes may be 1.5 m off in the east, GPS may not."""
-    assumptions = replace(AIDED, calibrate=("usbl-bias",), aid=((0.0, 30.0),))
-    layout = layout_for(assumptions.calibrate)
-    track = run("ekf", timeline(), assumptions, FilterSettings())
+    parameters = replace(AIDED, calibrate=("usbl-bias",), aid=((0.0, 30.0),))
+    layout = layout_for(parameters.calibrate)
+    track = run("ekf", timeline(), parameters, FilterSettings())
 
     bias = track.state(next(name for name in layout.names if name.startswith("usbl_bias_e")))
 

@@ -9,7 +9,7 @@ import pytest
 from timelines import HZ, five_hz
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.methods import METHODS, FilterSettings
@@ -30,7 +30,7 @@ def timeline(seconds: float = 4.0, fixes: tuple[float, ...] = (0.0, 1.0, 1.31, 1
 
 def test_each_fix_is_used_once_at_the_first_epoch_at_or_after_its_time_of_validity() -> None:
     used = {}
-    for step in steps(timeline(), Assumptions(), StateLayout()):
+    for step in steps(timeline(), Parameters(), StateLayout()):
         for reading in step.measurements:
             if reading.sensor == "usbl":
                 assert reading.row not in used
@@ -42,7 +42,7 @@ def test_each_fix_is_used_once_at_the_first_epoch_at_or_after_its_time_of_validi
 
 
 def test_measurements_of_a_step_come_by_time_then_sensor() -> None:
-    step = list(steps(timeline(), Assumptions(), StateLayout()))[7]
+    step = list(steps(timeline(), Parameters(), StateLayout()))[7]
 
     assert [(m.sensor, m.axis, m.row) for m in step.measurements] == [
         ("usbl", "position", 2),
@@ -58,7 +58,7 @@ def test_a_fix_is_taken_by_axis_if_the_errors_of_its_axes_are_independent() -> N
     line.fix_cov_m2[2] += 0.1
 
     def axes(epoch: int, usbl: NoiseFamily) -> list[list[str]]:
-        step = list(steps(line, Assumptions(usbl=usbl), StateLayout()))[epoch]
+        step = list(steps(line, Parameters(usbl=usbl), StateLayout()))[epoch]
         return [[part.axis for part in m.parts()] for m in step.measurements if m.sensor == "usbl"]
 
     assert axes(0, Mixture()) == [["east", "north"]]
@@ -73,7 +73,7 @@ def test_a_fix_taken_by_axis_has_one_update_with_the_sum_and_the_worst_of_both()
     by_axis, at_once = (
         {
             update.row: update
-            for update in run("ekf", line, Assumptions(usbl=Gaussian(per_scalar)), FilterSettings(gate=0.99)).updates
+            for update in run("ekf", line, Parameters(usbl=Gaussian(per_scalar)), FilterSettings(gate=0.99)).updates
             if update.sensor == "usbl"
         }
         for per_scalar in (True, False)
@@ -92,7 +92,7 @@ def test_a_fix_taken_by_axis_has_one_update_with_the_sum_and_the_worst_of_both()
 def test_n_averaged_records_have_a_variance_of_r_over_n() -> None:
     line = timeline()
     line.dvl_count[3] = 4
-    step = list(steps(line, Assumptions(), StateLayout()))[3]
+    step = list(steps(line, Parameters(), StateLayout()))[3]
     dvl = next(m for m in step.measurements if m.sensor == "dvl")
     assert dvl.noise.cov[0, 0, 0] == pytest.approx(0.02**2 / 4)
 
@@ -101,11 +101,11 @@ def test_epochs_without_a_record_have_no_measurement() -> None:
     line = timeline()
     line.dvl_count[2], line.yaw_count[2] = 0, 0
     line.dvl_mps[2] = np.nan
-    assert not list(steps(line, Assumptions(), StateLayout()))[2].measurements
+    assert not list(steps(line, Parameters(), StateLayout()))[2].measurements
 
 
 def test_time_passes_from_epoch_to_epoch_and_not_in_the_first_step() -> None:
-    spans = [(s.t0_s, s.t1_s) for s in steps(timeline(), Assumptions(), StateLayout())]
+    spans = [(s.t0_s, s.t1_s) for s in steps(timeline(), Parameters(), StateLayout())]
     assert spans[0] == (0.0, 0.0)
     assert all(a[1] == b[0] for a, b in itertools.pairwise(spans))
 
@@ -115,7 +115,7 @@ def test_time_passes_from_epoch_to_epoch_and_not_in_the_first_step() -> None:
 )  # which has to hit the start by chance
 def test_every_filter_follows_a_clean_track(name: str) -> None:
     line = timeline(30.0, tuple(np.arange(0.0, 30.0) + 0.05))
-    track = run(name, line, Assumptions(), FilterSettings(particles=50))
+    track = run(name, line, Parameters(), FilterSettings(particles=50))
 
     north = track.position_m[:, 1]
     assert np.abs(north - line.time_s)[50:].max() < 0.3
@@ -126,21 +126,21 @@ def test_every_filter_follows_a_clean_track(name: str) -> None:
 
 def test_the_same_seed_repeats_the_run_to_the_bit() -> None:
     line = timeline(10.0, tuple(np.arange(10.0)))
-    a, b, c = (run("cpf", line, Assumptions(usbl=Contamination()), FilterSettings(50, seed=s)) for s in (1, 1, 2))
+    a, b, c = (run("cpf", line, Parameters(usbl=Contamination()), FilterSettings(50, seed=s)) for s in (1, 1, 2))
     np.testing.assert_array_equal(a.mean, b.mean)
     np.testing.assert_array_equal(a.cov, b.cov)
     assert len(a.updates) == len(c.updates)
 
 
 def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_is_a_fault() -> None:
-    stated = prior(timeline(), Assumptions(start=Start(5.0, -2.0, 0.01)), StateLayout())
-    told = prior(timeline(), Assumptions(), StateLayout())
+    stated = prior(timeline(), Parameters(start=Start(5.0, -2.0, 0.01)), StateLayout())
+    told = prior(timeline(), Parameters(), StateLayout())
 
     np.testing.assert_allclose(stated.mean, [0, 0, 1, 0, 5, -2])
     np.testing.assert_allclose(told.mean, [0, 0, 1, 0, 0, 0], atol=1e-9)
     assert told.cov[4, 4] >= 9
     with pytest.raises(LogError, match=r"no USBL fix gives a filter its start: state \[start\]"):
-        prior(timeline(fixes=()), Assumptions(), StateLayout())
+        prior(timeline(fixes=()), Parameters(), StateLayout())
 
 
 def test_a_transponder_beside_the_reference_point_shifts_neither_the_start_nor_an_anchor() -> None:
@@ -149,13 +149,13 @@ def test_a_transponder_beside_the_reference_point_shifts_neither_the_start_nor_a
     yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
     c, s = np.cos(yaw), np.sin(yaw)
     arm_m = np.column_stack([starboard_m * c - forward_m * s, starboard_m * s + forward_m * c])  # east, north
-    off, levered = replace(line, fix_m=line.fix_m + arm_m), Assumptions(usbl_lever_m=(starboard_m, forward_m, -1.0))
+    off, levered = replace(line, fix_m=line.fix_m + arm_m), Parameters(usbl_lever_m=(starboard_m, forward_m, -1.0))
 
-    plain, beside = prior(line, Assumptions(), StateLayout()), prior(off, levered, StateLayout())
+    plain, beside = prior(line, Parameters(), StateLayout()), prior(off, levered, StateLayout())
     np.testing.assert_allclose(beside.mean, plain.mean, atol=1e-9)
 
     for where in ("start", "first-fix"):
-        anchor, same = find_anchor(where, line, Assumptions(), None), find_anchor(where, off, levered, None)
+        anchor, same = find_anchor(where, line, Parameters(), None), find_anchor(where, off, levered, None)
         assert anchor is not None
         assert same is not None
         np.testing.assert_allclose(same.position_m, anchor.position_m, atol=1e-9)
@@ -170,22 +170,22 @@ def test_a_transponder_beside_the_reference_point_shifts_neither_the_start_nor_a
 )
 def test_settings_that_do_not_fit_the_filter_are_a_sentence(name: str, settings: FilterSettings, said: str) -> None:
     with pytest.raises(UsageError, match=said):
-        run(name, timeline(), Assumptions(), settings)
+        run(name, timeline(), Parameters(), settings)
 
 
 def test_gps_never_reaches_a_filter() -> None:
     """The track is the same to the bit whatever GPS says."""
     line = timeline()
     lying = replace(line, gps_time_s=line.time_s, gps_m=np.full((len(line.time_s), 2), 1e3))
-    a, b = (run("cpf", x, Assumptions(), FilterSettings(20)) for x in (line, lying))
+    a, b = (run("cpf", x, Parameters(), FilterSettings(20)) for x in (line, lying))
     np.testing.assert_array_equal(a.mean, b.mean)
 
 
 def test_an_unknown_filter_or_a_gate_without_use_is_a_sentence() -> None:
     with pytest.raises(UsageError, match="there is no filter 'kf'"):
-        run("kf", timeline(), Assumptions())
+        run("kf", timeline(), Parameters())
     with pytest.raises(UsageError, match="cpf weighs outliers and takes no gate"):
-        run("cpf", timeline(), Assumptions(), FilterSettings(gate=0.99))
+        run("cpf", timeline(), Parameters(), FilterSettings(gate=0.99))
 
 
 def test_a_gross_first_fix_does_not_spoil_the_run() -> None:
@@ -193,7 +193,7 @@ def test_a_gross_first_fix_does_not_spoil_the_run() -> None:
     line.fix_m[0] += 100.0
 
     for name in ("cpf", "adf"):
-        north = run(name, line, Assumptions(), FilterSettings(particles=50)).position_m[:, 1]
+        north = run(name, line, Parameters(), FilterSettings(particles=50)).position_m[:, 1]
         assert np.abs(north - line.time_s)[100:].max() < 0.5  # 20 s later it has forgotten
 
 
@@ -202,9 +202,9 @@ def test_fixes_that_nearly_all_look_wrong_are_told() -> None:
     line.fix_m[10:] += 300.0  # as a wrong frame or map would have it
 
     said = run(
-        "adf", line, Assumptions(), FilterSettings(guard=False)
+        "adf", line, Parameters(), FilterSettings(guard=False)
     ).warnings  # the guard would follow them, and say so
-    sound = run("adf", timeline(60.0, tuple(np.arange(0.0, 60.0))), Assumptions(), FilterSettings()).warnings
+    sound = run("adf", timeline(60.0, tuple(np.arange(0.0, 60.0))), Parameters(), FilterSettings()).warnings
 
     assert any("USBL fixes look like outliers" in text for text in said)
     assert not sound
@@ -212,7 +212,7 @@ def test_fixes_that_nearly_all_look_wrong_are_told() -> None:
 
 def test_more_process_noise_gives_a_wider_band() -> None:
     quiet, loud = (
-        run("ckf", timeline(), Assumptions(process=ProcessNoise(position_m=q)), FilterSettings()) for q in (0.01, 0.5)
+        run("ckf", timeline(), Parameters(process=ProcessNoise(position_m=q)), FilterSettings()) for q in (0.01, 0.5)
     )
     assert quiet.position_cov_m2 is not None
     assert loud.position_cov_m2 is not None
@@ -229,4 +229,4 @@ def test_a_covariance_that_breaks_down_at_any_stage_is_one_sentence(
     monkeypatch.setattr(f"usbldr.filters.replay.run.{stage}", breaks_down)
 
     with pytest.raises(LogError, match=r"^adf: a covariance grew beyond what numbers can hold apart"):
-        run("adf", timeline(), Assumptions(), FilterSettings(smooth=True))
+        run("adf", timeline(), Parameters(), FilterSettings(smooth=True))

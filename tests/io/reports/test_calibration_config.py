@@ -110,8 +110,8 @@ def following(dive: Path, own: str, *keys: str) -> str:
     place = dive.with_name("dive.usbldr.toml")
     place.write_text(own, encoding="utf-8")
     log = read_log(dive)
-    log = replace(log, assumptions=replace(log.assumptions, calibrate=keys))
-    return calibrated_configuration(log, log.assumptions.errors, run_filter("adf", timeline(log), log.assumptions))
+    log = replace(log, parameters=replace(log.parameters, calibrate=keys))
+    return calibrated_configuration(log, log.parameters.errors, run_filter("adf", timeline(log), log.parameters))
 
 
 OWN = """\

@@ -35,8 +35,8 @@ def scored(trajectory: Trajectory, window: Window = Window(), align: str = "none
 
 
 USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
-CKF = run_filter("ckf", TIMELINE, LOG.assumptions)
-CONFIGURED = Identification(LOG.assumptions)
+CKF = run_filter("ckf", TIMELINE, LOG.parameters)
+CONFIGURED = Identification(LOG.parameters)
 
 
 def a_run(trajectory: Trajectory = CKF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
@@ -105,7 +105,7 @@ def test_the_warning_of_a_far_over_confident_filter_says_what_to_try(
     observed: tuple[StateObservability, ...], hint: str
 ) -> None:
     assert CKF.cov is not None
-    found = Identification(dataclasses.replace(LOG.assumptions, calibrate=()), observed)
+    found = Identification(dataclasses.replace(LOG.parameters, calibrate=()), observed)
 
     (warning,) = Run(LOG, TIMELINE, found, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
 
@@ -186,7 +186,7 @@ def test_the_written_track_minus_the_truth_is_the_error(tmp_path: Path) -> None:
 
 def test_a_longer_table_is_written_for_other_rates(tmp_path: Path) -> None:
     slow = timeline(LOG, fast_hz=2.0, slow_hz=0.5)
-    trajectory = run_filter("ckf", slow, LOG.assumptions)
+    trajectory = run_filter("ckf", slow, LOG.parameters)
 
     out = written(tmp_path, Run(LOG, slow, CONFIGURED, scored(trajectory)))
 

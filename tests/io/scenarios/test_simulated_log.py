@@ -211,7 +211,7 @@ def test_the_lawnmower_states_a_contamination_and_none_of_its_true_errors() -> N
         "sd_m": 0.6,
         "noise": {"kind": "contamination", "share": 0.05, "sd_m": 10.0, "per": "record"},
     }
-    assert simulated_log(LAWNMOWER, 0).assumptions.usbl == Contamination(share=0.05, sd=10.0)
+    assert simulated_log(LAWNMOWER, 0).parameters.usbl == Contamination(share=0.05, sd=10.0)
     exact = dataclasses.replace(
         LAWNMOWER,
         dvl=dataclasses.replace(LAWNMOWER.dvl, scale_error=0.0, timing=Timing()),
@@ -230,7 +230,7 @@ def test_what_is_written_reads_back_as_the_log_in_memory(tmp_path: Path, name: s
 
     assert read.configuration == configuration
     assert (read.start_ns, read.origin, read.findings) == (written.start_ns, written.origin, ())
-    assert read.assumptions == written.assumptions
+    assert read.parameters == written.parameters
     assert list(read.tables) == list(written.tables)
     for sensor, table in written.tables.items():
         pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-12)

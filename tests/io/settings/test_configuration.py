@@ -12,9 +12,9 @@ import pytest
 from checkout import FIELD_CONFIGURATIONS, ROOT
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
-from usbldr.filters.models.parameters import Assumptions, ProcessNoise, SensorErrors, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.io.axes import axis_signs
-from usbldr.io.settings.configuration import assumptions, find_configuration, parse_configuration, read_configuration
+from usbldr.io.settings.configuration import find_configuration, parameters, parse_configuration, read_configuration
 from usbldr.io.settings.sensor_sections import Configuration
 
 FIELD = sorted(FIELD_CONFIGURATIONS.glob("*.toml"))
@@ -131,9 +131,9 @@ def test_an_absent_configuration_is_a_usage_error(tmp_path: Path) -> None:
 
 def test_without_keys_a_run_has_the_default_assumptions(tmp_path: Path) -> None:
     """And the sensor errors that are observable in the log are estimated."""
-    assert assumptions(read_configuration(written(tmp_path, ""))) == Assumptions(calibrate=("auto",))
+    assert parameters(read_configuration(written(tmp_path, ""))) == Parameters(calibrate=("auto",))
     none = written(tmp_path, "[calibrate]\nstates = []")
-    assert assumptions(read_configuration(none)) == Assumptions()
+    assert parameters(read_configuration(none)) == Parameters()
 
 
 def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
@@ -174,8 +174,8 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
         """,
     )
 
-    assert assumptions(read_configuration(file)) == replace(
-        Assumptions(),
+    assert parameters(read_configuration(file)) == replace(
+        Parameters(),
         process=ProcessNoise(0.1, math.pi / 100, 0.2, math.pi / 50, 0.4),
         calibrate=("scale", "latency"),
         errors=SensorErrors(
@@ -195,7 +195,7 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
 def test_usbl_noise_can_be_made_gaussian(tmp_path: Path) -> None:
     file = written(tmp_path, '[usbl]\nnoise = { kind = "gaussian", per = "record" }')
 
-    assert assumptions(read_configuration(file)).usbl == Gaussian(per_scalar=False)
+    assert parameters(read_configuration(file)).usbl == Gaussian(per_scalar=False)
 
 
 DOCUMENT = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")

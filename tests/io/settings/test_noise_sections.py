@@ -49,7 +49,7 @@ from usbldr_cli.options.noise_option import noise_family
 
 log, out = sys.argv[1:]
 assert noise_family("compass=wide:9:2:scalar")[1].factor == 9.0
-text = noise_text(read_log(Path(log)).assumptions.usbl, "usbl")
+text = noise_text(read_log(Path(log)).parameters.usbl, "usbl")
 assert text == '{ kind = "wide", factor = 5.0, sd_m = 3.0, per = "record" }'
 cli(["replay", log, "-f", "adf", "--calibrate", "none", "--noise", "dvl=wide:2:0.01", "-o", out, "-q"])
 '''

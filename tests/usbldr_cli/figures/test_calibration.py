@@ -21,7 +21,7 @@ from usbldr_cli.figures.style import in_style
 
 LOG = simulated_log(dataclasses.replace(find_scenario("paper"), duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
-ERRORS = dataclasses.replace(LOG.assumptions, calibrate=("scale", "heading"), errors=SensorErrors(scale=0.02))
+ERRORS = dataclasses.replace(LOG.parameters, calibrate=("scale", "heading"), errors=SensorErrors(scale=0.02))
 ADF = run_filter("adf", TIMELINE, ERRORS)
 RUN = Run(LOG, TIMELINE, Identification(ERRORS), ScoredTrack(ADF, None))
 

@@ -25,8 +25,8 @@ PAPER = find_scenario("paper")
 
 LOG = simulated_log(dataclasses.replace(PAPER, duration_s=120.0), seed=1)
 TIMELINE = timeline(LOG)
-CPF = run_filter("cpf", TIMELINE, LOG.assumptions)
-EKF = run_filter("ekf", TIMELINE, LOG.assumptions, FilterSettings(gate=0.9))
+CPF = run_filter("cpf", TIMELINE, LOG.parameters)
+EKF = run_filter("ekf", TIMELINE, LOG.parameters, FilterSettings(gate=0.9))
 USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
 
 
@@ -36,7 +36,7 @@ def a_run(trajectory: Trajectory, align: str = "none") -> Run:
         times_s = None if track.method == "usbl" else TIMELINE.time_s[TIMELINE.slow]
         return ScoredTrack(track, evaluate(track, LOG.truth, align=align, times_s=times_s))
 
-    return Run(LOG, TIMELINE, Identification(LOG.assumptions), scored(trajectory), (scored(USBL), scored(DR)))
+    return Run(LOG, TIMELINE, Identification(LOG.parameters), scored(trajectory), (scored(USBL), scored(DR)))
 
 
 def labels(figure) -> list[str]:
@@ -63,7 +63,7 @@ def test_a_particle_filter_has_five_pictures_and_a_single_gaussian_no_particles(
 
 
 def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_truth_no_errors(tmp_path: Path) -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.assumptions), ScoredTrack(CPF, None))
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.parameters), ScoredTrack(CPF, None))
 
     assert [name for name, _ in write_figures(tmp_path, a_run(USBL))] == ["track.png", "errors.png", "error_cdf.png"]
     assert [name for name, _ in write_figures(tmp_path, blind)] == ["track.png", "innovations.png", "ess.png"]

@@ -11,11 +11,11 @@ import pytest
 from checkout import SAMPLES
 from commands import output_of, run
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.models.parameters import Assumptions
+from usbldr.filters.models.parameters import Parameters
 from usbldr.io.reports.tuned_config import tuned_toml
 from usbldr.io.scenarios.library import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.settings.configuration import assumptions, parse_configuration, read_configuration
+from usbldr.io.settings.configuration import parameters, parse_configuration, read_configuration
 from usbldr.io.writers.export import export
 
 SAMPLE = SAMPLES / "lawnmower.mcap"
@@ -32,9 +32,7 @@ def test_a_tuned_replay_tells_what_was_found_in_table_report_and_configuration(t
     folder, said = tuned
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     found = {number["name"]: number for number in report["assumptions"]["tuned"]}
-    stated = assumptions(
-        parse_configuration(tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8")), folder)
-    )
+    stated = parameters(parse_configuration(tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8")), folder))
 
     assert "tuned.toml" in report["files"]
     assert stated.calibrate == ("scale", "heading", "usbl-bias")
@@ -78,17 +76,17 @@ def test_what_is_no_filter_is_not_tuned(command: tuple[str, ...]) -> None:
 
 def test_the_scales_of_a_configuration_come_back_from_an_export(tmp_path: Path) -> None:
     log = simulated_log(replace(find_scenario("paper"), duration_s=10.0), 0)
-    scaled = replace(log, assumptions=replace(log.assumptions, dvl_sd_scale=2.5, usbl_sd_scale=0.5))
+    scaled = replace(log, parameters=replace(log.parameters, dvl_sd_scale=2.5, usbl_sd_scale=0.5))
     _, configuration = export(scaled, tmp_path / "scaled")
-    read = assumptions(read_configuration(configuration))
+    read = parameters(read_configuration(configuration))
 
     assert (read.dvl_sd_scale, read.usbl_sd_scale) == (2.5, 0.5)
 
 
 def test_the_configuration_states_all_that_differs_from_the_defaults() -> None:
-    default = Assumptions()
+    default = Parameters()
     found = replace(default, dvl_sd_scale=2.0, usbl_sd_scale=0.25, calibrate=("latency", "usbl-bias"))
     found = replace(found, errors=replace(default.errors, latency_s=1.0, usbl_bias_m=0.7, usbl_bias_s=90.0))
     text = tuned_toml("paper", Identification(found))
 
-    assert assumptions(parse_configuration(tomllib.loads(text), Path("tuned.toml"))) == found
+    assert parameters(parse_configuration(tomllib.loads(text), Path("tuned.toml"))) == found

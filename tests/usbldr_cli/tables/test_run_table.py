@@ -20,7 +20,7 @@ PAPER = find_scenario("paper")
 
 LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
-CPF = run_filter("cpf", TIMELINE, LOG.assumptions)
+CPF = run_filter("cpf", TIMELINE, LOG.parameters)
 
 
 def scored(trajectory: Trajectory, window: Window, align: str) -> ScoredTrack:
@@ -32,7 +32,7 @@ def scored(trajectory: Trajectory, window: Window, align: str) -> ScoredTrack:
 def a_run(trajectory: Trajectory = CPF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
     tracks = (trajectory, dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2)))
     first, *others = (scored(track, window, align) for track in tracks)
-    return Run(LOG, TIMELINE, Identification(LOG.assumptions), first, tuple(others))
+    return Run(LOG, TIMELINE, Identification(LOG.parameters), first, tuple(others))
 
 
 def test_the_table_ends_in_the_verdict_and_fits_the_terminal() -> None:
@@ -89,7 +89,7 @@ def test_outages_and_warnings_are_told() -> None:
 
 
 def test_a_run_without_truth_has_a_table_without_errors() -> None:
-    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.assumptions), ScoredTrack(CPF, None))
+    blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.parameters), ScoredTrack(CPF, None))
 
     text = render(blind)
 
