@@ -202,7 +202,7 @@ def test_no_reply_is_no_fix_even_with_status_a(tmp_path: Path) -> None:
 
 
 def test_relative_fixes_without_a_head_are_an_error(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="/PSIMSSB_C_N tells positions relative to the head; state head"):
+    with pytest.raises(LogError, match="/PSIMSSB_C_N holds positions relative to the head; state head"):
         logged_nmea(tmp_path, f"1600000000 {NORTH_UP}")
 
 

@@ -234,7 +234,7 @@ def test_a_magnetic_heading_without_a_place_stays_magnetic_and_is_reported(tmp_p
 
     assert heading(log) == [10.0]
     (text,) = [f.text for f in log.findings if f.code == "HEADING-MAGNETIC"]
-    assert text.startswith("/heading: headings are magnetic by their own account and stay so, for no position is known")
+    assert text.startswith("/heading: headings are magnetic and are not corrected, because no position is known")
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_a_declination_that_cannot_be_computed_is_refused(tmp_path: Path) -> Non
         "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
     )
     assert str(long_ago.value) == (
-        f"{tmp_path / 'dive.mcap'}: /heading: no magnetic model for 2000-09-18 (there are those of 2010 to 2029); "
+        f"{tmp_path / 'dive.mcap'}: /heading: no magnetic model for 2000-09-18 (available: 2010 to 2029); "
         "state declination_deg under [compass] as a number"
     )
 
@@ -278,4 +278,4 @@ def test_an_imu_that_never_turns_is_pointed_out(tmp_path: Path) -> None:
 
     (sentence,) = [f.text for f in logged(tmp_path, still).findings if f.code == "HEADING-CONSTANT"]
 
-    assert sentence == "/imu: all 100 headings are 90.0 deg; does it measure any?"
+    assert sentence == "/imu: all 100 headings are 90.0 deg; check the sensor"

@@ -193,8 +193,8 @@ def test_a_receiver_that_repeats_its_last_fix_is_found_without_a_depth_sensor(tm
 
     (sentence,) = still(log)
     assert sentence.startswith(
-        "/gps/fix: 20 of 50 fixes repeat the one before to the last digit for more than 5 s, in 1 stretches, "
-        "the longest of 20.0 s from 14.0 s on"
+        "/gps/fix: 20 of 50 fixes repeat the previous one to the last digit for more than 5 s, in 1 stretches, "
+        "the longest 20.0 s from 14.0 s on"
     )
     assert still(read_log(tmp_path / "dive.mcap", Request(truth="none"))) == []
 

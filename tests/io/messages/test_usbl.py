@@ -89,7 +89,7 @@ def test_modems_measure_east_and_north_of_their_head(tmp_path: Path, kind: str) 
 
 @pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
 def test_a_modem_is_no_use_without_the_place_of_its_head(tmp_path: Path, kind: str) -> None:
-    with pytest.raises(LogError, match="tells positions relative to the head; state head"):
+    with pytest.raises(LogError, match="holds positions relative to the head; state head"):
         logged(tmp_path, [row(kind, THIRTY_EAST_FORTY_NORTH[kind])], "")
 
 
@@ -290,7 +290,7 @@ def test_a_fix_polled_again_is_one_fix(tmp_path: Path) -> None:
     log = logged(tmp_path, rows, MAP)
 
     assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 1, 2])
-    assert codes(log)["USBL-REPEATED"].startswith("/waterlinked/fix: 12 of 15 fixes repeat the one before")
+    assert codes(log)["USBL-REPEATED"].startswith("/waterlinked/fix: 12 of 15 fixes repeat the previous one")
 
 
 def cola2(lat: float, lon: float, k: int) -> Row:
@@ -331,7 +331,7 @@ def test_a_pose_of_degrees_polled_again_is_one_fix_and_metres_are_each_their_own
     metres = logged(tmp_path, fixes, f'{MAP}[usbl]\nkind = "position"')
 
     assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 5, 10])
-    assert codes(log)["USBL-REPEATED"].startswith("/usbl: 12 of 15 fixes repeat the one before")
+    assert codes(log)["USBL-REPEATED"].startswith("/usbl: 12 of 15 fixes repeat the previous one")
     assert len(metres.tables["usbl"]) == 15
 
 
