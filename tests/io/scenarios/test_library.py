@@ -295,7 +295,7 @@ def test_a_file_is_a_scenario_wherever_a_log_is_expected(tmp_path: Path, monkeyp
     from_file = output_of("replay", "short.mcap", "--filter", "ekf", "--quiet", "--output", "b")
 
     assert written.startswith("short.mcap: scenario short, seed 3, 20 s, records: 101 dvl, 101 compass, 21 usbl")
-    assert "each seed is a dive of its own" in compared
+    assert "each seed simulates its own dive" in compared
     assert replayed.splitlines()[0] == from_file.splitlines()[0]
 
 
