@@ -114,7 +114,7 @@ def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_p
     assert first.metrics != second.metrics
     assert lost.exit_code == LogError.exit_code
     assert lost.fault is not None
-    assert "nothing: no such file or folder" in lost.fault
+    assert "nothing: no such file, folder or scenario" in lost.fault
 
 
 def test_a_method_ignores_options_that_it_has_no_use_for() -> None:
@@ -175,7 +175,7 @@ def test_another_comparison_is_replaced_only_by_force_and_a_foreign_folder_never
     foreign = compared.parent / "foreign"
     foreign.mkdir()
     (foreign / "thesis.tex").write_text("dear")
-    with pytest.raises(UsageError, match=r"holds thesis\.tex, which no comparison wrote"):
+    with pytest.raises(UsageError, match=r"holds thesis\.tex, which is not of a comparison"):
         output_of("compare", dive, "--filters", "usbl", "-o", foreign, "--force")
     assert [path.name for path in foreign.iterdir()] == ["thesis.tex"]
 
@@ -206,7 +206,7 @@ def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: 
         output_of("compare", tmp_path / "whole", dive)
 
     (tmp_path / "whole" / "report.json").write_text("{}")
-    with pytest.raises(LogError, match=r"report\.json: is not a report of usbldr replay"):
+    with pytest.raises(LogError, match=r"report\.json: is not a complete report of usbldr replay; run replay again"):
         output_of("compare", tmp_path / "whole")
 
 

@@ -86,9 +86,9 @@ def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("--fast-hz", "1e9"), "1e+09 Hz over 1000 s are 1e+12 epochs; take a lower --fast-hz"),
+        (("--fast-hz", "1e9"), "1e+09 Hz over 1000 s are 1e+12 epochs; use a lower --fast-hz"),
         (("--fast-hz", "0"), "rates must be between 0.001 and 1e+09 Hz (fast 0, slow 1)"),
-        (("--dr-from", "91,0"), "--dr-from 91,0 is no place"),
+        (("--dr-from", "91,0"), "--dr-from 91,0 is not a position"),
         (("--dr-from", "here"), "--dr-from here is neither LAT,LON in degrees nor one of"),
         (("--start", "5", "--end", "4"), "--start 5 is not before --end 4"),
         (("--start", "noon"), "--start noon is neither seconds nor ISO time"),

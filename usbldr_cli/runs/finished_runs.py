@@ -69,7 +69,7 @@ def _row(folder: Path) -> ComparisonRow:
         draws = method in METHODS and METHODS[method].draws
         return ComparisonRow(context.log, label, method, (int(report["seed"]),), (outcome,), draws)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
-        raise LogError(f"{file}: is not a complete report of usbldr replay ({err!r})") from err
+        raise LogError(f"{file}: is not a complete report of usbldr replay; run replay again") from err
 
 
 def _with_seed_label(row: ComparisonRow, rows: Sequence[ComparisonRow]) -> ComparisonRow:

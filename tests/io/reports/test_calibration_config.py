@@ -135,7 +135,7 @@ def test_what_was_found_is_added_to_what_was_stated_and_all_else_stays_as_it_was
     text = following(dive, OWN, "scale", "usbl-bias")
 
     said = tomllib.loads(text)
-    sd = float(text.partition(" +- ")[2].partition(" found")[0].rpartition(" +- ")[2])  # the last before "found"
+    sd = float(text.partition(" +- ")[2].partition(" estimated")[0].rpartition(" +- ")[2])  # the last before "estimated"
     assert abs(said["dvl"].pop("scale_error") - 0.03) < 2 * sd < 0.01
     assert said == {"schema": 1, "dvl": {"axes": "FRD"}, "usbl": {"noise": {"kind": "gaussian"}}}
     assert 'axes = "FRD"          # by the drawing\n' in text
@@ -174,7 +174,7 @@ def test_a_configuration_of_any_form_is_changed_in_place(dive: Path, own: str, k
     ("options", "sentence"),
     [
         (("-f", "dr"), "--write-calibration: dr is not a filter, so it estimates no sensor errors"),
-        (("-f", "adf", "--calibrate", "none"), "no errors of sensors are estimated; ask for --calibrate auto"),
+        (("-f", "adf", "--calibrate", "none"), "no sensor errors are estimated; add --calibrate auto"),
     ],
 )
 def test_without_an_error_to_write_it_says_so_before_it_runs(
