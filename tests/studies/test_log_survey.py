@@ -57,4 +57,4 @@ def test_a_log_is_replayed_only_if_its_errors_may_be_shown(tmp_path: Path, repla
     replays = [output for output in commands(log, SAMPLES, tmp_path, replayed) if output.command.startswith("replay")]
 
     assert bool(replays) is replayed
-    assert not replays or (replays[0].code == 0 and replays[0].words.startswith("adf "))
+    assert not replays or (replays[0].code == 0 and replays[0].words.startswith("adf: "))

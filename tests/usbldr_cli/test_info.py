@@ -131,7 +131,7 @@ def test_many_topics_are_cut_short_unless_all_are_asked_for(tmp_path: Path) -> N
 
 
 def test_what_is_no_log_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="no such file or folder"):
+    with pytest.raises(LogError, match="no such file, folder or scenario"):
         run(tmp_path / "gone.mcap")
 
 

@@ -148,6 +148,6 @@ def test_terminal_and_report_show_the_largest_effect_first(tmp_path: Path) -> No
 def test_a_method_that_tells_of_no_shift_cannot_leave_one_out(tmp_path: Path, method: str) -> None:
     write_scenario(replace(find_scenario("square"), duration_s=20.0), 3, tmp_path / "dive")
 
-    with pytest.raises(UsbldrError, match=f"{method} does not tell what each fix did to it"):
+    with pytest.raises(UsbldrError, match=f"{method} does not report the effect of each fix"):
         replayed(tmp_path / "dive", method, "--leave-one-out", "1")
     assert not (tmp_path / "run-dive").exists()

@@ -97,5 +97,5 @@ def test_without_usbl_a_stated_start_or_gps_at_the_surface_will_do(log: Path) ->
 
     for options in (("--config", str(started)), ("--aid", "gps@0:10")):
         said = replayed(log, "-f", "adf", *options)
-        assert said.startswith("adf 0.")  # metres
-    assert replayed(log, "-f", "dr", "--dr-from", "first-gps").startswith("dr 0.")
+        assert said.startswith("adf: mean horizontal error 0.")  # metres
+    assert replayed(log, "-f", "dr", "--dr-from", "first-gps").startswith("dr: mean horizontal error 0.")
