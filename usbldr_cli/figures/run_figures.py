@@ -75,9 +75,11 @@ def error_figure(run: Run) -> Figure | None:
             axes.plot(raw.time_s, raw.error_m[:, k], label=label, zorder=1.5, **style)
         _draw_error(axes, report, k, half)
         if run.bound is not None:
-            two_sd_m = 2 * run.bound.filter_sd_m[:, [k, k]] * [-1, 1]
+            smoothed = run.scored.trajectory.smoothed
+            bound_sd_m = run.bound.smoother_sd_m if smoothed else run.bound.filter_sd_m
+            two_sd_m = 2 * bound_sd_m[:, [k, k]] * [-1, 1]
             lines = axes.plot(run.bound.time_s, two_sd_m, color=TRUTH_COLOUR, lw=0.9, ls="--", zorder=4)
-            lines[0].set_label("2-sigma Cramér-Rao bound of any filter")
+            lines[0].set_label("2-sigma Cramér-Rao bound for the filter's model")
         axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
         axes.set_ylim(-half, half)
         axes.set_ylabel(f"{axis} error [m]")
