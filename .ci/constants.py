@@ -104,13 +104,13 @@ def unit_of(name: str, value: Any) -> str:
 def reason(lines: list[str], node: ast.stmt, after: ast.stmt | None) -> str:
     """Return the comment behind or in a statement, else the one above it, and the docstring below."""
     first = node.lineno - 1
-    told = [line.partition("# ")[2] for line in lines[first : node.end_lineno]]
-    if not any(told):
+    comments = [line.partition("# ")[2] for line in lines[first : node.end_lineno]]
+    if not any(comments):
         above = takewhile(lambda line: line.startswith("# "), map(str.strip, reversed(lines[:first])))
-        told = [line.removeprefix("# ") for line in reversed(list(above))]
+        comments = [line.removeprefix("# ") for line in reversed(list(above))]
     if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-        told.append(str(after.value.value))
-    return " ".join(" ".join(told).split())
+        comments.append(str(after.value.value))
+    return " ".join(" ".join(comments).split())
 
 
 if __name__ == "__main__":

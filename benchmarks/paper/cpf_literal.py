@@ -1,4 +1,4 @@
-"""The paper's particle filter taken by the letter: `cpf-literal` and `upf-literal` of its study.
+"""The paper's particle filter in its literal reading: `cpf-literal` and `upf-literal` of its study.
 
 Read as van der Merwe's unscented particle filter with the cubature rule: particle i carries a covariance P_i, its sigma
 point filter gives N(x_i, P_i), a new x_i is drawn from it and weighed with p(z | x) p(x | x_before) / N(x; x_i, P_i).

@@ -102,7 +102,7 @@ def _particles(rows: Rows) -> Figure:
 def _outliers(rows: Rows, sweeps: Path) -> Figure:
     """Draw the error against the share of readings that have ten times the variance."""
     subtitle = (
-        "paper, 6 states; readings of ten times the variance, which all filters are told; bars: ± 1 standard error"
+        "paper, 6 states; share of readings with ten times the variance, known to all filters; bars: ± 1 standard error"
     )
     figure = titled_figure("Error against the share of outliers", subtitle, 11, 5)
     panels: Any = figure.subplots(1, 2, sharey=True)

@@ -17,7 +17,7 @@ _METHODS = (
     *(
         Method(
             f"{name}-literal",
-            f"{name} by the letter of the paper, which loses its particles in dead reckoning",
+            f"{name} in the literal reading of the paper: loses its particles in dead reckoning",
             lambda motion, settings, rule=rule: LiteralParticleFilter(motion, rule, settings.particles),
             draws=True,
             estimates=frozenset(),

@@ -46,7 +46,7 @@ def _put_in_place(new: Path, target: Path, old: Path) -> None:
         target.rename(old)
     try:
         new.rename(target)
-    except BaseException:  # an interruption, too
+    except BaseException:  # also on Ctrl-C: put the former directory back before the error goes on
         if old.exists():
             old.rename(target)
         raise

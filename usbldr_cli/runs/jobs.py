@@ -119,7 +119,7 @@ def _workers(jobs: int) -> "Generator[Callable[[Job, JobStore | None], Future[_F
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _init_worker)
     try:
         yield functools.partial(pool.submit, _run)
-    except BaseException:  # an interruption, too
+    except BaseException:  # also on Ctrl-C: end the workers before the error goes on
         pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()
