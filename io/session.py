@@ -25,8 +25,9 @@ from usbldr.filters.identification.tuning import tune
 from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.quantities import SENSOR_UNITS
 from usbldr.filters.replay.dead_reckoning import Anchor
-from usbldr.filters.replay.methods import FilterSettings, method_named
+from usbldr.filters.replay.methods import FilterSettings, method_named, methods_that
 from usbldr.filters.replay.position_fixes import require_gps
 from usbldr.filters.replay.prior import NO_START_TEXT, find_anchor, starting_fixes
 from usbldr.filters.replay.run import run
@@ -79,8 +80,10 @@ def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0)
 def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Identification:
     """Return the assumptions of a method: as configured, with the settings, and with what is identified from the log.
 
-    Without ``settings.calibrate``, sensor errors that the method cannot estimate are left out.
+    Without ``settings.calibrate``, sensor errors that the method cannot estimate are left out. Raises UsageError for
+    noise of an unknown sensor, and for a track without a filter that is to be smoothed or tuned.
     """
+    _require_fitting(method, settings)
     parameters = replace(log.parameters, **settings.noise)
     if settings.aid is not None:
         parameters = replace(parameters, aid=settings.aid)
@@ -99,6 +102,19 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
         tuned = tune(timeline, found.parameters)
         found = replace(found, parameters=tuned.parameters, tuned=tuned.tuned)
     return found
+
+
+def _require_fitting(method: str, settings: RunSettings) -> None:
+    if unknown := sorted(set(settings.noise) - set(SENSOR_UNITS)):
+        raise UsageError(f"noise of {', '.join(unknown)}: no such sensor (sensors: {', '.join(SENSOR_UNITS)})")
+    option = next((name for name in ("smooth", "tune") if getattr(settings, name)), None)
+    if option is not None and not method_named(method).is_filter:
+        raise UsageError(f"--{option} {not_a_filter(method)}")
+
+
+def not_a_filter(method: str) -> str:
+    """Return why an option of filters does not fit a track without one."""
+    return f"needs a filter, and {method} is not one (filters: {methods_that(lambda m: m.is_filter)})"
 
 
 def replay(

@@ -79,7 +79,7 @@ def replay(
     from usbldr.io.inputs import output_conflict
     from usbldr.io.read import require
     from usbldr.io.reports.run_directory import run_directory
-    from usbldr.io.session import require_scenario, resolve
+    from usbldr.io.session import not_a_filter, require_scenario, resolve
     from usbldr.io.timeline import timeline
 
     chosen = method_named(method)
@@ -96,7 +96,8 @@ def replay(
     if strict and lost:
         raise LogError(lost[0])
     require(log, chosen.sensors)
-    _refuse_for_tracks(chosen, choices)
+    if choices.aid is not None and not chosen.is_filter:
+        raise UsageError(f"--aid {not_a_filter(method)}")
     dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
     settings = choices.settings(log.start_ns)
     found = resolve(log, dive_timeline, method, settings)
@@ -125,17 +126,6 @@ def replay(
     if write_calibration is not None and not quiet and json_to != "-":
         click.echo(f"configuration for the next dive written to {write_calibration}")
     return LogError.exit_code if lost else 0
-
-
-def _refuse_for_tracks(method: "Method", choices: RunChoices) -> None:
-    """Refuse --smooth, --tune and --aid without a filter; run() refuses the filters that --smooth does not suit."""
-    from usbldr.filters.replay.methods import methods_that
-
-    given = {"aid": choices.aid is not None, "smooth": choices.smooth, "tune": choices.tune}
-    option = next((name for name, used in given.items() if used), None)
-    if option is not None and not method.is_filter:
-        filters = methods_that(lambda m: m.is_filter)
-        raise UsageError(f"--{option} needs a filter, and {method.name} is not one (filters: {filters})")
 
 
 def _refuse_without_errors(method: "Method", found: "Identification") -> None:

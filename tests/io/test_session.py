@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 import usbldr
+from checkout import SAMPLES
 from usbldr_cli.main import cli
 
 LOGS = Path(__file__).resolve().parents[2] / "sample_logs"
@@ -88,3 +89,22 @@ def test_a_log_without_truth_can_be_replayed_but_not_scored() -> None:
     assert scored.report is None
     with pytest.raises(usbldr.LogError, match="no truth to measure errors against"):
         usbldr.evaluate(log, timeline, scored.trajectory)
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "sentence"),
+    [
+        (
+            "adf",
+            usbldr.RunSettings(noise={"sonar": usbldr.Gaussian()}),
+            r"noise of sonar: no such sensor \(sensors: dvl, ",
+        ),
+        ("dr", usbldr.RunSettings(smooth=True), "--smooth needs a filter, and dr is not one"),
+        ("usbl", usbldr.RunSettings(tune=True), "--tune needs a filter, and usbl is not one"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused_in_python_as_in_the_shell(method: str, settings, sentence: str) -> None:
+    log = usbldr.open_log(SAMPLES / "lawnmower_turn_db3")
+
+    with pytest.raises(usbldr.UsageError, match=sentence):
+        usbldr.replay(log, usbldr.timeline(log), method, settings)
