@@ -39,7 +39,7 @@ from usbldr.io.log import Log
 from usbldr.io.opening import DEFAULT_REQUEST, Request
 from usbldr.io.read import read_log, require
 from usbldr.io.reports.report_json import ScoredTrack
-from usbldr.io.scenarios.library import find_scenario, scenario_names
+from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
 
 ANCHORS = ("start", "first-fix", "first-gps", "first-truth")

@@ -100,7 +100,7 @@ def _checked(baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]
 def _units(file: Path, row: "BaselineRow") -> "list[Job]":
     """Return the runs of a row, one per seed; none if its log is missing."""
     from usbldr.filters.replay.methods import method_named
-    from usbldr.io.scenarios.library import scenario_names
+    from usbldr.io.scenarios.shipped import scenario_names
     from usbldr_cli.runs.jobs import Job
 
     try:

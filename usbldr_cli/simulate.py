@@ -29,7 +29,7 @@ def simulate(
     \b
     $ usbldr simulate paper -o paper.mcap
     """
-    from usbldr.io.scenarios.library import find_scenario, scenario_names
+    from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 
     names = scenario_names()
     if list_them:

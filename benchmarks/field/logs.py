@@ -19,7 +19,7 @@ from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Outage, Timeline, Truth
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

@@ -19,7 +19,7 @@ from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Vector
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.overlay import error_figure

@@ -11,7 +11,7 @@ from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.replay.run import run
 from usbldr.io.reports.report_text import Table
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.runs.seed_table import ComparisonRow

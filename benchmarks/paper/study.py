@@ -26,7 +26,7 @@ from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.errors import UsbldrError
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.reports.run_directory import write_atomically
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.runs.seed_table import ComparisonRow, difference
 
 ROOT = Path(__file__).resolve().parents[2]

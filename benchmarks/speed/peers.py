@@ -34,7 +34,7 @@ from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.simulate import leg_motion as true_motion
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

@@ -20,7 +20,7 @@ from usbldr.filters.models.calibration import EstimatedError
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.simulation.simulate import simulate
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.compare import compare

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from commands import output_of
 from paper.bounds import limits
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.compare import compare
 from usbldr_cli.main import cli
 from usbldr_cli.replay import replay

@@ -12,7 +12,7 @@ import pytest
 
 from checkout import ROOT
 from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric
 from usbldr_cli.check import _stated
 from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, markdown, summary

@@ -15,7 +15,7 @@ import pytest
 from commands import output_of, run
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.jobs import Job, relevant_choices, run_jobs

@@ -16,7 +16,7 @@ from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.scenario import Accuracy, Leg, Scenario, Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

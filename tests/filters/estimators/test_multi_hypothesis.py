@@ -23,7 +23,7 @@ from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Reacquisition, Timeline
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

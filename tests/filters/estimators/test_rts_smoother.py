@@ -14,7 +14,7 @@ from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

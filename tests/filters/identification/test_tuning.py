@@ -14,7 +14,7 @@ from usbldr.filters.identification.usbl_likelihood import dr_residuals, fix_like
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.filters.types import Timeline
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from weaving import Faults, weaving_dive

@@ -16,7 +16,7 @@ from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

@@ -14,7 +14,7 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.online import OnlineFilter
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Update
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

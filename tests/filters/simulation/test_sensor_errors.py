@@ -16,7 +16,7 @@ from usbldr.filters.simulation.sensor_errors import (
     outlier_errors,
 )
 from usbldr.filters.simulation.simulate import SimulatedDive, simulate
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 
 PAPER = find_scenario("paper")
 STILL = dataclasses.replace(PAPER, legs=(Leg(20_000.0, 0.0, 0.0),), yaw_rad=0.0, duration_s=20_000.0)

@@ -12,7 +12,7 @@ from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, Leg, Outliers, Scenario, Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.simulation.true_motion import leg_motion
-from usbldr.io.scenarios.library import find_scenario, scenario_names
+from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 
 PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
 

@@ -10,7 +10,7 @@ from usbldr.filters.models.states import StateLayout
 from usbldr.filters.simulation.scenario import Leg, RandomWalkMotion
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.simulation.true_motion import leg_motion, random_walk_track
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 
 PAPER, DRAWN, LAWNMOWER = map(find_scenario, ("paper", "paper-drawn", "lawnmower"))
 TURNING = dataclasses.replace(

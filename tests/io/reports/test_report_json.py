@@ -18,7 +18,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.reports.markdown_report import write_markdown
 from usbldr.io.reports.report_json import Run, ScoredTrack, fixes_table, json_values, write_json, write_tables
 from usbldr.io.reports.run_directory import run_directory
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 

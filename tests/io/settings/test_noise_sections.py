@@ -14,7 +14,7 @@ from usbldr.filters.models.noise import FAMILIES, Gaussian
 from usbldr.filters.models.parameters import ProcessNoise, SensorErrors, Start
 from usbldr.filters.models.quantities import SENSOR_UNITS, quantities
 from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.settings.noise_sections import NOISES, noise_family_of, section_of, stated_model
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import noise_text, stated

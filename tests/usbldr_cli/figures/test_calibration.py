@@ -12,7 +12,7 @@ from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.reports.tracks import track_table
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.calibration import calibration_figure

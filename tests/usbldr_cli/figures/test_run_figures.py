@@ -13,7 +13,7 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reports.report_json import Run, ScoredTrack
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.health import innovation_figure, particle_figure

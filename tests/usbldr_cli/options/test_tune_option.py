@@ -13,7 +13,7 @@ from commands import output_of, run
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.parameters import Parameters
 from usbldr.io.reports.tuned_config import tuned_toml
-from usbldr.io.scenarios.library import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.settings.configuration import parameters, parse_configuration, read_configuration
 from usbldr.io.writers.export import export

@@ -29,8 +29,8 @@ from usbldr.filters.simulation.scenario import (
     Usbl,
 )
 from usbldr.filters.simulation.simulate import simulate
-from usbldr.io.scenarios.library import find_scenario, read_scenario, scenario_names
 from usbldr.io.scenarios.sections import ScenarioFile
+from usbldr.io.scenarios.shipped import find_scenario, read_scenario, scenario_names
 
 EVERYTHING = """
 schema = 1
