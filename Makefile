@@ -41,9 +41,16 @@ paper: $(VENV)/installed
 field: $(VENV)/installed
 	$(BIN)/python benchmarks/field/study.py $(HELD_BACK)
 
-# what info, doctor, init and replay say of each of the same logs, and our numbers beside those of their collectors
+# what info, doctor and init say of each of the same logs
 logs: $(VENV)/installed
-	$(BIN)/python benchmarks/survey/study.py $(HELD_BACK)
+	@scratch=$$(mktemp -d); \
+	for log in $${USBLDR_FIELD_LOGS:-../shared/logs}/*/*.mcap; do \
+		for command in info doctor "init --force --output $$scratch/usbldr.toml"; do \
+			printf '\n$$ usbldr %s\n' "$$command $$log"; $(USBLDR) $$command $$log || true; \
+		done; \
+		cat $$scratch/usbldr.toml; \
+	done; \
+	rm -r $$scratch
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

@@ -1,141 +1,186 @@
-"""The reference numbers that the collectors of the field logs measured, met by our own.
+"""What the collectors of the field logs measured (expected.json), met by what usbldr reads.
 
-No error of a log that is held back is measured here.
+Tolerances are the collectors'; where they state none, a number agrees to the last digit that they wrote. No error of a
+log that is held back is measured here.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+import json
+import math
+from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from field.logs import CASES
-from survey.errors import anchored, euler, fitted, fix_offsets, statistics
-from survey.expected import EXPLAINED, Number, compared, expected, last_digit, leaves, tolerance_of
-from survey.measured import measured
-from usbldr.filters.errors import LogError
-from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.types import Truth
+from usbldr.filters.evaluation.alignment import fit_rigid
+from usbldr.filters.replay.dead_reckoning import displacement_m
+from usbldr.io.formats.mcap_log import McapLog
 from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+from usbldr.io.timeline import timeline
 
-NAMES = [case.name for case in CASES.values() if case.folder]
-
-
-@pytest.fixture(scope="module", params=NAMES)
-def numbers(request: pytest.FixtureRequest, field_logs: Path) -> Sequence[Number]:
-    case = CASES[request.param]
-    ours = measured(field_logs, case.name, errors=not case.held_back)
-    return compared(case.name, expected(field_logs / case.folder, case.name), ours)
-
-
-def test_every_number_of_the_collectors_is_met_or_its_difference_explained(numbers: Sequence[Number]) -> None:
-    missed = {(one.log, one.key) for one in numbers if not one.met and not one.held_back}
-
-    assert missed == {known for known in EXPLAINED if known[0] == numbers[0].log}
+FOLDERS = {case.name: case.folder for case in CASES.values() if case.folder}
+UIB_TRUTHS = {"uib_field": '"/slam/graph_vertices"\nskip_rows = 2', "uib_simulation": '"/ground_truth"'}
+UIB = '[dvl]\naxes = "FLU"\n[compass]\nconvention = "NED"\n[truth]\nframe = "NED"\ntopic = {}\n'
+NO_GPS, NO_USBL = '[gps]\ntopic = "none"\n', '[usbl]\ntopic = "none"\n'
+STPERE = NO_USBL + '[compass]\ntopic = "{}"\n'
 
 
-def test_errors_against_gps_of_logs_that_judge_the_defaults_are_all_that_is_not_measured(
-    numbers: Sequence[Number],
-) -> None:
-    case = CASES[numbers[0].log]
-
-    unmeasured = {one.key for one in numbers if one.ours is None}
-
-    assert bool(unmeasured) == case.held_back
-    assert unmeasured == {one.key for one in numbers if one.held_back}
-    assert all("error" in key or "dead_reckoning" in key for key in unmeasured)
-    assert len(numbers) > 80
+def expected(folder: Path, name: str) -> Mapping[str, Any]:
+    document = json.loads((folder / FOLDERS[name] / "expected.json").read_text(encoding="utf-8"))
+    return document["logs"][name] if "logs" in document else document
 
 
-DOCUMENT = {
-    "origin": {"lat_deg": 1.0, "tolerance_m": 111.0},
-    "dvl": {"path_m": 5.0, "n": 3, "path_tolerance_m": 2.0},
-    "range_m": {"min": 1.25, "tolerance": 0.5},
-    "usbl_error_x": {"mean_m": 1.0, "p95_m": 2.0, "n": 7, "tolerance": {"mean_m": 0.1, "n": 2}},
-    "usbl_synthetic": {"fixes": 4, "error_all": {"mean_m": 1.0, "max_m": 3.0}, "tolerance": {"mean_m": 0.3}},
-    "depth_m": {"min": 0.121},
-}
+def read(folder: Path, tmp_path: Path, name: str, toml: str) -> Log:
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(folder / FOLDERS[name] / f"{name}.mcap", Request(str(tmp_path / "usbldr.toml")))
 
 
-@pytest.mark.parametrize(
-    ("way", "tolerance"),
-    [
-        ("origin.lat_deg", 0.001),
-        ("dvl.path_m", 2.0),
-        ("dvl.n", 0.0),
-        ("range_m.min", 0.5),
-        ("usbl_error_x.mean_m", 0.1),
-        ("usbl_error_x.p95_m", None),
-        ("usbl_error_x.n", 2),
-        ("usbl_synthetic.fixes", 0.0),
-        ("usbl_synthetic.error_all.mean_m", 0.3),
-        ("usbl_synthetic.error_all.max_m", None),
-        ("depth_m.min", 0.001),
-    ],
-)
-def test_a_tolerance_is_the_one_that_is_stated_nearest(way: str, tolerance: float | None) -> None:
-    theirs = {".".join(steps): value for steps, value in leaves(DOCUMENT)}
-
-    assert set(theirs) >= {way}
-    assert tolerance_of(DOCUMENT, tuple(way.split(".")), theirs[way]) == (
-        None if tolerance is None else pytest.approx(tolerance)
-    )
+def check(ours: Mapping[str, Any], theirs: Mapping[str, Any], **tolerance: float) -> None:
+    """Hold every number of ours against theirs."""
+    for key, value in ours.items():
+        within = tolerance.get(key) or 10.0 ** int(Decimal(str(theirs[key])).as_tuple().exponent)
+        assert value == pytest.approx(theirs[key], abs=0 if isinstance(theirs[key], int) else within), key
 
 
-@pytest.mark.parametrize(("number", "unit"), [(1.25, 0.01), (-0.5, 0.1), (339.0, 0.1), (5e-06, 1e-6), (1.9e-05, 1e-6)])
-def test_a_number_is_known_to_the_last_digit_that_is_written(number: float, unit: float) -> None:
-    assert last_digit(number) == pytest.approx(unit)
+def path_m(east_north_m: np.ndarray) -> float:
+    return float(np.sum(np.hypot(*np.diff(east_north_m, axis=0).T)))
 
 
-@pytest.mark.parametrize(
-    ("ours", "met"), [(1.1, True), (1.11, False), (0.9, True), (None, False), ("1.0", False), (float("nan"), False)]
-)
-def test_a_number_is_met_within_its_tolerance(ours: float | str | None, met: bool) -> None:
-    assert Number("log", "mean_m", 1.0, ours, 0.1).met is met
+def at(wanted_s: np.ndarray, time_s: np.ndarray, position_m: np.ndarray) -> np.ndarray:
+    """Return a track at some times, (n, 2)."""
+    return np.column_stack([np.interp(wanted_s, time_s, column) for column in position_m.T])
 
 
-@pytest.fixture
-def log() -> Log:
-    """East for 10 s at 1 m/s, from 4 to 8 s without bottom lock; the truth lies elsewhere and is turned."""
-    t = np.arange(11.0)
-    speed = {"time_s": t, "starboard_mps": np.ones(11), "forward_mps": np.zeros(11), "valid": (t < 4) | (t > 8)}
-    compass = {"time_s": t, "heading_deg": np.zeros(11)}
-    truth = Truth(
-        np.arange(-2.0, 13.0), np.column_stack([np.full(15, 7.0), np.arange(-2.0, 13.0)]), np.zeros(15), "", ""
-    )
-    usbl = {"time_s": [-5.0, 2.0, 4.5], "east_m": [0.0, 7.0, 10.0], "north_m": [0.0, 2.0, 8.5]}
-    tables = {"dvl": pd.DataFrame(speed), "compass": pd.DataFrame(compass), "usbl": pd.DataFrame(usbl)}
-    return Log(Path("made-up"), "", "simulated", 0, tables, {}, Parameters(), truth=truth)
+def minus_truth(log: Log, sensor: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return times of fixes and their offsets from the truth, east before north."""
+    assert log.truth is not None
+    table, time_s = log.tables[sensor], log.tables[sensor]["time_s"].to_numpy()
+    return time_s, table[["east_m", "north_m"]].to_numpy() - at(time_s, log.truth.time_s, log.truth.position_m)
 
 
-def test_a_record_holds_until_the_next_but_no_longer_than_it_may(log: Log) -> None:
-    _, held = euler(log)
-    _, stopped = euler(log, 2.0)
+@pytest.mark.parametrize("name", FOLDERS)
+def test_every_topic_holds_the_messages_and_stamps_that_they_counted(field_logs: Path, name: str) -> None:
+    log, counted = McapLog(field_logs / FOLDERS[name] / f"{name}.mcap"), expected(field_logs, name)["topics"]
 
-    np.testing.assert_allclose(held[-1], [10.0, 0.0])
-    np.testing.assert_allclose(stopped[-1], [10.0 - (9.0 - 3.0 - 2.0), 0.0])
+    assert {topic.name for topic in log.topics()} == set(counted)
+    for topic in log.topics():
+        theirs = counted[topic.name]
+        fields = ["header.stamp", "header.frame_id"] if "header.stamp" in topic.fields else topic.fields[:1]
+        records = log.read({topic.name: fields})[topic.name]
+        received_ns, columns = records.received_ns, records.columns
+        assert topic.type == theirs["type"]
+        assert (received_ns[0], received_ns[-1]) == (theirs["log_first_ns"], theirs["log_last_ns"])
+        gap_s = float(np.max(np.diff(received_ns))) / 1e9
+        check({"count": len(received_ns), "longest_gap_s": gap_s}, theirs)
+        check({"count": topic.count, "span_s": topic.span_s, "rate_hz": topic.rate_hz}, theirs)
+        if "header.stamp" in topic.fields:
+            stamps, lag_s = columns["header.stamp"], pd.Series((received_ns - columns["header.stamp"]) / 1e9)
+            assert columns["header.frame_id"][0] == theirs["frame_id"]
+            check({"repeated_stamps": len(stamps) - len(np.unique(stamps))}, theirs)
+            lags_s = {"min": lag_s.min(), "median": lag_s.median(), "max": lag_s.max()}
+            check(lags_s, theirs["log_minus_stamp_s"])
 
 
-def test_a_fit_finds_the_turn_and_leaves_nothing_and_an_anchor_keeps_the_first_row(log: Log) -> None:
+@pytest.mark.parametrize("name", UIB_TRUTHS)
+@pytest.mark.parametrize("topic", ["modem_delayed_acoustic", "modem_raw"])
+def test_fixes_of_turbot_are_as_far_off_as_they_say(field_logs: Path, tmp_path: Path, name: str, topic: str) -> None:
+    usbl = f'[usbl]\ntopic = "/{topic}"\nframe = "NED"\n'
+    theirs = expected(field_logs, name)["reference"][f"usbl_error_{topic}"]
+
+    log = read(field_logs, tmp_path, name, UIB.format(UIB_TRUTHS[name]) + NO_GPS + usbl)
+
+    time_s, offsets_m = minus_truth(log, "usbl")
+
+    assert log.truth is not None
+    off_m = np.hypot(*offsets_m[(time_s >= log.truth.time_s[0]) & (time_s <= log.truth.time_s[-1])].T)
+    check({"n": len(off_m), "more_than_5_m": np.sum(off_m > 5.0)}, theirs)
+    ours = {"median_m": np.median(off_m), "mean_m": np.mean(off_m), "max_m": np.max(off_m)}
+    check(ours | {"rms_m": math.sqrt(np.mean(off_m**2))}, theirs, **theirs["tolerance"])
+
+
+@pytest.mark.parametrize("name", UIB_TRUTHS)
+def test_velocities_and_truth_of_turbot_are_read_as_they_read_them(field_logs: Path, tmp_path: Path, name: str) -> None:
+    theirs = expected(field_logs, name)["reference"]
+    log = read(field_logs, tmp_path, name, UIB.format(UIB_TRUTHS[name]) + NO_GPS + NO_USBL)
+    first_ns = min(topic.first_ns or 0 for topic in McapLog(log.path).topics() if topic.count)
+    begins_s = (log.start_ns - first_ns) / 1e9
     assert log.truth is not None
 
-    errors, found = fitted(log.truth, euler(log))
+    moved_m = path_m(displacement_m(timeline(log)))
 
-    assert len(errors) == 11  # rows outside the track are left out
-    np.testing.assert_allclose(errors, 0.0, atol=1e-9)
-    assert np.degrees(found.rotation_rad) == pytest.approx(90.0)  # anticlockwise: from east to north
-    np.testing.assert_allclose(anchored(log.truth, euler(log), -90.0), 0.0, atol=1e-9)
-    assert anchored(log.truth, euler(log), 0.0)[-1] == pytest.approx(10.0 * np.sqrt(2))
-
-
-def test_fixes_are_held_against_the_truth_at_their_own_times(log: Log) -> None:
-    np.testing.assert_allclose(fix_offsets(log), [[0.0, 0.0], [3.0, 4.0]])
-    np.testing.assert_allclose(fix_offsets(log, np.array([True, False, True])), [[3.0, 4.0]])
-    assert statistics(np.array([3.0, 4.0]))["rms_m"] == pytest.approx(np.sqrt(12.5))
+    ours = {"unique_stamps": len(log.tables["dvl"]), "path_m": moved_m}
+    check(ours, theirs["dvl"], path_m=theirs["dvl"]["path_tolerance_m"])
+    check({"first_s": log.truth.time_s[0] + begins_s, "last_s": log.truth.time_s[-1] + begins_s}, theirs["truth"])
+    assert path_m(log.truth.position_m) == pytest.approx(theirs["truth"]["path_m"], rel=2e-3)
 
 
-def test_a_log_without_truth_has_no_errors(log: Log) -> None:
-    with pytest.raises(LogError, match="no truth"):
-        fix_offsets(replace(log, truth=None))
+def test_gps_of_turbot_lies_as_far_from_the_map_before_and_after_the_dive(field_logs: Path, tmp_path: Path) -> None:
+    theirs = expected(field_logs, "uib_field")["reference"]
+    lat, lon = theirs["map_origin"]["lat_deg"], theirs["map_origin"]["lon_deg"]
+    toml = f'[map]\norigin_lat_deg = {lat}\norigin_lon_deg = {lon}\n[gps]\ntopic = "/gps_raw"\n{NO_USBL}'
+    log = read(field_logs, tmp_path, "uib_field", UIB.format(UIB_TRUTHS["uib_field"]) + toml)
+
+    time_s, off_m = minus_truth(log, "gps")
+
+    for when, rows in (("start", time_s < time_s[-1] / 2), ("end", time_s > time_s[-1] / 2)):
+        stated = theirs[f"gps_minus_truth_{when}"]
+        assert rows.sum() == stated["n"]
+        median_m = [stated["median_east_m"], stated["median_north_m"]]
+        np.testing.assert_allclose(np.median(off_m[rows], axis=0), median_m, rtol=0, atol=stated["tolerance_m"])
+
+
+@pytest.mark.parametrize(
+    ("name", "toml", "reference", "angle"),
+    [
+        *(
+            (name, UIB.format(topic) + NO_GPS + NO_USBL, "fitted", "mount_yaw_deg")
+            for name, topic in UIB_TRUTHS.items()
+        ),
+        ("stpere_marina", STPERE.format("/imu/data"), "mti_fitted", "heading_offset_deg"),
+        ("stpere_marina", STPERE.format("/dvl/compass_heading"), "dvl_compass_fitted", "heading_offset_deg"),
+    ],
+)
+def test_dead_reckoning_turned_onto_the_truth_is_theirs(
+    field_logs: Path, tmp_path: Path, name: str, toml: str, reference: str, angle: str
+) -> None:
+    theirs = expected(field_logs, name)["reference"][f"dead_reckoning_{reference}"]
+    log = read(field_logs, tmp_path, name, toml)
+    line = timeline(log)
+    assert log.truth is not None
+    inside = (log.truth.time_s >= line.time_s[0]) & (log.truth.time_s <= line.time_s[-1])
+    there_m = log.truth.position_m[inside]
+    reckoned_m = at(log.truth.time_s[inside], line.time_s, displacement_m(line))
+
+    fit = fit_rigid(reckoned_m, there_m)
+
+    rms_m = math.sqrt(np.mean(np.sum((fit.points(reckoned_m) - there_m) ** 2, axis=1)))
+    check({"rms_m": rms_m, angle: -math.degrees(fit.rotation_rad)}, theirs, **theirs["tolerance"])
+
+
+def test_the_marina_is_read_as_they_read_it(field_logs: Path, tmp_path: Path) -> None:
+    theirs = expected(field_logs, "stpere_marina")["reference"]
+    log = read(field_logs, tmp_path, "stpere_marina", STPERE.format("/imu/data"))
+    dvl, gps, depth_m = log.tables["dvl"], log.tables["gps"], log.tables["depth"]["depth_m"]
+    assert log.origin is not None
+
+    check({"origin_lat_deg": log.origin.lat_deg, "origin_lon_deg": log.origin.lon_deg}, theirs)
+    check({"good": dvl["valid"].sum(), "all": len(dvl)}, theirs["dvl_bottom_lock"])
+    check({"east": np.ptp(gps["east_m"]), "north": np.ptp(gps["north_m"])}, theirs["gps_box_m"])
+    check({"min": depth_m.min(), "max": depth_m.max()}, theirs["depth_m"])
+
+
+@pytest.mark.parametrize("name", ["mhkit_riverpro", "tanana_002", "tanana_003"])
+def test_transects_of_rivers_are_read_as_they_read_them(field_logs: Path, tmp_path: Path, name: str) -> None:
+    theirs = expected(field_logs, name)["reference"]
+    log = read(field_logs, tmp_path, name, NO_USBL)
+    dvl, gps_m = log.tables["dvl"], log.tables["gps"][["east_m", "north_m"]].to_numpy()
+    assert log.origin is not None
+
+    check({"origin_lat_deg": log.origin.lat_deg, "origin_lon_deg": log.origin.lon_deg}, theirs)
+    check({"ensembles": len(dvl), "bottom_lock_pct": 100 * dvl["valid"].mean()}, theirs)
+    check({"longest_loss_s": dvl["time_s"][dvl["valid"]].diff().max(), "gps_path_m_5hz": path_m(gps_m)}, theirs)
