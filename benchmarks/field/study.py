@@ -17,7 +17,7 @@ from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper, field and survey are packages
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper and field are packages
 
 from field import goals as field_goals
 from field import tables

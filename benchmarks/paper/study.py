@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper, field and survey are packages
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper and field are packages
 
 from paper import goals as paper_goals
 from paper import tables

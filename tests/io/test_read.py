@@ -78,16 +78,6 @@ def test_a_log_cut_before_its_first_message_says_both(tmp_path: Path) -> None:
     )
 
 
-def test_a_cut_log_gives_what_it_holds_and_says_what_is_lost(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", short_dive() * 40, chunk_size=4096)
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-
-    log = read_log(file)
-
-    assert set(log.tables) == {"dvl", "compass", "usbl"}
-    assert any(finding.code == "TRUNCATED" and finding.lost_data for finding in log.findings)
-
-
 def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Path) -> None:
     later = T0 + 3600 * SECOND
     rows = [twist(T0, 1, 0), twist(T0 + SECOND, 1, 0), yaw(T0, 0), yaw(T0 + SECOND, 0), point(later, 0, 0)]

@@ -1,7 +1,6 @@
 """The timeline against what each record's own stamp says."""
 
 import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -272,17 +271,3 @@ def test_a_missing_sensor_is_named_with_those_that_are_there() -> None:
 def test_a_wrong_stamp_does_not_fill_the_memory() -> None:
     with pytest.raises(LogError, match=r"stamps span 11574 days"):
         timeline(log(dvl=dvl_table([0.0, 1e9]), compass=compass_table([0.0])))
-
-
-def test_eight_hours_take_well_under_a_second() -> None:
-    seconds = 8 * 3600
-    tables = {
-        "dvl": dvl_table(grid(seconds)),
-        "compass": compass_table(grid(seconds, 50.0)),
-        "usbl": usbl_table(grid(seconds, 1.0)),
-    }
-
-    began = time.process_time()
-    timeline(log(**tables))
-
-    assert time.process_time() - began < 1.0

@@ -1,8 +1,12 @@
-"""Commands of usbldr as tests call them, in this process."""
+"""Commands of usbldr as tests call them, in this process or in one of their own."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +14,8 @@ from click.testing import CliRunner, Result
 
 from usbldr.filters.errors import UsbldrError
 from usbldr_cli.main import cli
+
+USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
 
 
 def run(*arguments: object) -> Result:
@@ -37,3 +43,23 @@ def output_of(*arguments: object) -> str:
         raise done.exception
     assert done.return_value in (None, 0), done.output
     return done.stdout
+
+
+def interrupt(*arguments: object, once: Callable[[], object] = lambda: True, after_s: float = 0.0) -> None:
+    """Start a command in a process of its own, press Ctrl-C when it is at work, and check that it says just that."""
+    command = [*USBLDR, *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        until = time.monotonic() + 60
+        while not once():
+            assert process.poll() is None
+            assert time.monotonic() < until
+            time.sleep(0.002)
+        time.sleep(after_s)
+        assert process.poll() is None
+
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+
+    assert process.returncode == 130
+    assert said.strip().endswith("usbldr: interrupted")
+    assert "Traceback" not in said

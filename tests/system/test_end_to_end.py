@@ -1,12 +1,8 @@
 """The sample logs through the real command line: exit codes, files, strict JSON, nothing lost, nothing half-written."""
 
 import json
-import os
 import shutil
-import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +11,10 @@ import pandas as pd
 import pytest
 
 from checkout import SAMPLES
+from commands import USBLDR, interrupt
 from usbldr.filters.replay.methods import METHODS
 
 TURN = SAMPLES / "lawnmower_turn_db3"  # two minutes: quick
-USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
 TABLES = {"fixes.csv", "track.tum", "truth.tum", "track.geojson", "track.kml", "report.md", "report.json"}
 PICTURES = {"track.png", "errors.png", "error_cdf.png"}
 COST = ("filter_time_s", "real_time_factor")  # of the machine, not of the run
@@ -109,50 +105,12 @@ def test_a_run_is_replaced_only_with_force(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["run"]
 
 
-@pytest.mark.parametrize("name", ["lawnmower.mcap", "lawnmower.bag"])
-def test_a_log_that_is_no_log_leaves_one_sentence_and_exit_code_3(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(b"")
-
-    run = _usbldr("replay", tmp_path / name, "-o", tmp_path / "run")
-
-    assert run.returncode == 3
-    assert len(run.stderr.splitlines()) == 1
-    assert run.stderr.startswith("usbldr: ")
-    assert name in run.stderr
-    assert [file.name for file in tmp_path.iterdir()] == [name]
-
-
-def test_a_scenario_equals_its_file(tmp_path: Path) -> None:
-    for log, name in ((SAMPLES / "lawnmower.mcap", "file"), ("lawnmower", "scenario")):
-        assert _usbldr("replay", log, "-f", "ekf", "-o", tmp_path / name, "-q").returncode == 0
-
-    from_file, scenario = _metrics(tmp_path / "file"), _metrics(tmp_path / "scenario")
-    assert from_file.keys() == scenario.keys()
-    for name, value in from_file.items():
-        assert scenario[name] == (value if value is None else pytest.approx(value, abs=1e-6)), name
-
-
 def test_ctrl_c_leaves_nothing_of_a_replay_and_exits_130(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "paper.mcap", tmp_path)
-    run = subprocess.Popen(
-        [*USBLDR, "replay", str(tmp_path / "paper.mcap"), "-N", "5000", "-o", str(tmp_path / "run")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    until = time.monotonic() + 60
-    while not list(tmp_path.glob(".run.*.part")):  # it runs
-        assert run.poll() is None
-        assert time.monotonic() < until
-        time.sleep(0.01)
-    time.sleep(0.5)
-    assert run.poll() is None
+    asked = ("replay", tmp_path / "paper.mcap", "-N", "5000", "-o", tmp_path / "run")
 
-    os.kill(run.pid, signal.SIGINT)
-    _, said = run.communicate(timeout=60)
+    interrupt(*asked, once=lambda: list(tmp_path.glob(".run.*.part")), after_s=0.5)
 
-    assert run.returncode == 130
-    assert said.strip().endswith(b"usbldr: interrupted")
-    assert b"Traceback" not in said
     assert [file.name for file in tmp_path.iterdir()] == ["paper.mcap"]
 
 
@@ -164,16 +122,8 @@ def test_ctrl_c_leaves_a_baseline_as_it_was_and_exits_130(tmp_path: Path) -> Non
         "[row.metrics]\nmean_horizontal_m = { rel = 0.1 }\n"
     )
     baseline.write_text(text)
-    run = subprocess.Popen(
-        [*USBLDR, "check", str(baseline), "--update"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    time.sleep(3)
-    assert run.poll() is None
 
-    os.kill(run.pid, signal.SIGINT)
-    _, said = run.communicate(timeout=60)
+    interrupt("check", baseline, "--update", after_s=3.0)
 
-    assert run.returncode == 130
-    assert said.strip().endswith(b"usbldr: interrupted")
     assert baseline.read_text() == text
     assert {file.name for file in tmp_path.iterdir()} == {"baseline.toml", "paper.mcap"}

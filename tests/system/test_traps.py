@@ -24,7 +24,6 @@ from recordings import (
     point,
     sentence,
     short_dive,
-    twist,
 )
 from usbldr.filters.errors import UsageError
 from usbldr.io.read import read_log
@@ -228,18 +227,6 @@ def test_sigmas_and_variances_are_not_mixed_up(tmp_path: Path) -> None:
     assert by_sigma[columns].to_numpy() == pytest.approx(np.array([[4.0, 4.0]]))
 
 
-def test_a_covariance_of_a_map_with_x_north_is_turned_with_it(tmp_path: Path) -> None:
-    covariance = np.zeros(36)
-    covariance[[0, 1, 6, 7]] = 9.0, 1.5, 1.5, 4.0  # x, y
-    values = {"header.stamp": T0, "header.frame_id": "world_ned", "pose.covariance": covariance}
-    pose = {"pose.pose.position.x": 300.0, "pose.pose.position.y": 40.0}
-
-    usbl = logged(tmp_path, [(T0, "/usbl", POSE_COVARIANCE, {**values, **pose})]).tables["usbl"]
-
-    assert usbl[["east_m", "north_m"]].to_numpy().tolist() == [[40.0, 300.0]]
-    assert usbl[["cov_ee_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy() == pytest.approx(np.array([[4.0, 1.5, 9.0]]))
-
-
 def test_a_bearing_and_an_offset_of_one_target_agree(tmp_path: Path) -> None:
     """50 m at 37 degrees, 30 below: the same place by USRTH and by PSIMSSB."""
     flat = 50 * math.cos(math.radians(30))
@@ -260,6 +247,7 @@ def test_a_frame_that_is_called_ned_counts_north_first(tmp_path: Path, frame: st
     log = logged(tmp_path, [(log_ns, topic, kind, {**values, "header.frame_id": frame})])
 
     assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[4.0, 3.0]]
+    assert log.convention("usbl", "frame").chosen_by == "frame_id"
 
 
 @pytest.mark.parametrize("frame", ["map_aligned", "tuned", "needle", "planned_map", "ALIGNED", "map"])
@@ -269,10 +257,3 @@ def test_a_word_that_ends_in_ned_is_no_frame(tmp_path: Path, frame: str) -> None
     log = logged(tmp_path, [(log_ns, topic, kind, {**values, "header.frame_id": frame})])
 
     assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[3.0, 4.0]]
-
-
-def test_points_and_twists_without_any_frame_count_by_rep_103(tmp_path: Path) -> None:
-    log = logged(tmp_path, [point(T0, 3.0, 4.0), twist(T0, 1.0, 0.5)])
-
-    assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[3.0, 4.0]]
-    assert log.tables["dvl"][["starboard_mps", "forward_mps"]].to_numpy().tolist() == [[-0.5, 1.0]]

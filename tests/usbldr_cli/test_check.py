@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from checkout import ROOT
+from commands import USBLDR
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric
@@ -18,8 +19,6 @@ from usbldr_cli.check import _stated
 from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, markdown, summary
 
 LAWNMOWER = find_scenario("lawnmower")
-
-USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
 
 ROWS = """\
 schema = 1

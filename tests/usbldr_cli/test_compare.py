@@ -2,17 +2,12 @@
 
 import dataclasses
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from commands import output_of, run
+from commands import interrupt, output_of, run
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
@@ -128,16 +123,9 @@ def test_a_method_ignores_options_that_it_has_no_use_for() -> None:
 def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Path) -> None:
     out, seeds = tmp_path / "out", 5
     asked = [*("--filters", "cpf", "--seeds", str(seeds), "--jobs", "2", "-N", "150")]
-    command = [sys.executable, "-c", "from usbldr_cli.main import main; main()", "compare", str(dive), *asked]
-    with subprocess.Popen([*command, "-o", str(out)], stderr=subprocess.PIPE, text=True) as process:
-        while process.poll() is None and not list(out.glob("units/*.json")):
-            time.sleep(0.01)
-        os.kill(process.pid, signal.SIGINT)
-        assert process.stderr is not None
-        said = process.stderr.read()
 
-    assert process.returncode == 130
-    assert said.strip() == "usbldr: interrupted"
+    interrupt("compare", dive, *asked, "-o", out, once=lambda: list(out.glob("units/*.json")))
+
     assert [path.name for path in out.iterdir()] == ["units"]
     finished = list(out.glob("units/*.json"))
     assert 0 < len(finished) < seeds

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,20 +24,26 @@ def replay(dive: Path, *options: str) -> Result:
     return run("replay", dive, "-o", dive.parent / "run", *options)
 
 
-def fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+Fault = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Fault:
     """Run the command as the shell does; return its exit code and what it says on stderr."""
-    monkeypatch.setattr("sys.argv", ["usbldr", *arguments])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return int(str(end.value.code)), capsys.readouterr().err
+
+    def run_as_the_shell(*arguments: object) -> tuple[int, str]:
+        monkeypatch.setattr("sys.argv", ["usbldr", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return int(str(end.value.code)), capsys.readouterr().err
+
+    return run_as_the_shell
 
 
-def test_lost_data_is_said_on_stderr_and_ends_in_exit_3(
-    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_lost_data_is_said_on_stderr_and_ends_in_exit_3(dive: Path, fault: Fault) -> None:
     dive.write_bytes(dive.read_bytes()[:200_000])
 
-    code, said = fault(monkeypatch, capsys, "replay", str(dive), "-f", "dr", "-q", "-o", str(dive.parent / "run"))
+    code, said = fault("replay", dive, "-f", "dr", "-q", "-o", dive.parent / "run")
 
     assert code == 3
     assert said.startswith("usbldr: paper.mcap: the file is truncated or damaged")
@@ -44,33 +51,27 @@ def test_lost_data_is_said_on_stderr_and_ends_in_exit_3(
     assert (dive.parent / "run" / "report.json").is_file()
 
 
-def test_a_strict_replay_of_a_cut_log_writes_nothing(
-    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_strict_replay_of_a_cut_log_writes_nothing(dive: Path, fault: Fault) -> None:
     dive.write_bytes(dive.read_bytes()[:200_000])
 
-    code, said = fault(monkeypatch, capsys, "replay", str(dive), "--strict", "-o", str(dive.parent / "run"))
+    code, said = fault("replay", dive, "--strict", "-o", dive.parent / "run")
 
     assert code == 3
     assert "truncated or damaged" in said
     assert not (dive.parent / "run").exists()
 
 
-def test_json_never_overwrites_the_log_nor_goes_into_a_folder(
-    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_never_overwrites_the_log_nor_goes_into_a_folder(dive: Path, fault: Fault) -> None:
     before = dive.read_bytes()
 
     for target, what in ((dive, "the log"), (dive.parent, "a folder")):
-        code, said = fault(monkeypatch, capsys, "replay", str(dive), "--json", str(target), "--force")
+        code, said = fault("replay", dive, "--json", target, "--force")
         assert (code, said) == (2, f"usbldr: {target} is {what}: choose another file for --json\n")
     assert dive.read_bytes() == before
 
 
-def test_the_truth_cannot_be_a_sensor(
-    dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, said = fault(monkeypatch, capsys, "replay", str(dive), "--usbl", "/gps/fix", "--gps", "/gps/fix")
+def test_the_truth_cannot_be_a_sensor(dive: Path, fault: Fault) -> None:
+    code, said = fault("replay", dive, "--usbl", "/gps/fix", "--gps", "/gps/fix")
 
     assert code == 2
     assert said.startswith(f"usbldr: {dive}: /gps/fix cannot be the usbl and the truth at once: ")
@@ -97,13 +98,9 @@ def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
     ],
 )
 def test_options_that_make_no_sense_are_one_sentence(
-    dive: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    options: tuple[str, ...],
-    sentence: str,
+    dive: Path, fault: Fault, options: tuple[str, ...], sentence: str
 ) -> None:
-    code, said = fault(monkeypatch, capsys, "replay", str(dive), "-o", str(dive.parent / "run"), *options)
+    code, said = fault("replay", dive, "-o", dive.parent / "run", *options)
 
     assert code == 2
     assert said.startswith(f"usbldr: {sentence}")
@@ -112,10 +109,8 @@ def test_options_that_make_no_sense_are_one_sentence(
 
 
 @pytest.mark.parametrize("options", [["--smoth"], ["--gate", "99"], ["--seed", "x"]])
-def test_wrong_options_are_one_sentence_that_names_the_help(
-    options: list[str], dive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, said = fault(monkeypatch, capsys, "replay", str(dive), *options)
+def test_wrong_options_are_one_sentence_that_names_the_help(dive: Path, fault: Fault, options: list[str]) -> None:
+    code, said = fault("replay", dive, *options)
 
     assert code == 2
     assert (said.count("\n"), options[0] in said) == (1, True)

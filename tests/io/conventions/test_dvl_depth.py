@@ -90,12 +90,6 @@ def test_a_dvl_that_reads_one_per_cent_too_much_is_brought_back(tmp_path: Path) 
     assert log.tables["dvl"]["forward_mps"].iloc[0] == pytest.approx(2.0)
 
 
-def test_millimetres_per_second_become_metres_per_second(tmp_path: Path) -> None:
-    log = logged(tmp_path, [twist(T0, 1500.0, -200.0)], '[dvl]\naxes = "FRD"\nunit = "mm/s"')
-
-    assert body(log.tables["dvl"])[:2] == pytest.approx([-0.2, 1.5])
-
-
 def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> None:
     rows = [twist(T0 + k * SECOND, 1.0, 0.0) for k in range(3)] + [yaw(T0 + k * SECOND, 0.0) for k in range(3)]
 
@@ -144,12 +138,6 @@ def test_an_easterly_declination_is_added_to_a_magnetic_heading(tmp_path: Path) 
     log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": 350.0})], "[compass]\ndeclination_deg = 15.6")
 
     assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(5.6)
-
-
-def test_a_plain_number_may_be_radians(tmp_path: Path) -> None:
-    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": math.pi / 2})], '[compass]\nunit = "rad"')
-
-    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(90)
 
 
 def test_numbers_that_could_be_radians_are_pointed_out(tmp_path: Path) -> None:

@@ -53,13 +53,6 @@ def test_decimal_seconds_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     assert list(truth.time_s) == [0.374442, 1.500001, 1.908468]  # as floats of today's seconds: off by 0.1 us
 
 
-def test_skipped_rows_are_the_first_of_the_file(tmp_path: Path) -> None:
-    truth = dive(tmp_path, NED_FILE + "skip_rows = 1").truth
-
-    assert truth is not None
-    assert len(truth.time_s) == 2
-
-
 def test_skipped_rows_need_hold_no_numbers_and_lines_still_count_from_the_top(tmp_path: Path) -> None:
     file = tmp_path / "t.csv"
     rows = ["timestamp,x,y", "s,m,m", "1600000000.1,1,2", "1600000001.1,3,4"]

@@ -28,15 +28,6 @@ def test_enu_positions_have_x_east_and_ned_positions_x_north(tmp_path: Path) -> 
     assert place(logged(tmp_path, rows, '[usbl]\nframe = "NED"')) == [4.0, 3.0]
 
 
-def test_a_frame_called_ned_is_ned(tmp_path: Path) -> None:
-    time_ns, topic, kind, values = point(T0, 3.0, 4.0)
-
-    log = logged(tmp_path, [(time_ns, topic, kind, {**values, "header.frame_id": "world_ned"})])
-
-    assert place(log) == [4.0, 3.0]
-    assert (log.convention("usbl", "frame").value, log.convention("usbl", "frame").chosen_by) == ("NED", "frame_id")
-
-
 def test_offsets_from_a_head_are_added_to_it(tmp_path: Path) -> None:
     rows = [point(T0, 3.0, 4.0)]
 

@@ -87,10 +87,11 @@ def test_what_no_manual_settles_is_refused_with_the_reason(tmp_path: Path, body:
     assert str(fault.value).endswith("(--usbl none: replay without usbl)")
 
 
-def test_radians_may_be_called_geodetic(tmp_path: Path) -> None:
+@pytest.mark.parametrize("orientation", "NG")
+def test_radians_of_a_hipap_are_latitude_and_longitude(tmp_path: Path, orientation: str) -> None:
     lat, lon = math.radians(44.986366), math.radians(-93.5761859)
 
-    log = heard(tmp_path, f"PSIMSSB,122640.00,B01,A,,R,G,M,{lat:.12f},{lon:.12f},3.0,1.5,N,,", toml=LAKE)
+    log = heard(tmp_path, f"PSIMSSB,122640.00,B01,A,,R,{orientation},M,{lat:.12f},{lon:.12f},3.0,1.5,N,,", toml=LAKE)
 
     assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
 

@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType
 
-from recordings import FLOAT64, SECOND, T0, TWIST, Row, point, short_dive, twist, write_mcap, write_payloads, yaw
+from recordings import FLOAT64, SECOND, T0, TWIST, Row, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.mcap_log import McapLog
 
@@ -135,15 +135,6 @@ def test_records_come_in_the_order_of_their_log_times(tmp_path: Path) -> None:
 
     np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 1, 2, 3])
     np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(4) * SECOND)
-
-
-def test_log_time_is_arrival_whatever_the_header_stamp(tmp_path: Path) -> None:
-    log = McapLog(write_mcap(tmp_path / "a.mcap", [point(T0 + 5, 1.0, 2.0, delay_s=1.5)]))
-
-    fixes = log.read({"/usbl": ["header.stamp"]})["/usbl"]
-
-    assert fixes.columns["header.stamp"][0] == T0 + 5
-    assert fixes.received_ns[0] == T0 + 5 + 1_500_000_000
 
 
 @pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
@@ -277,22 +268,3 @@ def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_p
     assert str(fault.value).startswith(
         f"{file}: /fix cannot be read: encoding flatbuffer with flatbuffer definitions is not supported, only cdr with "
     )
-
-
-def test_all_the_robustness_files_can_be_listed(field_logs: Path) -> None:
-    files = sorted((field_logs / "reader_zoo").rglob("*.mcap"))
-    assert len(files) >= 15
-    for file in files:
-        log = McapLog(file)
-        assert sum(topic.count for topic in log.topics()) >= 0
-        assert log.findings() == ()
-
-
-def test_the_short_dive_has_three_topics(tmp_path: Path) -> None:
-    log = McapLog(write_mcap(tmp_path / "a.mcap", short_dive()))
-
-    assert {t.name: (t.count, t.rate_hz) for t in log.topics()} == {
-        "/dvl": (11, 1.0),
-        "/imu": (11, 1.0),
-        "/usbl": (11, 1.0),
-    }

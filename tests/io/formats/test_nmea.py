@@ -206,16 +206,6 @@ def test_relative_fixes_without_a_head_are_an_error(tmp_path: Path) -> None:
         logged_nmea(tmp_path, f"1600000000 {NORTH_UP}")
 
 
-def test_hipap_radians_are_latitude_and_longitude(tmp_path: Path) -> None:
-    lat, lon = math.radians(45.0009), math.radians(7.0)
-    line = sentence(f"PSIMSSB,122640.00,B01,A,,R,N,M,{lat:.12f},{lon:.12f},34.0,1.5,N,,")
-
-    usbl = logged_nmea(tmp_path, f"1600000000 {line}", toml=MAP).tables["usbl"]
-
-    assert usbl["north_m"][0] == pytest.approx(0.0009 * 111132, abs=0.1)
-    assert usbl["cov_ee_m2"][0] == pytest.approx(1.5**2)
-
-
 def test_ranger_has_decimal_degrees_and_its_ship_is_not_a_target(tmp_path: Path) -> None:
     toml = "[map]\norigin_lat_deg = 51.3306281\norigin_lon_deg = -0.83563975\n"
 

@@ -2,11 +2,6 @@
 
 import dataclasses
 import math
-import os
-import signal
-import subprocess
-import sys
-import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from commands import interrupt, output_of, run
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.simulation.scenario import Timing
@@ -138,20 +134,6 @@ def test_every_float_of_the_csv_folder_comes_back_exactly(tmp_path: Path) -> Non
         np.testing.assert_array_equal((back["received_ns"] - START_NS) / 1e9, table["received_s"])
         for column in COLUMNS[name][2:]:
             np.testing.assert_array_equal(back[column], table[column])
-
-
-@pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
-def test_the_same_seed_writes_the_same_bytes(tmp_path: Path, name: str) -> None:
-    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
-        write_scenario(SHORT, seed, tmp_path / folder / name)
-
-    def contents(folder: str) -> dict[str, bytes]:
-        top = tmp_path / folder
-        return {str(f.relative_to(top)): f.read_bytes() for f in sorted(top.rglob("*")) if f.is_file()}
-
-    assert contents("a") == contents("b")
-    assert contents("a").keys() == contents("c").keys()
-    assert contents("a") != contents("c")
 
 
 def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) -> None:
@@ -306,18 +288,12 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path, name: st
     assert [f.name for f in tmp_path.iterdir()] == ["file"]
 
 
-def _usbldr(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from usbldr_cli.main import main; main()", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
 def test_the_command_reports_what_it_wrote(tmp_path: Path) -> None:
     out = tmp_path / "new" / "paper.mcap"
 
-    run = _usbldr("simulate", "paper", "-o", str(out), "--seed", "4")
+    told = output_of("simulate", "paper", "-o", out, "--seed", 4)
 
-    assert (run.returncode, run.stderr) == (0, "")
-    assert run.stdout == (
+    assert told == (
         f"{out}: scenario paper, seed 4, 1000 s, records: 5001 dvl, 5001 compass, 1001 usbl, 1001 gps\n"
         f"{out.with_name('paper.usbldr.toml')}: noise, start and conventions\n"
     )
@@ -325,29 +301,18 @@ def test_the_command_reports_what_it_wrote(tmp_path: Path) -> None:
 
 
 def test_the_command_lists_the_scenarios_and_answers_an_unknown_name_with_them(tmp_path: Path) -> None:
-    listed = _usbldr("simulate", "--list").stdout.splitlines()
+    listed = output_of("simulate", "--list").splitlines()
     names = [line.split()[0] for line in listed]
     assert {"paper", "lawnmower"} <= set(names)
     assert "section 3.1 of the paper" in listed[names.index("paper")]
 
-    run = _usbldr("simulate", "pool", "-o", str(tmp_path / "x"))
+    fault = run("simulate", "pool", "-o", tmp_path / "x").exception
 
-    assert run.returncode == 2
-    assert run.stderr == (f"usbldr: there is no scenario 'pool' (scenarios: {', '.join(names)}, or a file NAME.toml)\n")
+    assert isinstance(fault, UsageError)
+    assert str(fault) == f"there is no scenario 'pool' (scenarios: {', '.join(names)}, or a file NAME.toml)"
 
 
 def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
-    run = subprocess.Popen([*command, "simulate", "paper", "-o", str(tmp_path / "x.mcap")], stderr=subprocess.PIPE)
-    until = time.monotonic() + 20
-    while not list(tmp_path.glob(".x.mcap.*/x.mcap")):  # it writes
-        assert run.poll() is None
-        assert time.monotonic() < until
-        time.sleep(0.002)
+    interrupt("simulate", "paper", "-o", tmp_path / "x.mcap", once=lambda: list(tmp_path.glob(".x.mcap.*/x.mcap")))
 
-    os.kill(run.pid, signal.SIGINT)
-    _, errors = run.communicate(timeout=20)
-
-    assert run.returncode == 130
-    assert errors.strip() == b"usbldr: interrupted"
     assert list(tmp_path.iterdir()) == []
