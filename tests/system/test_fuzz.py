@@ -8,6 +8,7 @@ import random
 import resource
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -66,6 +67,48 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
 CASES = 40  # of each kind
 
 
+class Target(NamedTuple):
+    """A file to spoil, and what is then asked to read."""
+
+    kind: str
+    file: Path
+    whole: bytes
+    rng: random.Random
+
+    @property
+    def path(self) -> Path:
+        return self.file.parent if self.file.name == "metadata.yaml" else self.file
+
+
+@pytest.fixture(params=WRITERS)
+def target(request: pytest.FixtureRequest, tmp_path: Path) -> Target:
+    file = WRITERS[request.param](tmp_path)
+    return Target(request.param, file, file.read_bytes(), random.Random(request.param))
+
+
+def cut(whole: bytes, rng: random.Random) -> bytes:
+    return whole[: rng.randrange(len(whole))]
+
+
+def bent(whole: bytes, rng: random.Random) -> bytes:
+    """Flip some bits of a file."""
+    flipped = bytearray(whole)
+    for _ in range(rng.choice([1, 1, 1, 5, 50])):
+        flipped[rng.randrange(len(flipped))] ^= 1 << rng.randrange(8)
+    return bytes(flipped)
+
+
+def overwritten(whole: bytes, rng: random.Random) -> bytes:
+    """Put nonsense into a stretch of a file, or take it out."""
+    at, length = rng.randrange(len(whole)), rng.choice([4, 64, 3000])
+    nonsense = rng.choice([rng.randbytes(length), bytes(length), b"\xff" * length, b""])
+    return whole[:at] + nonsense + whole[at + length :]
+
+
+def damaged(whole: bytes, rng: random.Random) -> bytes:
+    return rng.choice([cut, bent, overwritten])(whole, rng)
+
+
 def read_whatever(path: Path) -> Log | None:
     """Read a log; return None where it is refused in one sentence. Anything but that is a failure."""
     sentence, log = f"{path}: ", None
@@ -80,89 +123,48 @@ def read_whatever(path: Path) -> Log | None:
     return log
 
 
-@pytest.mark.parametrize("kind", WRITERS)
-def test_a_file_cut_at_any_byte_is_no_traceback(tmp_path: Path, kind: str) -> None:
-    file = WRITERS[kind](tmp_path)
-    path = file.parent if file.name == "metadata.yaml" else file
-    whole = file.read_bytes()
-    rng = random.Random(kind)
-    ends = [0, 1, 7, 8, 9, 13, len(whole) - 1, len(whole) - 8, *(rng.randrange(len(whole)) for _ in range(CASES))]
+def test_a_file_cut_at_any_byte_is_no_traceback(target: Target) -> None:
+    size = len(target.whole)
+    ends = [0, 1, 7, 8, 9, 13, size - 1, size - 8, *(target.rng.randrange(size) for _ in range(CASES))]
 
     for end in ends:
-        file.write_bytes(whole[:end])
-        log = read_whatever(path)
+        target.file.write_bytes(target.whole[:end])
+        log = read_whatever(target.path)
 
-        if log is not None and kind not in ("csv", "rostopic csv", "nmea", "rosbag2 metadata"):
+        if log is not None and target.kind not in ("csv", "rostopic csv", "nmea", "rosbag2 metadata"):
             said = [finding for finding in log.findings if finding.code in ("TRUNCATED", "DAMAGED", "UNINDEXED")]
             assert said, f"cut at {end}"
             full = all(provenance.used == 120 for provenance in log.provenance.values()) and len(log.tables) == 3
             assert full or any(finding.lost_data for finding in said), f"cut at {end}"
 
 
-@pytest.mark.parametrize("kind", WRITERS)
-def test_any_bit_flipped_is_no_traceback(tmp_path: Path, kind: str) -> None:
-    file = WRITERS[kind](tmp_path)
-    path = file.parent if file.name == "metadata.yaml" else file
-    whole = file.read_bytes()
-    rng = random.Random(kind)
-
+def test_any_bit_flipped_is_no_traceback(target: Target) -> None:
     for case in range(CASES):
-        bent = bytearray(whole)
-        for _ in range(rng.choice([1, 1, 1, 5, 50])):
-            bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
-        file.write_bytes(bent)
-        log = read_whatever(path)
+        target.file.write_bytes(bent(target.whole, target.rng))
+        log = read_whatever(target.path)
 
-        checked = kind in ("mcap zstd", "mcap lz4", "mcap uncompressed", "mcap without summary", "bag bz2")
+        checked = target.kind in ("mcap zstd", "mcap lz4", "mcap uncompressed", "mcap without summary", "bag bz2")
         if log is not None and checked and "dvl" in log.tables:
             forward = log.tables["dvl"]["forward_mps"].to_numpy()
             assert set(forward) <= set(np.arange(120) / 64) | {0.5}, f"case {case}"
 
 
-@pytest.mark.parametrize("kind", WRITERS)
-def test_a_stretch_of_nonsense_is_no_traceback(tmp_path: Path, kind: str) -> None:
-    file = WRITERS[kind](tmp_path)
-    path = file.parent if file.name == "metadata.yaml" else file
-    whole = file.read_bytes()
-    rng = random.Random(kind)
-
+def test_a_stretch_of_nonsense_is_no_traceback(target: Target) -> None:
     for _ in range(CASES // 2):
-        at, length = rng.randrange(len(whole)), rng.choice([4, 64, 3000])
-        nonsense = rng.choice([rng.randbytes(length), bytes(length), b"\xff" * length, b""])
-        file.write_bytes(whole[:at] + nonsense + whole[at + length :])
-        read_whatever(path)
+        target.file.write_bytes(overwritten(target.whole, target.rng))
+        read_whatever(target.path)
 
 
 def test_odd_files_that_others_made_may_be_damaged_too(field_logs: Path, tmp_path: Path) -> None:
-    files = sorted(
-        path for path in (field_logs / "reader_zoo").rglob("*.*") if path.suffix in (".mcap", ".bag", ".db3")
-    )
+    zoo = (field_logs / "reader_zoo").rglob("*.*")
+    files = sorted(path for path in zoo if path.suffix in (".mcap", ".bag", ".db3"))
     rng = random.Random(0)
 
     for file in files:
-        whole = file.read_bytes()
-        for case in range(4):
-            bent = bytearray(whole[: rng.randrange(len(whole))] if case % 2 else whole)
-            for _ in range(rng.choice([1, 20])):
-                bent[rng.randrange(len(bent) or 1)] ^= 1 << rng.randrange(8)
-            damaged = tmp_path / file.name
-            damaged.write_bytes(bent)
-            read_whatever(damaged)
+        for _ in range(4):
+            (tmp_path / file.name).write_bytes(damaged(file.read_bytes(), rng))
+            read_whatever(tmp_path / file.name)
     assert len(files) > 25
-
-
-def damaged(whole: bytes, rng: random.Random) -> bytes:
-    """Cut a file, bend some of its bits, or overwrite a stretch of it."""
-    bent = bytearray(whole)
-    how = rng.choice(["cut", "bits", "stretch"])
-    if how == "cut":
-        return bytes(bent[: rng.randrange(len(whole))])
-    if how == "bits":
-        for _ in range(rng.choice([1, 5, 50])):
-            bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
-        return bytes(bent)
-    at, length = rng.randrange(len(whole)), rng.choice([4, 64, 3000])
-    return whole[:at] + rng.choice([rng.randbytes(length), bytes(length), b"\xff" * length]) + whole[at + length :]
 
 
 def every_command(log: Path, out: Path) -> None:
@@ -177,25 +179,18 @@ def every_command(log: Path, out: Path) -> None:
             assert done.return_value in (None, 0, 1, 3), (command, done.return_value)
 
 
-@pytest.mark.parametrize("kind", WRITERS)
-def test_every_command_bears_a_damaged_file(tmp_path: Path, kind: str) -> None:
-    file = WRITERS[kind](tmp_path)
-    path = file.parent if file.name == "metadata.yaml" else file
-    whole, rng = file.read_bytes(), random.Random(kind)
+def test_every_command_bears_a_damaged_file(target: Target, tmp_path: Path) -> None:
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
     for _ in range(12):
-        file.write_bytes(damaged(whole, rng))
-        every_command(path, tmp_path)
+        target.file.write_bytes(damaged(target.whole, target.rng))
+        every_command(target.path, tmp_path)
 
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 400_000
 
 
-@pytest.mark.parametrize("kind", ["mcap zstd", "bag bz2", "db3", "nmea"])
-def test_pictures_of_a_damaged_file_are_drawn_or_it_is_refused(tmp_path: Path, kind: str) -> None:
-    file = WRITERS[kind](tmp_path)
-    whole, rng = file.read_bytes(), random.Random(kind)
-
+@pytest.mark.parametrize("target", ["mcap zstd", "bag bz2", "db3", "nmea"], indirect=True)
+def test_pictures_of_a_damaged_file_are_drawn_or_it_is_refused(target: Target, tmp_path: Path) -> None:
     for _ in range(4):
-        file.write_bytes(damaged(whole, rng))
-        run("replay", str(file), "--filter", "dr", "--force", "--quiet", "--output", str(tmp_path / "run"))
+        target.file.write_bytes(damaged(target.whole, target.rng))
+        run("replay", target.file, "--filter", "dr", "--force", "--quiet", "--output", tmp_path / "run")

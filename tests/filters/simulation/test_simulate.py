@@ -96,14 +96,6 @@ def test_a_late_stamp_shows_where_the_vehicle_was_earlier_and_a_delay_only_moves
     np.testing.assert_allclose(fixes.received_s - fixes.time_s, 2.5)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not() -> None:
-    first, again, other = simulate(PAPER, 7), simulate(PAPER, 7), simulate(PAPER, 8)
-
-    for sensor in ("dvl", "compass", "usbl"):
-        assert getattr(first, sensor).value.tobytes() == getattr(again, sensor).value.tobytes()
-        assert not np.any(getattr(first, sensor).value == getattr(other, sensor).value)
-
-
 def test_what_one_sensor_draws_does_not_hang_on_the_others() -> None:
     slow = dataclasses.replace(PAPER, dvl=dataclasses.replace(PAPER.dvl, rate_hz=1.5, noise=Gaussian()))
 
