@@ -17,7 +17,7 @@ import pytest
 
 from field.logs import CASES
 from usbldr.filters.evaluation.alignment import fit_rigid
-from usbldr.filters.replay.dead_reckoning import displacement_m
+from usbldr.filters.replay.dead_reckoning import displacement_m, dr
 from usbldr.io.formats.mcap_log import McapLog
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
@@ -160,6 +160,21 @@ def test_dead_reckoning_turned_onto_the_truth_is_theirs(
 
     rms_m = math.sqrt(np.mean(np.sum((fit.points(reckoned_m) - there_m) ** 2, axis=1)))
     check({"rms_m": rms_m, angle: -math.degrees(fit.rotation_rad)}, theirs, **theirs["tolerance"])
+
+
+@pytest.mark.parametrize("name", UIB_TRUTHS)
+def test_dead_reckoning_from_the_first_row_of_the_truth_is_theirs(field_logs: Path, tmp_path: Path, name: str) -> None:
+    theirs = expected(field_logs, name)["reference"]["dead_reckoning_anchored"]
+    mounted = UIB.format(UIB_TRUTHS[name]).replace("[dvl]", f"[dvl]\nmount_deg = {theirs['mount_yaw_deg']}")
+    log = read(field_logs, tmp_path, name, mounted + NO_GPS + NO_USBL)
+    assert log.truth is not None
+    time_s, truth_m = log.truth.time_s, log.truth.position_m
+
+    track = dr(timeline(log), truth_m[0], float(time_s[0]))
+
+    off_m = np.hypot(*(at(time_s, track.time_s, track.position_m) - truth_m).T)
+    ours = {"rms_m": math.sqrt(np.mean(off_m**2)), "max_m": off_m.max(), "end_m": off_m[-1]}
+    check(ours, theirs, **theirs["tolerance"])
 
 
 def test_the_marina_is_read_as_they_read_it(field_logs: Path, tmp_path: Path) -> None:

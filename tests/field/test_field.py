@@ -8,7 +8,6 @@ import json
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -87,15 +86,3 @@ def test_stpere_marina_is_read_as_expected_and_cpf_takes_two_thirds_off_the_raw_
         assert topic["messages"] == expected["topics"][topic["topic"]]["count"]
     assert report["metrics"]["mean_horizontal_m"] <= raw["mean_horizontal_m"] / 3
     assert report["truth"]["kind"] == "gps"
-
-
-def test_mhkit_riverpro_is_read_and_its_report_written(field_logs: Path, tmp_path: Path) -> None:
-    """Its errors are held back to judge the defaults, so nothing here looks at them."""
-    report = replay(field_logs, tmp_path, "mhkit_riverpro", "--filter", "cpf")
-    expected = json.loads((field_logs / "mhkit_riverpro" / "expected.json").read_text())["logs"]["mhkit_riverpro"]
-
-    for sensor in ("dvl", "compass", "usbl", "gps"):
-        topic = report["sensors"][sensor]
-        assert topic["messages"] == expected["topics"][topic["topic"]]["count"]
-    assert (report["folder"] / "report.md").is_file()
-    assert np.isfinite(pd.read_csv(report["folder"] / "track_5hz.csv")["east_m"]).all()

@@ -14,13 +14,6 @@ def field_log(folder: Path, name: str) -> Log:
     return read_log(folder / name / f"{name}.mcap", Request(configuration=str(HERE / f"{name}.toml")))
 
 
-def test_the_doubled_dvl_of_uib_field_becomes_single(field_logs: Path) -> None:
-    log = field_log(field_logs, "uib_field")
-
-    assert len(log.tables["dvl"]) == 2715
-    assert "/dvl: 2707 of 5422 records repeat" in " ".join(finding.text for finding in log.findings)
-
-
 def test_fixes_of_stpere_that_come_out_of_order_are_sorted_and_counted(field_logs: Path) -> None:
     log = field_log(field_logs, "stpere_marina")
 

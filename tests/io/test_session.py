@@ -11,7 +11,6 @@ import usbldr
 from checkout import SAMPLES
 from usbldr_cli.main import cli
 
-LOGS = Path(__file__).resolve().parents[2] / "sample_logs"
 OF_THE_CLOCK = ("filter_time_s", "real_time_factor")
 
 
@@ -30,12 +29,12 @@ def reported(tmp_path: Path, log: Path, *options: str) -> dict[str, float]:
 
 @pytest.mark.parametrize(("name", "method"), [("paper.mcap", "cpf"), ("lawnmower.mcap", "adf")])
 def test_six_lines_give_the_numbers_of_the_command(tmp_path: Path, name: str, method: str) -> None:
-    log = usbldr.open_log(LOGS / name)
+    log = usbldr.open_log(SAMPLES / name)
     timeline = usbldr.timeline(log)
     track = usbldr.replay(log, timeline, method)
     report = usbldr.evaluate(log, timeline, track)
 
-    assert numbers(report.flat()) == reported(tmp_path, LOGS / name, "--filter", method)
+    assert numbers(report.flat()) == reported(tmp_path, SAMPLES / name, "--filter", method)
 
 
 def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
@@ -49,17 +48,17 @@ def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
     )
     options = "--calibrate scale --noise usbl=student-t:4 --aid gps@0:60 --order arrival --start 100 --end 500"
 
-    log = usbldr.open_log(LOGS / "paper.mcap")
+    log = usbldr.open_log(SAMPLES / "paper.mcap")
     timeline = usbldr.timeline(log)
     track = usbldr.replay(log, timeline, "adf", settings)
     report = usbldr.evaluate(log, timeline, track, settings)
 
-    told = reported(tmp_path, LOGS / "paper.mcap", "--filter", "adf", *options.split(), "--align", "first")
+    told = reported(tmp_path, SAMPLES / "paper.mcap", "--filter", "adf", *options.split(), "--align", "first")
     assert numbers(report.flat()) == told
 
 
 def test_dead_reckoning_starts_where_the_settings_say() -> None:
-    log = usbldr.open_log(LOGS / "paper.mcap")
+    log = usbldr.open_log(SAMPLES / "paper.mcap")
     timeline = usbldr.timeline(log)
     assert log.origin is not None
     place = (log.origin.lat_deg, log.origin.lon_deg)
@@ -81,7 +80,7 @@ def test_a_start_that_is_none_is_refused(dr_from: str | tuple[float, float], sai
 
 
 def test_a_log_without_truth_can_be_replayed_but_not_scored() -> None:
-    log = usbldr.open_log(LOGS / "lawnmower.mcap", usbldr.Request(truth="none"))
+    log = usbldr.open_log(SAMPLES / "lawnmower.mcap", usbldr.Request(truth="none"))
     timeline = usbldr.timeline(log)
 
     scored = usbldr.score(log, timeline, "dr")

@@ -9,6 +9,7 @@ import pytest
 from click import Command
 from click.testing import CliRunner
 
+from checkout import SAMPLES
 from commands import output_of
 from paper.bounds import limits
 from usbldr.io.scenarios.shipped import find_scenario
@@ -16,7 +17,7 @@ from usbldr_cli.compare import compare
 from usbldr_cli.main import cli
 from usbldr_cli.replay import replay
 
-SAMPLE = Path(__file__).resolve().parents[2] / "sample_logs" / "paper.mcap"
+SAMPLE = SAMPLES / "paper.mcap"
 
 
 def test_the_bound_is_that_of_the_study(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import commands
+from checkout import SAMPLES
 from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step
 from usbldr.filters.models.states import POSITION
 from usbldr.filters.replay.methods import METHODS, Method
@@ -17,7 +18,7 @@ from usbldr_cli.figures.style import colour
 from usbldr_cli.runs import jobs
 from usbldr_cli.runs.job_store import JobStore
 
-DIVE = str(Path(__file__).resolve().parents[2] / "sample_logs" / "paper.mcap")
+DIVE = str(SAMPLES / "paper.mcap")
 
 
 @dataclass(frozen=True)

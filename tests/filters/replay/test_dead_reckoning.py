@@ -1,21 +1,16 @@
 """Dead reckoning and raw fixes against motions and error laws that are known in closed form."""
 
 import dataclasses
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.simulation.scenario import Leg, Scenario
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
@@ -92,71 +87,6 @@ def test_raw_fixes_of_the_paper_err_by_the_mean_of_equation_23() -> None:
 
     expected = math.sqrt(2 / math.pi) * (0.7 + 0.3 * math.sqrt(10))
     np.testing.assert_allclose(np.mean(errors, axis=(0, 1)), expected, rtol=0.03)
-
-
-def _errors_of_anchored_dr(log: Log) -> NDArray[np.float64]:
-    """Start on the first truth row; the distance at each truth row, (T,)."""
-    truth = log.truth
-    assert truth is not None
-    track = dead_reckoning.dr(timeline(log), truth.position_m[0], float(truth.time_s[0]))
-    there = [np.interp(truth.time_s, track.time_s, axis) for axis in track.position_m.T]
-    return np.hypot(*(np.column_stack(there) - truth.position_m).T)
-
-
-STPERE = """
-[dvl]
-topic = "/dvl/data"
-axes = "FRD"
-mount_deg = 60.0
-[compass]
-topic = "/imu/data"
-convention = "ENU"
-bias_deg = 86.0
-[usbl]
-topic = "none"
-[gps]
-topic = "/dgps/fix"
-"""
-
-UIB = """
-[dvl]
-topic = "/dvl"
-axes = "FLU"
-mount_deg = 135.0
-[compass]
-topic = "/imu_raw"
-convention = "NED"
-[usbl]
-topic = "none"
-[gps]
-topic = "none"
-[truth]
-topic = "/slam/graph_vertices"
-frame = "NED"
-skip_rows = 2
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "toml", "reference"),
-    [
-        ("stpere_marina", STPERE, "dead_reckoning_mti_anchored_nominal"),
-        ("uib_field", UIB, "dead_reckoning_anchored"),
-    ],
-)
-def test_dead_reckoning_of_field_logs_is_the_one_computed_elsewhere(
-    field_logs: Path, tmp_path: Path, name: str, toml: str, reference: str
-) -> None:
-    (tmp_path / "usbldr.toml").write_text(toml)
-    expected = json.loads((field_logs / name / "expected.json").read_text())["reference"][reference]
-
-    log = read_log(field_logs / name / f"{name}.mcap", Request(configuration=str(tmp_path / "usbldr.toml")))
-    errors = _errors_of_anchored_dr(log)
-
-    assert len(errors) == expected["n"]
-    assert math.sqrt(np.mean(errors**2)) == pytest.approx(expected["rms_m"], abs=expected["tolerance"]["rms_m"])
-    assert errors.max() == pytest.approx(expected["max_m"], abs=expected["tolerance"]["max_m"])
-    assert errors[-1] == pytest.approx(expected["end_m"], abs=expected["tolerance"]["end_m"])
 
 
 def test_raw_fixes_keep_their_own_times() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from turning import TURNING
 from usbldr.filters.frames import rotation
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, Leg, Outliers, Scenario, Timing
@@ -15,14 +16,6 @@ from usbldr.filters.simulation.true_motion import leg_motion
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 
 PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
-
-TURNING = dataclasses.replace(
-    PAPER,
-    legs=(Leg(100.0, 0.2, 1.5, 0.05), Leg(50.0, -0.3, 1.0), Leg(200.0, 0.1, 0.8, -0.2)),
-    duration_s=350.0,
-    east_m=12.0,
-    north_m=-7.0,
-)
 
 
 def _without_noise(scenario: Scenario) -> Scenario:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from turning import TURNING
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.simulation.scenario import Leg, RandomWalkMotion
@@ -13,13 +14,6 @@ from usbldr.filters.simulation.true_motion import leg_motion, random_walk_track
 from usbldr.io.scenarios.shipped import find_scenario
 
 PAPER, DRAWN, LAWNMOWER = map(find_scenario, ("paper", "paper-drawn", "lawnmower"))
-TURNING = dataclasses.replace(
-    PAPER,
-    legs=(Leg(100.0, 0.2, 1.5, 0.05), Leg(50.0, -0.3, 1.0), Leg(200.0, 0.1, 0.8, -0.2)),
-    duration_s=350.0,
-    east_m=12.0,
-    north_m=-7.0,
-)
 
 
 def test_the_closed_form_of_turns_equals_a_fine_integration() -> None:

@@ -285,13 +285,6 @@ def test_an_import_that_the_file_lacks_is_named(tmp_path: Path) -> None:
     assert topic.problem.startswith("the definition of its type foxglove.LocationFix is not valid (")
 
 
-def test_the_json_log_of_a_tutorial_has_its_gps(field_logs: Path) -> None:
-    log = read_log(field_logs / "reader_zoo" / "14_tutorial.mcap")
-
-    assert log.provenance["gps"].topic == "location"
-    assert len(log.tables["gps"]) == 51
-
-
 def test_the_fields_of_a_ships_protobuf_log_are_found(field_logs: Path) -> None:
     reader = open_log(field_logs / "reader_zoo" / "11_test.mcap")
     topic = max(reader.topics(), key=lambda topic: topic.count)

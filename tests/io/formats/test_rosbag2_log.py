@@ -146,18 +146,6 @@ def test_a_renamed_file_is_read_in_place_of_the_one_named(tmp_path: Path) -> Non
     assert finding.text == "metadata.yaml names old_0.db3, which is missing; dive_0.db3 is read instead"
 
 
-def test_metadata_that_names_nothing_that_is_there_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "dive").mkdir()
-    folder = named(tmp_path / "dive", "dive_0.db3")
-
-    with pytest.raises(LogError) as fault:
-        open_log(folder)
-
-    assert str(fault.value) == (
-        f"{folder}: metadata.yaml names dive_0.db3, which is missing (the folder holds metadata.yaml)"
-    )
-
-
 def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
     folder = parts(tmp_path / "dive", 0)
     (folder / "metadata.yaml").write_text("{ : [")
@@ -165,28 +153,35 @@ def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
     assert x_of(folder) == list(range(10))
 
 
-def test_several_recordings_in_one_folder_are_an_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("files", "sentence"),
+    [
+        ([], "metadata.yaml names dive_0.db3, which is missing (the folder holds metadata.yaml)"),
+        (
+            ["dive_0.db3", "other_0.db3"],
+            "holds 2 recordings (dive_0.db3, other_0.db3); name one of them, or join them with --with",
+        ),
+        (
+            ["dive_0.db3.zstd"],
+            "dive_0.db3.zstd is compressed with zstd; unpack it first (zstd -d dive_0.db3.zstd)",
+        ),
+    ],
+)
+def test_a_folder_that_is_no_recording_is_named_with_what_to_do(
+    tmp_path: Path, files: list[str], sentence: str
+) -> None:
     folder = parts(tmp_path / "dive", 0)
-    shutil.copy(folder / "dive_0.db3", folder / "other_0.db3")
+    whole = (folder / "dive_0.db3").read_bytes()
+    (folder / "dive_0.db3").unlink()
+    for name in files:
+        (folder / name).write_bytes(whole)
+    if not files:
+        named(folder, "dive_0.db3")
 
     with pytest.raises(LogError) as fault:
         open_log(folder)
 
-    assert str(fault.value) == (
-        f"{folder}: holds 2 recordings (dive_0.db3, other_0.db3); name one of them, or join them with --with"
-    )
-
-
-def test_a_compressed_part_is_named_with_what_to_do(tmp_path: Path) -> None:
-    folder = parts(tmp_path / "dive", 0)
-    (folder / "dive_0.db3").rename(folder / "dive_0.db3.zstd")
-
-    with pytest.raises(LogError) as fault:
-        open_log(folder)
-
-    assert str(fault.value) == (
-        f"{folder}: dive_0.db3.zstd is compressed with zstd; unpack it first (zstd -d dive_0.db3.zstd)"
-    )
+    assert str(fault.value) == f"{folder}: {sentence}"
 
 
 def test_messages_compressed_one_by_one_are_read(tmp_path: Path) -> None:

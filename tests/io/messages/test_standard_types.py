@@ -113,27 +113,22 @@ def test_a_local_position_is_east_and_north_for_whichever_sensor_it_is_named(
     assert role == "usbl" or "gps" not in logged_one(tmp_path, kind, values, "/place").tables
 
 
-NORTH: dict[str, str] = {
-    "standard_geo/msg/GeoPoseStamped": "pose.position",
-    "standard_geo/msg/GeoPointStamped": "geo_point",
-}
-
-
-@pytest.mark.parametrize(("kind", "topic", "role"), [(kind, "/gps/pose", "gps") for kind in NORTH])
-def test_geographic_messages_are_recognised_by_their_names(tmp_path: Path, kind: str, topic: str, role: str) -> None:
-    values = {f"{NORTH[kind]}.latitude": 45.001, f"{NORTH[kind]}.longitude": 7.0}
+@pytest.mark.parametrize(
+    ("kind", "place", "topic", "role"),
+    [
+        ("standard_geo/msg/GeoPoseStamped", "pose.position", "/gps/pose", "gps"),
+        ("standard_geo/msg/GeoPointStamped", "geo_point", "/gps/pose", "gps"),
+        ("standard_geo/msg/GeoPointStamped", "geo_point", "/ranger/positions/AUV", "usbl"),
+    ],
+)
+def test_geographic_messages_are_recognised_by_their_names(
+    tmp_path: Path, kind: str, place: str, topic: str, role: str
+) -> None:
+    values = {f"{place}.latitude": 45.001, f"{place}.longitude": 7.0}
 
     table = logged_one(tmp_path, kind, values, topic, toml=MAP).tables[role]
 
     assert table["north_m"][0] == pytest.approx(0.001 * METRES_A_DEGREE, abs=0.01)
-
-
-def test_an_older_geographic_point_may_be_a_usbl_fix(tmp_path: Path) -> None:
-    values = {"geo_point.latitude": 45.001, "geo_point.longitude": 7.0}
-
-    log = logged_one(tmp_path, "standard_geo/msg/GeoPointStamped", values, "/ranger/positions/AUV", toml=MAP)
-
-    assert log.tables["usbl"]["north_m"][0] == pytest.approx(0.001 * METRES_A_DEGREE, abs=0.01)
 
 
 def seatrac(field: str) -> dict[str, Any]:
