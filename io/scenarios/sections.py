@@ -15,6 +15,9 @@ Part: TypeAlias = Annotated[float, Meta(ge=0, lt=1)]
 Pair: TypeAlias = tuple[float, float]
 Stretch: TypeAlias = tuple[NotNegative, NotNegative]
 
+SPANS = ("silences_s", "water_track_s", "clusters_s", "outlier_mps", "outlier_deg", "outlier_m", "offset_m")
+"""Keys that state [from, to], those in seconds any number of them."""
+
 MAX_RECORDS = 10_000_000  # records of a sensor in a dive: three weeks at 5 Hz
 
 
@@ -66,10 +69,10 @@ class SensorSection(Section, frozen=True, kw_only=True):
     outlier_share: Part = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse records that could overtake each other, and outages that end before they begin."""
+        """Refuse records that could overtake each other, and spans that end before they begin."""
         if self.jitter_s * self.rate_hz > 1:
             raise ValueError(f"jitter_s must not exceed the {1 / self.rate_hz:g} s between two records")
-        forwards(self.silences_s, "silences_s")
+        refuse_backwards(self)
 
 
 class DvlSensor(SensorSection, frozen=True, kw_only=True):
@@ -87,11 +90,6 @@ class DvlSensor(SensorSection, frozen=True, kw_only=True):
     told_sd_mps: Positive | None = None
     told_noise: DvlNoise | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse time spans that end before they begin."""
-        SensorSection.__post_init__(self)
-        forwards((*self.water_track_s, self.outlier_mps), "water_track_s and outlier_mps")
-
 
 class CompassSensor(SensorSection, frozen=True, kw_only=True):
     """The heading sensor."""
@@ -105,11 +103,6 @@ class CompassSensor(SensorSection, frozen=True, kw_only=True):
     outlier_deg: tuple[NotNegative, NotNegative] = (10.0, 90.0)
     told_sd_deg: Positive | None = None
     told_noise: CompassNoise | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a range that ends before it begins."""
-        SensorSection.__post_init__(self)
-        forwards((self.outlier_deg,), "outlier_deg")
 
 
 class HeadPlaceSection(Section, frozen=True, kw_only=True):
@@ -132,7 +125,7 @@ class MultipathSection(Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Refuse clusters that end before they begin."""
-        forwards((*self.clusters_s, self.offset_m), "clusters_s and offset_m")
+        refuse_backwards(self)
 
 
 class AccuracySection(Section, frozen=True, kw_only=True):
@@ -165,11 +158,6 @@ class UsblSensor(SensorSection, frozen=True, kw_only=True):
     told_accuracy: AccuracySection | None = None
     told_noise: UsblNoise | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse a range that ends before it begins."""
-        SensorSection.__post_init__(self)
-        forwards((self.outlier_m,), "outlier_m")
-
 
 class GpsSensor(SensorSection, frozen=True, kw_only=True):
     """The satellite receiver: the truth of the log."""
@@ -181,11 +169,6 @@ class GpsSensor(SensorSection, frozen=True, kw_only=True):
     correlated_sd_m: NotNegative = 0.0
     outlier_m: tuple[NotNegative, NotNegative] = (5.0, 40.0)
     told_sd_m: Positive | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a range that ends before it begins."""
-        SensorSection.__post_init__(self)
-        forwards((self.outlier_m,), "outlier_m")
 
 
 class ScenarioFile(Section, frozen=True, kw_only=True):
@@ -223,8 +206,10 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
                 )
 
 
-def forwards(stretches: tuple[Pair, ...], name: str) -> None:
-    """Refuse a pair that ends before it begins."""
-    for first, last in stretches:
-        if last < first:
-            raise ValueError(f"{name}: [{first:g}, {last:g}] ends before it begins")
+def refuse_backwards(section: Section) -> None:
+    """Refuse a span or range that ends before it begins."""
+    for key in SPANS:
+        stated = getattr(section, key, ())
+        for first, last in stated if key.endswith("_s") else [stated] if stated else ():
+            if last < first:
+                raise ValueError(f"{key}: [{first:g}, {last:g}] ends before it begins")

@@ -3,12 +3,15 @@
 A file may be ``like`` a shipped one: it then states only what differs, key by key of each section.
 """
 
+import dataclasses
 import math
 from pathlib import Path
+from typing import Any, TypeVar
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.noise import Gaussian, NoiseFamily
+from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import ProcessNoise
+from usbldr.filters.models.quantities import SENSOR_UNITS
 from usbldr.filters.simulation.scenario import (
     Accuracy,
     AcousticHead,
@@ -24,19 +27,11 @@ from usbldr.filters.simulation.scenario import (
     Timing,
     Usbl,
 )
-from usbldr.io.scenarios.sections import (
-    AccuracySection,
-    CompassSensor,
-    DvlSensor,
-    GpsSensor,
-    MultipathSection,
-    ScenarioFile,
-    SensorSection,
-    UsblSensor,
-)
+from usbldr.io.scenarios.sections import AccuracySection, ScenarioFile, SensorSection
 from usbldr.io.settings.noise_sections import Section, noise_family_of, start_of, stated_model
 from usbldr.io.settings.validation import checked, read_document
 
+Made = TypeVar("Made")
 FOLDER = Path(__file__).parent
 
 
@@ -59,24 +54,43 @@ def find_scenario(name: str) -> Scenario:
 def read_scenario(file: Path) -> Scenario:
     """Read and check a scenario; raise UsageError with file, key, nearest match and allowed values."""
     stated = checked(_document(file), ScenarioFile, file)
-    vehicle, drawn = stated.vehicle, stated.drawn
+    dvl, compass, usbl, gps, drawn = stated.dvl, stated.compass, stated.usbl, stated.gps, stated.drawn
+    told_compass_sd = compass.told_sd_deg
     return Scenario(
         name=file.stem,
         about=stated.about,
         duration_s=stated.duration_s,
-        legs=tuple(
-            Leg(leg.duration_s, leg.starboard_mps, leg.forward_mps, _yaw(leg.turn_rate_dps)) for leg in stated.leg
+        legs=tuple(_made(Leg, leg, turn_rate_radps=_yaw(leg.turn_rate_dps)) for leg in stated.leg),
+        dvl=_sensor(Dvl, dvl, "dvl", misalignment_rad=_yaw(dvl.mount_deg), lever_m=dvl.lever_arm_m),
+        # the heading reads h + A sin h + B cos h, so the yaw psi = -h reads psi + A sin psi - B cos psi
+        compass=_sensor(
+            Compass,
+            compass,
+            "compass",
+            sd_rad=math.radians(compass.sd_deg),
+            bias_rad=_yaw(compass.bias_deg),
+            deviation_rad=(math.radians(compass.deviation_sin_deg), _yaw(compass.deviation_cos_deg)),
+            told_sd_rad=None if told_compass_sd is None else math.radians(told_compass_sd),
         ),
-        dvl=_dvl(stated.dvl),
-        compass=_compass(stated.compass),
-        usbl=_usbl(stated.usbl),
-        gps=_gps(stated.gps),
-        yaw_rad=_yaw(vehicle.heading_deg),
-        east_m=vehicle.east_m,
-        north_m=vehicle.north_m,
-        depth_m=vehicle.depth_m,
+        usbl=_sensor(
+            Usbl,
+            usbl,
+            "usbl",
+            accuracy=_accuracy(usbl.accuracy),
+            head=_made(AcousticHead, usbl.head),
+            misalignment_rad=_yaw(usbl.mount_deg),
+            lever_m=usbl.lever_arm_m,
+            multipath=usbl.multipath
+            and _made(Multipath, usbl.multipath, least_m=usbl.multipath.offset_m[0], most_m=usbl.multipath.offset_m[1]),
+            told_accuracy=usbl.told_accuracy and _accuracy(usbl.told_accuracy),
+        ),
+        gps=_sensor(Gps, gps, "gps", lever_m=gps.lever_arm_m),
+        yaw_rad=_yaw(stated.vehicle.heading_deg),
+        east_m=stated.vehicle.east_m,
+        north_m=stated.vehicle.north_m,
+        depth_m=stated.vehicle.depth_m,
         current_mps=(stated.current.east_mps, stated.current.north_mps),
-        drawn=drawn and RandomWalkMotion(drawn.step_s, drawn.dvl_scale_sd, math.radians(drawn.dvl_mount_sd_deg)),
+        drawn=drawn and _made(RandomWalkMotion, drawn, dvl_misalignment_sd_rad=math.radians(drawn.dvl_mount_sd_deg)),
         process=stated_model(ProcessNoise(), stated.process),
         start=stated.start and start_of(stated.start),
     )
@@ -102,109 +116,30 @@ def _yaw(clockwise_deg: float) -> float:
     return -math.radians(clockwise_deg)
 
 
-def _noise(stated: Section | None, sensor: str) -> NoiseFamily:
-    return noise_family_of(stated, Gaussian(), sensor)
+def _made(owner: type[Made], stated: Section, **converted: Any) -> Made:
+    """Return a dataclass with the values of the keys that have the names of its fields, and the converted ones."""
+    names = [field.name for field in dataclasses.fields(owner) if hasattr(stated, field.name)]  # pyright: ignore
+    return owner(**{name: getattr(stated, name) for name in names} | converted)
 
 
-def _assumed_noise(stated: Section | None, sensor: str) -> NoiseFamily | None:
-    return None if stated is None else _noise(stated, sensor)
-
-
-def _timing(stated: SensorSection) -> Timing:
-    return Timing(
-        stated.latency_s,
-        stated.delay_s,
-        stated.delay_spread_s,
-        stated.jitter_s,
-        stated.clock_offset_s,
-        stated.dropout_share,
-        stated.silences_s,
-    )
-
-
-def _correlated(sd: float, stated: SensorSection) -> CorrelatedError | None:
-    return CorrelatedError(sd, stated.correlated_time_s) if sd else None
-
-
-def _outliers(between: tuple[float, float], stated: SensorSection) -> Outliers | None:
-    return Outliers(stated.outlier_share, *between) if stated.outlier_share else None
-
-
-def _dvl(stated: DvlSensor) -> Dvl:
-    return Dvl(
-        stated.rate_hz,
-        stated.sd_mps,
-        _noise(stated.noise, "dvl"),
-        scale_error=stated.scale_error,
-        misalignment_rad=_yaw(stated.mount_deg),
-        bias_mps=stated.bias_mps,
-        lever_m=stated.lever_arm_m,
-        water_track_s=stated.water_track_s,
-        correlated=_correlated(stated.correlated_sd_mps, stated),
-        outliers=_outliers(stated.outlier_mps, stated),
-        timing=_timing(stated),
-        told_sd_mps=stated.told_sd_mps,
-        told_noise=_assumed_noise(stated.told_noise, "dvl"),
-    )
-
-
-def _compass(stated: CompassSensor) -> Compass:
-    """The heading reads h + A sin h + B cos h, so the yaw psi = -h reads psi + A sin psi - B cos psi."""
-    told_sd = stated.told_sd_deg
-    return Compass(
-        stated.rate_hz,
-        math.radians(stated.sd_deg),
-        _noise(stated.noise, "compass"),
-        bias_rad=_yaw(stated.bias_deg),
-        deviation_rad=(math.radians(stated.deviation_sin_deg), _yaw(stated.deviation_cos_deg)),
-        correlated=_correlated(math.radians(stated.correlated_sd_deg), stated),
-        outliers=_outliers((math.radians(stated.outlier_deg[0]), math.radians(stated.outlier_deg[1])), stated),
-        timing=_timing(stated),
-        told_sd_rad=None if told_sd is None else math.radians(told_sd),
-        told_noise=_assumed_noise(stated.told_noise, "compass"),
-    )
-
-
-def _usbl(stated: UsblSensor) -> Usbl:
-    return Usbl(
-        stated.rate_hz,
-        _accuracy(stated.accuracy),
-        _noise(stated.noise, "usbl"),
-        head=AcousticHead(stated.head.east_m, stated.head.north_m, stated.head.depth_m),
-        inverted=stated.inverted,
-        scale_error=stated.scale_error,
-        misalignment_rad=_yaw(stated.mount_deg),
-        bias_m=stated.bias_m,
-        lever_m=stated.lever_arm_m,
-        correlated=_correlated(stated.correlated_sd_m, stated),
-        outliers=_outliers(stated.outlier_m, stated),
-        multipath=stated.multipath and _multipath(stated.multipath),
-        timing=_timing(stated),
-        told_accuracy=stated.told_accuracy and _accuracy(stated.told_accuracy),
-        told_noise=_assumed_noise(stated.told_noise, "usbl"),
+def _sensor(owner: type[Made], stated: SensorSection, sensor: str, **converted: Any) -> Made:
+    """Return a sensor with the errors that all of them can have, and its own converted values."""
+    unit = SENSOR_UNITS[sensor]
+    errors = getattr(stated, f"correlated_sd_{unit}"), *getattr(stated, f"outlier_{unit}")
+    sd, least, most = map(math.radians, errors) if unit == "deg" else errors
+    noises = {key: getattr(stated, key) for key in ("noise", "told_noise") if hasattr(stated, key)}
+    families = {key: noise and noise_family_of(noise, Gaussian(), sensor) for key, noise in noises.items()}
+    return _made(
+        owner,
+        stated,
+        correlated=CorrelatedError(sd, stated.correlated_time_s) if sd else None,
+        outliers=Outliers(stated.outlier_share, least, most) if stated.outlier_share else None,
+        timing=_made(Timing, stated),
+        **families | {"noise": families["noise"] or Gaussian()},
+        **converted,
     )
 
 
 def _accuracy(stated: AccuracySection) -> Accuracy:
     bearing = stated.bearing_sd_deg
-    return Accuracy(stated.sd_m, stated.sd_rel, None if bearing is None else math.radians(bearing))
-
-
-def _multipath(stated: MultipathSection) -> Multipath:
-    return Multipath(
-        *stated.offset_m, stated.scatter_m, stated.share, stated.clusters_s, stated.every_s, stated.lasts_s
-    )
-
-
-def _gps(stated: GpsSensor) -> Gps:
-    return Gps(
-        stated.rate_hz,
-        stated.sd_m,
-        _noise(stated.noise, "gps"),
-        lever_m=stated.lever_arm_m,
-        bias_m=stated.bias_m,
-        correlated=_correlated(stated.correlated_sd_m, stated),
-        outliers=_outliers(stated.outlier_m, stated),
-        timing=_timing(stated),
-        told_sd_m=stated.told_sd_m,
-    )
+    return _made(Accuracy, stated, bearing_sd_rad=None if bearing is None else math.radians(bearing))
