@@ -7,9 +7,7 @@ from pathlib import Path
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.truth import find_truth_file
-from usbldr.io.opening import Request
-from usbldr.io.settings.configuration import find_configuration, read_configuration
-from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.opening import ConfigurationFile, Request, configuration_of
 
 
 def input_files(log: Path, request: Request) -> tuple[Path, ...]:
@@ -17,13 +15,12 @@ def input_files(log: Path, request: Request) -> tuple[Path, ...]:
 
     A configuration that cannot be read names no files: reading the log reports the error.
     """
-    found, configuration = [log, *map(Path, request.joined)], Configuration()
+    configuration = ConfigurationFile()
     with suppress(UsageError):
-        file = find_configuration(log, request.configuration)
-        found += [file] if file else []
-        configuration = read_configuration(file) if file else configuration
-    found += [log.resolve().parent / stated.path for stated in configuration.file]
-    truth = configuration.truth.file if request.truth is None else request.truth
+        configuration = configuration_of(log, request)
+    found = [log, *map(Path, request.joined), *([configuration.file] if configuration.file else [])]
+    found += [log.resolve().parent / stated.path for stated in configuration.settings.file]
+    truth = configuration.settings.truth.file if request.truth is None else request.truth
     truth_file = find_truth_file(truth, log, from_option=request.truth is not None) if truth else None
     return (*found, *([truth_file] if truth_file else []))
 

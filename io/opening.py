@@ -2,26 +2,37 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
 from usbldr.io.formats.detect import open_log
 from usbldr.io.formats.joined import JoinedLog, LogPart
 from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.reader import Reader
-from usbldr.io.settings.configuration import find_configuration, read_configuration
+from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.settings.validation import read_document
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigurationFile:
+    """A configuration that has been read; without a file, all defaults."""
+
+    file: Path | None = None
+    settings: Configuration = Configuration()
+    content: Mapping[str, object] | None = None  # as the file states it
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
     """The options of the user; they override the configuration."""
 
-    configuration: str | None = None  # a file, or "none": ignore usbldr.toml
+    configuration: str | ConfigurationFile | None = None  # a file, one that was read, or "none": ignore usbldr.toml
     topics: Mapping[str, str] = field(default_factory=dict[str, str])  # role -> topic or "none"
     truth: str | None = None  # a file, a topic or "none"
     joined: tuple[str, ...] = ()  # further files of the same dive
@@ -41,6 +52,24 @@ class OpenedLog:
     file: Path | None  # of the configuration
 
 
+def configuration_of(log: Path, request: Request) -> ConfigurationFile:
+    """Return the configuration of a log, read now unless the request has it; raise UsageError if it is invalid."""
+    if isinstance(request.configuration, ConfigurationFile):
+        return request.configuration
+    file = find_configuration(log, request.configuration)
+    if file is None:
+        return ConfigurationFile()
+    content = read_document(file)
+    return ConfigurationFile(file, parse_configuration(content, file), content)
+
+
+def with_configuration(log: Path, request: Request) -> Request:
+    """Return the request with the configuration read, so that it is parsed once; opening the log reports its errors."""
+    with suppress(UsageError):
+        return replace(request, configuration=configuration_of(log, request))
+    return request
+
+
 def open_configured(path: Path, request: Request) -> OpenedLog:
     """Open a log with the files that belong to it.
 
@@ -49,10 +78,10 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     """
     if not path.exists():
         raise LogError("no such file or folder", path=path)
-    file = find_configuration(path, request.configuration)
-    configuration = read_configuration(file) if file else Configuration()
+    stated = configuration_of(path, request)
+    configuration = stated.settings
     folder = path.resolve().parent
-    offsets = {(folder / stated.path).resolve(): round(stated.clock_offset_s * 1e9) for stated in configuration.file}
+    offsets = {(folder / f.path).resolve(): round(f.clock_offset_s * 1e9) for f in configuration.file}
     paths = {path.resolve(): path} | {(folder / f.path).resolve(): folder / f.path for f in configuration.file}
     paths |= {Path(name).resolve(): Path(name) for name in request.joined}
     parts = [LogPart(_opened(paths[real], configuration, request), offsets.get(real, 0)) for real in paths]
@@ -61,7 +90,7 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     if others or first.offset_ns:
         formats = dict.fromkeys(part.reader.format for part in parts)
         reader = JoinedLog(path, " + ".join(formats), tuple(parts))
-    return OpenedLog(reader, tuple(paths.values()), configuration, file)
+    return OpenedLog(reader, tuple(paths.values()), configuration, stated.file)
 
 
 def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:

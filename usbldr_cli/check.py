@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError, LogError, UsageError
-from usbldr_cli.options.log_options import inputs, selection_options
+from usbldr_cli.options.log_options import inputs, read_request, selection_options
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
@@ -84,7 +84,7 @@ def _refuse(
     if file.resolve() == baseline.file.resolve():
         raise UsageError(f"{file} is the baseline: choose another file for {option}")
     for unit in {unit.log: unit for cell in units.values() for unit in cell}.values():
-        refuse_file(option, file, force, inputs(unit.log, **unit.selection))
+        refuse_file(option, file, force, inputs(unit.log, read_request(**unit.selection)))
     refuse_file(option, file, force, ())
 
 

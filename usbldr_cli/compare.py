@@ -11,7 +11,7 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.log_options import inputs, open_log, selection_options
+from usbldr_cli.options.log_options import inputs, read_request, selection_options
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
@@ -59,7 +59,7 @@ def compare(
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
     """
-    from usbldr.io.session import is_simulated, require_scenario
+    from usbldr.io.session import is_simulated, open_log, require_scenario
     from usbldr_cli.runs.compare_directory import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
 
@@ -78,7 +78,7 @@ def compare(
             if bound:
                 require_scenario(log)
             if is_simulated(log):
-                open_log(log, **selection)  # reports a misspelt name before hours of work
+                open_log(log, read_request(**selection))  # reports a misspelt name before hours of work
         if output is not None:
             prepare(output, request, force)
         store = None if output is None else output / UNITS
@@ -98,7 +98,7 @@ def _refuse_inputs(
     from usbldr.io.inputs import output_conflict
 
     for log in logs:
-        read = inputs(log, **selection)
+        read = inputs(log, read_request(**selection))
         if output is not None and (what := output_conflict(output, read, inside=False)):
             raise UsageError(f"{output} {what}: choose another --output")
         if json_to not in (None, "-"):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError
-from usbldr_cli.options.log_options import log_options, open_log, read_request
+from usbldr_cli.options.log_options import log_options, read_request
 
 if TYPE_CHECKING:
     from usbldr.io.doctor.doctor import Examination
@@ -26,12 +26,10 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
     $ usbldr doctor dive.mcap
     """
     from usbldr.io.doctor.doctor import examine, examine_log
-    from usbldr.io.session import is_simulated
+    from usbldr.io.session import is_simulated, open_log
 
-    if is_simulated(log):
-        found = examine_log(open_log(log, **selection))
-    else:
-        found = examine(Path(log), read_request(**selection))
+    request = read_request(**selection)
+    found = examine_log(open_log(log, request)) if is_simulated(log) else examine(Path(log), request)
     click.echo(json.dumps(_described(found), indent=1, allow_nan=False) if as_json else _text(found))
     return 0 if found.healthy else CheckError.exit_code
 

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options.log_options import format_option, inputs, log_options, open_log
+from usbldr_cli.options.log_options import format_option, log_options, request_and_inputs
 from usbldr_cli.options.run_options import seconds_of_log
 
 
@@ -31,15 +31,17 @@ def export(
     """
     if output is None:
         raise UsageError("name the output with -o NAME.mcap, NAME.bag, NAME_db3, or -o FOLDER for CSV files")
+    from usbldr.io.session import open_log
     from usbldr.io.writers.export import cut_log, export
     from usbldr.io.writers.write_log import log_format_of
 
     log_format_of(output, form)
-    log = open_log(**selection)
+    request, read = request_and_inputs(**selection)
+    log = open_log(selection["log"], request)
     lost = [finding for finding in log.findings if finding.lost_data]
     from_s = -math.inf if start is None else seconds_of_log("--start", start, log.start_ns)
     to_s = math.inf if end is None else seconds_of_log("--end", end, log.start_ns)
-    written, configuration = export(cut_log(log, from_s, to_s), output, force, form, inputs(**selection))
+    written, configuration = export(cut_log(log, from_s, to_s), output, force, form, read)
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in written.tables.items())
     click.echo(f"{output}: records: {counts}")
     click.echo(f"{configuration}: noise, start and conventions")

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError
-from usbldr_cli.options.log_options import open_log, read_request, selection_options
+from usbldr_cli.options.log_options import read_request, selection_options
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
+    from usbldr.io.opening import Request
     from usbldr.io.reader import TopicInfo
     from usbldr.io.survey import Survey
 
@@ -31,7 +32,7 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: An
     \b
     $ usbldr info dive.mcap
     """
-    found = [_survey(log, selection) for log in logs]
+    found = [_survey(log, read_request(**selection)) for log in logs]
     if as_json:
         click.echo(json.dumps({"logs": [_described(one) for one in found]}, indent=1, allow_nan=False))
     else:
@@ -39,13 +40,11 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: An
     return 0 if all(one.complete for one in found) else LogError.exit_code
 
 
-def _survey(log: str, selection: dict[str, Any]) -> "Survey":
-    from usbldr.io.session import is_simulated
+def _survey(log: str, request: "Request") -> "Survey":
+    from usbldr.io.session import is_simulated, open_log
     from usbldr.io.survey import survey, survey_of
 
-    if is_simulated(log):
-        return survey_of(open_log(log, **selection))
-    return survey(Path(log), read_request(**selection))
+    return survey_of(open_log(log, request)) if is_simulated(log) else survey(Path(log), request)
 
 
 def _text(found: "Survey", all_topics: bool) -> str:

@@ -34,8 +34,9 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
         raise UsageError("init writes a configuration from the log alone; it takes no --config")
     target = Path(output) if output else own_configuration(path, path.is_dir())
     selection["config"] = "none"
-    refuse_file("--output", target, force, inputs(log, **selection))
-    found = examine(path, read_request(**selection))
+    request = read_request(**selection)
+    refuse_file("--output", target, force, inputs(log, request))
+    found = examine(path, request)
     text = initial_configuration(found, selection["joined"])
     write_file("--output", target, text)
     checks = text.count("# CHECK")

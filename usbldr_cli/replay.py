@@ -13,7 +13,7 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.log_options import inputs, log_options, open_log
+from usbldr_cli.options.log_options import log_options, request_and_inputs
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from usbldr.filters.replay.methods import Method
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
+    from usbldr.io.opening import Request
     from usbldr.io.reports.report_json import Run, ScoredTrack
     from usbldr.io.session import RunSettings
 
@@ -79,17 +80,17 @@ def replay(
     from usbldr.io.inputs import output_conflict
     from usbldr.io.read import require
     from usbldr.io.reports.run_directory import run_directory
-    from usbldr.io.session import not_a_filter, require_scenario, resolve
+    from usbldr.io.session import not_a_filter, open_log, require_scenario, resolve
     from usbldr.io.timeline import timeline
 
     chosen = method_named(method)
-    read = inputs(**selection)
+    request, read = request_and_inputs(**selection)
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file is not None and (option, file) != ("--json", "-"):
             refuse_file(option, Path(file), force, read, output)
     if bound:
         require_scenario(selection["log"])
-    log = open_log(seed=choices.seed, **selection)
+    log = open_log(selection["log"], request, choices.seed)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:
         click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
@@ -114,7 +115,7 @@ def replay(
     if what := output_conflict(target, read, inside=False):
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
-        run = _run(method, log, dive_timeline, found, choices, settings)
+        run = _run(method, log, dive_timeline, found, choices, settings, request)
         if bound:
             run = _with_bound(selection["log"], run)
         if leave_one_out is not None:
@@ -157,15 +158,16 @@ def _run(
     found: "Identification",
     choices: RunChoices,
     settings: "RunSettings",
+    request: "Request",
 ) -> "Run":
     """Compute and score the track and the reference tracks."""
+    from usbldr.io.opening import ConfigurationFile
     from usbldr.io.reports.report_json import Run
     from usbldr.io.session import reference_tracks
-    from usbldr.io.settings.validation import read_document
 
     references = reference_tracks(log, dive_timeline, method, settings, found)
     scored = _score(method, log, dive_timeline, found, settings)
-    content = None if log.configuration is None else read_document(log.configuration)
+    content = request.configuration.content if isinstance(request.configuration, ConfigurationFile) else None
     return Run(log, dive_timeline, found, scored, references, choices.order, choices.seed, asdict(choices), content)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from usbldr.filters.errors import UsageError
-from usbldr_cli.options.log_options import format_option, inputs
+from usbldr_cli.options.log_options import format_option, inputs, read_request
 
 
 @click.command()
@@ -47,7 +47,7 @@ def simulate(
     from usbldr.io.writers.write_log import configuration_place, log_format_of
 
     for file in (output, configuration_place(output, log_format_of(output, form))):
-        refuse_inputs(file, inputs(scenario))
+        refuse_inputs(file, inputs(scenario, read_request()))
     log, configuration = write_scenario(chosen, seed, output, force, form)
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in log.tables.items())
     click.echo(f"{output}: scenario {chosen.name}, seed {seed}, {chosen.duration_s:g} s, records: {counts}")

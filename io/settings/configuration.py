@@ -10,7 +10,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.parameters import Parameters
 from usbldr.io.settings.noise_sections import calibrated_keys, noise_family_of, start_of, stated_model
 from usbldr.io.settings.sensor_sections import Configuration
-from usbldr.io.settings.validation import checked, read_document
+from usbldr.io.settings.validation import checked
 
 
 def find_configuration(log: Path, named: str | None) -> Path | None:
@@ -38,13 +38,8 @@ def own_configuration(log: Path, folder: bool) -> Path:
     return configuration_places(log, folder)[0]
 
 
-def read_configuration(file: Path) -> Configuration:
-    """Read and check a configuration; raise UsageError with file, key, nearest match and allowed values."""
-    return parse_configuration(read_document(file), file)
-
-
 def parse_configuration(document: dict[str, object], file: Path) -> Configuration:
-    """Return a parsed TOML document as a Configuration."""
+    """Return a TOML document as checked settings; raise UsageError with file, key, nearest match and allowed values."""
     return checked(document, Configuration, file)
 
 

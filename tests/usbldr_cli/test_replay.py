@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -140,3 +141,14 @@ def test_a_quiet_run_still_warns(tmp_path: Path) -> None:
     assert any("is far over-confident" in text for text in warnings)
     assert all(f"usbldr: {text}\n" in done.stderr for text in warnings)
     assert done.stdout.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["replay", "export"])
+def test_the_configuration_is_parsed_once(dive: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    parse, texts = tomllib.loads, list[str]()
+    monkeypatch.setattr(tomllib, "loads", lambda text: texts.append(text) or parse(text))
+
+    done = run(command, dive, "-o", dive.parent / "out", *(["-f", "dr"] if command == "replay" else []))
+
+    assert done.exit_code == 0
+    assert texts == [(dive.parent / "paper.usbldr.toml").read_text(encoding="utf-8")]

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from usbldr.io.log import Log
     from usbldr.io.opening import Request
 
 ROLE_HELP = {
@@ -40,7 +39,7 @@ def format_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the argument LOG and the options that say how to read it; `open_log` takes them all."""
+    """Add the argument LOG and the options that say how to read it."""
     return click.argument("log", metavar="LOG")(selection_options(command))
 
 
@@ -51,7 +50,7 @@ def read_request(
     msg_path: tuple[str, ...] = (),
     **topics: str | None,
 ) -> "Request":
-    """Return the selection options as a request."""
+    """Return the values of selection_options as a request."""
     from usbldr.io.opening import Request
 
     return Request(
@@ -59,18 +58,21 @@ def read_request(
     )
 
 
-def open_log(log: str, seed: int = 0, **selection: Any) -> "Log":
-    """Read LOG, a file or folder or else a scenario; ``selection`` are the values of selection_options."""
-    from usbldr.io import session
-
-    return session.open_log(log, read_request(**selection), seed)
-
-
-def inputs(log: str, **selection: Any) -> tuple[Path, ...]:
-    """Return the files that open_log reads, LOG first: none may be overwritten. A shipped scenario has none."""
+def inputs(log: str, request: "Request") -> tuple[Path, ...]:
+    """Return the files that are read, LOG first: none may be overwritten. A shipped scenario has none."""
     from usbldr.io.inputs import input_files
     from usbldr.io.session import is_simulated
 
     if not is_simulated(log):
-        return input_files(Path(log), read_request(**selection))
+        return input_files(Path(log), request)
     return (Path(log),) if Path(log).exists() else ()
+
+
+def request_and_inputs(log: str, **selection: Any) -> tuple["Request", tuple[Path, ...]]:
+    """Return the request, its configuration read if LOG has one, and the files that are read."""
+    from usbldr.io.opening import with_configuration
+    from usbldr.io.session import is_simulated
+
+    asked = read_request(**selection)
+    request = asked if is_simulated(log) else with_configuration(Path(log), asked)
+    return request, inputs(log, request)

@@ -176,10 +176,11 @@ class _Source(NamedTuple):
 @functools.lru_cache(maxsize=2)
 def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: float, slow_hz: float) -> _Source:
     """Read a log and its timeline; successive jobs on the same log share them."""
+    from usbldr.io.session import open_log
     from usbldr.io.timeline import timeline
-    from usbldr_cli.options.log_options import open_log
+    from usbldr_cli.options.log_options import read_request
 
-    found = open_log(log, seed, **dict(selection))
+    found = open_log(log, read_request(**dict(selection)), seed)
     dive_timeline = timeline(found, fast_hz, slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))
 

@@ -14,8 +14,9 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.io.axes import axis_signs
-from usbldr.io.settings.configuration import find_configuration, parameters, parse_configuration, read_configuration
+from usbldr.io.settings.configuration import find_configuration, parameters, parse_configuration
 from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.settings.validation import read_document
 
 FIELD = sorted(FIELD_CONFIGURATIONS.glob("*.toml"))
 
@@ -66,7 +67,7 @@ def test_a_key_that_would_not_act_is_refused_by_name(tmp_path: Path, text: str, 
     file = written(tmp_path, text)
 
     with pytest.raises(UsageError) as fault:
-        read_configuration(file)
+        parse_configuration(read_document(file), file)
 
     assert str(fault.value) == f"{file}: {sentence}"
 
@@ -75,18 +76,18 @@ def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
     file = written(tmp_path, "[dvl\n")
 
     with pytest.raises(UsageError, match="is not valid TOML"):
-        read_configuration(file)
+        parse_configuration(read_document(file), file)
 
 
 @pytest.mark.parametrize("file", FIELD, ids=lambda file: file.stem)
 def test_the_field_configurations_are_accepted(file: Path) -> None:
-    assert read_configuration(file).truth.max_gap_s in (5.0, 30.0)
+    assert parse_configuration(read_document(file), file).truth.max_gap_s in (5.0, 30.0)
 
 
 def test_the_field_configuration_of_uib_has_the_nominal_mount() -> None:
     (file,) = (file for file in FIELD if file.stem == "uib_field")
 
-    assert read_configuration(file).dvl.mount_deg == 135.0
+    assert parse_configuration(read_document(file), file).dvl.mount_deg == 135.0
 
 
 def test_letters_name_the_directions_of_x_y_and_z() -> None:
@@ -131,9 +132,10 @@ def test_an_absent_configuration_is_a_usage_error(tmp_path: Path) -> None:
 
 def test_without_keys_a_run_has_the_default_assumptions(tmp_path: Path) -> None:
     """And the sensor errors that are observable in the log are estimated."""
-    assert parameters(read_configuration(written(tmp_path, ""))) == Parameters(calibrate=("auto",))
+    empty = written(tmp_path, "")
+    assert parameters(parse_configuration(read_document(empty), empty)) == Parameters(calibrate=("auto",))
     none = written(tmp_path, "[calibrate]\nstates = []")
-    assert parameters(read_configuration(none)) == Parameters()
+    assert parameters(parse_configuration(read_document(none), none)) == Parameters()
 
 
 def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
@@ -174,7 +176,7 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
         """,
     )
 
-    assert parameters(read_configuration(file)) == replace(
+    assert parameters(parse_configuration(read_document(file), file)) == replace(
         Parameters(),
         process=ProcessNoise(0.1, math.pi / 100, 0.2, math.pi / 50, 0.4),
         calibrate=("scale", "latency"),
@@ -195,7 +197,7 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
 def test_usbl_noise_can_be_made_gaussian(tmp_path: Path) -> None:
     file = written(tmp_path, '[usbl]\nnoise = { kind = "gaussian", per = "record" }')
 
-    assert parameters(read_configuration(file)).usbl == Gaussian(per_scalar=False)
+    assert parameters(parse_configuration(read_document(file), file)).usbl == Gaussian(per_scalar=False)
 
 
 DOCUMENT = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")

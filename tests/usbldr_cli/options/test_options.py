@@ -1,6 +1,7 @@
 """LOG on the command line: a file, a folder or the name of a scenario."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -9,7 +10,8 @@ from click.testing import CliRunner
 from recordings import short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
-from usbldr_cli.options.log_options import log_options, open_log
+from usbldr.io.session import open_log
+from usbldr_cli.options.log_options import log_options, read_request
 
 
 def opened(*arguments: str) -> Log:
@@ -17,8 +19,8 @@ def opened(*arguments: str) -> Log:
 
     @click.command()
     @log_options
-    def command(**where: str) -> Log:
-        return open_log(seed=7, **where)
+    def command(log: str, **where: Any) -> Log:
+        return open_log(log, read_request(**where), seed=7)
 
     done = CliRunner().invoke(command, arguments, standalone_mode=False, catch_exceptions=False)
     return done.return_value

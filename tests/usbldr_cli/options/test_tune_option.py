@@ -15,7 +15,8 @@ from usbldr.filters.models.parameters import Parameters
 from usbldr.io.reports.tuned_config import tuned_toml
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.settings.configuration import parameters, parse_configuration, read_configuration
+from usbldr.io.settings.configuration import parameters, parse_configuration
+from usbldr.io.settings.validation import read_document
 from usbldr.io.writers.export import export
 
 SAMPLE = SAMPLES / "lawnmower.mcap"
@@ -78,7 +79,7 @@ def test_the_scales_of_a_configuration_come_back_from_an_export(tmp_path: Path) 
     log = simulated_log(replace(find_scenario("paper"), duration_s=10.0), 0)
     scaled = replace(log, parameters=replace(log.parameters, dvl_sd_scale=2.5, usbl_sd_scale=0.5))
     _, configuration = export(scaled, tmp_path / "scaled")
-    read = parameters(read_configuration(configuration))
+    read = parameters(parse_configuration(read_document(configuration), configuration))
 
     assert (read.dvl_sd_scale, read.usbl_sd_scale) == (2.5, 0.5)
 
