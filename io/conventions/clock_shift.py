@@ -31,11 +31,9 @@ def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tupl
             shifted[role] = raw
             continue
         shifted[role] = replace(raw, stamp_ns=np.where(raw.stamp_ns == 0, 0, raw.stamp_ns + shift))
-        text = (
-            f"{raw.topic.name}: stamps come from another clock than the log's and other sensors'; "
-            f"shifted by {shift / 1e9:.3f} s, the smallest delay from stamp to log"
-        )
-        findings.append(Finding("CLOCK-SHIFTED", text, raw.topic.name))
+        text = f"shifted by {shift / 1e9:.3f} s, the smallest delay from stamp to log"
+        text = f"stamps come from another clock than the log's and other sensors'; {text}"
+        findings.append(raw.finding("CLOCK-SHIFTED", text))
     return shifted, findings
 
 

@@ -91,8 +91,8 @@ def _clockwise(
     else:
         chosen = [Convention("convention", convention, "records" if convention == PER_RECORD else chosen_by)]
     if section.unit is not None and "angle" not in raw.values:
-        text = f"{raw.topic.name}: unit of the configuration is not used; its records are not plain angles"
-        findings = [*findings, Finding("KEY-UNUSED", text, raw.topic.name)]
+        text = "unit of the configuration is not used; its records are not plain angles"
+        findings = [*findings, raw.finding("KEY-UNUSED", text)]
     if "field_x" in raw.values:
         return _magnetometer(raw, convention, chosen, findings)
     if "angle" not in raw.values:
@@ -108,8 +108,8 @@ def _clockwise(
     from_east = raw.number("sense_code") != CLOCKWISE if convention == PER_RECORD else convention == "ENU"
     angle = np.where(in_degrees, angle, np.degrees(angle))
     if unit_by == "default" and largest < 6.3:
-        text = f"{raw.topic.name}: no value is above 6.3; if they are radians, {keys.radians}"
-        findings = [*findings, Finding("HEADING-UNIT", text, raw.topic.name)]
+        text = f"no value is above 6.3; if they are radians, {keys.radians}"
+        findings = [*findings, raw.finding("HEADING-UNIT", text)]
     causes = {
         "not a number": ~np.isfinite(angle),
         "from the north of a UTM grid": raw.number("north_code") == UTM_GRID,
@@ -137,10 +137,10 @@ def _magnetometer(
     """Return the heading of a level magnetometer: x forward, y to port (ENU) or to starboard (NED)."""
     forward, y = raw.number("field_x"), raw.number("field_y")
     port = y if convention == "ENU" else -y
-    text = f"{raw.topic.name}: headings of a magnetometer, neither levelled nor calibrated against the vehicle's iron"
+    text = "headings of a magnetometer, neither levelled nor calibrated against the vehicle's iron"
     causes = {"not a number": ~np.isfinite(forward + port), "no horizontal field": (forward == 0) & (port == 0)}
-    findings = [*findings, Finding("HEADING-MAGNETOMETER", text, raw.topic.name)]
-    return np.degrees(np.arctan2(port, forward)), causes, chosen, findings
+    found = [*findings, raw.finding("HEADING-MAGNETOMETER", text)]
+    return np.degrees(np.arctan2(port, forward)), causes, chosen, found
 
 
 def _magnetic(raw: RawRecords) -> Mask | None:
@@ -161,17 +161,15 @@ def _declination(
     if magnetic is not None and not magnetic.any():
         if not stated_deg:
             return zero, [Convention("north", "true", "records")], []
-        key = keys.declination.split()[0]
-        text = f"{raw.topic.name}: {key} of the configuration is not used; its records count from true north"
-        return zero, [Convention("north", "true", "records")], [Finding("KEY-UNUSED", text, raw.topic.name)]
+        text = "of the configuration is not used; its records count from true north"
+        unused = raw.finding("KEY-UNUSED", f"{keys.declination.split()[0]} {text}")
+        return zero, [Convention("north", "true", "records")], [unused]
     if stated_deg is None and magnetic is None:
         if not MAGNETIC_NAME.search(raw.topic.name.lower()):
             return zero, [], []
-        text = (
-            f"{raw.topic.name}: read as true headings, but the topic's name suggests magnetic; state "
-            f'{keys.declination}: "auto" or a number, 0 if they are true'
-        )
-        return zero, [], [Finding("HEADING-MAGNETIC", text, raw.topic.name)]
+        text = f'state {keys.declination}: "auto" or a number, 0 if they are true'
+        text = f"read as true headings, but the topic's name suggests magnetic; {text}"
+        return zero, [], [raw.finding("HEADING-MAGNETIC", text)]
     if isinstance(stated_deg, float):
         value, chosen_by, model_text = stated_deg, "configuration", ""
     elif place is not None:
@@ -187,12 +185,9 @@ def _declination(
             "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
         )
     else:
-        text = (
-            f"{raw.topic.name}: headings are magnetic and are not corrected, because no position is known; "
-            f"state {keys.declination}, or origin_lat_deg and origin_lon_deg under [map]"
-        )
-        finding = Finding("HEADING-MAGNETIC", text, raw.topic.name)
-        return zero, [Convention("north", "magnetic", "records")], [finding]
+        text = f"state {keys.declination}, or origin_lat_deg and origin_lon_deg under [map]"
+        text = f"headings are magnetic and are not corrected, because no position is known; {text}"
+        return zero, [Convention("north", "magnetic", "records")], [raw.finding("HEADING-MAGNETIC", text)]
     partly = [] if magnetic is None or magnetic.all() else [f"to {np.sum(magnetic)} magnetic records"]
     note = ", ".join([model_text, *partly] if model_text else partly)
     chosen = [Convention("declination_deg", value, chosen_by, "deg", note)] if value else []
@@ -226,5 +221,5 @@ def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, Conventio
 def _constant(raw: RawRecords, heading: Vector) -> list[Finding]:
     if len(heading) < MIN_CONSTANT_RECORDS or np.any(heading != heading[0]):
         return []
-    text = f"{raw.topic.name}: all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; check the sensor"
-    return [Finding("HEADING-CONSTANT", text, raw.topic.name)]
+    text = f"all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; check the sensor"
+    return [raw.finding("HEADING-CONSTANT", text)]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, SettingError
+from usbldr.filters.errors import SettingError
 from usbldr.filters.frames import rotated
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
@@ -56,9 +56,9 @@ def chosen_convention(
         fixed = raw.layout.fixed[key]
         if value in (None, fixed):
             return fixed, "column names", []
-        text = f'{raw.topic.name}: {key} = "{value}" of the configuration is not used; its columns are {fixed}'
+        text = f'{key} = "{value}" of the configuration is not used; its columns are {fixed}'
         text += f"; name them by columns to read them otherwise ({ANY_COLUMNS})"
-        return fixed, "column names", [Finding("KEY-UNUSED", text, raw.topic.name)]
+        return fixed, "column names", [raw.finding("KEY-UNUSED", text)]
     if value is not None:
         return value, "configuration", []
     if key in raw.layout.defaults:
@@ -95,13 +95,9 @@ def valid_mask(
         return good, []
     parts = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
     if bad == len(good):
-        raise LogError(
-            f"all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}",
-            path=raw.log,
-            topic=raw.topic.name,
-        )
-    text = f"{raw.topic.name}: {bad} of {len(good)} records are invalid and {treatment} ({parts})"
-    return good, [Finding(f"{sensor.upper()}-INVALID", text, raw.topic.name)]
+        raise raw.fault(f"all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}")
+    text = f"{bad} of {len(good)} records are invalid and {treatment} ({parts})"
+    return good, [raw.finding(f"{sensor.upper()}-INVALID", text)]
 
 
 def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
@@ -137,11 +133,9 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
     if unit_by == "default" and in_millimetres(raw, causes):
         fast = int(np.sum(causes[TOO_FAST]))
-        raise LogError(
+        raise raw.fault(
             f"{fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
-            'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not',
-            path=raw.log,
-            topic=raw.topic.name,
+            'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not'
         )
     sd, sd_chosen = _dvl_sd(raw, section, to_mps)
     columns: dict[str, Vector | Mask] = {
@@ -187,7 +181,7 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         surface_by = "default" if section.surface_pa is None else "configuration"
         chosen.append(Convention("surface_pa", surface, surface_by, "Pa"))
         if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
-            return Finding("DEPTH-UNIT", f"{raw.topic.name}: not used as depth: {fault} under [depth]", raw.topic.name)
+            return raw.finding("DEPTH-UNIT", f"not used as depth: {fault} under [depth]")
         value = (pressure - surface) / WATER_PA_PER_M
         _refuse(section.positive, "positive", "pressures", raw)
     else:
@@ -205,11 +199,9 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         findings = [*findings, *more]
         middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
         if middle < -IN_THE_AIR_M:
-            text = (
-                f"{raw.topic.name}: a median depth of {middle:.1f} m, above the water; "
-                f'if it counts the other way, state positive = "{"up" if sign == "down" else "down"}" under [depth]'
-            )
-            findings.append(Finding("DEPTH-SIGN", text, raw.topic.name))
+            other = f'positive = "{"up" if sign == "down" else "down"}" under [depth]'
+            text = f"a median depth of {middle:.1f} m, above the water; if it counts the other way, state {other}"
+            findings.append(raw.finding("DEPTH-SIGN", text))
     causes = {"not a number": ~np.isfinite(value), f"beyond {MAX_DEPTH_M / 1000:.0f} km": np.abs(value) > MAX_DEPTH_M}
     good, invalid = valid_mask(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)

@@ -5,10 +5,10 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, SettingError
+from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
-from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 from usbldr.io.messages.layouts import RawRecords
@@ -69,11 +69,9 @@ def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector
     if frame != "latlon":
         return (y, x) if frame == "NED" else (x, y)
     if origin is None:
-        raise LogError(
+        raise raw.fault(
             f"{raw.topic.name} holds latitudes and longitudes, but the plane has no origin; "
-            "state origin_lat_deg and origin_lon_deg under [map]",
-            path=raw.log,
-            topic=raw.topic.name,
+            "state origin_lat_deg and origin_lon_deg under [map]"
         )
     return to_plane(origin, x, y)
 
@@ -135,8 +133,7 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
     times = times_of(raw, section.time, section.latency_s)
     chosen = [Convention("frame", frame, frame_by), sd_chosen]
-    made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
-    return ConvertedTable(made.table[good].reset_index(drop=True), made.conventions, made.findings)
+    return keep_valid(converted_table(raw, times, columns, chosen, [*findings, *invalid]), good)
 
 
 def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:

@@ -33,11 +33,11 @@ class Times:
 
 def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
     """Time the records: by header, or by log time if there is none or so configured; subtract the latency."""
-    name, made, findings = raw.topic.name, list[Convention](), list[Finding]()
+    made, findings = list[Convention](), list[Finding]()
     if raw.stamp_ns is None:
         stamp = raw.received_ns
         made.append(Convention("time", LOG_TIME, "type", note="it has no header"))
-        findings.append(Finding("NO-HEADER", f"{name}: its type has no header, so it is timed by log time", name))
+        findings.append(raw.finding("NO-HEADER", "its type has no header, so it is timed by log time"))
     elif clock == "log":
         stamp = raw.received_ns
         made.append(Convention("time", LOG_TIME, "configuration"))
@@ -48,8 +48,8 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
         stamps = "time_ns" if own else "header stamp" if raw.layout.stamp == "header.stamp" else raw.layout.stamp
         made.append(Convention("time", stamps, "configuration" if clock else "type"))
         if unset.any():
-            text = f"{name}: {unset.sum()} of {len(unset)} header stamps are zero; those records are timed by log time"
-            findings.append(Finding("ZERO-STAMP", text, name))
+            text = f"{unset.sum()} of {len(unset)} header stamps are zero; those records are timed by log time"
+            findings.append(raw.finding("ZERO-STAMP", text))
         age_ns = _age_ns(raw) if clock is None else None
         if age_ns is not None:
             what, longest_s = ("their age", 60) if "age_s" in raw.values else ("transmission minus validity", 5)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.errors import LogError
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
@@ -79,10 +78,10 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     findings += [*more, *unused, *fixes.findings, *_unused(raw, section, kind, fixes), *(end.findings if end else ())]
     if kind != "latlon" and not (end and end.geodetic) and origin is not None and origin.source != "[map]":
         text = (
-            f"{raw.topic.name}: the map origin is not stated; assumed at the {origin.source} (state origin_lat_deg and "
+            f"the map origin is not stated; assumed at the {origin.source} (state origin_lat_deg and "
             "origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)"
         )
-        findings.append(Finding("MAP-UNKNOWN", text, raw.topic.name))
+        findings.append(raw.finding("MAP-UNKNOWN", text))
 
     causes = {**fixes.causes, **off_plane_causes(*fixes.position_m.T)}
     good, invalid = valid_mask(raw, causes, "usbl", "left out")
@@ -123,9 +122,7 @@ def _by_position(
     chosen = [frame_chosen, Convention("relative_to", relative, relative_by)]
     findings = [*findings, *more]
     if relative == "head" and end is None:
-        raise LogError(
-            f"{raw.topic.name} holds positions relative to the head; {STATE_HEAD}", path=raw.log, topic=raw.topic.name
-        )
+        raise raw.fault(f"{raw.topic.name} holds positions relative to the head; {STATE_HEAD}")
     if relative == "map" or end is None:
         position = np.column_stack(on_plane(raw, frame, origin))
         own = stated_covariance(raw, frame, np.eye(2), np.zeros(len(position)))
@@ -163,8 +160,7 @@ def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: 
         return np.full(len(raw.received_ns), section.mount_deg), chosen
     if not np.isfinite(end.carrier_heading.heading_deg).any():
         why = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
-        text = f"{raw.topic.name} counts from the bow of the head's carrier: {why}"
-        raise LogError(text, path=raw.log, topic=raw.topic.name)
+        raise raw.fault(f"{raw.topic.name} counts from the bow of the head's carrier: {why}")
     return end.carrier_heading.heading_deg + section.mount_deg, [
         Convention("bearing_from", "bow", "configuration" if section.frame else "type"),
         *chosen,
@@ -177,7 +173,7 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     The vehicle's depth comes first, then the fix's own, then its elevation; without any the range is taken as it is.
     """
     if end is None:
-        raise LogError(f"{raw.topic.name} holds ranges and bearings; {STATE_HEAD}", path=raw.log, topic=raw.topic.name)
+        raise raw.fault(f"{raw.topic.name} holds ranges and bearings; {STATE_HEAD}")
     frame, _, findings = chosen_convention(raw, "frame", section.frame, "ENU")
     slant = raw.number("slant_range_m") * section.sound_speed_scale
     bearing, elevation = raw.number("bearing_deg"), np.radians(raw.number("elevation_deg"))
@@ -188,10 +184,8 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     horizontal = np.where(np.isfinite(drop), by_depth, by_elevation)
     short = int(np.sum(slant < np.abs(drop)))
     if short:
-        text = (
-            f"{raw.topic.name}: {short} slant ranges are shorter than the depth below the head; placed straight below"
-        )
-        findings = [*findings, Finding("USBL-SHORT", text, raw.topic.name)]
+        text = f"{short} slant ranges are shorter than the depth below the head; placed straight below"
+        findings = [*findings, raw.finding("USBL-SHORT", text)]
     counts = {
         "the vehicle's depth": np.isfinite(drop_m),
         "the fix's depth": ~np.isfinite(drop_m) & np.isfinite(own_drop),
@@ -241,5 +235,5 @@ def _unused(raw: RawRecords, section: UsblSection, kind: str, fixes: PlacedFixes
         "sound_speed_scale": section.sound_speed_scale != 1 and not fixes.relative_to_reference,
     }
     keys = [key for key, has_no_effect in unused.items() if has_no_effect]
-    text = f"{raw.topic.name}: {' and '.join(keys)} of the configuration are not used; its kind is {kind}"
-    return [Finding("KEY-UNUSED", text, raw.topic.name)] if keys else []
+    text = f"{' and '.join(keys)} of the configuration are not used; its kind is {kind}"
+    return [raw.finding("KEY-UNUSED", text)] if keys else []

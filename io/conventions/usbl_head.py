@@ -5,7 +5,7 @@ degrees clockwise from true north. Records are interpolated, but never across a 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -82,9 +82,9 @@ class UsblReference:
     arm_m: Array  # (n, 2) from a ship's antenna to its head
     sign: float  # 1: the offset points from here to the vehicle; -1: the vehicle's head measures the offset to here
     geodetic: bool  # known by latitude and longitude, so that its place on the plane is certain
-    causes: Mapping[str, Mask]  # by cause which fixes cannot be placed
     conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...] = ()
+    causes: Mapping[str, Mask] = field(default_factory=dict[str, Mask])  # by cause which fixes cannot be placed
 
 
 def ship_choices(path: Path, topics: Sequence[TopicInfo], head: Head | None) -> dict[str, TopicChoice]:
@@ -114,11 +114,9 @@ def usbl_reference(
         return None
     head = section.head
     if head.heading_deg is not None:
-        turning = CarrierHeading(
-            np.full(len(time_ns), head.heading_deg), np.full(len(time_ns), section.heading_sd_deg or 0.0)
-        )
         turned_by = Convention("heading_deg", head.heading_deg, "configuration", "deg", of="head")
-        turning = replace(turning, conventions=(turned_by,))
+        sd_deg = np.full(len(time_ns), section.heading_sd_deg or 0.0)
+        turning = CarrierHeading(np.full(len(time_ns), head.heading_deg), sd_deg, (turned_by,))
     else:
         gyro = raws.get(SHIP_HEADING)
         turned = compass_records(gyro, _gyro(head), origin, OF_HEAD) if gyro else None
@@ -141,7 +139,6 @@ def _beacon(beacon: Beacon, turning: CarrierHeading, origin: Origin | None) -> U
         arm_m=np.zeros((count, 2)),
         sign=-1.0,
         geodetic=beacon.lat_deg is not None,
-        causes={},
         conventions=_place_conventions("beacon", east, north),
     )
 
@@ -158,7 +155,6 @@ def _fixed(head: Head, turning: CarrierHeading, origin: Origin | None) -> UsblRe
         arm_m=arm,
         sign=1.0,
         geodetic=head.lat_deg is not None,
-        causes={},
         conventions=(*_place_conventions("head", east, north), *turning.conventions),
         findings=turning.findings,
     )
@@ -168,10 +164,8 @@ def _ship(
     head: Head, turning: CarrierHeading, ship: RawRecords, origin: Origin | None, time_ns: Nanoseconds
 ) -> UsblReference:
     made = positions.gps(ship, GpsSection(), origin)
-    there, arm = (
-        time_series(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s),
-        _arm(head, turning),
-    )
+    there = time_series(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s)
+    arm = _arm(head, turning)
     place = there[:, :2] + arm
     recorded = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
     sd = recorded if head.sd_m is None else np.full(len(place), head.sd_m)
@@ -179,9 +173,8 @@ def _ship(
     causes: dict[str, Mask] = {f"without the ship's position within {head.max_gap_s:g} s": unknown}
     if any(head.lever_arm_m):
         causes[f"without the ship's heading within {head.max_gap_s:g} s"] = ~np.isfinite(turning.heading_deg)
-    sd_by: ChosenBy = (
-        "configuration" if head.sd_m is not None else "records" if np.isfinite(there[:, 2]).any() else "default"
-    )
+    recorded_by: ChosenBy = "records" if np.isfinite(there[:, 2]).any() else "default"
+    sd_by: ChosenBy = recorded_by if head.sd_m is None else "configuration"
     chosen = [
         Convention("topic", ship.topic.name, "configuration", of=SHIP),
         *(replace(c, of=SHIP) for c in made.conventions if c.key != "sd_m"),

@@ -27,8 +27,11 @@ def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRec
     if "target" not in raw.values:
         if target is None:
             return raw, [], []
-        text = f"{raw.topic.name}: target of the configuration is not used; its records name no target"
-        return raw, [], [Finding("KEY-UNUSED", text, raw.topic.name)]
+        return (
+            raw,
+            [],
+            [raw.finding("KEY-UNUSED", "target of the configuration is not used; its records name no target")],
+        )
     target_names = _names(raw)
     names, counts = np.unique(target_names, return_counts=True)
     listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
@@ -59,9 +62,8 @@ def without_repeats(raw: RawRecords, kind: str) -> tuple[RawRecords, list[Findin
         repeated[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
     if not repeated.any():
         return raw, []
-    counts = f"{repeated.sum()} of {len(repeated)} fixes"
-    text = f"{raw.topic.name}: {counts} repeat the previous one to the last digit; left out"
-    return _rows(raw, ~repeated), [Finding("USBL-REPEATED", text, raw.topic.name)]
+    text = f"{repeated.sum()} of {len(repeated)} fixes repeat the previous one to the last digit; left out"
+    return _rows(raw, ~repeated), [raw.finding("USBL-REPEATED", text)]
 
 
 def _rows(raw: RawRecords, mask: Mask) -> RawRecords:
@@ -86,10 +88,10 @@ def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) 
         and _like_latitudes(raw, origin)
     ):
         text = (
-            f"{raw.topic.name}: x and y are read as latitude and longitude, because their values allow it; "
+            "x and y are read as latitude and longitude, because their values allow it; "
             'if they are metres, state kind = "position" under [usbl]'
         )
-        return "latlon", "values", [Finding("USBL-LATLON", text, raw.topic.name)]
+        return "latlon", "values", [raw.finding("USBL-LATLON", text)]
     return kind, chosen_by, findings
 
 

@@ -74,16 +74,8 @@ class Stream:
     def info(self) -> TopicInfo:
         """Return the topic's information for the user."""
         problem, fields = (self.decoder, ()) if isinstance(self.decoder, str) else ("", self.decoder.fields)
-        return TopicInfo(
-            name=self.topic,
-            type=self.type,
-            encoding=self.encoding,
-            count=self.count,
-            first_ns=self.first_ns,
-            last_ns=self.last_ns,
-            fields=fields,
-            problem=problem,
-        )
+        counted = self.count, self.first_ns, self.last_ns
+        return TopicInfo(self.topic, self.type, self.encoding, *counted, fields, problem)
 
 
 def decoder_of(type_name: str, definition: bytes, encoding: str, definition_encoding: str) -> Decoder | str:
@@ -126,9 +118,8 @@ def json_decoder(type_name: str, samples: Sequence[bytes]) -> Decoder | str:
 def chosen_streams(streams: Mapping[TopicType, Stream], wanted: Iterable[str]) -> set[TopicType]:
     """Return the streams to read: if a topic has several types, the one with most messages."""
     topics = set(wanted)
-    return set(
-        {key[0]: key for key in sorted(streams, key=lambda key: streams[key].count) if key[0] in topics}.values()
-    )
+    by_count = sorted(streams, key=lambda key: streams[key].count)
+    return set({key[0]: key for key in by_count if key[0] in topics}.values())
 
 
 def decode_topics(

@@ -8,18 +8,42 @@ named with that field: PSIMSSB_C_H is Cartesian and head up, PTSAG_ship holds th
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias, cast
+from dataclasses import dataclass
+from typing import Any, TypeAlias, cast
 
 SentenceValues: TypeAlias = tuple[float | str, ...]
 
 
-class SentenceKind(NamedTuple):
+class Fields:
+    """The fields of a sentence parsed by pynmeagps."""
+
+    def __init__(self, message: Any) -> None:
+        self._message = message
+
+    def text(self, name: str, usual: str | None = None) -> str:
+        """Return a field as text; raise AttributeError if it is missing and has no usual value."""
+        return str(getattr(self._message, name) if usual is None else getattr(self._message, name, usual))
+
+    def number(self, name: str) -> float:
+        """Return a field, NaN if it is empty or missing."""
+        value = getattr(self._message, name, "")
+        return math.nan if value == "" else float(value)
+
+    def place(self, good: bool) -> tuple[float, float, float]:
+        """Return the values of PLACE."""
+        return self.number("lat"), self.number("lon"), _status(good)
+
+    def offset(self) -> tuple[float, float, float]:
+        """Return the values of OFFSET."""
+        return self.number("x"), self.number("y"), self.number("z")
+
+
+@dataclass(frozen=True, slots=True)
+class SentenceKind:
     """The fields of one kind of sentence."""
 
     columns: tuple[str, ...] = ()
-    decode: Callable[[Any], SentenceValues] | None = (
-        None  # of a sentence parsed by pynmeagps, in the order of the columns
-    )
+    decode: Callable[[Fields], SentenceValues] | None = None  # in the order of the columns
     time: int | None = None  # which field is the time of day, hhmmss.ss, or ends in it
     date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is or begins with ddmmyy
     fields: str = ""  # name:type of pynmeagps, a name alone is text; for sentences that it does not know
@@ -30,108 +54,57 @@ OFFSET = ("x", "y", "z")
 ELLIPSE = ("cov_xx", "cov_xy", "cov_yy")  # east, north, m^2
 
 
-def _number(message: Any, name: str) -> float:
-    """Return a field, NaN if it is empty or missing."""
-    value = getattr(message, name, "")
-    return math.nan if value == "" else float(value)
-
-
 def _status(good: bool) -> float:
     return 0.0 if good else -1.0
 
 
-def _place(message: Any, good: bool) -> tuple[float, float, float]:
-    return _number(message, "lat"), _number(message, "lon"), _status(good)
+def _active(m: Fields) -> SentenceValues:
+    return m.place(m.text("status", "A") == "A")
 
 
-def _magnetic(message: Any) -> SentenceValues:
+def _magnetic(m: Fields) -> SentenceValues:
     """Return the heading with deviation and variation (positive to the east), and 1 if the variation was stated."""
-    heading = _number(message, "headingM")
+    heading = m.number("headingM")
     for name in ("deviation", "variation"):
-        angle = _number(message, name)
+        angle = m.number(name)
         if not math.isnan(angle):
-            heading += -angle if getattr(message, f"{name}EW") == "W" else angle
-    return heading, 0.0 if math.isnan(_number(message, "variation")) else 1.0
-
-
-def _gga(m: Any) -> SentenceValues:
-    return _place(m, _number(m, "quality") > 0)
-
-
-def _gns(m: Any) -> SentenceValues:
-    return _place(m, m.posMode.strip("N") != "")
-
-
-def _rmc(m: Any) -> SentenceValues:
-    return _place(m, getattr(m, "status", "A") == "A")
-
-
-def _tll(m: Any) -> SentenceValues:
-    tracked = _status(m.status not in ("L", "Q"))  # lost, or still in acquisition
-    return str(m.targetnum), _number(m, "targetlat"), _number(m, "targetlon"), tracked
-
-
-def _hdt(m: Any) -> SentenceValues:
-    return (_number(m, "headingT"),)
-
-
-def _ths(m: Any) -> SentenceValues:
-    return (math.nan if getattr(m, "mi", "A") == "V" else _number(m, "headt"),)
-
-
-def _heading(m: Any) -> SentenceValues:
-    return (_number(m, "heading"),)
+            heading += -angle if m.text(f"{name}EW") == "W" else angle
+    return heading, 0.0 if math.isnan(m.number("variation")) else 1.0
 
 
 HIPAP = "time target status error system orientation filter x:DE y:DE z:DE accuracy:DE"
 HIPAP_DEGREES = "time target status error system orientation filter lat:LA NS:LAD lon:LN EW:LND z:DE accuracy:DE"
 
 
-def _measured(message: Any) -> bool:
+def _measured(m: Fields) -> bool:
     """Accept status A; not with an error code (NRy: no reply), and not predictions."""
-    return message.status == "A" and not message.error and message.filter != "P"
+    return m.text("status") == "A" and not m.text("error") and m.text("filter") != "P"
 
 
-def _hipap(m: Any) -> SentenceValues:
-    return m.target, *(_number(m, axis) for axis in OFFSET), _status(_measured(m)), _number(m, "accuracy")
-
-
-def _hipap_radians(m: Any) -> SentenceValues:
-    place = (math.degrees(_number(m, axis)) for axis in "xy")
-    return m.target, *place, _status(_measured(m)), _number(m, "accuracy")
-
-
-def _hipap_degrees(m: Any) -> SentenceValues:
-    return m.target, *_place(m, _measured(m)), _number(m, "accuracy")
+def _hipap_radians(m: Fields) -> SentenceValues:
+    place = (math.degrees(m.number(axis)) for axis in "xy")
+    return m.text("target"), *place, _status(_measured(m)), m.number("accuracy")
 
 
 EVOLOGICS = "time target head frame origin transformation x:DE y:DE z:DE accuracy:DE rssi:DE integrity:DE"
 
 
-def _evologics(m: Any) -> SentenceValues:
-    accuracy = _number(m, "accuracy")
-    return m.target, *(_number(m, axis) for axis in OFFSET), _status(not accuracy < 0), accuracy
+def _evologics(m: Fields) -> SentenceValues:
+    accuracy = m.number("accuracy")
+    return m.text("target"), *m.offset(), _status(not accuracy < 0), accuracy
 
 
-def _evologics_place(m: Any) -> SentenceValues:
-    accuracy = _number(m, "accuracy")
-    return m.target, _number(m, "x"), _number(m, "y"), _status(not accuracy < 0), accuracy
+def _evologics_place(m: Fields) -> SentenceValues:
+    accuracy = m.number("accuracy")
+    return m.text("target"), m.number("x"), m.number("y"), _status(not accuracy < 0), accuracy
 
 
 GAPS = "frame time day month year target"
 
 
-def _received(message: Any) -> bool:
+def _received(m: Fields) -> bool:
     """Accept any of the four hydrophones: the code is 0 if none received."""
-    return message.validity.strip("0") != ""
-
-
-def _gaps(m: Any) -> SentenceValues:
-    return m.target, *_place(m, _received(m))
-
-
-def _gaps_offset(m: Any) -> SentenceValues:
-    return m.target, *(_number(m, axis) for axis in OFFSET), _status(_received(m))
+    return m.text("validity").strip("0") != ""
 
 
 def _ellipse(major_m: float, minor_m: float, direction_deg: float) -> SentenceValues:
@@ -141,28 +114,24 @@ def _ellipse(major_m: float, minor_m: float, direction_deg: float) -> SentenceVa
     return a * s * s + b * c * c, (a - b) * s * c, a * c * c + b * s * s
 
 
-def _ranger(m: Any) -> SentenceValues:
-    ellipse = _ellipse(*(_number(m, name) for name in ("major", "minor", "direction")))
-    return m.target, *_place(m, m.status == "A"), *ellipse
+def _ranger(m: Fields) -> SentenceValues:
+    ellipse = _ellipse(*(m.number(name) for name in ("major", "minor", "direction")))
+    return m.text("target"), *m.place(m.text("status") == "A"), *ellipse
 
 
 LOCATOR = "version device channel compass head_lat head_lon heading qw qx qy qz range bearing elevation"
 
 
-def _locator(m: Any) -> SentenceValues:
-    """Return slant range, true bearing clockwise from north, and true elevation, positive up."""
-    return _number(m, "range"), _number(m, "bearing"), _number(m, "elevation")
-
-
-def _located(m: Any) -> SentenceValues:
-    return _number(m, "lat"), _number(m, "lon")
-
-
-_hipap_offset = SentenceKind(("target", *OFFSET, "fix_status", "sd_m"), _hipap, time=0, fields=HIPAP)
+_hipap_offset = SentenceKind(
+    ("target", *OFFSET, "fix_status", "sd_m"),
+    lambda m: (m.text("target"), *m.offset(), _status(_measured(m)), m.number("accuracy")),
+    time=0,
+    fields=HIPAP,
+)
 _evologics_offset = SentenceKind(("target", *OFFSET, "fix_status", "sd_m"), _evologics, time=0, fields=EVOLOGICS)
 _gaps_place = SentenceKind(
     ("target", *PLACE),
-    _gaps,
+    lambda m: (m.text("target"), *m.place(_received(m))),
     time=1,
     date=(2, 3, 4),
     fields=f"{GAPS} lat:LA NS:LAD lon:LN EW:LND validity z:DE",
@@ -176,14 +145,23 @@ _ranger_place = SentenceKind(
 _timed = SentenceKind(time=0)  # known, but not usable: messages/usbl.py says why
 
 SENTENCE_KINDS: Mapping[str, SentenceKind] = {
-    "GGA": SentenceKind(PLACE, _gga, time=0),
-    "GNS": SentenceKind(PLACE, _gns, time=0),
-    "RMC": SentenceKind(PLACE, _rmc, time=0, date=(8,)),
-    "GLL": SentenceKind(PLACE, _rmc, time=4),
-    "TLL": SentenceKind(("target", *PLACE), _tll, time=6),
+    "GGA": SentenceKind(PLACE, lambda m: m.place(m.number("quality") > 0), time=0),
+    "GNS": SentenceKind(PLACE, lambda m: m.place(m.text("posMode").strip("N") != ""), time=0),
+    "RMC": SentenceKind(PLACE, _active, time=0, date=(8,)),
+    "GLL": SentenceKind(PLACE, _active, time=4),
+    "TLL": SentenceKind(  # L: lost, Q: still in acquisition
+        ("target", *PLACE),
+        lambda m: (
+            m.text("targetnum"),
+            m.number("targetlat"),
+            m.number("targetlon"),
+            _status(m.text("status") not in ("L", "Q")),
+        ),
+        time=6,
+    ),
     "ZDA": SentenceKind(time=0, date=(1, 2, 3)),
-    "HDT": SentenceKind(("heading_deg",), _hdt),
-    "THS": SentenceKind(("heading_deg",), _ths),
+    "HDT": SentenceKind(("heading_deg",), lambda m: (m.number("headingT"),)),
+    "THS": SentenceKind(("heading_deg",), lambda m: (math.nan if m.text("mi", "A") == "V" else m.number("headt"),)),
     "HDG": SentenceKind(("magnetic_deg", "corrected"), _magnetic),
     "HDM": SentenceKind(("magnetic_deg", "corrected"), _magnetic),
     "PSIMSSB_C_H": _hipap_offset,
@@ -192,7 +170,7 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "PSIMSSB_R": SentenceKind(("target", *PLACE, "sd_m"), _hipap_radians, time=0, fields=HIPAP),
     "PSIMSSB_D": SentenceKind(
         ("target", *PLACE, "sd_m"),
-        _hipap_degrees,
+        lambda m: (m.text("target"), *m.place(_measured(m)), m.number("accuracy")),
         time=0,
         fields=HIPAP_DEGREES,
     ),
@@ -202,7 +180,7 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "PSIMSSB_P": _timed,
     "PSIMSNS": SentenceKind(
         ("heading_deg",),
-        _heading,
+        lambda m: (m.number("heading"),),
         time=0,
         fields="time target transceiver transducer roll:DE pitch:DE heave:DE heading:DE",
     ),
@@ -210,7 +188,7 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "PTSAG_ship": _gaps_place,
     "PTSAX": SentenceKind(
         ("target", *OFFSET, "fix_status"),
-        _gaps_offset,
+        lambda m: (m.text("target"), *m.offset(), _status(_received(m))),
         time=1,
         date=(2, 3, 4),
         fields=f"{GAPS} x:DE y:DE validity z:DE",
@@ -228,13 +206,13 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "PEVOSSB_B": _timed,
     "PEVOSSA": _timed,
     "RTH": SentenceKind(  # according to the manual, fields are only ever added
-        ("slant_range_m", "bearing_deg", "elevation_deg"),
-        _locator,
+        ("slant_range_m", "bearing_deg", "elevation_deg"),  # bearing and elevation are true, elevation positive up
+        lambda m: (m.number("range"), m.number("bearing"), m.number("elevation")),
         fields="math compass apparent_elevation range:DE math_bearing bearing:DE elevation:DE",
     ),
     "TLC": SentenceKind(
         ("lat_deg", "lon_deg"),
-        _located,
+        lambda m: (m.number("lat"), m.number("lon")),
         time=18,
         date=(18,),
         fields=f"{LOCATOR} lat:DE lon:DE gain since moment",
@@ -279,7 +257,7 @@ def decode_sentences(kind: str, contents: Sequence[str]) -> list[SentenceValues 
     for content in contents:
         try:
             message = parse(f"${content}*00\r\n".encode(), validate=0, userdefined=own)
-            rows.append(known.decode(message) if known.decode else None)
+            rows.append(known.decode(Fields(message)) if known.decode else None)
         except (NMEAMessageError, NMEAParseError, NMEATypeError, AttributeError, ValueError):
             rows.append(None)
     return rows

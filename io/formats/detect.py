@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
@@ -21,77 +20,52 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
 """Other formats by their first bytes, with what to do about them."""
 
 
-def _is_mcap(path: Path, head: bytes) -> bool:
-    return head.startswith(b"\x89MCAP0\r\n")
-
-
-def _is_bag(path: Path, head: bytes) -> bool:
-    return head.startswith(b"#ROSBAG V2.0\n")
-
-
-def _is_rosbag2(path: Path, head: bytes) -> bool:
-    from usbldr.io.formats.rosbag2_log import holds_recording
-
-    return holds_recording(path) if path.is_dir() else head.startswith(b"SQLite format 3\x00")
-
-
-def _is_nmea(path: Path, head: bytes) -> bool:
-    from usbldr.io.formats.nmea_log import looks_like_nmea
-
-    return looks_like_nmea(head)
-
-
-def _is_csv(path: Path, head: bytes) -> bool:
-    from usbldr.io.formats.csv_text import looks_like_csv, text_files
-
-    return any(text_files(path)) if path.is_dir() else looks_like_csv(head)
-
-
-def _mcap(path: Path, known: Definitions) -> Reader:
+def _mcap(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    if not head.startswith(b"\x89MCAP0\r\n"):
+        return None
     from usbldr.io.formats.mcap_log import McapLog
 
     return McapLog(path, known)
 
 
-def _bag(path: Path, known: Definitions) -> Reader:
+def _bag(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    if not head.startswith(b"#ROSBAG V2.0\n"):
+        return None
     from usbldr.io.formats.bag_log import BagLog
 
     return BagLog(path)
 
 
-def _rosbag2(path: Path, known: Definitions) -> Reader:
-    from usbldr.io.formats.rosbag2_log import open_rosbag2
+def _rosbag2(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.rosbag2_log import holds_recording, open_rosbag2
 
-    return open_rosbag2(path, known)
-
-
-def _nmea(path: Path, known: Definitions) -> Reader:
-    from usbldr.io.formats.nmea_log import NmeaFile
-
-    return NmeaFile(path)
+    fits = holds_recording(path) if path.is_dir() else head.startswith(b"SQLite format 3\x00")
+    return open_rosbag2(path, known) if fits else None
 
 
-def _csv(path: Path, known: Definitions) -> Reader:
+def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.nmea_log import NmeaFile, looks_like_nmea
+
+    return NmeaFile(path) if looks_like_nmea(head) else None
+
+
+def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.csv_log import CsvLog
+    from usbldr.io.formats.csv_text import looks_like_csv, text_files
 
-    return CsvLog(path)
-
-
-class Format(NamedTuple):
-    """How a format is recognised and opened."""
-
-    matches: Callable[[Path, bytes], bool]  # by path and the first bytes (empty for a folder)
-    open: Callable[[Path, Definitions], Reader]  # with the definitions of messages that a log does not define
+    fits = any(text_files(path)) if path.is_dir() else looks_like_csv(head)
+    return CsvLog(path) if fits else None
 
 
-FORMATS: Mapping[str, Format] = {
-    "MCAP files": Format(_is_mcap, _mcap),
-    "ROS 1 bags": Format(_is_bag, _bag),
-    "rosbag2 (folders and .db3 files)": Format(_is_rosbag2, _rosbag2),
-    "text files of NMEA sentences": Format(_is_nmea, _nmea),
-    "CSV folders": Format(_is_csv, _csv),
+FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
+    "MCAP files": _mcap,
+    "ROS 1 bags": _bag,
+    "rosbag2 (folders and .db3 files)": _rosbag2,
+    "text files of NMEA sentences": _nmea,
+    "CSV folders": _csv,
 }
-"""One line per format; its reader is imported only when it is opened."""
+"""One line per format: from the path, the first bytes (empty for a folder) and the definitions of messages that a log
+does not define to its reader, which is imported only then; to None if it is of another format."""
 
 
 def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
@@ -103,9 +77,9 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
         if not path.is_dir():
             with path.open("rb") as file:
                 head = file.read(4096)
-        for matches, opened in FORMATS.values():
-            if matches(path, head):
-                return opened(path, known)
+        for opened in FORMATS.values():
+            if (reader := opened(path, head, known)) is not None:
+                return reader
     except PermissionError as err:
         raise LogError(f"cannot be read ({err.strerror})", path=path) from err
     *others, last = FORMATS

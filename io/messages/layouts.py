@@ -13,7 +13,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from usbldr.filters.errors import LogError
 from usbldr.filters.types import Vector
+from usbldr.io.findings import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
@@ -61,6 +63,14 @@ class RawRecords:
     received_ns: Nanoseconds  # (n,) log time
     values: Mapping[str, Column]  # quantity -> (n,)
     frame_id: str
+
+    def finding(self, code: str, text: str) -> Finding:
+        """Return a finding on the topic, whose name the text goes on from."""
+        return Finding(code, f"{self.topic.name}: {text}", self.topic.name)
+
+    def fault(self, text: str) -> LogError:
+        """Return an error of the topic."""
+        return LogError(text, path=self.log, topic=self.topic.name)
 
     def number(self, quantity: str) -> Vector:
         """Return a quantity as floats in its own unit, (n,).

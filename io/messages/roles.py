@@ -184,13 +184,9 @@ def _unusable(role: str, topic: TopicInfo) -> bool:
     return layout is not None and layout.unsupported != "" and layout.recognised != "only when named"
 
 
-def _refusal(role: str, topic: TopicInfo) -> str:
-    layout = message_layout_of(role, topic)
-    return layout.unsupported if layout else ""
-
-
 def _refused(log: Path, role: str, topic: TopicInfo) -> UsageError:
-    why = f"cannot be used as {role}: it {_refusal(role, topic)}"
+    layout = message_layout_of(role, topic)
+    why = f"cannot be used as {role}: it {layout.unsupported if layout else ''}"
     return UsageError(f"{topic.name} ({topic.type}) {why} (--{role} none: replay without {role})", path=log)
 
 

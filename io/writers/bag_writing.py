@@ -1,11 +1,12 @@
 """Write a log as a ROS 1 bag and as a rosbag2 folder (sqlite3), by rosbags."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.rosbag2 import Writer as Rosbag2Writer
+from rosbags.typesys.store import Typestore
 
 from usbldr.io.decoding.definitions import known_types
 from usbldr.io.log import Log
@@ -18,21 +19,23 @@ def write_bag(log: Log, file: Path, channels: Mapping[str, Channel]) -> None:
     writer = BagWriter(file)
     writer.set_compression(BagWriter.CompressionFormat.BZ2)
     with writer:
-        connections: dict[str, Any] = {}
-        for sensor, channel in channels.items():
-            if sensor in log.tables:
-                connections[sensor] = writer.add_connection(channel.topic, channel.type, typestore=store)
-        for received_ns, sensor, message in messages(log, channels, store):
-            writer.write(connections[sensor], received_ns, store.serialize_ros1(message, channels[sensor].type))
+        _write(writer, store.serialize_ros1, log, channels, store)
 
 
 def write_rosbag2(log: Log, folder: Path, channels: Mapping[str, Channel]) -> None:
     """Make the folder with its metadata.yaml and one .db3 file of the same name."""
     store = known_types(2)
     with Rosbag2Writer(folder, version=8) as writer:
-        connections: dict[str, Any] = {}
-        for sensor, channel in channels.items():
-            if sensor in log.tables:
-                connections[sensor] = writer.add_connection(channel.topic, channel.type, typestore=store)
-        for received_ns, sensor, message in messages(log, channels, store):
-            writer.write(connections[sensor], received_ns, store.serialize_cdr(message, channels[sensor].type))
+        _write(writer, store.serialize_cdr, log, channels, store)
+
+
+def _write(
+    writer: Any, serialize: Callable[[Any, str], Any], log: Log, channels: Mapping[str, Channel], store: Typestore
+) -> None:
+    connections = {
+        sensor: writer.add_connection(channel.topic, channel.type, typestore=store)
+        for sensor, channel in channels.items()
+        if sensor in log.tables
+    }
+    for received_ns, sensor, message in messages(log, channels, store):
+        writer.write(connections[sensor], received_ns, serialize(message, channels[sensor].type))
