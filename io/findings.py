@@ -48,6 +48,5 @@ class Finding:
     lost_data: bool = False  # part of the input could not be read: exit code 3
 
     def __post_init__(self) -> None:
-        """Take the level from the table; lost data is an error."""
         level = "error" if self.lost_data else FINDING_LEVELS.get(self.code, "warning")
         object.__setattr__(self, "level", level)

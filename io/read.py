@@ -320,6 +320,5 @@ def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) 
 
 
 def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:
-    """Return the table with the COLUMNS of its sensor."""
     times = {name: (table[name.replace("_s", "_ns")] - start_ns) / 1e9 for name in ("time_s", "received_s")}
     return table.assign(**times)[list(COLUMNS[role])].reset_index(drop=True)

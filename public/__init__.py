@@ -21,7 +21,6 @@ __all__ += io.__all__
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first used."""
     if name == "timeline":  # a module of io has this name, so io cannot export it
         return importlib.import_module("usbldr.io.timeline").timeline
     for package in (filters, io):

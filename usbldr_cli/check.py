@@ -89,7 +89,6 @@ def _refuse(
 
 
 def _checked(baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]", jobs: int) -> "list[CheckedRow]":
-    """Run all rows at once and compare each."""
     from usbldr_cli.runs.jobs import run_jobs
 
     outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], jobs))
@@ -98,7 +97,6 @@ def _checked(baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]
 
 
 def _units(file: Path, row: "BaselineRow") -> "list[Job]":
-    """Return the runs of a row, one per seed; none if its log is missing."""
     from usbldr.filters.replay.methods import method_named
     from usbldr.io.scenarios.shipped import scenario_names
     from usbldr_cli.runs.jobs import Job
@@ -117,7 +115,6 @@ def _units(file: Path, row: "BaselineRow") -> "list[Job]":
 
 
 def _choices(file: Path, row: "BaselineRow") -> tuple[RunChoices, Mapping[str, Any]]:
-    """Return a row's options, parsed as those of the command line."""
     arguments = [f"--{name.replace('_', '-')}={value}" for name, value in _stated(file.parent, row.options)]
     try:
         return _run_of_a_row.main(arguments, prog_name="row", standalone_mode=False)
@@ -141,7 +138,6 @@ def _stated(folder: Path, options: "Mapping[str, Option]") -> "list[tuple[str, O
 @selection_options
 @run_options
 def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Mapping[str, Any]]:
-    """Take the options that replay takes for its run."""
     return choices, selection
 
 
@@ -180,7 +176,6 @@ def _print_result(checked: "Sequence[CheckedRow]", quiet: bool, update: bool) ->
 
 
 def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", show: bool) -> int:
-    """Store the new values, if every row gave all of its metrics."""
     from usbldr.io.settings.regression_baseline import with_new_values
     from usbldr_cli.tables.check_verdicts import MISSING
 

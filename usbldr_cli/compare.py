@@ -94,7 +94,6 @@ def compare(
 def _refuse_inputs(
     logs: Sequence[str], selection: dict[str, Any], output: Path | None, json_to: str | None, force: bool
 ) -> None:
-    """Refuse to write over an input or an existing file."""
     from usbldr.io.inputs import output_conflict
 
     for log in logs:
@@ -106,7 +105,6 @@ def _refuse_inputs(
 
 
 def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[ComparisonRow]":
-    """Return the rows of run directories that are comparable."""
     from usbldr_cli.runs.finished_runs import is_run, read_runs
     from usbldr_cli.runs.seed_table import require_comparable
 
@@ -121,7 +119,6 @@ def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[Compariso
 
 
 def _methods(filters: str | None, choices: RunChoices) -> list[str]:
-    """Return the names in a list of filters; refuse options that none of them takes."""
     from usbldr.filters.replay.methods import METHODS, methods_that
 
     choices.settings()  # refuses wrong values
@@ -193,7 +190,6 @@ def _run(
 
 
 def _cell(log: str, method: str, seeds: int, choices: RunChoices, selection: dict[str, Any]) -> "dict[int, Job]":
-    """Return the units of one method on one log, by seed."""
     from usbldr.filters.replay.methods import METHODS
     from usbldr.io.session import is_simulated
     from usbldr_cli.runs.jobs import Job
@@ -204,7 +200,6 @@ def _cell(log: str, method: str, seeds: int, choices: RunChoices, selection: dic
 
 
 def _refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
-    """Raise the errors if no run succeeded."""
     if any(row.good for row in rows):
         return
     faults = {row.fault: max(outcome.exit_code for outcome in row.outcomes) for row in rows}
@@ -229,7 +224,6 @@ def _write(output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[s
 def _print_result(
     rows: "Sequence[ComparisonRow]", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
 ) -> None:
-    """Print the tables, or the rows as JSON."""
     from usbldr_cli.runs.compare_directory import as_json
     from usbldr_cli.runs.seed_table import overall
     from usbldr_cli.tables.compare_table import render

@@ -35,7 +35,6 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
 
 
 def _text(found: "Examination") -> str:
-    """Return the page for a terminal: one finding a line, errors first."""
     lines = [f"{found.path}: {found.format}", f"configuration: {found.configuration or 'none'}", ""]
     lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.findings]
     counts = {level: sum(d.level == level for d in found.findings) for level in ("error", "warning", "info")}

@@ -48,7 +48,6 @@ def _survey(log: str, request: "Request") -> "Survey":
 
 
 def _text(found: "Survey", all_topics: bool) -> str:
-    """Return the page for a terminal."""
     from usbldr.io.provenance import convention_text
     from usbldr.io.reader import utc
 
@@ -87,7 +86,6 @@ def _truth(log: "Log") -> list[str]:
 
 
 def _topic_table(found: "Survey", all_topics: bool) -> list[str]:
-    """Return the topics, those with a role first, and why some cannot be read."""
     roles: dict[str, list[str]] = {}
     for role, topic in found.roles.items():
         roles.setdefault(topic, []).append(role)

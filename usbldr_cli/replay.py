@@ -130,7 +130,6 @@ def replay(
 
 
 def _refuse_without_errors(method: "Method", found: "Identification") -> None:
-    """Refuse --write-calibration if no sensor errors are estimated."""
     if not method.is_filter:
         raise UsageError(f"--write-calibration: {method.name} is not a filter, so it estimates no sensor errors")
     if not found.parameters.calibrate:
@@ -160,7 +159,6 @@ def _run(
     settings: "RunSettings",
     request: "Request",
 ) -> "Run":
-    """Compute and score the track and the reference tracks."""
     from usbldr.io.opening import ConfigurationFile
     from usbldr.io.reports.report_json import Run
     from usbldr.io.session import reference_tracks
@@ -197,7 +195,6 @@ def _with_bound(scenario: str, run: "Run") -> "Run":
 
 
 def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int) -> "Run":
-    """Return the run with the effects of leaving out each of the most influential fixes."""
     from usbldr.filters.evaluation.influence import compare_without, most_influential, without_fix
 
     log, dive_timeline, (whole, report) = run.log, run.timeline, run.scored
@@ -229,7 +226,6 @@ def _write(folder: Path, run: "Run") -> None:
 
 
 def _write_calibration(file: Path, run: "Run") -> None:
-    """Write the configuration for the next dive."""
     from usbldr.io.reports.calibration_config import calibrated_configuration
 
     text = calibrated_configuration(run.log, run.identification.parameters.errors, run.scored.trajectory)
@@ -237,7 +233,6 @@ def _write_calibration(file: Path, run: "Run") -> None:
 
 
 def _print_result(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
-    """Print the table, or the report as JSON."""
     from usbldr.io.reports.report_json import json_values, report_content
     from usbldr_cli.tables.run_table import render
 

@@ -84,7 +84,6 @@ def read_truth_file(
 
 
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
-    """Return the column of each key, and the frame of x and y."""
     if section.columns is not None:
         columns = {str(key): plain(name) for key, name in section.columns.items()}
         times = [key for key in columns if key.startswith("time")]

@@ -226,7 +226,6 @@ def _from_end(end: UsblReference, frame: str, fixes: PlacedFixes) -> PlacedFixes
 
 
 def _unused(raw: RawRecords, section: UsblSection, kind: str, fixes: PlacedFixes) -> list[Finding]:
-    """Report the keys of the configuration that have no effect."""
     unused = {
         "frame": kind != "position" and section.frame is not None and not fixes.by_bow,
         "relative_to": kind != "position" and section.relative_to is not None,

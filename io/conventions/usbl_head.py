@@ -206,7 +206,6 @@ def _arm(head: Head, turning: CarrierHeading) -> Array:
 def _turning(
     made: ConvertedTable | None, section: UsblSection, longest_gap_s: float, time_ns: Nanoseconds
 ) -> CarrierHeading:
-    """Return the headings of a compass at the times, NaN without a compass."""
     there = np.full((len(time_ns), 2), np.nan)
     if made is not None:
         there = time_series(made, "compass", ["heading_deg", "sd_deg"]).at(time_ns, longest_gap_s)
@@ -215,7 +214,6 @@ def _turning(
 
 
 def _gyro(head: Head) -> CompassSection:
-    """Return how the heading of the ship is to be read."""
     return CompassSection(
         convention=head.heading_convention,
         bias_deg=head.heading_bias_deg,
@@ -230,7 +228,6 @@ def _place_conventions(of: str, east_m: float, north_m: float) -> tuple[Conventi
 
 
 def _place(end: Head | Beacon, origin: Origin | None) -> tuple[float, float]:
-    """Return east and north of a fixed place."""
     if end.east_m is not None and end.north_m is not None:
         return end.east_m, end.north_m
     assert origin is not None, "a head or beacon with latitude and longitude gives the plane its origin"

@@ -73,7 +73,6 @@ def parsed(text: str, name: str) -> dict[str, Any]:
 
 
 def _with_parts(name: str, types: dict[str, Any], known: Definitions) -> Types:
-    """Add the types of which a type is made; leave out unknown ones."""
     todo = [name]
     while todo:
         for part in _parts(types[todo.pop()]):
@@ -86,7 +85,6 @@ def _with_parts(name: str, types: dict[str, Any], known: Definitions) -> Types:
 
 
 def _parts(definition: Any) -> Iterator[str]:
-    """Yield the names of the types of a type's fields."""
     from rosbags.interfaces import Nodetype
 
     for _, (node, what) in definition[1]:

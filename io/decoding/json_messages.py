@@ -76,7 +76,6 @@ def _fitting(value: Any) -> Schema:
 
 
 def _both(one: Schema, other: Schema) -> Schema:
-    """Return a schema with the fields of both."""
     fields, more = _part(one, "properties"), _part(other, "properties")
     if not fields or not more:
         return one or other
@@ -99,7 +98,6 @@ def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> 
 
 
 def _kind(schema: Schema) -> LeafType | None:
-    """Return the kind of a leaf; enumerations are constants of one kind."""
     stated = schema.get("type")
     names = cast("list[Any]", stated if isinstance(stated, list) else [stated])
     known: list[LeafType] = [LEAF_TYPES[name] for name in names if isinstance(name, str) and name in LEAF_TYPES]
@@ -147,7 +145,6 @@ def _getter(path: str, kinds: Mapping[str, LeafType]) -> Callable[[Any], Any]:
 
 
 def _value(value: Any, kind: LeafType) -> Any:
-    """Return a leaf's value; raise ValueError or TypeError if it is not of its kind."""
     if kind == "text":
         return str(value)
     if kind == "number":

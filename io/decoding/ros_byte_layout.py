@@ -229,7 +229,6 @@ def decode_by_layout(
 
 
 def _of_one_size(payloads: Sequence[bytes]) -> Iterator[Rows]:
-    """Yield the messages of each size."""
     sizes = np.array([len(payload) for payload in payloads], dtype=np.intp)
     order = np.argsort(sizes, kind="stable")
     borders = np.flatnonzero(np.diff(sizes[order])) + 1

@@ -148,7 +148,6 @@ def _interpretation_text(
 
 
 def _heading_offset_findings(log: Log, result: InterpretationResult) -> list[Finding]:
-    """Report by how much DVL and heading are rotated against the fixes."""
     best, offset, sd = result.best, result.best.offset_deg, result.offset_sd_deg
     if not result.heading_sense_known or not sd < THRESHOLDS.max_offset_sd_deg:
         return []
@@ -222,7 +221,6 @@ def _scale(log: Log, c: DrUsblFit) -> list[Finding]:
 
 
 def _fix_noise_findings(log: Log, timeline: Timeline, c: DrUsblFit) -> list[Finding]:
-    """Count the gross outliers, and compare the scatter of the other fixes with their stated sigma."""
     found: list[Finding] = []
     usbl = topic_of(log, "usbl")
     outliers = c.outlier_rows[c.residual_m[c.outlier_rows] > THRESHOLDS.min_outlier_m]

@@ -191,7 +191,6 @@ def _invalid(log: Log) -> list[Finding]:
 
 
 def _delays(log: Log) -> list[Finding]:
-    """Report how late fixes arrive."""
     if "usbl" not in log.tables:
         return []
     table = log.tables["usbl"]

@@ -76,7 +76,6 @@ def _row(entry: str, why: str) -> str:
 
 
 def _convention_comments(examination: Examination) -> list[str]:
-    """Report how well the conventions fit, and which source excluded their mirror image."""
     result = examination.sensor_check.result if examination.sensor_check else None
     if result is None:
         why = "too few fixes"
@@ -192,7 +191,6 @@ def _compass(examination: Examination, log: Log) -> list[ConfigLine]:
 
 
 def _in_radians(examination: Examination) -> bool:
-    """Tell whether headings that were read as degrees are radians."""
     return any(d.code == "HEADING-RADIANS" for d in examination.findings)
 
 

@@ -195,7 +195,6 @@ def recorded_value(log: Log, role: str, key: str) -> str:
 
 
 def _heading_correction_deg(log: Log) -> float:
-    """Return what was added to headings: declination minus bias."""
     added, subtracted = (log.convention("compass", key).value for key in ("declination_deg", "bias_deg"))
     return float(added or 0.0) - float(subtracted or 0.0)
 
@@ -223,7 +222,6 @@ def _interpretation(log: Log, flips: tuple[bool, bool, bool], rotation: Rotation
 
 
 def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
-    """Return evidence from fixes that define east: latitudes and longitudes, or bearings."""
     kind = recorded_value(log, "usbl", "kind")
     if kind == "latlon":
         return [HandednessEvidence("the fixes are latitudes and longitudes", 2, False)]
@@ -263,7 +261,6 @@ def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
 
 
 def _name_evidence(log: Log) -> list[HandednessEvidence]:
-    """Return evidence from frame names and types that define a convention."""
     found: list[HandednessEvidence] = []
     heading, frame = log.convention("compass", "convention"), log.convention("usbl", "frame")
     for role, chosen, part in (("compass", heading, 1), ("usbl", frame, 2)):

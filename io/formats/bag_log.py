@@ -21,7 +21,6 @@ class BagLog:
     format = "ROS 1 bag"
 
     def __init__(self, path: Path) -> None:
-        """Open nothing yet; ``path`` is a bag by its first bytes."""
         self.path = path
         self._unfit: dict[str, Finding] = {}
 

@@ -45,7 +45,6 @@ class CsvLog:
     """A folder of CSV files, or one such file."""
 
     def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = ()) -> None:
-        """Open nothing yet."""
         self.path = path
         self._configured = tuple(configured)
         self._read: dict[Path, Mapping[str, Sequence[str]]] = {}
@@ -61,7 +60,6 @@ class CsvLog:
 
     @cached_property
     def _sources(self) -> Mapping[str, CsvSource]:
-        """Return the sources by topic."""
         found: dict[str, CsvSource] = {}
         for file in text_files(self.path) if self.path.is_dir() else [self.path]:
             for topic, source in self._topics_of(file).items():
@@ -82,7 +80,6 @@ class CsvLog:
 
     @cached_property
     def _sheets(self) -> Mapping[str, Sheet | None]:
-        """Return how each topic's columns are interpreted."""
         sheets = {topic: self._recognised(topic, source) for topic, source in self._sources.items()}
         for stated in self._configured:
             topic = self._topic(stated)
@@ -138,7 +135,6 @@ class CsvLog:
         return self._read[file]
 
     def _rows(self, source: CsvSource) -> Sequence[int]:
-        """Return the rows of its file that belong to a source."""
         texts = self._texts(source.file)
         if source.sensor is None:
             return range(len(next(iter(texts.values()), ())))

@@ -40,7 +40,6 @@ class Db3Log:
     format = "rosbag2 (sqlite3)"
 
     def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
-        """Open nothing yet; ``path`` is sqlite3 by its first bytes."""
         self.path = path
         self._known = known
         self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may recover the rest"
@@ -97,7 +96,6 @@ class Db3Log:
 
     @cached_property
     def _keys(self) -> dict[int, TopicType]:
-        """Return topic and type by the file's own numbers."""
         return {number: key for number, key, _ in self._listed}
 
     @cached_property
@@ -124,7 +122,6 @@ class Db3Log:
     def _decoder(
         self, number: int, type_name: str, encoding: str, definitions: Mapping[str, tuple[str, str]]
     ) -> Decoder | str:
-        """Return the decoder of a topic, or the reason why there is none."""
         if encoding != "cdr":
             return f"encoding {encoding} is not supported, only cdr"
         if type_name in definitions:
@@ -133,7 +130,6 @@ class Db3Log:
         return decoder_without_definition(type_name, self._known, self._samples(number))
 
     def _samples(self, number: int) -> list[bytes]:
-        """Return some messages of a topic."""
         with self._open() as database:
             rows = database.execute("SELECT data FROM messages WHERE topic_id = ? LIMIT 5", (number,)).fetchall()
         return [_unpacked(data) for (data,) in rows]
@@ -173,7 +169,6 @@ class Db3Log:
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:
-    """Return the language and text of the definitions by type that the file carries."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
         return {}
     rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")

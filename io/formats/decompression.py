@@ -19,7 +19,6 @@ class Decompressor:
     """Memory for one unpacked chunk."""
 
     def __init__(self) -> None:
-        """Begin without memory."""
         self._memory = bytearray()
 
     def unpack(self, compression: str, packed: memoryview, size: int) -> memoryview:

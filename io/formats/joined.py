@@ -71,7 +71,6 @@ def _shifted(topic: TopicInfo, offset_ns: int) -> TopicInfo:
 
 
 def _together(a: TopicInfo, b: TopicInfo) -> TopicInfo:
-    """Return a topic that is in two parts."""
     firsts = [t for t in (a.first_ns, b.first_ns) if t is not None]
     lasts = [t for t in (a.last_ns, b.last_ns) if t is not None]
     return replace(

@@ -36,7 +36,6 @@ class ChunkReader:
     """Reads the chunks of a file one after the other."""
 
     def __init__(self, file: BufferedReader) -> None:
-        """Read from the file's current position each time."""
         self._file = file
         self._raw = bytearray()
         self._unpacker = Decompressor()

@@ -36,7 +36,6 @@ class McapLog:
     format = "MCAP"
 
     def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
-        """Open nothing yet; ``path`` is MCAP by its first bytes."""
         self.path = path
         self._definitions = known
         self._unfit: dict[str, Finding] = {}
@@ -113,7 +112,6 @@ class McapLog:
         self._keys[record.id] = key
 
     def _decoder(self, channel: Channel, schema: Schema | None) -> Decoder | str:
-        """Return the decoder of a topic, or the reason why there is none."""
         encoding = channel.message_encoding
         if schema is None or not schema.data:
             if schema is not None and encoding == "cdr" and schema.name:
@@ -145,7 +143,6 @@ class McapLog:
 
 
 def _losses(scan: McapScan, span: str) -> list[Finding]:
-    """Report what a scan could not read."""
     findings: list[Finding] = []
     if not scan.complete:
         text = (

@@ -121,7 +121,6 @@ class McapScan:
                 yield record
 
     def _record(self, op: int, body: memoryview) -> Record | None:
-        """Return the record if it is to be yielded, else None."""
         if op == Opcode.MESSAGE:
             channel, _, time_ns, _ = MESSAGE.unpack_from(body)
             if time_ns < 1 << 63:

@@ -36,7 +36,6 @@ class NmeaFile:
     format = "NMEA text"
 
     def __init__(self, path: Path) -> None:
-        """Read nothing yet."""
         self.path = path
         self._undecoded: dict[str, int] = {}
 
@@ -72,14 +71,12 @@ class LogWithSentences:
     """A log in which some text topics carry sentences; each kind of sentence is an additional topic."""
 
     def __init__(self, carried: Reader, carriers: Mapping[str, str]) -> None:
-        """Take the log and, by topic, the field that holds the text."""
         self._carried, self._carriers = carried, carriers
         self.path, self.format = carried.path, carried.format
         self._undecoded: dict[str, int] = {}
 
     @cached_property
     def _sentences(self) -> Mapping[str, SentenceSet]:
-        """Return the sentences by the topic that carries them."""
         stamped = {t.name for t in self._carried.topics() if t.has("header.stamp")}
         wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in self._carriers.items()}
         records = self._carried.read(wanted)

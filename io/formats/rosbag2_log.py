@@ -36,7 +36,6 @@ def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
 
 
 def _reader(file: Path, known: Definitions) -> Reader:
-    """Return the reader of one part, by its first bytes."""
     with file.open("rb") as opened:
         head = opened.read(16)
     if head.startswith(b"\x89MCAP0\r\n"):
@@ -57,7 +56,6 @@ def _parts(folder: Path) -> list[Path]:
 
 
 def _named(metadata: Path) -> list[str]:
-    """Return the files that metadata.yaml names."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -108,7 +106,6 @@ def _numbered(folder: Path, parts: list[Path]) -> list[Path]:
 
 
 def _gaps(parts: list[Path]) -> list[Finding]:
-    """Report which of several numbered parts are missing."""
     found = [re.fullmatch(r"(.*)_(\d+)", file.stem) for file in parts]
     numbers = {int(match[2]) for match in found if match}
     missing = sorted(set(range(max(numbers, default=0) + 1)) - numbers) if len(numbers) > 1 else []

@@ -113,7 +113,6 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
 
 
 def _fix_outcome(update: Update | None, filtered: bool) -> tuple[float, float, float, int, str, str]:
-    """Return innovation, NIS, outcome and its reason for one fix."""
     if update is None:
         why = "outside the span of the run" if filtered else "the method is not a filter"
         return math.nan, math.nan, math.nan, 0, "not used" if filtered else "", why
@@ -219,7 +218,6 @@ def report_content(run: Run) -> dict[str, Any]:
 
 
 def _bound(bound: PositionBound) -> dict[str, dict[str, float]]:
-    """Return the lower bound on the mean errors and the rmse of any filter and of any smoother."""
     return {"filter": bound.metrics(smooth=False), "smoother": bound.metrics(smooth=True)}
 
 

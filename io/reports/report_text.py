@@ -168,7 +168,6 @@ def leave_one_out_table(run: Run) -> Table:
 
 
 def _direction(east_m: float, north_m: float) -> str:
-    """Return the compass point of a shift."""
     return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]
 
 
@@ -226,7 +225,6 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
 
 
 def _sensor(updates: SensorUpdates, fixes: FixUpdates | None) -> str:
-    """Return NIS and outcomes of a sensor's updates; of the USBL, of its fixes."""
     what, of = ("updates", updates) if fixes is None else ("fixes", fixes)
     counts = {"down-weighted": of.down_weighted, "rejected": of.rejected}
     text = "".join(f", {count} {outcome}" for outcome, count in counts.items() if count)
@@ -236,13 +234,11 @@ def _sensor(updates: SensorUpdates, fixes: FixUpdates | None) -> str:
 
 
 def _calibrated(error: EstimatedError) -> str:
-    """Return a sensor error with its sigma at the end of the run."""
     unit = f" {error.unit}" if error.unit else ""
     return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
 
 
 def _observability(observed: Sequence[StateObservability]) -> str:
-    """Return which sensor errors the log makes observable, each with its sigma ratio."""
     keys: dict[str, list[str]] = {}
     for state in observed:
         keys.setdefault(state.conclusion, []).append(
@@ -252,7 +248,6 @@ def _observability(observed: Sequence[StateObservability]) -> str:
 
 
 def _outages(run: Run) -> str:
-    """Count the outages of each sensor and name its longest."""
     texts: list[str] = []
     for sensor in sorted({outage.sensor for outage in run.timeline.outages}):
         mine = [outage for outage in run.timeline.outages if outage.sensor == sensor]

@@ -69,7 +69,6 @@ class SensorSection(Section, frozen=True, kw_only=True):
     outlier_share: Part = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse records that could overtake each other, and spans that end before they begin."""
         if self.jitter_s * self.rate_hz > 1:
             raise ValueError(f"jitter_s must not exceed the {1 / self.rate_hz:g} s between two records")
         refuse_backwards(self)
@@ -124,7 +123,6 @@ class MultipathSection(Section, frozen=True, kw_only=True):
     lasts_s: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse clusters that end before they begin."""
         refuse_backwards(self)
 
 
@@ -136,7 +134,6 @@ class AccuracySection(Section, frozen=True, kw_only=True):
     bearing_sd_deg: Positive | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an accuracy of zero."""
         if not self.sd_m and not self.sd_rel:
             raise ValueError("state sd_m, sd_rel or both")
 
@@ -189,7 +186,6 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
     start: StartSection | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a drawn dive without a start, or with a current, and scenarios with too many records."""
         if self.drawn is not None and self.start is None:
             raise ValueError("[drawn] needs [start], from which the initial state is drawn")
         if self.drawn is not None and (self.current.east_mps or self.current.north_mps):

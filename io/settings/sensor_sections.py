@@ -70,7 +70,6 @@ class DvlSection(Section, frozen=True, kw_only=True):
     noise: DvlNoise | None = None
 
     def __post_init__(self) -> None:
-        """Refuse axes that are not three perpendicular directions."""
         if self.axes is not None:
             axis_signs(self.axes)
 
@@ -111,7 +110,6 @@ class Head(Section, frozen=True, kw_only=True):
     max_gap_s: Gap = 3.0
 
     def __post_init__(self) -> None:
-        """Refuse a head without a position or with two, and one with a lever arm but no heading."""
         place = (self.lat_deg, self.lon_deg, self.east_m, self.north_m)
         if self.topic is not None and any(v is not None for v in place):
             raise ValueError("state either the head's position or its topic")
@@ -135,7 +133,6 @@ class Beacon(Section, frozen=True, kw_only=True):
     max_gap_s: Gap = 3.0
 
     def __post_init__(self) -> None:
-        """Refuse a beacon without a position or with two."""
         refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
 
 
@@ -174,7 +171,6 @@ class UsblSection(Section, frozen=True, kw_only=True):
     noise: UsblNoise | None = None
 
     def __post_init__(self) -> None:
-        """Refuse keys that contradict each other."""
         if self.axes is not None:
             axis_signs(self.axes)
         if self.head is not None and self.beacon is not None:
@@ -233,7 +229,6 @@ class TruthSection(Section, frozen=True, kw_only=True):
     columns: dict[Literal["time_ns", "time_unix_s", "time_s", "x", "y", "sd_m"], str] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a topic together with a file or columns."""
         if self.topic is not None and self.file is not None:
             raise ValueError("state either topic or file")
         if self.topic is not None and self.columns is not None:

@@ -106,7 +106,6 @@ def _place(path: str, annotation: object) -> str:
 
 
 def _annotation(path: str, form: object) -> object:
-    """Return the type at a dotted path in ``form``."""
     for name in path.replace("[...]", "").split(".") if path else ():
         hints = [typing.get_type_hints(section, include_extras=True) for section in sections(form)]
         form = next((hint[name] for hint in hints if name in hint), None)
@@ -114,7 +113,6 @@ def _annotation(path: str, form: object) -> object:
 
 
 def _words(annotation: object) -> list[str]:
-    """Return the allowed values of a type as words."""
     if typing.get_origin(annotation) is Literal:
         return [str(word) for word in typing.get_args(annotation)]
     if annotation is float:

@@ -89,7 +89,6 @@ def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
 
 
 def _latencies(log: Log) -> dict[str, float]:
-    """Return by sensor the latency that was subtracted from its stamps."""
     return {role: latency for role in ROLES if (latency := log.settings.section(role).latency_s)}
 
 
@@ -144,7 +143,6 @@ def _configuration(
 
 
 def _skipped(log: Log) -> int:
-    """Return how many GPS rows precede the truth that is made from them."""
     if log.truth is None or "gps" not in log.tables:
         return 0
     first = (log.truth.time_s[0], *log.truth.position_m[0])

@@ -120,7 +120,6 @@ def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[
 
 
 def _refuse_unless_written(folder: Path) -> None:
-    """Raise UsageError unless a folder is empty or holds only a log that usbldr wrote."""
     if not folder.is_dir():
         raise UsageError(f"{folder}: is a file; name a file NAME.mcap, NAME.bag or NAME.db3, or another folder")
     held = sorted(file.name for file in folder.iterdir())
@@ -132,7 +131,6 @@ def _refuse_unless_written(folder: Path) -> None:
 
 
 def _written_by_usbldr(folder: Path) -> bool:
-    """Return whether the configuration in a folder was written by usbldr."""
     try:
         text = (folder / "usbldr.toml").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):

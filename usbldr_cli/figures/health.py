@@ -81,7 +81,6 @@ def innovation_figure(run: Run) -> Figure | None:
 
 
 def _series(updates: Sequence[Update], channel: Channel) -> Series:
-    """Return the innovations of one channel."""
     found: list[tuple[float, float, float, str]] = []
     for update in updates:
         if (update.sensor, update.axis) != (channel.sensor, channel.axis):

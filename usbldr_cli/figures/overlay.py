@@ -113,7 +113,6 @@ def _first_traces(rows: Sequence[ComparisonRow]) -> dict[str, Trace]:
 
 
 def _seed_text(rows: Sequence[ComparisonRow]) -> str:
-    """Return which run is drawn."""
     seeds = [set(row.good) for row in rows if len(row.seeds) > 1]
     if not seeds:
         return "one run of each"

@@ -51,7 +51,6 @@ def track_figure(run: Run) -> Figure:
 
 
 def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -> None:
-    """Draw dead reckoning and the raw fixes."""
     for other in other_tracks(run):
         if other.trajectory.method == "dr":
             path = other.trajectory.position_m[_during(other.trajectory.time_s, span)]
@@ -60,7 +59,6 @@ def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -
 
 
 def _draw_track(axes: Axes, run: Run, position_m: Array, span: Span) -> None:
-    """Draw truth and estimate, with start and end."""
     trajectory = run.scored.trajectory
     if run.truth is not None:
         during = _during(run.truth.time_s, span)

@@ -64,7 +64,6 @@ class RunChoices:
         )
 
     def _window(self, start_ns: int) -> tuple[float, float]:
-        """Return the seconds of the log that --start and --end choose."""
         start = -math.inf if self.start is None else seconds_of_log("--start", self.start, start_ns)
         end = math.inf if self.end is None else seconds_of_log("--end", self.end, start_ns)
         if not start < end:
@@ -181,7 +180,6 @@ def _keys(text: str) -> tuple[str, ...]:
 
 
 def _place(text: str) -> str | tuple[float, float]:
-    """Return what --dr-from names: a word, or latitude and longitude in degrees."""
     lat_deg, comma, lon_deg = text.partition(",")
     try:
         return (float(lat_deg), float(lon_deg)) if comma else text

@@ -48,7 +48,6 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:
 
 
 def _foreign(folder: Path) -> str | None:
-    """Return the name of a file that is not of a comparison."""
     for path in sorted(folder.iterdir()):
         if path.name == UNITS and path.is_dir():
             inner = [p.name for p in sorted(path.iterdir()) if not OWN_UNIT.fullmatch(p.name)]

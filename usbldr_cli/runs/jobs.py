@@ -150,7 +150,6 @@ def _bar(total: int) -> Generator[Callable[[], None]]:
 
 
 def _run(unit: Job, kept: JobStore | None) -> _FinishedJob:
-    """Run one job, or read its result from the store."""
     selection = tuple(sorted(unit.selection.items()))
     choices = relevant_choices(unit.method, unit.choices)
     try:
