@@ -1,6 +1,5 @@
 """``usbldr check``: runs the rows of a baseline again and compares each metric with its stored value, for CI."""
 
-import json
 import os
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -12,7 +11,7 @@ import click
 
 from usbldr.filters.errors import CheckError, LogError, UsageError
 from usbldr_cli.options.log_options import inputs, read_request, selection_options
-from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
@@ -28,9 +27,7 @@ FILES = ("config", "truth", "with", "msg_path")  # options whose value may be a 
 @click.argument("baseline", type=click.Path(path_type=Path))
 @click.option("--update", is_flag=True, help="Show the differences and store the new values.")
 @click.option("--jobs", "-j", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]")
-@click.option(
-    "--json", "json_to", is_flag=False, flag_value="-", help="Write the result as JSON, to a file or to stdout."
-)
+@json_option("result")
 @click.option(
     "--markdown", "markdown_to", metavar="FILE", help="Write the result as a page for the summary of a CI run."
 )
@@ -67,11 +64,7 @@ def check(
     if markdown_to is not None:
         write_file("--markdown", Path(markdown_to), markdown(baseline.name, checked))
     if json_to is not None:
-        text = json.dumps(as_json(baseline.name, checked, code), indent=1, allow_nan=False, ensure_ascii=False)
-        if json_to == "-":
-            click.echo(text)
-        else:
-            write_file("--json", Path(json_to), text + "\n")
+        write_json(json_to, as_json(baseline.name, checked, code))
     if json_to != "-":
         _print_result(checked, quiet, update)
     return _update(wanted, checked, show=json_to != "-") if update else code

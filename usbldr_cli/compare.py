@@ -12,7 +12,7 @@ import click
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import inputs, read_request, selection_options
-from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.output_files import json_option, refuse_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 @click.option("--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.")
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
-@click.option(
-    "--json", "json_to", is_flag=False, flag_value="-", help="Write the table as JSON, to a file or to stdout."
-)
+@json_option("table")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def compare(
     logs: tuple[str, ...],
@@ -224,16 +222,14 @@ def _write(output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[s
 def _print_result(
     rows: "Sequence[ComparisonRow]", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
 ) -> None:
-    from usbldr_cli.runs.compare_directory import as_json
+    from usbldr_cli.runs.compare_directory import content
     from usbldr_cli.runs.seed_table import overall
     from usbldr_cli.tables.compare_table import render
 
     if json_to is not None:
-        text = as_json(rows, request)
-        if json_to == "-":
-            click.echo(text)
-            return
-        write_file("--json", Path(json_to), text + "\n")
+        write_json(json_to, content(rows, request))
+    if json_to == "-":
+        return
     if quiet:
         click.echo(overall(rows))
         return

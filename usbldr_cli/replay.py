@@ -1,6 +1,5 @@
 """``usbldr replay``: run a filter over a log and write a run directory."""
 
-import json
 import math
 import sys
 from collections.abc import Callable, Generator
@@ -14,7 +13,7 @@ import click
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import log_options, request_and_inputs
-from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
@@ -42,9 +41,7 @@ if TYPE_CHECKING:
 @run_options
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
 @click.option("--force", is_flag=True, help="Replace an existing run directory.")
-@click.option(
-    "--json", "json_to", is_flag=False, flag_value="-", help="Write the report as JSON, to a file or to stdout."
-)
+@json_option("report")
 @click.option("--write-calibration", metavar="FILE", help="Write the estimated sensor errors as a configuration.")
 @click.option(
     "--leave-one-out",
@@ -237,11 +234,9 @@ def _print_result(run: "Run", target: Path, json_to: str | None, quiet: bool) ->
     from usbldr_cli.tables.run_table import render
 
     if json_to is not None:
-        text = json.dumps(json_values(report_content(run)), indent=1, allow_nan=False, ensure_ascii=False)
-        if json_to == "-":
-            click.echo(text)
-            return
-        write_file("--json", Path(json_to), text + "\n")
+        write_json(json_to, json_values(report_content(run)))
+    if json_to == "-":
+        return
     if quiet:
         for warning in run.warnings:
             click.echo(f"usbldr: {warning}", err=True)

@@ -59,13 +59,8 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     if result is None:
         text = "too few fixes within valid dead reckoning to check the conventions"
         return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
-    unit_ratio, result, timeline = correct_velocity_unit(log, timeline, result, sources)
-    clock_offset_s, result, timeline = correct_clock_offset(log, timeline, result, sources)
-    found = [
-        *convention_findings(log, result),
-        *_heading_offset_findings(log, result),
-        *heading_unit_findings(log, timeline, result),
-    ]
+    unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
+    found = _fit_findings(log, timeline, result)
     calibration = fit_sensor_errors(reinterpret(log, timeline, result.best.flips), result.best.fit.rotation_rad)
     late_s = clock_offset_s + (calibration.latency_s if calibration is not None else result.best.fit.latency_s)
     found += clock_offset_findings(log, late_s) if clock_offset_s else ()
@@ -84,16 +79,24 @@ def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     result = compare_interpretations(log, timeline) if len(timeline.fix_time_s) else None
     if result is None:
         return []
-    unit_ratio, result, corrected = correct_velocity_unit(log, timeline, result, ())
-    clock_offset_s, result, corrected = correct_clock_offset(log, corrected, result, ())
-    found = [
-        *convention_findings(log, result),
-        *_heading_offset_findings(log, result),
-        *heading_unit_findings(log, corrected, result),
-    ]
+    unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, ())
+    found = _fit_findings(log, corrected, result)
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
     return [d for d in found if d.code in REPLAY_WARNING_CODES]
+
+
+def _corrected(
+    log: Log, timeline: Timeline, result: InterpretationResult, sources: Sequence[HandednessEvidence]
+) -> tuple[float, float, InterpretationResult, Timeline]:
+    """Return the factor of the velocities and the offset of the fixes' clock, and the result without both."""
+    unit_ratio, result, timeline = correct_velocity_unit(log, timeline, result, sources)
+    return unit_ratio, *correct_clock_offset(log, timeline, result, sources)
+
+
+def _fit_findings(log: Log, timeline: Timeline, result: InterpretationResult) -> list[Finding]:
+    found = [*convention_findings(log, result), *_heading_offset_findings(log, result)]
+    return [*found, *heading_unit_findings(log, timeline, result)]
 
 
 def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]:

@@ -26,16 +26,16 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     parts = [
         f"# {run.label} on {run.log.path.name}",
         f"**{run.verdict}.**",
-        _pairs(context(run)),
+        labelled(context(run)),
     ]
     if run.scored.report is not None:
-        parts += ["## Errors", _table(error_table(run.scored.report)), _table(method_table(run))]
+        parts += ["## Errors", markdown_table(error_table(run.scored.report)), markdown_table(method_table(run))]
     if lines := health_lines(run):
-        parts += ["## Health", _pairs(lines)]
+        parts += ["## Health", labelled(lines)]
     if len((fixes := influence_table(run)).rows):
-        parts += ["## Influential fixes", INFLUENCE, _table(fixes)]
+        parts += ["## Influential fixes", INFLUENCE, markdown_table(fixes)]
     if run.without_fixes:
-        parts += ["## Fixes left out", LEAVE_ONE_OUT_NOTE, _table(leave_one_out_table(run))]
+        parts += ["## Fixes left out", LEAVE_ONE_OUT_NOTE, markdown_table(leave_one_out_table(run))]
     if run.warnings:
         parts += ["## Warnings", _bullets(run.warnings)]
     if pictures:
@@ -65,7 +65,7 @@ def _sensors(run: Run) -> str:
     if origin is not None:
         place = f"{origin.lat_deg:.9f} N, {origin.lon_deg:.9f} E ({origin.source})"
     facts = [("start", utc(run.log.start_ns)), ("origin", place), ("sha256", run.log.sha256)]
-    return f"{_table(Table('sensor', heads, rows))}\n\n{_pairs(facts)}"
+    return f"{markdown_table(Table('sensor', heads, rows), numbers=False)}\n\n{labelled(facts)}"
 
 
 def _definitions(run: Run) -> list[str]:
@@ -87,14 +87,17 @@ def _definitions(run: Run) -> list[str]:
     return lines
 
 
-def _table(table: Table) -> str:
-    align = ["---", *("---:" for _ in table.heads)] if table.title != "sensor" else ["---"] * (1 + len(table.heads))
-    lines = [(table.title, *table.heads), tuple(align), *table.rows]
-    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in lines)
+def markdown_table(table: Table, numbers: bool = True) -> str:
+    """Return a table as Markdown, with columns of numbers to the right."""
+    rows = [(table.title, *table.heads), *table.rows]
+    lines = [[cell.replace("|", r"\|").replace("*", r"\*") for cell in row] for row in rows]
+    lines.insert(1, ["---", *("---:" if numbers else "---" for _ in table.heads)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
-    return _bullets([f"**{label}**: {text}" for label, text in pairs])
+def labelled(lines: Sequence[tuple[str, str]]) -> str:
+    """Return labelled sentences as a list."""
+    return _bullets([f"**{label}**: {text}" for label, text in lines])
 
 
 def _bullets(lines: Sequence[str]) -> str:

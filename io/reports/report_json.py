@@ -1,14 +1,13 @@
 """The values of one run, and its machine-readable files: report.json and the CSV tables. SI units, as named."""
 
-import dataclasses
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+import msgspec
 import numpy as np
 import pandas as pd
 
@@ -23,7 +22,7 @@ from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.log import Log
 from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
-from usbldr.io.reports.run_directory import REPORT
+from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
 
 SCHEMA = 2  # fixed: the version of report.json
@@ -170,10 +169,8 @@ def _grid_names(run: Run) -> tuple[str, str]:
 def write_json(folder: Path, run: Run) -> None:
     """Write report.json, the last file of a run: it lists all others."""
     files = sorted(path.name for path in folder.iterdir())
-    text = json.dumps(
-        json_values({**report_content(run), "files": files}), indent=1, allow_nan=False, ensure_ascii=False
-    )
-    (folder / REPORT).write_text(text + "\n", encoding="utf-8")
+    content = json_values({**report_content(run), "files": files})
+    (folder / REPORT).write_text(json_text(content) + "\n", encoding="utf-8")
 
 
 def report_content(run: Run) -> dict[str, Any]:
@@ -272,16 +269,11 @@ def _scores(report: ErrorReport | None) -> dict[str, Any]:
 
 def json_values(value: object) -> Any:
     """Convert values to JSON types: NaN and infinity become null, dataclasses become objects."""
-    if value is None or isinstance(value, bool | str | int):
-        return value
-    if isinstance(value, np.generic):
-        return json_values(cast(object, value.item()))
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: json_values(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    return msgspec.json.decode(msgspec.json.encode(value, enc_hook=_plain))
+
+
+def _plain(value: Any) -> Any:
+    """Return what msgspec does not know as what it knows."""
     if isinstance(value, Mapping):
-        return {str(key): json_values(item) for key, item in cast(Mapping[object, object], value).items()}
-    if isinstance(value, np.ndarray | Sequence | set | frozenset):
-        return [json_values(item) for item in cast(Iterable[object], value)]
-    return str(value)
+        return dict(cast(Mapping[object, object], value))
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)  # pyright: ignore

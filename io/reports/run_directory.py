@@ -84,6 +84,11 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
+def json_text(content: object) -> str:
+    """Return content as the JSON of every file that usbldr writes."""
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a file that appears under its name when it is complete."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")

@@ -1,11 +1,28 @@
 """The single files that a command writes, as --json FILE: checked before the run, written atomically."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
+
+import click
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.reports.run_directory import write_atomically
+from usbldr.io.reports.run_directory import json_text, write_atomically
+
+
+def json_option(what: str) -> Callable[[Any], Any]:
+    """Add --json, which writes this as JSON."""
+    text = f"Write the {what} as JSON, to a file or to stdout."
+    return click.option("--json", "json_to", is_flag=False, flag_value="-", help=text)
+
+
+def write_json(target: str, content: object) -> None:
+    """Write the content to the file of --json, or to stdout for "-"."""
+    if target == "-":
+        click.echo(json_text(content))
+    else:
+        write_file("--json", Path(target), json_text(content) + "\n")
 
 
 def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made: Path | None = None) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.reports.run_directory import write_atomically
+from usbldr.io.reports.run_directory import json_text, write_atomically
 from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_content
 
 UNITS, TABLES = "units", "compare.json"
@@ -70,16 +70,15 @@ def _plain(request: Mapping[str, Any]) -> Any:
     return json.loads(json.dumps(request))
 
 
-def as_json(rows: Sequence[ComparisonRow], request: Mapping[str, Any]) -> str:
-    """Return compare.json."""
-    content = {
+def content(rows: Sequence[ComparisonRow], request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of compare.json."""
+    return {
         "schema": SCHEMA,
         "tool": {"name": "usbldr", "version": version("usbldr")},
         "request": request,
         "rows": records(rows),
         "verdict": overall(rows),
     }
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
 
 
 def records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
@@ -98,4 +97,4 @@ def write_tables(folder: Path, rows: Sequence[ComparisonRow], request: Mapping[s
     table = pd.DataFrame(records(rows)).to_csv(index=False, lineterminator="\n")
     write_atomically(folder / "compare.csv", table.encode())
     write_atomically(folder / "compare.md", markdown.encode())
-    write_atomically(folder / TABLES, (as_json(rows, request) + "\n").encode())
+    write_atomically(folder / TABLES, (json_text(content(rows, request)) + "\n").encode())

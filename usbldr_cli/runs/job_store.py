@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from usbldr.io.reports.run_directory import write_atomically
+from usbldr.io.reports.run_directory import json_text, write_atomically
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.error_report import Window
@@ -108,8 +108,7 @@ class JobStore:
             write_atomically(self._trace(key), packed.getvalue())
         content = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
         judged = asdict(outcome.scored_against) if outcome.scored_against is not None else None
-        text = json.dumps({**content, "judged": judged}, indent=1, allow_nan=False, ensure_ascii=False)
-        write_atomically(self._json(key), (text + "\n").encode())
+        write_atomically(self._json(key), (json_text({**content, "judged": judged}) + "\n").encode())
         return replace(outcome, trace=self._trace(key) if trace is not None else None)
 
     def _json(self, key: str) -> Path:

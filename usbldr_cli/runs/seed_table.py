@@ -169,11 +169,14 @@ def _measure(judged: ScoringContext) -> tuple[str, str, str, str]:
     )
 
 
+def _ranked(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
+    methods = [row for row in rows if row.good and row.method != BOUND]
+    return sorted(methods, key=lambda row: row.mean("mean_horizontal_m") or 0.0)
+
+
 def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
     """Return which row of a log is best, and by how much."""
-    ranked = sorted(
-        (row for row in rows if row.good and row.method != BOUND), key=lambda row: row.mean("mean_horizontal_m") or 0.0
-    )
+    ranked = _ranked(rows)
     if not ranked:
         return f"{rows[0].log}: no run succeeded"
     best, *others = ranked
@@ -206,9 +209,7 @@ def overall(rows: Sequence[ComparisonRow]) -> str:
         return best_method_sentence(rows)
     best: dict[str, list[str]] = {}
     for log, group in groups.items():
-        ranked = [row for row in group if row.good and row.method != BOUND]
-        if ranked:
-            winner = min(ranked, key=lambda row: row.mean("mean_horizontal_m") or 0.0)
+        for winner in _ranked(group)[:1]:
             best.setdefault(winner.label, []).append(log)
     order = sorted(best.items(), key=lambda item: -len(item[1]))
     texts = [f"{label} on {len(logs)} of {len(groups)} logs ({', '.join(logs)})" for label, logs in order]

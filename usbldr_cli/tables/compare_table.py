@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Sequence
 
 from usbldr.filters.evaluation.error_report import Window
+from usbldr.io.reports.markdown_report import labelled, markdown_table
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
 from usbldr_cli.runs.seed_table import (
     BOUND,
@@ -16,7 +17,7 @@ from usbldr_cli.runs.seed_table import (
     row_consistency,
     row_metrics,
 )
-from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
+from usbldr_cli.tables.run_table import WIDTH, aligned, pairs, title
 
 HUGE = 1e5  # shown in scientific notation
 LEGEND = (
@@ -120,24 +121,24 @@ def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
     blocks: list[str] = []
     groups = grouped(rows)
     for log, group in groups.items():
-        blocks += [_title(log, colour), pairs(context(group))] if context(group) else [_title(log, colour)]
+        blocks += [title(log, colour), pairs(context(group))] if context(group) else [title(log, colour)]
         if any(row.good for row in group):
             blocks += ["", aligned(error_table(_shown(group))), "", aligned(health_table(group))]
         if lines := notes(group):
             blocks += ["", pairs(lines)]
         blocks += ["", *([_filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
-    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", _title(_filled(overall(rows)), colour)])
+    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(_filled(overall(rows)), colour)])
 
 
 def markdown(rows: Sequence[ComparisonRow], pictures: Sequence[tuple[str, str]]) -> str:
     """Return compare.md; the figures, file name and caption, are beside it."""
     parts = ["# Comparison", f"**{overall(rows)}.**"]
     for log, group in grouped(rows).items():
-        parts += [f"## {log}", _bullets(context(group))] if context(group) else [f"## {log}"]
+        parts += [f"## {log}", labelled(context(group))] if context(group) else [f"## {log}"]
         if any(row.good for row in group):
-            parts += [piped(error_table(_shown(group))), piped(health_table(group))]
+            parts += [markdown_table(error_table(_shown(group))), markdown_table(health_table(group))]
         if lines := notes(group):
-            parts.append(_bullets(lines))
+            parts.append(labelled(lines))
         parts.append(f"{best_method_sentence(group)}.")
     parts += [LEGEND.replace("*", r"\*"), "Every number is in `compare.json` under its name in `report.json`."]
     parts += [f"![{caption}]({name})\n\n*{caption}*" for name, caption in pictures]
@@ -173,26 +174,7 @@ def _number(row: ComparisonRow, metric: str, digits: int = 3) -> str:
     return f"{value:.{digits}f}" if abs(value) < HUGE else f"{value:.1e}"
 
 
-def piped(table: Table) -> str:
-    """Return a table as Markdown."""
-    lines = [[_escaped(cell) for cell in line] for line in ((table.title, *table.heads), *table.rows)]
-    lines.insert(1, ["---", *("---:" for _ in table.heads)])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _escaped(cell: str) -> str:
-    return cell.replace("|", r"\|").replace("*", r"\*")
-
-
-def _bullets(lines: Sequence[tuple[str, str]]) -> str:
-    return "\n".join(f"* **{label}**: {text}" for label, text in lines)
-
-
 def _filled(text: str) -> str:
     """Wrap a sentence without separating numbers from units."""
     tied = re.sub(r"(?<=\d) (?=%|m\b)", "\xa0", text)
     return textwrap.fill(tied, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
-
-
-def _title(text: str, colour: bool) -> str:
-    return f"\x1b[1m{text}\x1b[0m" if colour else text

@@ -12,7 +12,7 @@ LABEL = 13  # [columns] of the longest label and a gap
 
 def render(run: Run, colour: bool = False) -> str:
     """Return the whole table, in colour only on a terminal."""
-    blocks = [_title(f"{run.label} on {run.log.path.name}", colour), pairs(context(run))]
+    blocks = [title(f"{run.label} on {run.log.path.name}", colour), pairs(context(run))]
     if run.scored.report is not None:
         blocks += ["", aligned(error_table(run.scored.report)), "", aligned(method_table(run))]
     if lines := health_lines(run):
@@ -21,7 +21,7 @@ def render(run: Run, colour: bool = False) -> str:
         blocks += ["", aligned(leave_one_out_table(run))]
     if run.warnings:
         blocks += ["", *(wrap_labelled("warning", text) for text in run.warnings)]
-    blocks += ["", _title(run.verdict, colour)]
+    blocks += ["", title(run.verdict, colour)]
     return "\n".join(blocks)
 
 
@@ -54,5 +54,6 @@ def wrap_labelled(label: str, text: str) -> str:
     )
 
 
-def _title(text: str, colour: bool) -> str:
+def title(text: str, colour: bool) -> str:
+    """Return a line in bold, if in colour."""
     return f"\x1b[1m{text}\x1b[0m" if colour else text

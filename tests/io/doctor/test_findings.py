@@ -12,7 +12,7 @@ DOCUMENTED = {code: level for codes, level in ROWS for code in re.findall(r"[A-Z
 
 def codes_in_the_sources() -> set[str]:
     sources = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "io").rglob("*.py"))
-    literal = re.findall(r'Finding\(\s*"([A-Z]+(?:-[A-Z]+)*)"', sources)
+    literal = re.findall(r'[Ff]inding\(\s*"([A-Z]+(?:-[A-Z]+)*)"', sources)
     tabled = re.findall(r'^\s+\(?"([A-Z]+-[A-Z-]+)"[:,]', sources, re.MULTILINE)
     return {*literal, *tabled}
 
