@@ -25,45 +25,37 @@ LEAST_VARIANCE_M2 = 1e-12  # (1 um)^2: the least variance that NEES divides by
 class Nees(NamedTuple):
     """The mean NEES, and the bounds that a right covariance keeps in 95 of 100 runs."""
 
-    mean: Annotated[float, Metric("nees_mean", "", "both", "Mean NEES of east and north; 2 is right.")]
-    low: Annotated[float, Metric("nees_low", "", "both", "Lower bound of the mean NEES of a right covariance.")]
-    high: Annotated[float, Metric("nees_high", "", "both", "Upper bound of the mean NEES of a right covariance.")]
-    independent_errors: Annotated[
-        float, Metric("independent_errors", "", "both", "Effective number of independent errors.")
-    ]
+    mean: Annotated[float, Metric("nees_mean", "Mean NEES of east and north; 2 is right.")]
+    low: Annotated[float, Metric("nees_low", "Lower bound of the mean NEES of a right covariance.")]
+    high: Annotated[float, Metric("nees_high", "Upper bound of the mean NEES of a right covariance.")]
+    independent_errors: Annotated[float, Metric("independent_errors", "Effective number of independent errors.")]
 
 
 class SigmaShares(NamedTuple):
     """The shares of the 2 M errors of an axis inside 1, 2 and 3 of that axis's sigmas."""
 
-    inside_1: Annotated[float, Metric("inside_1_sigma", "", "both", "Share of the errors inside 1 sigma.")]
-    inside_2: Annotated[float, Metric("inside_2_sigma", "", "both", "Share of the errors inside 2 sigma.")]
-    inside_3: Annotated[float, Metric("inside_3_sigma", "", "both", "Share of the errors inside 3 sigma.")]
+    inside_1: Annotated[float, Metric("inside_1_sigma", "Share of the errors inside 1 sigma.")]
+    inside_2: Annotated[float, Metric("inside_2_sigma", "Share of the errors inside 2 sigma.")]
+    inside_3: Annotated[float, Metric("inside_3_sigma", "Share of the errors inside 3 sigma.")]
 
 
 class FixUpdates(NamedTuple):
     """What became of the USBL fixes."""
 
-    used: Annotated[int, Metric("fixes_used", "", "both", "USBL fixes used.")]
-    down_weighted: Annotated[int, Metric("fixes_down_weighted", "", "both", "USBL fixes that are likely outliers.")]
-    rejected: Annotated[int, Metric("fixes_rejected", "", "both", "USBL fixes rejected.")]
-    longest_gap_s: Annotated[float, Metric("longest_fix_gap_s", "s", "both", "Longest time without a used fix.")]
+    used: Annotated[int, Metric("fixes_used", "USBL fixes used.")]
+    down_weighted: Annotated[int, Metric("fixes_down_weighted", "USBL fixes that are likely outliers.")]
+    rejected: Annotated[int, Metric("fixes_rejected", "USBL fixes rejected.")]
+    longest_gap_s: Annotated[float, Metric("longest_fix_gap_s", "Longest time without a used fix.", "s")]
 
 
 class SensorUpdates(NamedTuple):
     """The updates of one sensor. NIS leaves out the rejected: the filter itself says that its model is not theirs."""
 
-    nis_mean: Annotated[
-        float | None, Metric("nis_mean_{}", "", "both", "Mean NIS of the {}, rejected updates left out.")
-    ]
-    nis_expected: Annotated[
-        float | None, Metric("nis_expected_{}", "", "both", "What the mean NIS of the {} should be.")
-    ]
-    used: Annotated[int, Metric("updates_used_{}", "", "both", "Updates of the {} used.")]
-    down_weighted: Annotated[
-        int, Metric("updates_down_weighted_{}", "", "both", "Updates of the {} that are likely outliers.")
-    ]
-    rejected: Annotated[int, Metric("updates_rejected_{}", "", "both", "Updates of the {} rejected.")]
+    nis_mean: Annotated[float | None, Metric("nis_mean_{}", "Mean NIS of the {}, rejected updates left out.")]
+    nis_expected: Annotated[float | None, Metric("nis_expected_{}", "What the mean NIS of the {} should be.")]
+    used: Annotated[int, Metric("updates_used_{}", "Updates of the {} used.")]
+    down_weighted: Annotated[int, Metric("updates_down_weighted_{}", "Updates of the {} that are likely outliers.")]
+    rejected: Annotated[int, Metric("updates_rejected_{}", "Updates of the {} rejected.")]
 
 
 def nees(error_m: Array, cov_m2: Array) -> Vector:

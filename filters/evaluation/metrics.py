@@ -17,9 +17,9 @@ class Metric(NamedTuple):
     """One number of a report: {} in its name and meaning is the axis or the sensor; unit "" for a count or a ratio."""
 
     name: str
-    unit: str
-    direction: Direction
     meaning: str
+    unit: str = ""
+    direction: Direction = "both"
 
 
 def declared(part: type, place: str) -> dict[str, Metric]:
@@ -39,46 +39,46 @@ def by_name(part: type, place: str, value: tuple[float | None, ...] | None) -> d
 class AxisErrors(NamedTuple):
     """Errors along one axis, east or north."""
 
-    bias_m: Annotated[float, Metric("bias_{}_m", "m", "both", "Signed mean of the {} error.")]
-    rmse_m: Annotated[float, Metric("rmse_{}_m", "m", "lower", "Root mean square of the {} error.")]
-    mean_abs_m: Annotated[float, Metric("mean_abs_{}_m", "m", "lower", "Mean of the absolute {} error.")]
-    median_abs_m: Annotated[float, Metric("median_abs_{}_m", "m", "lower", "Median of the absolute {} error.")]
-    std_abs_m: Annotated[float, Metric("std_abs_{}_m", "m", "lower", "Standard deviation of the absolute {} error.")]
-    min_abs_m: Annotated[float, Metric("min_abs_{}_m", "m", "lower", "Smallest absolute {} error.")]
-    p95_abs_m: Annotated[float, Metric("p95_abs_{}_m", "m", "lower", "95th percentile of the absolute {} error.")]
-    max_abs_m: Annotated[float, Metric("max_abs_{}_m", "m", "lower", "Largest absolute {} error.")]
+    bias_m: Annotated[float, Metric("bias_{}_m", "Signed mean of the {} error.", "m")]
+    rmse_m: Annotated[float, Metric("rmse_{}_m", "Root mean square of the {} error.", "m", "lower")]
+    mean_abs_m: Annotated[float, Metric("mean_abs_{}_m", "Mean of the absolute {} error.", "m", "lower")]
+    median_abs_m: Annotated[float, Metric("median_abs_{}_m", "Median of the absolute {} error.", "m", "lower")]
+    std_abs_m: Annotated[float, Metric("std_abs_{}_m", "Standard deviation of the absolute {} error.", "m", "lower")]
+    min_abs_m: Annotated[float, Metric("min_abs_{}_m", "Smallest absolute {} error.", "m", "lower")]
+    p95_abs_m: Annotated[float, Metric("p95_abs_{}_m", "95th percentile of the absolute {} error.", "m", "lower")]
+    max_abs_m: Annotated[float, Metric("max_abs_{}_m", "Largest absolute {} error.", "m", "lower")]
 
 
 class HorizontalErrors(NamedTuple):
     """Lengths of the errors in the plane."""
 
-    rmse_m: Annotated[float, Metric("rmse_horizontal_m", "m", "lower", "Root mean square of the horizontal error.")]
-    mean_m: Annotated[float, Metric("mean_horizontal_m", "m", "lower", "Mean horizontal error.")]
-    median_m: Annotated[float, Metric("median_horizontal_m", "m", "lower", "Median horizontal error, CEP50.")]
-    std_m: Annotated[float, Metric("std_horizontal_m", "m", "lower", "Standard deviation of the horizontal error.")]
-    min_m: Annotated[float, Metric("min_horizontal_m", "m", "lower", "Smallest horizontal error.")]
-    p95_m: Annotated[float, Metric("p95_horizontal_m", "m", "lower", "95th percentile of the horizontal error, CEP95.")]
-    max_m: Annotated[float, Metric("max_horizontal_m", "m", "lower", "Largest horizontal error.")]
-    final_m: Annotated[float, Metric("final_horizontal_m", "m", "lower", "Horizontal error of the last scored epoch.")]
+    rmse_m: Annotated[float, Metric("rmse_horizontal_m", "Root mean square of the horizontal error.", "m", "lower")]
+    mean_m: Annotated[float, Metric("mean_horizontal_m", "Mean horizontal error.", "m", "lower")]
+    median_m: Annotated[float, Metric("median_horizontal_m", "Median horizontal error, CEP50.", "m", "lower")]
+    std_m: Annotated[float, Metric("std_horizontal_m", "Standard deviation of the horizontal error.", "m", "lower")]
+    min_m: Annotated[float, Metric("min_horizontal_m", "Smallest horizontal error.", "m", "lower")]
+    p95_m: Annotated[float, Metric("p95_horizontal_m", "95th percentile of the horizontal error, CEP95.", "m", "lower")]
+    max_m: Annotated[float, Metric("max_horizontal_m", "Largest horizontal error.", "m", "lower")]
+    final_m: Annotated[float, Metric("final_horizontal_m", "Horizontal error of the last scored epoch.", "m", "lower")]
 
 
 class SurfacingErrors(NamedTuple):
     """Errors at the first truth samples after long gaps of the truth."""
 
     mean_m: Annotated[
-        float, Metric("surfacing_error_m", "m", "lower", "Mean error at the first truth sample after each long gap.")
+        float, Metric("surfacing_error_m", "Mean error at the first truth sample after each long gap.", "m", "lower")
     ]
     percent: Annotated[
-        float | None, Metric("surfacing_percent", "%", "lower", "Those errors over the distance travelled in the gaps.")
+        float | None, Metric("surfacing_percent", "Those errors over the distance travelled in the gaps.", "%", "lower")
     ]
 
 
 class Travel(NamedTuple):
     """How far the vehicle went, and how far dead reckoning drifted on the way."""
 
-    distance_m: Annotated[float, Metric("distance_m", "m", "both", "Distance travelled by the estimated speed.")]
+    distance_m: Annotated[float, Metric("distance_m", "Distance travelled by the estimated speed.", "m")]
     drift_percent: Annotated[
-        float | None, Metric("drift_percent", "%", "lower", "Final error of dead reckoning over that distance.")
+        float | None, Metric("drift_percent", "Final error of dead reckoning over that distance.", "%", "lower")
     ]
 
 
@@ -86,26 +86,26 @@ class Health(NamedTuple):
     """How the particles fared; None if there are none."""
 
     ess_mean_ratio: Annotated[
-        float | None, Metric("ess_mean_ratio", "", "both", "Mean effective number of particles over their number.")
+        float | None, Metric("ess_mean_ratio", "Mean effective number of particles over their number.")
     ]
     acceptance_mean: Annotated[
-        float | None, Metric("acceptance_mean", "", "both", "Mean share of the particles' moves that were accepted.")
+        float | None, Metric("acceptance_mean", "Mean share of the particles' moves that were accepted.")
     ]
 
 
 class Coverage(NamedTuple):
     """How much of the track was compared with the truth."""
 
-    matched: Annotated[int, Metric("matched", "", "both", "Epochs compared with the truth.")]
-    share: Annotated[float, Metric("coverage", "", "higher", "Share of the epochs compared with the truth.")]
+    matched: Annotated[int, Metric("matched", "Epochs compared with the truth.")]
+    share: Annotated[float, Metric("coverage", "Share of the epochs compared with the truth.", direction="higher")]
 
 
 class Speed(NamedTuple):
     """What the run cost."""
 
-    filter_time_s: Annotated[float, Metric("filter_time_s", "s", "lower", "Wall time of the filter.")]
+    filter_time_s: Annotated[float, Metric("filter_time_s", "Wall time of the filter.", "s", "lower")]
     real_time_factor: Annotated[
-        float, Metric("real_time_factor", "", "higher", "Seconds of log per second of wall time.")
+        float, Metric("real_time_factor", "Seconds of log per second of wall time.", direction="higher")
     ]
 
 

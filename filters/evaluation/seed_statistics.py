@@ -17,7 +17,7 @@ from usbldr.filters.types import Vector
 
 DIVERGED_M = 5.0  # mean horizontal error of a run that has lost the vehicle
 DIVERGED_SHARE = Metric(
-    "diverged_share", "", "lower", f"Share of the seeds with a mean horizontal error over {DIVERGED_M:g} m."
+    "diverged_share", f"Share of the seeds with a mean horizontal error over {DIVERGED_M:g} m.", direction="lower"
 )
 
 

@@ -18,6 +18,7 @@ from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influenc
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import estimated_errors
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
 from usbldr.io.log import Log
 from usbldr.io.provenance import provenance_values
@@ -159,7 +160,7 @@ def write_tables(folder: Path, run: Run) -> None:
 
 def _grid_names(run: Run) -> tuple[str, str]:
     """Return the names of the two time grids in file names: "5hz" and "1hz", or "fixes" for raw fixes."""
-    if run.method == "usbl":
+    if METHODS[run.method].scored_at_fixes:
         return "fixes", "fixes"
     t = run.timeline.time_s
     rates = [1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0 for times in (t, t[run.timeline.slow])]

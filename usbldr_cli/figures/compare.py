@@ -12,15 +12,13 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
 from usbldr_cli.figures.overlay import (
-    colour_of,
     error_figure,
     filtered,
     line_style,
-    method_of,
     overlay_canvas,
     track_figure,
 )
-from usbldr_cli.figures.style import Figure, in_style, legend_below, save
+from usbldr_cli.figures.style import Figure, colour, in_style, legend_below, save
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import BOUND, ComparisonRow, grouped
 
@@ -54,20 +52,19 @@ def _save_whole(figure: Figure, path: Path) -> None:
 
 def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw the cumulative distribution of the errors of all runs."""
-    pooled = {row.label: _pooled_errors(row) for row in rows}
-    pooled = {label: errors for label, errors in pooled.items() if len(errors)}
+    pooled = [(row, errors) for row in rows if len(errors := _pooled_errors(row))]
     if not pooled:
         return None
     figure = overlay_canvas(rows, "Distribution of errors", "all runs pooled", 11, 5.2)
     panels: Any = figure.subplots(1, 3, sharey=True)
     for k, (axes, name) in enumerate(zip(panels, ("|east|", "|north|", "horizontal"), strict=True)):
         longest = 0.0
-        for label, errors in pooled.items():
+        for row, errors in pooled:
             length = np.sort(np.hypot(*errors.T) if k == 2 else np.abs(errors[:, k]))
             share = np.arange(1, len(length) + 1) / len(length)
             thin = np.unique(np.linspace(0, len(length) - 1, 2000).astype(int))  # at most 2000 points
-            axes.plot(length[thin], 100 * share[thin], label=label, **line_style(rows, label))
-            if filtered(method_of(rows, label)) or not any(filtered(r.method) for r in rows):
+            axes.plot(length[thin], 100 * share[thin], label=row.label, **line_style(rows, row))
+            if filtered(row) or not any(map(filtered, rows)):
                 longest = max(longest, float(np.percentile(length, 99.5)))
         for share in (50, 95):
             axes.axhline(share, color="#999999", lw=0.8, ls=":", zorder=1)
@@ -96,7 +93,7 @@ def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
                 continue
             mean, se, _ = average(values)
             beside = np.linspace(0.1, 0.34, len(values)) if len(values) > 1 else np.array([0.22])
-            face = colour_of(rows, row.label)
+            face = colour(row.method)
             axes.plot(x + beside, values, ls="", marker="o", ms=4, color=face, alpha=0.45, mew=0, zorder=2)
             axes.errorbar(x - 0.12, mean, yerr=se, color=face, marker="_", ms=15, mew=2.2, capsize=4, lw=1.4, zorder=3)
             text = f"{mean:.2f}" if mean < 100 else f"{mean:.0f}"

@@ -1,7 +1,7 @@
 """Every method on the same dive: errors over time, and tracks with the truth."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -9,82 +9,82 @@ from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Vector
 from usbldr_cli.figures.style import (
+    AXES,
+    EVER,
     TRUTH_COLOUR,
     Axes,
     Figure,
     broken_at_gaps,
     colour,
+    frame_square,
     legend_below,
+    plane_axes,
+    raw_fixes,
     time_axis,
     titled_figure,
     truth_text,
+    within,
 )
 from usbldr_cli.runs.job_store import Trace, read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
-AXES = ("east", "north")
 CLOSE_ERRORS = 8.0  # times the largest error: path length of the close-up to either side
 WIDE, THIN = 2.4, 0.8  # of the first and the last line: tracks that coincide show as edges
 GAP_STEPS = 3.0  # times the usual step: a longer gap breaks the line
 
-Traces = Mapping[str, Trace]  # by label
+Drawn: TypeAlias = tuple[ComparisonRow, Trace]
 
 
 def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw the errors of all methods over one dive, one panel per axis."""
-    traces = _first_traces(rows)
-    if not traces:
+    drawn = _first_traces(rows)
+    if not drawn:
         return None
     figure = overlay_canvas(rows, "Errors over time", f"{_seed_text(rows)}", 11, 7)
     panels: Any = figure.subplots(2, 1, sharex=True)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
-        for label, trace in traces.items():
-            _draw_over_time(axes, rows, label, trace.time_s, trace.error_m[:, k : k + 1])
-        half = 1.12 * max(float(np.max(np.abs(trace.error_m[:, k]))) for trace in scaling_traces(rows, traces).values())
+        sizes = [(row, np.abs(trace.error_m[:, k])) for row, trace in drawn]
+        for row, trace in drawn:
+            _draw_over_time(axes, rows, row, trace.time_s, trace.error_m[:, k : k + 1])
+        half = 1.12 * max(float(np.max(np.abs(trace.error_m[:, k]))) for _, trace in scaling(drawn))
         axes.set_ylim(-half, half)
         axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
-        beyond = [label for label, trace in traces.items() if float(np.max(np.abs(trace.error_m[:, k]))) > half]
-        means = ", ".join(f"{label} {float(np.mean(np.abs(t.error_m[:, k]))):.2f}" for label, t in traces.items())
+        beyond = [row.label for row, size in sizes if float(np.max(size)) > half]
+        means = ", ".join(f"{row.label} {float(np.mean(size)):.2f}" for row, size in sizes)
         leaving = f"   ({', '.join(beyond)} partly outside the axes)" if beyond else ""
         axes.set_title(f"{axis}: mean |error| {means} m{leaving}")
         axes.set_ylabel(f"{axis} error [m]")
-    time_axis(panels[1], *(t.time_s for t in traces.values()))
+    time_axis(panels[1], *(trace.time_s for _, trace in drawn))
     legend_below(figure, (panels[0],), 8)
     return figure
 
 
 def track_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw all tracks with the truth, and a close-up of the largest error of the best filter."""
-    traces = _first_traces(rows)
-    if not traces:
+    drawn = _first_traces(rows)
+    if not drawn:
         return None
     figure = overlay_canvas(rows, "Tracks", f"{_seed_text(rows)}; at the scored epochs", 12.5, 7.3)
-    panels: Any = figure.subplots(1, 2)
-    whole, close = panels
-    scaling = scaling_traces(rows, traces)
-    leader = min(scaling, key=lambda label: float(np.mean(_lengths(scaling[label]))))
-    errors_m = _lengths(traces[leader])
-    worst = int(np.argmax(errors_m))
-    for axes, span_s in ((whole, None), (close, _close_up_span(traces[leader], worst, CLOSE_ERRORS * errors_m[worst]))):
-        for label, trace in traces.items():
-            during = _during(trace.time_s, span_s)
-            _draw_track(
-                axes, rows, label, trace.time_s[during], trace.estimate_m[during], "" if span_s is None else "."
-            )
-        truth = traces[leader]
-        during = _during(truth.time_s, span_s)
-        _, truth_m = _broken(truth.time_s[during], truth.truth_m[during])
-        mark = "" if span_s is None else "o"
-        axes.plot(*truth_m.T, color=TRUTH_COLOUR, lw=1.6, marker=mark, ms=5, mfc="white", label="truth", zorder=2.5)
-        points = [trace.estimate_m[_during(trace.time_s, span_s)] for trace in scaling.values()]
-        _frame(axes, np.vstack([*points, truth.truth_m[during]]))
-        axes.set_xlabel("east [m]")
-        axes.set_ylabel("north [m]")
-        axes.ticklabel_format(useOffset=False)
+    whole, close = figure.subplots(1, 2)
+    leader, best = min(scaling(drawn), key=lambda one: float(np.mean(one[1].horizontal_m)))
+    worst = int(np.argmax(best.horizontal_m))
+    worst_m = best.horizontal_m[worst]
+    for axes, span_s in ((whole, EVER), (close, _close_up_span(best, worst, CLOSE_ERRORS * worst_m))):
+        mark, truth_mark = ("", "") if span_s == EVER else (".", "o")
+        for row, trace in drawn:
+            now = within(trace.time_s, span_s)
+            _draw_track(axes, rows, row, trace.time_s[now], trace.estimate_m[now], mark)
+        now = within(best.time_s, span_s)
+        _, truth_m = _broken(best.time_s[now], best.truth_m[now])
+        style = {"color": TRUTH_COLOUR, "lw": 1.6, "marker": truth_mark, "ms": 5, "mfc": "white", "zorder": 2.5}
+        axes.plot(*truth_m.T, label="truth", **style)
+        points = [trace.estimate_m[within(trace.time_s, span_s)] for _, trace in scaling(drawn)]
+        plane_axes(axes)
+        frame_square(axes, np.vstack([*points, best.truth_m[now]]), 0.08)
     whole.set_title("whole track")
-    at_s = traces[leader].time_s[worst]
-    close.set_title(f"around the largest error of {leader}: {errors_m[worst]:.2f} m at {at_s:.0f} s")
+    at_s = best.time_s[worst]
+    close.set_title(f"around the largest error of {leader.label}: {worst_m:.2f} m at {at_s:.0f} s")
     legend_below(figure, (whole,), 8)
     return figure
 
@@ -99,17 +99,13 @@ def overlay_canvas(rows: Sequence[ComparisonRow], what: str, detail: str, width_
     return titled_figure(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
 
 
-def _first_traces(rows: Sequence[ComparisonRow]) -> dict[str, Trace]:
+def _first_traces(rows: Sequence[ComparisonRow]) -> list[Drawn]:
     """Return each method's trace of the first seed that all have, else of its own first."""
     seeds = [set(row.good) for row in rows if row.dives]
     common = min(_common(seeds), default=None) if seeds else None
-    found: dict[str, Trace] = {}
-    for row in rows:
-        outcome = row.good.get(common) if common is not None else None
-        path = (outcome or next(iter(row.good.values()))).trace
-        if path is not None:
-            found[row.label] = read_trace(path)
-    return found
+    outcomes = [row.good.get(common) if common is not None else None for row in rows]
+    paths = [(row, (found or next(iter(row.good.values()))).trace) for row, found in zip(rows, outcomes, strict=True)]
+    return [(row, read_trace(path)) for row, path in paths if path is not None]
 
 
 def _seed_text(rows: Sequence[ComparisonRow]) -> str:
@@ -120,61 +116,51 @@ def _seed_text(rows: Sequence[ComparisonRow]) -> str:
     return "the first run of each" if first is None else f"seed {first}"
 
 
-def scaling_traces(rows: Sequence[ComparisonRow], traces: Traces) -> Traces:
+def scaling(drawn: Sequence[Drawn]) -> Sequence[Drawn]:
     """Return the traces that set the scale: those of filters, if there are any."""
-    filters = {label: trace for label, trace in traces.items() if filtered(method_of(rows, label))}
-    return filters or traces
+    return [one for one in drawn if filtered(one[0])] or drawn
 
 
-def method_of(rows: Sequence[ComparisonRow], label: str) -> str:
-    """Return the method of a row."""
-    return next(row.method for row in rows if row.label == label)
+def filtered(row: ComparisonRow) -> bool:
+    """Return whether a row's method is a filter; the errors of the others do not set the scale."""
+    return row.method not in METHODS or METHODS[row.method].is_filter
 
 
-def filtered(method: str) -> bool:
-    """Return whether a method is a filter; the errors of the others do not set the scale."""
-    return method not in METHODS or METHODS[method].is_filter
-
-
-def colour_of(rows: Sequence[ComparisonRow], label: str) -> str:
-    """Return the colour of a row's method."""
-    return colour(method_of(rows, label))
-
-
-def line_style(rows: Sequence[ComparisonRow], label: str) -> dict[str, Any]:
+def line_style(rows: Sequence[ComparisonRow], row: ComparisonRow) -> dict[str, Any]:
     """Return colour, dashes that distinguish rows of one method, and a width that shows coinciding lines.
 
     Tracks without a filter are thin and behind the filters.
     """
-    method = method_of(rows, label)
-    same = [row.label for row in rows if row.method == method]
-    style = {"color": colour(method), "ls": ("-", "--", ":", "-.")[same.index(label) % 4]}
-    if not filtered(method):
+    same = [other.label for other in rows if other.method == row.method]
+    style = {"color": colour(row.method), "ls": ("-", "--", ":", "-.")[same.index(row.label) % 4]}
+    if not filtered(row):
         return {**style, "lw": 1.0, "zorder": 2}
-    filters = [row.label for row in rows if filtered(row.method)]
-    width = np.linspace(WIDE, THIN, len(filters))[filters.index(label)] if len(filters) > 1 else 1.4
+    filters = [other.label for other in rows if filtered(other)]
+    width = np.linspace(WIDE, THIN, len(filters))[filters.index(row.label)] if len(filters) > 1 else 1.4
     return {**style, "lw": float(width), "zorder": 3}
 
 
-def _draw_over_time(axes: Axes, rows: Sequence[ComparisonRow], label: str, time_s: Vector, values: Array) -> None:
-    if method_of(rows, label) == "usbl":
+def _draw_over_time(
+    axes: Axes, rows: Sequence[ComparisonRow], row: ComparisonRow, time_s: Vector, values: Array
+) -> None:
+    if raw_fixes(row.method):
         style = {"ls": "", "marker": ".", "ms": 3.5, "alpha": 0.3, "zorder": 1.5}
-        axes.plot(time_s, values[:, 0], color=colour_of(rows, label), label=label, **style)
+        axes.plot(time_s, values[:, 0], color=colour(row.method), label=row.label, **style)
         return
     t, e = _broken(time_s, values)
-    axes.plot(t, e[:, 0], label=label, **line_style(rows, label))
+    axes.plot(t, e[:, 0], label=row.label, **line_style(rows, row))
 
 
 def _draw_track(
-    axes: Axes, rows: Sequence[ComparisonRow], label: str, time_s: Vector, position_m: Array, marker: str = ""
+    axes: Axes, rows: Sequence[ComparisonRow], row: ComparisonRow, time_s: Vector, position_m: Array, marker: str
 ) -> None:
     """Draw one track; with a marker at each epoch, errors along the track are visible, too."""
-    if method_of(rows, label) == "usbl":
+    if raw_fixes(row.method):
         style = {"ls": "", "marker": ".", "ms": 4, "alpha": 0.5, "zorder": 1.5}
-        axes.plot(*position_m.T, color=colour_of(rows, label), label=label, **style)
+        axes.plot(*position_m.T, color=colour(row.method), label=row.label, **style)
         return
     _, line_m = _broken(time_s, position_m)
-    axes.plot(*line_m.T, label=label, marker=marker, ms=5, **line_style(rows, label))
+    axes.plot(*line_m.T, label=row.label, marker=marker, ms=5, **line_style(rows, row))
 
 
 def _close_up_span(trace: Trace, middle: int, reach_m: float) -> tuple[float, float]:
@@ -185,21 +171,6 @@ def _close_up_span(trace: Trace, middle: int, reach_m: float) -> tuple[float, fl
     return float(trace.time_s[first]), float(trace.time_s[last])
 
 
-def _during(time_s: Vector, span_s: tuple[float, float] | None) -> Any:
-    if span_s is None:
-        return np.ones(len(time_s), np.bool_)
-    return (time_s >= span_s[0]) & (time_s <= span_s[1])
-
-
-def _frame(axes: Axes, points_m: Array) -> None:
-    """Frame the points in a square: metres are as long east as north."""
-    middle = (points_m.min(axis=0) + points_m.max(axis=0)) / 2
-    half = 1.08 * max(float(np.max(np.ptp(points_m, axis=0))) / 2, 0.5)
-    axes.set_aspect("equal")
-    axes.set_xlim(middle[0] - half, middle[0] + half)
-    axes.set_ylim(middle[1] - half, middle[1] + half)
-
-
 def _broken(time_s: Vector, values: Array) -> tuple[Vector, Array]:
     longest_s = GAP_STEPS * float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
     return broken_at_gaps(time_s, values, longest_s)
@@ -207,7 +178,3 @@ def _broken(time_s: Vector, values: Array) -> tuple[Vector, Array]:
 
 def _common(seeds: Sequence[set[int]]) -> set[int]:
     return seeds[0].intersection(*seeds[1:])
-
-
-def _lengths(trace: Trace) -> Vector:
-    return np.hypot(*trace.error_m.T)

@@ -12,6 +12,7 @@ from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.style import (
+    AXES,
     TRUTH_COLOUR,
     Axes,
     Figure,
@@ -20,6 +21,7 @@ from usbldr_cli.figures.style import (
     in_style,
     legend_below,
     other_tracks,
+    raw_fixes,
     run_figure,
     save,
     shade_outages,
@@ -27,7 +29,6 @@ from usbldr_cli.figures.style import (
 )
 from usbldr_cli.figures.track import track_figure
 
-AXES = ("east", "north")
 DENSE = 1500  # [epochs] from which lines are thinner
 
 
@@ -62,7 +63,7 @@ def error_figure(run: Run) -> Figure | None:
         return None
     figure = run_figure(run, "Errors", 11, 6.6)
     panels: Any = figure.subplots(2, 1, sharex=True)
-    raw = next((other.report for other in other_tracks(run) if other.trajectory.method == "usbl"), None)
+    raw = next((other.report for other in other_tracks(run) if raw_fixes(other.trajectory.method)), None)
     half = _half_height(report)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
@@ -96,8 +97,8 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
     for sign, marker in ((1, "^"), (-1, "v")):
         at = report.time_s[beyond & (sign * report.error_m[:, k] > 0)]
         axes.plot(at, np.full(len(at), 0.96 * sign * half), ls="", marker=marker, ms=6, color=mine, zorder=5)
-    if report.method == "usbl":
-        axes.plot(t, e, ls="", marker=".", ms=4, color=mine, label="usbl", zorder=3)
+    if raw_fixes(report.method):
+        axes.plot(t, e, ls="", marker=".", ms=4, color=mine, label=report.label, zorder=3)
         return
     if report.sd_m is not None:
         tb, sd = broken_at_gaps(report.time_s, report.sd_m[:, k], longest_s)

@@ -16,12 +16,16 @@ from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
 
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.replay.methods import METHODS
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
 
 Axes: TypeAlias = Any  # matplotlib's own types leave every keyword unknown, which strict checking refuses
 Figure: TypeAlias = Any
+
+Span: TypeAlias = tuple[float, float]  # seconds
+EVER: Span = (-np.inf, np.inf)
+AXES = ("east", "north")
 
 OTHER_COLOUR = "#44aa99"  # of a run by a method that this version does not have
 TRUTH_COLOUR = "#000000"
@@ -62,6 +66,11 @@ def in_style() -> AbstractContextManager[None]:
 def colour(method: str) -> str:
     """Return the colour of a method in every picture."""
     return METHODS[method].colour if method in METHODS else OTHER_COLOUR
+
+
+def raw_fixes(method: str) -> bool:
+    """Return whether a method's track is the fixes themselves: points, not a line."""
+    return method in METHODS and METHODS[method].scored_at_fixes
 
 
 def run_figure(run: Run, what: str, width_in: float, height_in: float) -> Figure:
@@ -135,6 +144,27 @@ def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vec
     """Return a line with NaN in gaps longer than ``longest_s``."""
     cuts = np.flatnonzero(np.diff(time_s) > longest_s) + 1
     return np.insert(time_s, cuts, np.nan), np.insert(values, cuts, np.nan, axis=0)
+
+
+def within(time_s: Vector, span_s: Span) -> Mask:
+    """Return which times are in a span, ends included."""
+    return (time_s >= span_s[0]) & (time_s <= span_s[1])
+
+
+def plane_axes(axes: Axes) -> None:
+    """Label the axes of a plane, on which metres are as long east as north."""
+    axes.set_aspect("equal")
+    axes.set_xlabel("east [m]")
+    axes.set_ylabel("north [m]")
+    axes.ticklabel_format(useOffset=False)
+
+
+def frame_square(axes: Axes, points_m: Array, margin: float) -> None:
+    """Frame the points in a square."""
+    middle = (points_m.min(axis=0) + points_m.max(axis=0)) / 2
+    half = max(float(np.max(np.ptp(points_m, axis=0))) / 2, 0.5) * (1 + margin)
+    axes.set_xlim(middle[0] - half, middle[0] + half)
+    axes.set_ylim(middle[1] - half, middle[1] + half)
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 6) -> None:

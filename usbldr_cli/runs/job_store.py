@@ -72,6 +72,13 @@ class Trace(NamedTuple):
         """Estimate minus truth, (M, 2)."""
         return self.estimate_m - self.truth_m
 
+    @property
+    def horizontal_m(self) -> "Vector":
+        """Length of the error, (M,)."""
+        import numpy as np
+
+        return np.hypot(*self.error_m.T)
+
 
 @dataclass(frozen=True, slots=True)
 class JobStore:
