@@ -20,8 +20,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.evaluation import evaluate as evaluate_track
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.observability import identify
-from usbldr.filters.identification.tuning import tune
+from usbldr.filters.identification.evidence import identify
 from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import Parameters
@@ -41,6 +40,7 @@ from usbldr.io.read import read_log, require
 from usbldr.io.reports.report_json import ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import with_dvl_clock
 
 ANCHORS = ("start", "first-fix", "first-gps", "first-truth")
 
@@ -98,9 +98,6 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
         if settings.calibrate is None:
             kept = tuple(key for key in found.parameters.calibrate if key in estimable)
             found = replace(found, parameters=replace(found.parameters, calibrate=kept))
-    if settings.tune:
-        tuned = tune(timeline, found.parameters)
-        found = replace(found, parameters=tuned.parameters, tuned=tuned.tuned)
     return found
 
 
@@ -139,6 +136,8 @@ def replay(
     if able.is_filter and used.start is None and not len(starting_fixes(timeline, used)[0]):
         raise LogError(f"{log.path}: {NO_START_TEXT}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
+    if used.dvl_clock_s:
+        timeline = with_dvl_clock(log, timeline, used.dvl_clock_s)
     track = run(method, timeline, used, settings, progress, anchor)
     warnings = tuple(f"{method}: {text}" for text in found.warnings) if able.is_filter else ()
     return replace(track, warnings=warnings + track.warnings)

@@ -6,6 +6,7 @@ Only dead reckoning uses interpolated values, and a USBL fix keeps its own time.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -85,6 +86,23 @@ def _epochs_per_slow(fast_hz: float, slow_hz: float) -> int:
     if every < 1 or not math.isclose(every * slow_hz, fast_hz, rel_tol=1e-9):
         raise UsageError(f"the fast rate must be a multiple of the slow one (fast {fast_hz:g} Hz, slow {slow_hz:g} Hz)")
     return every
+
+
+def with_dvl_clock(log: Log, timeline: Timeline, clock_s: float) -> Timeline:
+    """Return the timeline with the DVL's records earlier by ``clock_s``, by which their stamps are late."""
+    fast_hz = 1 / (timeline.time_s[1] - timeline.time_s[0])
+    t, dvl, sd = _dvl(log)
+    t, count = t - clock_s, len(timeline.time_s)
+    epoch = _epoch_of(t, fast_hz)
+    inside = (epoch >= 0) & (epoch < count)
+    dvl_count, mean = _averages(epoch[inside], np.column_stack([dvl, sd**2])[inside], count)
+    return replace(
+        timeline,
+        dvl_mps=mean[:, :2],
+        dvl_count=dvl_count,
+        dvl_sd_mps=_filled(np.sqrt(mean[:, 2])),
+        dr_mps=_interpolated(timeline.time_s, t, dvl),
+    )
 
 
 def _dvl(log: Log) -> tuple[Vector, Array, Vector]:

@@ -8,12 +8,14 @@ from usbldr.filters.models.parameters import Parameters
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 
 
-class StateObservability(NamedTuple):
-    """How well one key of calibration.STATES is observable in a log."""
+class SensorErrorEvidence(NamedTuple):
+    """What a log says of one sensor error."""
 
-    key: str
-    sigma_ratio: float  # sigma at the end of the log, as a share of that before
-    conclusion: str  # "observable", "only in turns", "not observable"
+    key: str  # of usbl_likelihood.KEYS
+    log_odds: float  # of the best explanation with the error against the best without
+    exists: bool  # it is part of the best explanation
+    value: tuple[float, ...]  # of its states there
+    sd: tuple[float, ...]
 
 
 class NoiseChange(NamedTuple):
@@ -40,7 +42,7 @@ class Identification:
     """The parameters of a run, and how the log led to them; without ``observed`` it was not asked for states."""
 
     parameters: Parameters
-    observed: tuple[StateObservability, ...] = ()
+    observed: tuple[SensorErrorEvidence, ...] = ()
     noise_changes: tuple[NoiseChange, ...] = ()
     tuned: tuple[TunedParameter, ...] = ()
 

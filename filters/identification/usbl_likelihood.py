@@ -1,13 +1,17 @@
 """Predictive likelihood of each USBL fix, given the fixes before it and dead reckoning.
 
-The state is the error of dead reckoning (east, north, metres) and the calibrated sensor errors; a step goes from fix to
-fix. Dead reckoning is the filters' motion model driven by DVL and compass instead of
-corrected by them, so what its records leave open is a random walk of the position, and what the errors do to it is the
-displacement's derivative by each. All members of a bank, each with assumptions of its own, pass over the log at once.
+The state is the error of dead reckoning (east, north, metres) and the sensor errors of PASS_STATES, constant but for the
+correlated error of the fixes; a step goes from fix to fix. Dead reckoning is the filters' motion model driven by DVL
+and compass instead of corrected by them, so what its records leave open is a random walk of the position, and what an
+error does to a fix is the derivative of the displacement since the start. Members of a bank, each with noise and sensor errors of its own, pass over the log at once; an error that a
+member does not have is one whose prior sigma is 0.
+
+The position is that of the DVL. A lever arm from the transponder to the DVL moves the fix by -R(psi) arm, which is
+linear and free of the noise of the turn rate. A DVL whose stamps are late by c measured v(t) at t - c. Both are linear.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,136 +19,194 @@ import numpy as np
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection, equal_weights
 from usbldr.filters.estimators.mode_updates import collapse
 from usbldr.filters.frames import rotated
-from usbldr.filters.models.calibration import STATES, layout_for
-from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.calibration import STATES, prior_sd
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import displacement_m, drift_rates, integrate, interpolate, velocity_mps
-from usbldr.filters.replay.prior import prior
+from usbldr.filters.replay.dead_reckoning import (
+    displacement_m,
+    drift_rates,
+    integrate,
+    interpolate,
+    start_position,
+    start_sensitivity,
+    velocity_mps,
+)
+from usbldr.filters.replay.prior import starting_fixes
 from usbldr.filters.types import Array, Timeline, Vector
 
-MAX_FIXES = 3600  # an hour at 1 Hz, enough to estimate the noise
-DR_INPUT_STATES = ("psi", "u", "v", "r")  # dead reckoning takes them from compass and DVL
+MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
+LEVER, CLOCK = "dvl-lever", "dvl-clock"
+LEVER_SD_M = 2.0  # prior, per axis: vehicles are 1 to 5 m long
+CLOCK_SD_S = 1.0  # prior: clocks that nobody synchronised differ by about a second
+CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
+KEYS: Mapping[str, tuple[str, ...]] = {
+    "scale": STATES["scale"],
+    "heading": STATES["heading"],
+    "deviation": STATES["deviation"],
+    "latency": STATES["latency"],
+    LEVER: ("lever_starboard", "lever_forward"),
+    CLOCK: ("dvl_clock",),
+}
+"""Sensor errors that a log may have or not, and their states in the pass."""
 BIAS_STATES = STATES["usbl-bias"]
+PASS_STATES = ("x", "y", *BIAS_STATES, *(name for names in KEYS.values() for name in names))
 
 
-@dataclass(frozen=True, slots=True)
-class DrResiduals:
-    """F fixes minus dead reckoning, in n states: those in ``rows``, which leaves DR_INPUT_STATES out."""
+class Member(NamedTuple):
+    """One explanation of the fixes: noise, the sensor errors that exist, and the values to linearise about."""
 
-    timeline: Timeline
-    layout: StateLayout  # of the filter
-    dt_s: Vector  # (F,) since the fix before; the first since the start
-    displacement_jacobian: Array  # (F, 2, n) displacement since then by each state
-    residual_m: Array  # (F, 2) fix minus dead reckoning
-    measurement_matrix: Array  # (F, 2, n) H of each fix
-    cov_m2: Array  # (F, 2, 2) as the log states it
-    dvl_noise_m2: Vector  # (F,) what the DVL's stated noise has added to dead reckoning since the fix before
-    dvl_gap_s3: Vector  # (F,) the same of a velocity that walks 1 m/s in 1 s while there is no record
+    parameters: Parameters
+    present: frozenset[str]  # keys of KEYS
+    latency_s: float = 0.0
+    clock_s: float = 0.0
 
-    @property
-    def rows(self) -> list[int]:
-        """Rows of the layout that are states here, (n,)."""
-        return [row for row, name in enumerate(self.layout.names) if name not in DR_INPUT_STATES]
+    def with_errors(self, present: frozenset[str], latency_s: float, clock_s: float) -> "Member":
+        """Return the member with these errors, linearised about those of them that are not linear."""
+        return self._replace(
+            present=present,
+            latency_s=latency_s if "latency" in present else 0.0,
+            clock_s=clock_s if CLOCK in present else 0.0,
+        )
 
 
 class FixLikelihoods(NamedTuple):
     """The result of a pass over the fixes, for N members."""
 
     log_likelihood: Vector  # (N,) predictive, of all fixes
-    latency_s: float  # of the first member; 0 if it is not a state
-    sd: Mapping[str, Vector]  # (N,) of each state after the last fix
+    mean: Mapping[str, Vector]  # (N,) of each state after the last fix
+    sd: Mapping[str, Vector]  # (N,)
 
 
-def dr_residuals(timeline: Timeline, parameters: Parameters, latency_s: float = 0.0) -> DrResiduals:
-    """Return the residuals of the first fixes to dead reckoning, linearised about ``latency_s``."""
-    layout = layout_for(parameters.calibrate)
-    states = StateLayout(tuple(name for name in layout.names if name not in DR_INPUT_STATES))
+@dataclass(frozen=True, slots=True)
+class _Linearised:
+    """F fixes minus dead reckoning, linear in n states about a latency and a clock offset."""
+
+    residual_m: Array  # (F, 2) fix minus dead reckoning
+    measurement_matrix: Array  # (F, 2, n) H of each fix
+
+
+def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelihoods:
+    """Run adf over the first MAX_FIXES fixes for each member."""
+    about = sorted({(member.latency_s, member.clock_s) for member in members})
+    logs = [_linearised(timeline, members[0].parameters, *point) for point in about]
+    group = np.array([about.index((member.latency_s, member.clock_s)) for member in members])
+    H = np.stack([log.measurement_matrix for log in logs], axis=3)
+    z = np.stack([log.residual_m for log in logs], axis=2)
+    mean, P = _start(timeline, members)
+    n, N = mean.shape
+    bank = GaussianBank(mean, P, equal_weights(N))
+    fade, added = _between_fixes(timeline, members)
+    noise = BankNoise(
+        [member.parameters.usbl for member in members], [member.parameters.usbl_sd_scale for member in members]
+    )
+    total, diagonal, bias = np.zeros(N), np.arange(n), [PASS_STATES.index(name) for name in BIAS_STATES]
+    for f in range(len(z)):
+        Hf, m, P = H[f][:, :, group], bank.mean.copy(), bank.cov.copy()
+        m[bias] *= fade[f]
+        P[bias] *= fade[f]
+        P[:, bias] *= fade[f]
+        P[diagonal, diagonal] += added[f]
+        bank = GaussianBank(m, P, bank.log_weight)
+        modes = noise.modes(timeline.fix_cov_m2[f])
+        for axes in modes.blocks():
+            h = Hf[axes]
+            cross = np.einsum("ijm,ajm->iam", bank.cov, h)
+            projection = Projection(
+                z[f, axes][:, group] - np.einsum("aim,im->am", h, bank.mean),
+                np.einsum("aim,ibm->abm", h, cross),
+                cross,
+            )
+            bank, log_l, *_ = collapse(bank, projection, modes.block(axes), 0)
+            total += log_l
+    sd = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
+    return FixLikelihoods(
+        total, dict(zip(PASS_STATES, bank.mean, strict=True)), dict(zip(PASS_STATES, sd, strict=True))
+    )
+
+
+def _linearised(timeline: Timeline, parameters: Parameters, latency_s: float, clock_s: float) -> _Linearised:
     t = timeline.fix_time_s[:MAX_FIXES]
     valid_s, count = t - latency_s, len(t)
-    V, yaw = velocity_mps(timeline), timeline.dr_yaw_rad
-    drift = np.stack([integrate(timeline, rate) for rate in drift_rates(timeline, states.names)], axis=2)  # (K, 2, n)
-    drift_at = interpolate(timeline, drift.reshape(len(drift), -1), valid_s).reshape(count, 2, -1)
-    V_at = interpolate(timeline, V, valid_s)
-    reckoned_m = interpolate(timeline, displacement_m(timeline), valid_s) + V_at * latency_s
-    arm_m = rotated(np.interp(valid_s, timeline.time_s, yaw), np.array(parameters.usbl_lever_m[:2]))
-    measurement_matrix = np.zeros((count, 2, len(states)))
+    line = with_dvl_clock(timeline, clock_s)
+    moved_m = displacement_m(line)
+    late, early = (displacement_m(with_dvl_clock(timeline, clock_s + step)) for step in (CLOCK_STEP_S, -CLOCK_STEP_S))
+    by_clock = (late - early) / (2 * CLOCK_STEP_S)
+    drift = [integrate(line, rate) for rate in drift_rates(line, PASS_STATES)]
+    drift[PASS_STATES.index("dvl_clock")] = by_clock
+    drift_at = interpolate(line, np.concatenate(drift, axis=1), valid_s).reshape(count, -1, 2).swapaxes(1, 2)
+    V_at = interpolate(line, velocity_mps(line), valid_s)
+    yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
+    # the position is that of the DVL: what the stated lever arms add to it
+    lever_m = np.array(parameters.usbl_lever_m[:2]) - np.array(parameters.dvl_lever_m[:2])
+    reckoned_m = interpolate(line, moved_m - clock_s * by_clock, valid_s) + V_at * latency_s
+    H = np.zeros((count, 2, len(PASS_STATES)))
     for names in (("x", "y"), BIAS_STATES):
-        for axis, row in enumerate(states.existing(*names)):
-            measurement_matrix[:, axis, row] = 1.0
-    for row in states.existing("usbl_latency"):
-        measurement_matrix[:, :, row] = -V_at
+        for axis, name in enumerate(names):
+            H[:, axis, PASS_STATES.index(name)] = 1.0
+    H[:, :, PASS_STATES.index("usbl_latency")] = -V_at
+    H += drift_at
+    for name, unit in zip(KEYS[LEVER], np.eye(2), strict=True):
+        H[:, :, PASS_STATES.index(name)] = -rotated(yaw, unit)
+    return _Linearised(timeline.fix_m[:count] - reckoned_m - rotated(yaw, lever_m), H)
+
+
+def with_dvl_clock(timeline: Timeline, clock_s: float) -> Timeline:
+    """Return the timeline with dead reckoning by a DVL whose stamps are late by ``clock_s``."""
+    if not clock_s:
+        return timeline
+    return replace(timeline, dr_mps=interpolate(timeline, timeline.dr_mps, timeline.time_s + clock_s))
+
+
+def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:
+    """Return mean (n, N) and covariance (n, n, N) at the first epoch: as in prior.py, without the motion states."""
+    first = members[0].parameters
+    time_s = np.zeros(1)
+    if first.start is not None:
+        position, sd_m = np.array([first.start.east_m, first.start.north_m]), first.start.sd_m
+        carried = np.zeros((2, len(PASS_STATES)))
+    else:
+        time_s, fix_m = starting_fixes(timeline, first)
+        position, sd_m = start_position(timeline, time_s, fix_m)
+        carried = start_sensitivity(timeline, time_s, PASS_STATES)
+    walked_m2 = max(0.0, float(time_s[0])) * np.array([m.parameters.process.position_m**2 for m in members])
+    sd = np.zeros((len(PASS_STATES), len(members)))
+    sd[:2] = np.sqrt(sd_m**2 + walked_m2)
+    for column, member in enumerate(members):
+        known = {**prior_sd(member.parameters.errors), **dict.fromkeys(KEYS[LEVER], LEVER_SD_M), "dvl_clock": CLOCK_SD_S}
+        for name in (*BIAS_STATES, *(name for key in member.present for name in KEYS[key])):
+            sd[PASS_STATES.index(name), column] = known[name]
+    T = np.eye(len(PASS_STATES))
+    T[:2] += carried
+    mean = np.zeros_like(sd)
+    mean[:2] = position[:, None]
+    return mean, np.einsum("ik,km,jk->ijm", T, sd**2, T)
+
+
+def _between_fixes(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:
+    """Return the decay of the correlated error from fix to fix, (F, N), and the process noise, (F, n, N)."""
+    t = timeline.fix_time_s[:MAX_FIXES]
+    dt_s = np.maximum(np.diff(t, prepend=0.0), 0.0)[:, None]
     dvl_rows = np.flatnonzero(timeline.dvl_count)
     edges_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
     spacing_s = np.diff(edges_s)
     R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
     accumulated = [np.append(0.0, np.cumsum(each)) for each in (R * spacing_s**2, spacing_s**3 / 3)]
-    dvl_noise_m2, dvl_gap_s3 = (np.diff(np.interp(t, edges_s, column), prepend=0.0) for column in accumulated)
-    return DrResiduals(
-        timeline,
-        layout,
-        np.maximum(np.diff(t, prepend=0.0), 0.0),
-        np.diff(drift_at, axis=0, prepend=0.0),
-        timeline.fix_m[:count] - reckoned_m - arm_m,
-        measurement_matrix,
-        timeline.fix_cov_m2[:count],
-        dvl_noise_m2,
-        dvl_gap_s3,
-    )
-
-
-def fix_likelihoods(log: DrResiduals, members: Sequence[Parameters]) -> FixLikelihoods:
-    """Run adf over the fixes for each member with its own assumptions; all calibrate the same states."""
-    rows = log.rows
-    starts = [prior(log.timeline, member, log.layout) for member in members]
-    bank = GaussianBank(
-        np.stack([start.mean[rows] for start in starts], axis=1),
-        np.stack([start.cov[np.ix_(rows, rows)] for start in starts], axis=2),
-        equal_weights(len(members)),
-    )
-    n, N = bank.mean.shape
-    fade, added = _between_fixes(log, members)
-    noise = BankNoise([member.usbl for member in members], [member.usbl_sd_scale for member in members])
-    total, eye = np.zeros(N), np.eye(n)
-    for f in range(len(log.dt_s)):
-        F = eye.copy()
-        F[:2] += log.displacement_jacobian[f]
-        half = (F @ bank.cov.reshape(n, -1)).reshape(n, n, N).swapaxes(0, 1)
-        P = (F @ half.reshape(n, -1)).reshape(n, n, N)
-        cov = 0.5 * (P + P.swapaxes(0, 1)) * (fade[f, :, None] * fade[f])  # exactly symmetric, see apply_gain
-        cov += added[f] * eye[:, :, None]
-        bank = GaussianBank(fade[f] * (F @ bank.mean), cov, bank.log_weight)
-        modes = noise.modes(log.cov_m2[f])
-        for axes in modes.blocks():
-            projection = _project_fix(bank, log.measurement_matrix[f, axes], log.residual_m[f, axes])
-            bank, log_l, *_ = collapse(bank, projection, modes.block(axes), 0)
-            total += log_l
-    latency = [row for row, state in enumerate(rows) if log.layout.names[state] == "usbl_latency"]
-    sd = np.sqrt(np.maximum(np.einsum("iin->in", bank.cov), 0.0))
-    by_name = {log.layout.names[row]: sd[i] for i, row in enumerate(rows)}
-    return FixLikelihoods(total, float(bank.mean[latency, 0].sum()), by_name)
-
-
-def _between_fixes(log: DrResiduals, members: Sequence[Parameters]) -> tuple[Array, Array]:
-    """Return the decay factor of each state from fix to fix and its process noise, (F, n, N) both."""
-    rows = log.rows
-    walks = np.stack([VehicleMotion(log.layout, m.process, m.errors).noise(0.0, 1.0)[rows] for m in members], axis=1)
-    fade, added = np.ones((len(log.dt_s), *walks.shape)), log.dt_s[:, None, None] * walks
-    dvl_variance_factor = [float(m.dvl.modes(np.ones((1, 1))).mixture_cov[0, 0]) * m.dvl_sd_scale**2 for m in members]
-    added[:, :2] += (
-        log.dvl_noise_m2[:, None] * dvl_variance_factor
-        + log.dvl_gap_s3[:, None] * [m.process.velocity_mps**2 for m in members]
+    noise_m2, gap_s3 = (np.diff(np.interp(t, edges_s, column), prepend=0.0)[:, None] for column in accumulated)
+    every = [member.parameters for member in members]
+    process, errors = [p.process for p in every], [p.errors for p in every]
+    # of the modes, what grows with R: records that contamination stands for do not enter dead reckoning
+    dvl = BankNoise([p.dvl for p in every], [p.dvl_sd_scale for p in every])
+    variance_factor = (dvl.probabilities * dvl.gain).sum(axis=0)
+    added = np.zeros((len(t), len(PASS_STATES), len(members)))
+    walk_m2 = [
+        q.position_m**2 + (0.0 if "scale" in member.present else q.uncalibrated_m**2)
+        for q, member in zip(process, members, strict=True)
+    ]
+    added[:, :2] = (
+        dt_s * walk_m2 + noise_m2 * variance_factor + gap_s3 * [q.velocity_mps**2 for q in process]
     )[:, None]
-    bias = [rows.index(row) for row in log.layout.existing(*BIAS_STATES)]
-    T, c0 = (np.array([getattr(m.errors, name) for m in members]) for name in ("usbl_bias_s", "usbl_bias_m"))
-    fade[:, bias] = np.exp(-log.dt_s[:, None] / T)[:, None]
-    added[:, bias] = (1 - fade[:, bias] ** 2) * c0**2
+    T, c0 = (np.array([getattr(e, name) for e in errors]) for name in ("usbl_bias_s", "usbl_bias_m"))
+    fade = np.exp(-dt_s / T)
+    for name in BIAS_STATES:
+        added[:, PASS_STATES.index(name)] = (1 - fade**2) * c0**2
     return fade, added
-
-
-def _project_fix(bank: GaussianBank, H: Array, z: Vector) -> Projection:
-    """Return the projection of a fix, or of one axis of it, for every member."""
-    (k, n), N = H.shape, bank.mean.shape[1]
-    cross = (H @ bank.cov.reshape(n, -1)).reshape(k, n, N).swapaxes(0, 1)
-    return Projection(z[:, None] - H @ bank.mean, (H @ cross.reshape(n, -1)).reshape(k, k, N), cross)

@@ -129,8 +129,9 @@ class Parameters:
     """The model side of a run, the same for every filter."""
 
     process: ProcessNoise = ProcessNoise()
-    dvl: NoiseFamily = Gaussian()
-    compass: NoiseFamily = Gaussian()
+    # by judgement: one record in fifty is off by anything up to a few m/s, or a large part of a turn
+    dvl: NoiseFamily = Contamination(0.02, 3.0)
+    compass: NoiseFamily = Contamination(0.02, math.radians(60.0))
     usbl: NoiseFamily = Contamination()
     dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
     usbl_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the transponder on the vehicle
@@ -140,5 +141,6 @@ class Parameters:
     gps: NoiseFamily = Contamination()  # of fixes in the windows of aid
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and not truth
+    dvl_clock_s: float = 0.0  # stamps of the DVL minus the times at which they were true
     dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL
     usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL

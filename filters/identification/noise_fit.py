@@ -1,0 +1,135 @@
+"""Noise estimated from the log itself, without truth, by maximum a posteriori.
+
+The predictive likelihood, the sum of log p(reading | all readings before), compares parameters without the true track:
+too large a noise predicts too widely, too small a one is over-confident. Times a log-normal prior about what was
+stated, it is maximised by Newton's method (newton.py): the noise of the DVL from its own records (dvl_likelihood.py),
+that of the fixes from their residuals to dead reckoning (usbl_likelihood.py). No random numbers are used.
+
+The sigma of the DVL and the random walk of the velocity never fall below the stated ones: differences of records show
+only the white part of an error, and a walk learnt while cruising would refuse a manoeuvre.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.identification.newton import maximise
+from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
+from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.types import Timeline, Vector
+
+class TunableParameter(NamedTuple):
+    """One number of Parameters."""
+
+    name: str  # with its unit
+    path: tuple[str, ...]  # to the number
+    prior_factor: float = 3.0  # one sigma of the log-normal prior
+    lower_bound: float = 0.0  # and finite, or below 1 if it is a share
+    share: bool = False
+    starts: tuple[float, ...] = (1.0,)  # factors on the stated number from which the search may start
+
+    def value(self, parameters: Parameters) -> float | None:
+        """Return the number; None if these assumptions do not use it, or it is 0 and so off."""
+        owner: Any = parameters
+        for name in self.path:
+            owner = getattr(owner, name, None)
+        return float(owner) if owner is not None and owner > self.lower_bound else None
+
+    def to_unbounded(self, value: float) -> float:
+        """Return the unbounded number of the search."""
+        return math.log(value / (1 - value)) if self.share else math.log(value - self.lower_bound)
+
+    def from_unbounded(self, z: float) -> float:
+        """Return the number from that of the search."""
+        return 1 / (1 + math.exp(-z)) if self.share else self.lower_bound + math.exp(z)
+
+
+DVL = (
+    TunableParameter("dvl_sd_scale", ("dvl_sd_scale",)),
+    TunableParameter("velocity_walk_mps", ("process", "velocity_mps")),
+)
+USBL = (
+    TunableParameter("usbl_sd_scale", ("usbl_sd_scale",), starts=(0.25, 0.5, 1.0, 2.0)),
+    TunableParameter("usbl_outlier_share", ("usbl", "share"), share=True, starts=(1.0, 6.0)),
+    TunableParameter("usbl_outlier_sd_m", ("usbl", "sd"), starts=(1.0, 5.0)),
+    TunableParameter("usbl_outlier_variance_ratio", ("usbl", "variance_ratio"), lower_bound=1.0),
+    TunableParameter("usbl_dof", ("usbl", "dof"), lower_bound=2.0),
+    TunableParameter("usbl_bias_sd_m", ("errors", "usbl_bias_m"), starts=(0.3, 1.0, 3.0)),
+    TunableParameter("usbl_bias_time_s", ("errors", "usbl_bias_s"), prior_factor=2.0),
+    TunableParameter("position_walk_m", ("process", "position_m"), starts=(1.0, 10.0)),
+)
+
+
+def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
+    """Return the parameters that explain the DVL's own records best; its sigma and walk grow or stay."""
+    found = _search(lambda members: dvl_likelihoods(timeline, members), given, DVL)
+    return _grown(given, found, DVL)
+
+
+def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters, widely: bool) -> Parameters:
+    """Return the parameters that explain the fixes best, given the sensor errors of the member.
+
+    The prior is about the ``given`` parameters. The search starts at those of the member, or ``widely``: at the best of
+    all combinations of TunableParameter.starts.
+    """
+    return _search(
+        lambda members: fix_likelihoods(timeline, [member._replace(parameters=one) for one in members]).log_likelihood,
+        given,
+        USBL,
+        None if widely else member.parameters,
+    )
+
+
+def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:
+    """Return the found parameters, none of these below the given."""
+    for parameter in among:
+        before, after = parameter.value(given), parameter.value(found)
+        if before is not None and after is not None and after < before:
+            found = _with(found, parameter.path, before)
+    return found
+
+
+def _search(
+    log_likelihood: Callable[[Sequence[Parameters]], Vector],
+    given: Parameters,
+    among: Sequence[TunableParameter],
+    start: Parameters | None = None,
+) -> Parameters:
+    """Return the maximum a posteriori of the parameters that are in use; the prior is about the given ones."""
+    used = [parameter for parameter in among if parameter.value(given) is not None]
+    centre, sd = _point(given, used), np.log([p.prior_factor for p in used])
+
+    def at_points(points: Sequence[Vector]) -> Vector:
+        return log_likelihood([_at(given, used, point) for point in points])
+
+    points = [centre + np.log(factors) for factors in itertools.product(*(p.starts for p in used))]
+    if start is not None:
+        points = [_point(start, used)]
+    if len(points) > 1:
+        value = at_points(points) - 0.5 * np.sum(((np.array(points) - centre) / sd) ** 2, axis=1)
+        points = [points[int(np.argmax(value))]]
+    return _at(given, used, maximise(at_points, centre, sd, points[0]).point)
+
+
+def _point(parameters: Parameters, tunable: Sequence[TunableParameter]) -> Vector:
+    """Return the point of the search at these parameters, (d,)."""
+    return np.array([p.to_unbounded(value) for p in tunable if (value := p.value(parameters)) is not None])
+
+
+def _at(given: Parameters, tunable: Sequence[TunableParameter], point: Vector) -> Parameters:
+    """Return the parameters at a point of the search."""
+    made = given
+    for parameter, z in zip(tunable, point.tolist(), strict=True):
+        made = _with(made, parameter.path, parameter.from_unbounded(z))
+    return made
+
+
+def _with(owner: Any, path: Sequence[str], value: float) -> Any:
+    """Return a copy of nested dataclasses with one number replaced."""
+    name, *rest = path
+    return replace(owner, **{name: _with(getattr(owner, name), rest, value) if rest else value})
