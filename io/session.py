@@ -19,8 +19,8 @@ from usbldr.filters.bounds.dive_bounds import PositionBound, position_bound
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.evaluation import evaluate as evaluate_track
-from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import Parameters
@@ -52,7 +52,6 @@ class RunSettings(FilterSettings):
     calibrate: tuple[str, ...] | None = None  # keys of calibration.STATES, or ("auto",); None: as configured, else auto
     noise: Mapping[str, NoiseFamily] = field(default_factory=dict[str, NoiseFamily])  # by sensor, over the configured
     aid: tuple[TimeWindow, ...] | None = None  # in which GPS fixes are measurements, seconds; None: as configured
-    tune: bool = False  # estimate the noise of DVL and USBL from the log
     dr_from: str | tuple[float, float] = "start"  # where ``dr`` starts: one of ANCHORS, or latitude, longitude, degrees
     window: Window = Window()  # truth rows to score against, seconds of the log
     align: str = "none"  # "first" or "rigid": moves the track onto the truth before scoring
@@ -81,7 +80,7 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
     """Return the assumptions of a method: as configured, with the settings, and with what is identified from the log.
 
     Without ``settings.calibrate``, sensor errors that the method cannot estimate are left out. Raises UsageError for
-    noise of an unknown sensor, and for a track without a filter that is to be smoothed or tuned.
+    noise of an unknown sensor, and for a track without a filter that is to be smoothed.
     """
     _require_fitting(method, settings)
     parameters = replace(log.parameters, **settings.noise)
@@ -104,9 +103,8 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
 def _require_fitting(method: str, settings: RunSettings) -> None:
     if unknown := sorted(set(settings.noise) - set(SENSOR_UNITS)):
         raise UsageError(f"noise of {', '.join(unknown)}: no such sensor (sensors: {', '.join(SENSOR_UNITS)})")
-    option = next((name for name in ("smooth", "tune") if getattr(settings, name)), None)
-    if option is not None and not method_named(method).is_filter:
-        raise UsageError(f"--{option} {not_a_filter(method)}")
+    if settings.smooth and not method_named(method).is_filter:
+        raise UsageError(f"--smooth {not_a_filter(method)}")
 
 
 def not_a_filter(method: str) -> str:

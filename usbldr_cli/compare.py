@@ -128,9 +128,8 @@ def _methods(filters: str | None, choices: RunChoices) -> list[str]:
     methods = [METHODS[name] for name in names]
     if choices.gate is not None and not any(method.takes_gate for method in methods):
         raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, none of which is compared")
-    for option, given in (("--aid", choices.aid is not None), ("--tune", choices.tune)):
-        if given and not any(method.is_filter for method in methods):
-            raise UsageError(f"{option} is for filters, none of which is compared")
+    if choices.aid is not None and not any(method.is_filter for method in methods):
+        raise UsageError("--aid is for filters, none of which is compared")
     return names
 
 

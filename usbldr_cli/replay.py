@@ -212,12 +212,9 @@ def _write(folder: Path, run: "Run") -> None:
     """Write everything of the run; report.json, which names all files, comes last."""
     from usbldr.io.reports.markdown_report import write_markdown
     from usbldr.io.reports.report_json import write_json, write_tables
-    from usbldr.io.reports.tuned_config import TUNED, tuned_toml
     from usbldr_cli.figures.run_figures import write_figures
 
     write_tables(folder, run)
-    if run.identification.tuned:
-        (folder / TUNED).write_text(tuned_toml(run.log.path.name, run.identification), encoding="utf-8")
     write_markdown(folder, run, write_figures(folder, run))
     write_json(folder, run)
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from usbldr.filters.models.parameters import Parameters
 
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
+CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
 
 
 class SensorErrorEvidence(NamedTuple):
@@ -19,40 +20,31 @@ class SensorErrorEvidence(NamedTuple):
 
 
 class NoiseChange(NamedTuple):
-    """A number of the noise that a log contradicted, see observability.py."""
+    """A number of the noise that was estimated from the log, see noise_fit.py."""
 
     name: str  # with its unit
     before: float
     after: float
-
-
-class TunedParameter(NamedTuple):
-    """A number that was estimated from the log, see tuning.py."""
-
-    name: str  # with its unit
-    before: float
-    after: float
-    low: float  # one sigma down, by the width of the likelihood
-    high: float  # one sigma up
-    identified: bool  # False: the log hardly determines it, so it stays as it was
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """The parameters of a run, and how the log led to them; without ``observed`` it was not asked for states."""
+    """The parameters of a run, and how the log led to them; ``evidence`` is empty if the log was not asked."""
 
     parameters: Parameters
-    observed: tuple[SensorErrorEvidence, ...] = ()
+    evidence: tuple[SensorErrorEvidence, ...] = ()
     noise_changes: tuple[NoiseChange, ...] = ()
-    tuned: tuple[TunedParameter, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return what to check if the fixes contradict dead reckoning."""
-        if all(number.name != DR_WALK_NAME for number in self.noise_changes):
-            return ()
-        walk_m = self.parameters.process.position_m
-        return (
-            f"the fixes contradict dead reckoning, so that it may walk {walk_m:g} m in a second and the track follows "
-            "them: check the DVL's bottom lock, its axes and mounting, and the compass",
+        walks = [
+            one.after
+            for one in self.noise_changes
+            if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
+        ]
+        return tuple(
+            f"the fixes contradict dead reckoning: its process noise was raised to {walk_m:.2g} m/√s, and the track "
+            "follows the fixes; check the DVL's bottom lock, its axes and mounting, and the compass"
+            for walk_m in walks
         )

@@ -49,9 +49,9 @@ class _Quadratic(NamedTuple):
         return 0.5 * float(self.gradient @ np.linalg.solve(self.information, self.gradient))
 
 
-def maximise(log_likelihood: LogLikelihood, centre: Vector, prior_sd: Vector | float, start: Vector | None = None) -> Maximum:
-    """Return the maximum of log likelihood plus the prior N(centre, diag prior_sd^2), sought from the centre or start."""
-    best = _around(log_likelihood, centre if start is None else start, centre, prior_sd)
+def maximise(log_likelihood: LogLikelihood, centre: Vector, prior_sd: Vector, start: Vector) -> Maximum:
+    """Return the maximum of log likelihood plus the prior N(centre, diag prior_sd^2), sought from the start."""
+    best = _around(log_likelihood, start, centre, prior_sd)
     batches, stride = 1, 1.0
     while best.expected_gain >= MIN_GAIN and batches < MAX_BATCHES:
         ahead = _around(log_likelihood, best.point + stride * best.step, centre, prior_sd)
@@ -61,7 +61,7 @@ def maximise(log_likelihood: LogLikelihood, centre: Vector, prior_sd: Vector | f
     return Maximum(best.point, sd, batches, best.expected_gain < MIN_GAIN)
 
 
-def _around(log_likelihood: LogLikelihood, point: Vector, centre: Vector, prior_sd: Vector | float) -> _Quadratic:
+def _around(log_likelihood: LogLikelihood, point: Vector, centre: Vector, prior_sd: Vector) -> _Quadratic:
     """Return the quadratic from the point, its neighbours on each axis, and those on each pair of axes."""
     d, h = len(point), DIFFERENCE_STEP
     unit, pairs = h * np.eye(d), list(combinations(range(d), 2))
@@ -71,12 +71,11 @@ def _around(log_likelihood: LogLikelihood, point: Vector, centre: Vector, prior_
     for (i, j), corner in zip(pairs, both, strict=True):
         curvature[i, j] = curvature[j, i] = (corner - up[i] - up[j] + here) / h**2
     off = (point - centre) / prior_sd
-    # information of data is not negative: no eigenvalue below that of the prior
-    prior_information = np.diag(np.broadcast_to(np.asarray(prior_sd) ** -2.0, d))
-    values, vectors = np.linalg.eigh(prior_information - curvature)
+    # information of data is not negative: no eigenvalue below the least of the prior
+    values, vectors = np.linalg.eigh(np.diag(prior_sd**-2) - curvature)
     return _Quadratic(
         point,
         float(here - 0.5 * off @ off),
         (up - down) / (2 * h) - off / prior_sd,
-        (vectors * np.maximum(values, prior_information.diagonal().min())) @ vectors.T,
+        (vectors * np.maximum(values, prior_sd.max() ** -2)) @ vectors.T,
     )

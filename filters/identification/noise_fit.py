@@ -23,6 +23,7 @@ from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihood
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Timeline, Vector
 
+
 class TunableParameter(NamedTuple):
     """One number of Parameters."""
 
@@ -54,14 +55,14 @@ DVL = (
     TunableParameter("velocity_walk_mps", ("process", "velocity_mps")),
 )
 USBL = (
-    TunableParameter("usbl_sd_scale", ("usbl_sd_scale",), starts=(0.25, 0.5, 1.0, 2.0)),
+    TunableParameter("usbl_sd_scale", ("usbl_sd_scale",), starts=(0.25, 1.0, 4.0)),
     TunableParameter("usbl_outlier_share", ("usbl", "share"), share=True, starts=(1.0, 6.0)),
     TunableParameter("usbl_outlier_sd_m", ("usbl", "sd"), starts=(1.0, 5.0)),
     TunableParameter("usbl_outlier_variance_ratio", ("usbl", "variance_ratio"), lower_bound=1.0),
     TunableParameter("usbl_dof", ("usbl", "dof"), lower_bound=2.0),
-    TunableParameter("usbl_bias_sd_m", ("errors", "usbl_bias_m"), starts=(0.3, 1.0, 3.0)),
+    TunableParameter("usbl_bias_sd_m", ("errors", "usbl_bias_m"), starts=(0.3, 2.0)),
     TunableParameter("usbl_bias_time_s", ("errors", "usbl_bias_s"), prior_factor=2.0),
-    TunableParameter("position_walk_m", ("process", "position_m"), starts=(1.0, 10.0)),
+    TunableParameter("position_walk_m", ("process", "position_m"), prior_factor=10.0, starts=(1.0, 10.0, 100.0)),
 )
 
 

@@ -1,13 +1,13 @@
 """Predictive likelihood of each USBL fix, given the fixes before it and dead reckoning.
 
-The state is the error of dead reckoning (east, north, metres) and the sensor errors of PASS_STATES, constant but for the
-correlated error of the fixes; a step goes from fix to fix. Dead reckoning is the filters' motion model driven by DVL
-and compass instead of corrected by them, so what its records leave open is a random walk of the position, and what an
-error does to a fix is the derivative of the displacement since the start. Members of a bank, each with noise and sensor errors of its own, pass over the log at once; an error that a
-member does not have is one whose prior sigma is 0.
+The state is the error of dead reckoning (east, north, metres) and the sensor errors of PASS_STATES, which are constant
+but for the correlated error of the fixes. A step goes from fix to fix. Dead reckoning is the filters' motion model
+driven by DVL and compass instead of corrected by them: what its records leave open is a random walk of the position,
+and the effect of an error on a fix is the derivative of the displacement since the start. Members of a bank, each with
+noise and sensor errors of its own, pass over the log at once.
 
 The position is that of the DVL. A lever arm from the transponder to the DVL moves the fix by -R(psi) arm, which is
-linear and free of the noise of the turn rate. A DVL whose stamps are late by c measured v(t) at t - c. Both are linear.
+linear and free of the noise of the turn rate. A DVL whose stamps are late by c measured v(t + c) at t.
 """
 
 from collections.abc import Mapping, Sequence
@@ -92,24 +92,24 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     group = np.array([about.index((member.latency_s, member.clock_s)) for member in members])
     H = np.stack([log.measurement_matrix for log in logs], axis=3)
     z = np.stack([log.residual_m for log in logs], axis=2)
-    mean, P = _start(timeline, members)
+    mean, cov = _start(timeline, members)
     n, N = mean.shape
-    bank = GaussianBank(mean, P, equal_weights(N))
+    bank = GaussianBank(mean, cov, equal_weights(N))
     fade, added = _between_fixes(timeline, members)
     noise = BankNoise(
         [member.parameters.usbl for member in members], [member.parameters.usbl_sd_scale for member in members]
     )
-    total, diagonal, bias = np.zeros(N), np.arange(n), [PASS_STATES.index(name) for name in BIAS_STATES]
+    total, bias = np.zeros(N), [PASS_STATES.index(name) for name in BIAS_STATES]
     for f in range(len(z)):
-        Hf, m, P = H[f][:, :, group], bank.mean.copy(), bank.cov.copy()
-        m[bias] *= fade[f]
-        P[bias] *= fade[f]
-        P[:, bias] *= fade[f]
-        P[diagonal, diagonal] += added[f]
-        bank = GaussianBank(m, P, bank.log_weight)
+        mean, cov = bank.mean.copy(), bank.cov.copy()
+        mean[bias] *= fade[f]
+        cov[bias] *= fade[f]
+        cov[:, bias] *= fade[f]
+        cov[range(n), range(n)] += added[f]
+        bank = bank._replace(mean=mean, cov=cov)
         modes = noise.modes(timeline.fix_cov_m2[f])
         for axes in modes.blocks():
-            h = Hf[axes]
+            h = H[f, axes][:, :, group]
             cross = np.einsum("ijm,ajm->iam", bank.cov, h)
             projection = Projection(
                 z[f, axes][:, group] - np.einsum("aim,im->am", h, bank.mean),
@@ -139,12 +139,11 @@ def _linearised(timeline: Timeline, parameters: Parameters, latency_s: float, cl
     # the position is that of the DVL: what the stated lever arms add to it
     lever_m = np.array(parameters.usbl_lever_m[:2]) - np.array(parameters.dvl_lever_m[:2])
     reckoned_m = interpolate(line, moved_m - clock_s * by_clock, valid_s) + V_at * latency_s
-    H = np.zeros((count, 2, len(PASS_STATES)))
+    H = drift_at
     for names in (("x", "y"), BIAS_STATES):
         for axis, name in enumerate(names):
             H[:, axis, PASS_STATES.index(name)] = 1.0
     H[:, :, PASS_STATES.index("usbl_latency")] = -V_at
-    H += drift_at
     for name, unit in zip(KEYS[LEVER], np.eye(2), strict=True):
         H[:, :, PASS_STATES.index(name)] = -rotated(yaw, unit)
     return _Linearised(timeline.fix_m[:count] - reckoned_m - rotated(yaw, lever_m), H)
@@ -172,7 +171,11 @@ def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)
     for column, member in enumerate(members):
-        known = {**prior_sd(member.parameters.errors), **dict.fromkeys(KEYS[LEVER], LEVER_SD_M), "dvl_clock": CLOCK_SD_S}
+        known = {
+            **prior_sd(member.parameters.errors),
+            **dict.fromkeys(KEYS[LEVER], LEVER_SD_M),
+            "dvl_clock": CLOCK_SD_S,
+        }
         for name in (*BIAS_STATES, *(name for key in member.present for name in KEYS[key])):
             sd[PASS_STATES.index(name), column] = known[name]
     T = np.eye(len(PASS_STATES))
@@ -202,9 +205,9 @@ def _between_fixes(timeline: Timeline, members: Sequence[Member]) -> tuple[Array
         q.position_m**2 + (0.0 if "scale" in member.present else q.uncalibrated_m**2)
         for q, member in zip(process, members, strict=True)
     ]
-    added[:, :2] = (
-        dt_s * walk_m2 + noise_m2 * variance_factor + gap_s3 * [q.velocity_mps**2 for q in process]
-    )[:, None]
+    added[:, :2] = (dt_s * walk_m2 + noise_m2 * variance_factor + gap_s3 * [q.velocity_mps**2 for q in process])[
+        :, None
+    ]
     T, c0 = (np.array([getattr(e, name) for e in errors]) for name in ("usbl_bias_s", "usbl_bias_m"))
     fade = np.exp(-dt_s / T)
     for name in BIAS_STATES:

@@ -82,9 +82,9 @@ class Run:
         report = self.scored.report
         scored = () if report is None else report.warnings
         if report is not None and not self.identification.parameters.calibrate and _far_over_confident(report):
-            hint = "--calibrate auto estimates the sensor errors that are observable in the log"
-            if self.identification.observed:
-                hint = "no sensor error that it can estimate is observable in the log; usbldr doctor looks for others"
+            hint = "--calibrate auto estimates the sensor errors that the log has evidence for"
+            if self.identification.evidence:
+                hint = "the log has evidence of no sensor error that it can estimate; usbldr doctor looks for others"
             nees = f"NEES {report.nees.mean:.1f}, expected {DOF}" if report.nees is not None else ""
             scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")
         return self.scored.trajectory.warnings + scored
@@ -229,9 +229,8 @@ def _assumptions(found: Identification) -> dict[str, Any]:
     for sensor in ("dvl", "compass", "usbl", "gps"):
         content[sensor] = {"family": type(getattr(found.parameters, sensor)).__name__, **content[sensor]}
     return content | {
-        "observed": found.observed,
+        "evidence": [one._asdict() for one in found.evidence],
         "noise_changes": [number._asdict() for number in found.noise_changes],
-        "tuned": [number._asdict() for number in found.tuned],
     }
 
 

@@ -11,12 +11,11 @@ from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, FixUpdates,
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
-from usbldr.filters.identification.identification import StateObservability
+from usbldr.filters.identification.identification import SensorErrorEvidence
 from usbldr.filters.models.calibration import EstimatedError, estimated_errors
 from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.reports.report_json import Run
-from usbldr.io.reports.tuned_config import tuned_text
 
 ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
 
@@ -196,8 +195,8 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(("ESS", f"{100 * ess:.0f} % of {run.scored.trajectory.particles} particles{moved}"))
         if calibrated := estimated_errors(run.scored.trajectory):
             lines.append(("calibrated", ", ".join(_calibrated(error) for error in calibrated)))
-        if observed := run.identification.observed:
-            lines.append(("observed", _observability(observed)))
+        if evidence := run.identification.evidence:
+            lines.append(("evidence", evidence_text(evidence)))
         if changes := run.identification.noise_changes:
             text = ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in changes)
             lines.append(("noise", f"estimated from the log: {text}"))
@@ -209,8 +208,6 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(("surfacing", f"{mean_m:.2f} m {when}{share}"))
         if (speed := report.speed) is not None:
             lines.append(("run time", f"{speed.filter_time_s:.2f} s, {speed.real_time_factor:.0f} times real time"))
-    if tuned := run.identification.tuned:
-        lines.append(("tuned", "; ".join(tuned_text(number) for number in tuned)))
     for scored in (run.scored, *run.reference_tracks):
         judged = scored.report
         if judged is not None and judged.travel is not None and judged.travel.drift_percent is not None:
@@ -238,13 +235,14 @@ def _calibrated(error: EstimatedError) -> str:
     return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
 
 
-def _observability(observed: Sequence[StateObservability]) -> str:
-    keys: dict[str, list[str]] = {}
-    for state in observed:
-        keys.setdefault(state.conclusion, []).append(
-            f"{state.key} (sigma {100 * state.sigma_ratio:.0f} % of the prior)"
-        )
-    return "; ".join(f"{conclusion}: {', '.join(texts)}" for conclusion, texts in keys.items())
+def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
+    """Return which sensor errors the log has evidence for and against, as natural logarithms of the odds."""
+    sides = {"for": True, "against": False}
+    texts = {
+        side: ", ".join(f"{one.key} ({one.log_odds:+.1f})" for one in evidence if one.exists is exists)
+        for side, exists in sides.items()
+    }
+    return "; ".join(f"{side} {text}" for side, text in texts.items() if text) + " (log odds)"
 
 
 def _outages(run: Run) -> str:

@@ -6,7 +6,7 @@ import click
 
 COMMON = {
     "Log": ("config", "truth", "joined"),
-    "Filter": ("method", "filters", "particles", "calibrate", "tune", "smooth", "seed", "seeds"),
+    "Filter": ("method", "filters", "particles", "calibrate", "smooth", "seed", "seeds"),
     "Scoring": ("start", "end", "align"),
     "Output": ("output", "force", "json_to", "quiet", "jobs"),
 }

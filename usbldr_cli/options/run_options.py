@@ -34,7 +34,6 @@ class RunChoices:
     smooth: bool = False
     aid: str | None = None
     order: str = "validity"
-    tune: bool = False
     guard: bool | None = None
 
     def settings(self, start_ns: int | None = None) -> "RunSettings":
@@ -57,7 +56,6 @@ class RunChoices:
             calibrate=None if self.calibrate is None else _keys(self.calibrate),
             noise=dict(noise_family(text) for text in self.noise),
             aid=None if self.aid is None else aid_windows(self.aid),
-            tune=self.tune,
             dr_from=_place(self.dr_from),
             window=Window() if start_ns is None else Window(*self._window(start_ns)),
             align=self.align,
@@ -144,7 +142,6 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             show_default=True,
             help="Use fixes at their time of validity, or when they arrive at the vehicle.",
         ),
-        click.option("--tune", is_flag=True, help="Estimate the noise of DVL and USBL from the log."),
         click.option(
             "--guard/--no-guard",
             cls=MethodsOption,

@@ -72,7 +72,6 @@ def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
         gate=choices.gate if able.takes_gate else None,
         guard=choices.guard if able.multiple_hypotheses else None,
         smooth=choices.smooth and able.smoother_transform is not None,
-        tune=choices.tune and able.is_filter,
         dr_from=choices.dr_from if able.anchored else "start",
     )
 

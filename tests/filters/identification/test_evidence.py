@@ -1,0 +1,134 @@
+"""``--calibrate auto``: sensor errors and noise identified from dives whose faults are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.identification.evidence import SUBSETS, _row, identify
+from usbldr.filters.identification.identification import Identification
+from usbldr.filters.identification.usbl_likelihood import CLOCK, KEYS, LEVER
+from usbldr.filters.models.noise import Gaussian, Mixture
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
+from usbldr.filters.replay.run import run
+from weaving import Faults, weaving_dive
+
+ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
+
+
+def existing(found: Identification) -> set[str]:
+    return {one.key for one in found.evidence if one.exists}
+
+
+def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None:
+    found = identify(weaving_dive(Faults()), ASSUMED)
+
+    assert [one.key for one in found.evidence] == list(KEYS)
+    assert existing(found) == set()
+    assert all(one.log_odds < 0 for one in found.evidence)
+    assert found.parameters.calibrate == ("usbl-bias",)
+    assert found.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("faults", "key", "value"),
+    [
+        (Faults(dvl_scale=0.03), "scale", (0.03,)),
+        (Faults(heading_bias_deg=3.0), "heading", (np.radians(-3.0),)),
+        (Faults(deviation_sin_deg=3.0, deviation_cos_deg=-2.0), "deviation", (np.radians(3.0), np.radians(2.0))),
+        (Faults(usbl_latency_s=0.7), "latency", (0.7,)),
+        (Faults(usbl_latency_s=-1.8), "latency", (-1.8,)),
+    ],
+)
+def test_one_fault_is_found_and_no_other(faults: Faults, key: str, value: tuple[float, ...]) -> None:
+    found = identify(weaving_dive(faults), ASSUMED)
+
+    (one,) = [one for one in found.evidence if one.exists]
+    assert one.key == key
+    assert np.all(np.abs(np.subtract(one.value, value)) < 4 * np.array(one.sd))
+    assert one.log_odds > 3
+
+
+def test_two_faults_are_both_found_and_the_track_is_better_by_them() -> None:
+    line = weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0))
+    clean = run("adf", weaving_dive(Faults()), ASSUMED)
+
+    found = identify(line, ASSUMED)
+    plain, better = run("adf", line, ASSUMED), run("adf", line, found.parameters)
+
+    off = [np.hypot(*(track.position_m - clean.position_m)[500:].T).mean() for track in (plain, better)]
+    assert existing(found) == {"scale", "heading"}
+    assert off[1] < 0.5 * off[0]
+
+
+def test_a_lever_arm_is_found_as_a_number_of_the_run_and_not_as_a_state() -> None:
+    """A DVL 2 m ahead of the transponder: the fixes are those of a point 2 m behind it."""
+    line = weaving_dive(Faults())
+    yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
+    behind = line.fix_m - 2.0 * np.column_stack([-np.sin(yaw), np.cos(yaw)])
+
+    found = identify(replace(line, fix_m=behind), replace(ASSUMED, start=Start(0.0, 0.0, 3.0)))
+
+    assert existing(found) == {LEVER}
+    assert found.parameters.calibrate == ("usbl-bias",)
+    assert found.parameters.dvl_lever_m == pytest.approx((0.0, 2.0, 0.0), abs=0.15)
+
+
+def test_a_late_clock_of_the_dvl_is_found_as_a_number_of_the_run() -> None:
+    line = weaving_dive(Faults())
+    late = replace(line, **{name: np.roll(getattr(line, name), 5, axis=0) for name in ("dvl_mps", "dr_mps")})
+
+    found = identify(late, ASSUMED)
+
+    assert existing(found) == {CLOCK}
+    assert found.parameters.dvl_clock_s == pytest.approx(1.0, abs=0.25)
+
+
+def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None:
+    score = np.full(len(SUBSETS), -50.0)
+    one, other, both = (SUBSETS.index(frozenset(keys)) for keys in ([LEVER], ["latency"], [LEVER, "latency"]))
+    score[one], score[other] = 0.0, -2.9
+
+    assert _row(score) == both
+    score[other] = -3.1  # log 20 is 2.996
+    assert _row(score) == one
+
+
+def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
+    found = identify(weaving_dive(Faults()).with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
+
+    assert found.parameters.calibrate == ()
+    assert found.evidence == ()
+
+
+def test_dead_reckoning_without_bottom_lock_is_no_longer_trusted() -> None:
+    """The velocities of the DVL have nothing to do with those of the vehicle."""
+    line = weaving_dive(Faults())
+    walk = 0.05 * np.cumsum(np.random.default_rng(8).standard_normal(line.dvl_mps.shape), axis=0)
+    unlocked = replace(line, dvl_mps=walk, dr_mps=walk)
+    clean = run("adf", line, ASSUMED)
+
+    found = identify(unlocked, ASSUMED)
+    tracks = [run("adf", unlocked, p) for p in (found.parameters, ASSUMED)]
+
+    last = np.searchsorted(line.fix_time_s, line.time_s, side="right") - 1  # fix at each epoch
+    held_m, identified_m, trusting_m = (
+        float(np.hypot(*(position - clean.position_m).T).mean())
+        for position in (line.fix_m[last], *(track.position_m for track in tracks))
+    )
+    assert identified_m < 1.5 * held_m
+    assert trusting_m > 5 * held_m
+    assert any("bottom lock" in text for text in found.warnings)
+
+
+def test_a_stated_family_of_noise_is_kept() -> None:
+    found = identify(weaving_dive(Faults(), seconds=100), replace(ASSUMED, usbl=Mixture(0.3, 100.0)))
+
+    assert isinstance(found.parameters.usbl, Mixture)
+
+
+def test_the_truth_has_no_part_and_the_same_log_gives_the_same() -> None:
+    line = weaving_dive(Faults(), seconds=100)
+    other = replace(line, gps_time_s=line.time_s, gps_m=np.full((len(line.time_s), 2), 1e4))
+
+    assert identify(line, ASSUMED) == identify(line, ASSUMED) == identify(other, ASSUMED)

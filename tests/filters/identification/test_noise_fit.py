@@ -1,0 +1,233 @@
+"""Noise from the log itself, against dense normal densities and against what simulators put in."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.identification.newton import maximise
+from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
+from usbldr.filters.types import Timeline
+from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.timeline import timeline
+from weaving import Faults, weaving_dive
+
+PLAIN = Parameters(
+    process=ProcessNoise(0.005, 0.001, 0.02, 0.02), dvl=Gaussian(), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5)
+)
+
+
+def usbl_noise(line: Timeline, given: Parameters) -> Parameters:
+    """Return the noise of the fixes on a dive without sensor errors."""
+    return estimate_usbl_noise(line, Member(given, frozenset()), given, widely=True)
+
+
+def log_density(x: np.ndarray, cov: np.ndarray) -> float:
+    _, logdet = np.linalg.slogdet(2 * np.pi * cov)
+    return -0.5 * float(logdet + x @ np.linalg.solve(cov, x))
+
+
+def parked(count: int, spread_m: float = 1.0) -> Timeline:
+    """A vehicle at rest at the origin, with a DVL that reads noise and fixes at odd times."""
+    rng = np.random.default_rng(1)
+    line = weaving_dive(Faults(), seconds=4 * count)
+    fix_s = np.sort(rng.uniform(0, 4 * count, count))
+    K = len(line.time_s)
+    return replace(
+        line,
+        dvl_mps=0.1 * rng.standard_normal((K, 2)),
+        dvl_sd_mps=np.full(K, 0.05),
+        dr_mps=np.zeros((K, 2)),
+        dr_yaw_rad=np.zeros(K),
+        fix_time_s=fix_s,
+        fix_received_s=fix_s,
+        fix_m=spread_m * rng.standard_normal((count, 2)),
+        fix_cov_m2=np.tile(np.diag([1.0, 2.0]), (count, 1, 1)),
+    )
+
+
+def test_the_search_ends_at_the_closed_form_where_the_likelihood_is_normal() -> None:
+    A, peak = np.array([[4.0, 1.0], [1.0, 2.0]]), np.array([2.0, -1.0])
+    found = maximise(
+        lambda points: np.array([-0.5 * (p - peak) @ A @ (p - peak) for p in points]),
+        np.array([0.5, 0.5]),
+        np.array([3.0, 1.0]),
+        np.array([0.5, 0.5]),
+    )
+
+    prior = np.diag([1 / 9, 1.0])
+    information = A + prior
+    assert found.point == pytest.approx(np.linalg.solve(information, A @ peak + prior @ [0.5, 0.5]), abs=1e-6)
+    assert found.sd == pytest.approx(np.sqrt(np.linalg.inv(information).diagonal()), rel=1e-6)
+    assert found.converged
+
+
+def test_the_search_climbs_where_the_likelihood_is_not_even_concave() -> None:
+    six = np.array([6.0])
+    found = maximise(
+        lambda points: np.array([-50 * math.log1p(float(p @ p)) for p in points]), six, np.array([100.0]), six
+    )
+
+    assert found.point == pytest.approx([0.0], abs=0.05)
+    assert found.converged
+
+
+def test_velocities_are_as_likely_as_their_joint_normal_density() -> None:
+    line = parked(count=5)
+    members = [
+        replace(PLAIN, dvl_sd_scale=scale, process=ProcessNoise(velocity_mps=q)) for scale, q in ((1, 0.1), (2, 0.3))
+    ]
+    found = dvl_likelihoods(line, members)
+
+    z, t = line.dvl_mps[1:] - line.dvl_mps[0], line.time_s[1:]
+    for member, log_l in zip(members, found, strict=True):
+        q, sd = member.process.velocity_mps, member.dvl_sd_scale * 0.05
+        cov = 0.5**2 + q**2 * np.minimum.outer(t, t) + sd**2 * np.eye(len(t))
+        assert log_l == pytest.approx(log_density(z[:, 0], cov) + log_density(z[:, 1], cov), rel=1e-9)
+
+
+def test_stretches_of_a_log_are_as_likely_as_each_by_itself() -> None:
+    """1001 records are three stretches of 300, spread evenly; each has its own sigma and its own gap."""
+    line = parked(count=50)
+    t = line.time_s + np.where(line.time_s > 100.0, 7.3, 0.0)
+    line = replace(line, time_s=t, dvl_sd_mps=0.05 + 0.0001 * np.arange(len(t)))
+
+    found = dvl_likelihoods(line, [PLAIN])
+
+    expected = 0.0
+    for first in (0, 350, 701):
+        alone = slice(first, first + 300)
+        z, since = line.dvl_mps[alone][1:] - line.dvl_mps[first], t[alone][1:] - t[first]
+        cov = 0.5**2 + 0.02**2 * np.minimum.outer(since, since) + np.diag(line.dvl_sd_mps[alone][1:] ** 2)
+        expected += log_density(z[:, 0], cov) + log_density(z[:, 1], cov)
+    assert found == pytest.approx([expected], rel=1e-9)
+
+
+def test_the_walk_of_a_vehicle_that_rests_first_is_that_of_its_motion() -> None:
+    rng = np.random.default_rng(4)
+    line = parked(count=450)  # half an hour
+    walk = np.cumsum(0.05 * np.sqrt(0.2) * rng.standard_normal((len(line.time_s), 2)), axis=0)
+    walk = np.where(line.time_s[:, None] < 600.0, 0.0, walk - walk[3000])
+    moving = replace(line, dvl_mps=walk + 0.05 * rng.standard_normal(walk.shape)).with_fixes(np.arange(0))
+
+    found = estimate_dvl_noise(moving, PLAIN).process.velocity_mps
+
+    assert found == pytest.approx(0.05 * math.sqrt(2 / 3), rel=0.15)  # in the mean square
+
+
+def test_fixes_at_rest_are_as_likely_as_their_joint_normal_density() -> None:
+    line = replace(parked(count=20), dvl_sd_mps=np.zeros(4 * 20 * 5 + 1))
+    calm = ProcessNoise(position_m=0.1, velocity_mps=0.0)
+    stated = replace(PLAIN, process=calm)
+    members = [
+        replace(stated, usbl_sd_scale=scale, errors=SensorErrors(usbl_bias_m=c0, usbl_bias_s=T))
+        for scale, c0, T in ((1.0, 0.3, 60.0), (0.5, 2.0, 10.0))
+    ]
+    found = fix_likelihoods(line, [Member(member, frozenset()) for member in members]).log_likelihood
+
+    t = line.fix_time_s
+    for member, log_l in zip(members, found, strict=True):
+        c0, T = member.errors.usbl_bias_m, member.errors.usbl_bias_s
+        moved = 0.5**2 + 0.1**2 * np.minimum.outer(t, t)
+        shared = c0**2 * np.exp(-np.abs(np.subtract.outer(t, t)) / T)
+        white = member.usbl_sd_scale**2 * np.eye(len(t))
+        axes = [log_density(line.fix_m[:, k], moved + shared + R * white) for k, R in enumerate((1.0, 2.0))]
+        assert log_l == pytest.approx(sum(axes), rel=1e-9)
+
+
+def test_a_wrong_mixture_becomes_that_of_the_paper() -> None:
+    """Eq. (23): share .3, ratio 10; 1000 fixes of two axes leave 5 % of each, and the sigma of a fix is 1 m."""
+    log = simulated_log(find_scenario("paper"), 0)
+    wrong = replace(log.parameters, usbl=Mixture(0.1, 4.0), usbl_sd_scale=1.6)
+    found = estimate_usbl_noise(timeline(log), Member(wrong, frozenset(["scale"])), wrong, widely=True)
+
+    assert isinstance(found.usbl, Mixture)
+    assert found.usbl.share == pytest.approx(0.30, abs=3 * 0.026)
+    assert found.usbl.variance_ratio == pytest.approx(10.0, rel=3 * 0.08)
+    assert found.usbl_sd_scale == pytest.approx(1.0, rel=3 * 0.033)
+
+
+@pytest.mark.parametrize("factor", [0.25, 1.0, 4.0])
+def test_the_sigma_of_white_fixes_is_found_whatever_they_state(factor: float) -> None:
+    """800 numbers give a sigma to 2.5 %."""
+    line = weaving_dive(Faults())
+    found = usbl_noise(replace(line, fix_cov_m2=factor**2 * line.fix_cov_m2), PLAIN)
+
+    assert found.usbl_sd_scale == pytest.approx(1 / factor, rel=0.1)
+
+
+def test_the_sigma_of_a_dvl_grows_if_its_records_scatter_more_than_stated_and_never_shrinks() -> None:
+    line = weaving_dive(Faults(), seconds=200).with_fixes(np.arange(0))
+    rng = np.random.default_rng(2)
+    walk = np.cumsum(0.03 * np.sqrt(0.2) * rng.standard_normal((len(line.time_s), 2)), axis=0)
+    seen = replace(line, dvl_mps=walk + 0.02 * rng.standard_normal(walk.shape))
+
+    noisy, quiet = (
+        estimate_dvl_noise(replace(seen, dvl_sd_mps=np.full(len(walk), sd_mps)), PLAIN) for sd_mps in (0.005, 0.08)
+    )
+
+    assert noisy.dvl_sd_scale == pytest.approx(4.0, rel=0.1)
+    assert noisy.process.velocity_mps == pytest.approx(0.03, rel=0.3)
+    assert quiet.dvl_sd_scale == 1.0
+
+
+def test_a_velocity_that_hardly_changes_does_not_lower_the_assumed_walk() -> None:
+    """A walk learnt while cruising would refuse the manoeuvre that follows."""
+    line = weaving_dive(Faults(), seconds=200).with_fixes(np.arange(0))
+    rng = np.random.default_rng(2)
+    steady = replace(line, dvl_mps=1.0 + line.dvl_sd_mps[:, None] * rng.standard_normal(line.dvl_mps.shape))
+
+    assert estimate_dvl_noise(steady, PLAIN).process.velocity_mps == PLAIN.process.velocity_mps
+
+
+@pytest.mark.parametrize(("share", "sd_m"), [(0.1, 4.0), (0.4, 30.0)])
+def test_gross_errors_are_found_with_their_share_and_size(share: float, sd_m: float) -> None:
+    line = weaving_dive(Faults(), seconds=1000)
+    rng = np.random.default_rng(3)
+    gross = rng.random(len(line.fix_m)) < share
+    spoiled = replace(line, fix_m=line.fix_m + sd_m * gross[:, None] * rng.standard_normal(line.fix_m.shape))
+    found = usbl_noise(spoiled, replace(PLAIN, usbl=Contamination())).usbl
+
+    assert isinstance(found, Contamination)
+    assert found.share == pytest.approx(float(gross.mean()), abs=0.04)
+    assert found.sd == pytest.approx(sd_m, rel=0.25)
+
+
+def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
+    given = replace(PLAIN, usbl=Contamination())
+    found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), given)
+
+    assert isinstance(found.usbl, Contamination)
+    assert found.usbl.share == pytest.approx(given.usbl.share, rel=0.2)
+    assert found.usbl.sd == pytest.approx(given.usbl.sd, rel=0.2)
+    assert found.errors.usbl_bias_s == pytest.approx(given.errors.usbl_bias_s, rel=0.2)
+
+
+def test_a_number_that_is_0_stays_0() -> None:
+    still = replace(PLAIN, process=ProcessNoise(position_m=0.0, velocity_mps=0.0))
+    line = weaving_dive(Faults(), seconds=100)
+
+    assert estimate_dvl_noise(line, still).process.velocity_mps == 0.0
+    assert usbl_noise(line, still).process.position_m == 0.0
+
+
+def test_a_silent_dvl_leaves_the_position_open_while_it_is_silent() -> None:
+    """A velocity that walks q in a second leaves q^2 T^3 / 3 after T: far fixes are as likely as near ones then."""
+    line = weaving_dive(Faults())
+    silent = (line.time_s > 100.0) & (line.time_s < 160.0)
+    deaf = replace(line, dvl_count=np.where(silent, 0, line.dvl_count))
+    shifted = replace(deaf, fix_m=deaf.fix_m + np.where(line.fix_time_s > 159.0, 3.0, 0.0)[:, None])
+    sparse = shifted.with_fixes((line.fix_time_s < 100.0) | (line.fix_time_s > 159.0))
+
+    heard, unheard = (
+        fix_likelihoods(one, [Member(PLAIN, frozenset())]).log_likelihood[0]
+        for one in (replace(sparse, dvl_count=line.dvl_count), sparse)
+    )
+
+    assert unheard > heard + 10
