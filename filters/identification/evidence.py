@@ -28,14 +28,24 @@ from usbldr.filters.identification.identification import (
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
-from usbldr.filters.identification.usbl_likelihood import CLOCK, KEYS, LEVER, FixLikelihoods, Member, fix_likelihoods
+from usbldr.filters.identification.usbl_likelihood import (
+    CLOCK,
+    KEYS,
+    LEVER,
+    FixLikelihoods,
+    Member,
+    fix_likelihoods,
+    prior_sds,
+)
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.types import Timeline, Vector
+from usbldr.filters.types import Mask, Timeline, Vector
 
 LOG_PRIOR_ODDS = -math.log(20)  # of an error that exists against one that does not: strong evidence is required
 LATENCY_SD_S = 1.0  # prior of a latency that exists: stamps of receipt are late by up to seconds
+SCALE_SD = 0.03  # prior of a scale error that exists: a wrong sound speed or beam angle gives several per cent
+MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 LINEARISATIONS = 2  # about the estimates of each subset
 SUBSETS = tuple(
@@ -61,13 +71,14 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     stated = estimate_dvl_noise(timeline, given)
     if not len(timeline.fix_time_s):
         return Identification(replace(stated, calibrate=()), (), _noise_changes(given, stated))
-    latency_s = max(stated.errors.latency_s, LATENCY_SD_S)
-    stated = replace(stated, errors=replace(stated.errors, latency_s=latency_s))
+    errors = stated.errors
+    errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
+    stated = replace(stated, errors=errors)
     (member,) = _relinearised([every := Member(stated, frozenset(KEYS))], fix_likelihoods(timeline, [every]))
-    member = member._replace(parameters=estimate_usbl_noise(timeline, member, stated, widely=True))
+    member = member._replace(parameters=estimate_usbl_noise(timeline, member, stated))
     choice = _best_subset(timeline, member)
     for _ in range(ROUNDS - 1):
-        noise = estimate_usbl_noise(timeline, choice.member, stated, widely=False)
+        noise = estimate_usbl_noise(timeline, choice.member, stated)
         choice = _best_subset(timeline, choice.member._replace(parameters=noise))
     return _identification(given, choice)
 
@@ -79,8 +90,16 @@ def _best_subset(timeline: Timeline, member: Member) -> _Choice:
         members = _relinearised(members, fix_likelihoods(timeline, members))
     found = fix_likelihoods(timeline, members)
     score = found.log_likelihood + LOG_PRIOR_ODDS * np.array([len(subset) for subset in SUBSETS])
+    score[~_plausible(members, found)] = -np.inf
     row = _row(score)
     return _Choice(_relinearised(members, found)[row], row, score, found)
+
+
+def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
+    """Return for each member whether no error lies beyond MAX_PRIOR_SIGMAS of its prior, (N,)."""
+    sd = prior_sds(members[0].parameters)
+    within = [np.abs(found.mean[name]) <= MAX_PRIOR_SIGMAS * sd[name] for names in KEYS.values() for name in names]
+    return np.all(within, axis=0)
 
 
 def _row(score: Vector) -> int:

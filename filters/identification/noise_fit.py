@@ -68,21 +68,20 @@ USBL = (
 
 def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
     """Return the parameters that explain the DVL's own records best; its sigma and walk grow or stay."""
-    found = _search(lambda members: dvl_likelihoods(timeline, members), given, DVL)
+    found = _search(lambda members: dvl_likelihoods(timeline, members), given, DVL, given)
     return _grown(given, found, DVL)
 
 
-def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters, widely: bool) -> Parameters:
+def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
     """Return the parameters that explain the fixes best, given the sensor errors of the member.
 
-    The prior is about the ``given`` parameters. The search starts at those of the member, or ``widely``: at the best of
-    all combinations of TunableParameter.starts.
+    The prior is about the ``given`` parameters; the search may start at those of the member, too.
     """
     return _search(
         lambda members: fix_likelihoods(timeline, [member._replace(parameters=one) for one in members]).log_likelihood,
         given,
         USBL,
-        None if widely else member.parameters,
+        member.parameters,
     )
 
 
@@ -99,7 +98,7 @@ def _search(
     log_likelihood: Callable[[Sequence[Parameters]], Vector],
     given: Parameters,
     among: Sequence[TunableParameter],
-    start: Parameters | None = None,
+    start: Parameters,
 ) -> Parameters:
     """Return the maximum a posteriori of the parameters that are in use; the prior is about the given ones."""
     used = [parameter for parameter in among if parameter.value(given) is not None]
@@ -109,12 +108,10 @@ def _search(
         return log_likelihood([_at(given, used, point) for point in points])
 
     points = [centre + np.log(factors) for factors in itertools.product(*(p.starts for p in used))]
-    if start is not None:
-        points = [_point(start, used)]
-    if len(points) > 1:
-        value = at_points(points) - 0.5 * np.sum(((np.array(points) - centre) / sd) ** 2, axis=1)
-        points = [points[int(np.argmax(value))]]
-    return _at(given, used, maximise(at_points, centre, sd, points[0]).point)
+    points.append(_point(start, used))
+    value = at_points(points) - 0.5 * np.sum(((np.array(points) - centre) / sd) ** 2, axis=1)
+    best = points[int(np.argmax(value))]
+    return _at(given, used, maximise(at_points, centre, sd, best).point)
 
 
 def _point(parameters: Parameters, tunable: Sequence[TunableParameter]) -> Vector:

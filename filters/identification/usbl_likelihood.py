@@ -156,6 +156,15 @@ def with_dvl_clock(timeline: Timeline, clock_s: float) -> Timeline:
     return replace(timeline, dr_mps=interpolate(timeline, timeline.dr_mps, timeline.time_s + clock_s))
 
 
+def prior_sds(parameters: Parameters) -> Mapping[str, float]:
+    """Return state -> prior 1-sigma of every sensor error that may exist."""
+    return {
+        **prior_sd(parameters.errors),
+        **dict.fromkeys(KEYS[LEVER], LEVER_SD_M),
+        **dict.fromkeys(KEYS[CLOCK], CLOCK_SD_S),
+    }
+
+
 def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:
     """Return mean (n, N) and covariance (n, n, N) at the first epoch: as in prior.py, without the motion states."""
     first = members[0].parameters

@@ -25,7 +25,7 @@ PLAIN = Parameters(
 
 def usbl_noise(line: Timeline, given: Parameters) -> Parameters:
     """Return the noise of the fixes on a dive without sensor errors."""
-    return estimate_usbl_noise(line, Member(given, frozenset()), given, widely=True)
+    return estimate_usbl_noise(line, Member(given, frozenset()), given)
 
 
 def log_density(x: np.ndarray, cov: np.ndarray) -> float:
@@ -145,7 +145,7 @@ def test_a_wrong_mixture_becomes_that_of_the_paper() -> None:
     """Eq. (23): share .3, ratio 10; 1000 fixes of two axes leave 5 % of each, and the sigma of a fix is 1 m."""
     log = simulated_log(find_scenario("paper"), 0)
     wrong = replace(log.parameters, usbl=Mixture(0.1, 4.0), usbl_sd_scale=1.6)
-    found = estimate_usbl_noise(timeline(log), Member(wrong, frozenset(["scale"])), wrong, widely=True)
+    found = estimate_usbl_noise(timeline(log), Member(wrong, frozenset(["scale"])), wrong)
 
     assert isinstance(found.usbl, Mixture)
     assert found.usbl.share == pytest.approx(0.30, abs=3 * 0.026)
