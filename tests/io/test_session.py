@@ -99,7 +99,6 @@ def test_a_log_without_truth_can_be_replayed_but_not_scored() -> None:
             r"noise of sonar: no such sensor \(sensors: dvl, ",
         ),
         ("dr", usbldr.RunSettings(smooth=True), "--smooth needs a filter, and dr is not one"),
-        ("usbl", usbldr.RunSettings(tune=True), "--tune needs a filter, and usbl is not one"),
     ],
 )
 def test_settings_that_do_not_fit_are_refused_in_python_as_in_the_shell(method: str, settings, sentence: str) -> None:
