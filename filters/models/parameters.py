@@ -129,8 +129,9 @@ class Parameters:
     """The model side of a run, the same for every filter."""
 
     process: ProcessNoise = ProcessNoise()
-    # by judgement: one record in fifty is off by anything up to a few m/s, or a large part of a turn
-    dvl: NoiseFamily = Contamination(0.02, 3.0)
+    # no contamination: a vehicle that changes its speed at once would look like an outlier, and for seconds
+    dvl: NoiseFamily = Gaussian()
+    # by judgement: one record in fifty is off by a large part of a turn
     compass: NoiseFamily = Contamination(0.02, math.radians(60.0))
     usbl: NoiseFamily = Contamination()
     dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
