@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from usbldr.filters.models.noise import Contamination, NoiseFamily
+from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
 from usbldr.filters.models.quantities import (
     METRES,
     SD,
