@@ -6,25 +6,29 @@ Every change has a name, by which runs, tables and processes know it.
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from operator import attrgetter
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from field.logs import cut, stamped_at_arrival, thinned
-from usbldr.filters.identification import observability
-from usbldr.filters.models.calibration import STATES
+from usbldr.filters.identification import evidence, noise_fit, usbl_likelihood
+from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import UNKNOWN_START, Parameters, Start
+from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Mask, Timeline
 
 HALF, TWICE = "half", "twice"
 FACTORS = {HALF: 0.5, TWICE: 2.0}
 THINNED_S = (10.0, 60.0)
 OUTAGES_S = ((600.0, 1200.0), (2000.0, 2600.0))
-COARSE, FINE = (0.0, 0.5, 0.9), (*np.arange(0.0, 0.95, 0.1).round(2).tolist(), 0.95)
+MODULES = SimpleNamespace(evidence=evidence, noise_fit=noise_fit, usbl_likelihood=usbl_likelihood, prior=prior)
 
 
 def _same_line(line: Timeline) -> Timeline:
@@ -42,37 +46,28 @@ class Change:
     records: Callable[[Timeline], Timeline] = _same_line
     before: Callable[[Parameters, Timeline], Parameters] = _same  # identification from the log
     after: Callable[[Parameters, Timeline], Parameters] = _same
-    observing: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of observability.py meanwhile
     options: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of RunChoices
-    starting: Mapping[str, Any] = field(default_factory=dict[str, Any])  # names of start.py all the while
+    constants: Mapping[str, Any] = field(default_factory=dict[str, Any])  # by module of MODULES and name
 
 
 @contextmanager
-def constants(module: Any, values: Mapping[str, Any]) -> Iterator[None]:
-    """Give names of a module other values for a while."""
-    kept = {name: getattr(module, name) for name in values}
-    try:
+def constants(values: Mapping[str, Any]) -> Iterator[None]:
+    """Give names of MODULES other values for a while."""
+    with ExitStack() as stack:
         for name, value in values.items():
-            setattr(module, name, value)
+            module, own_name = name.split(".")
+            stack.enter_context(patch.object(getattr(MODULES, module), own_name, value))
         yield
-    finally:
-        for name, value in kept.items():
-            setattr(module, name, value)
 
 
 def _without(key: str) -> Change:
-    """Take a state away; the error that it stood for is noise again."""
+    """Let no explanation of a log contain an error."""
+    plausible = evidence._plausible
 
-    def after(parameters: Parameters, line: Timeline) -> Parameters:
-        kept = tuple(name for name in parameters.calibrate if name != key)
-        less = replace(parameters, calibrate=kept)
-        return replace(less, usbl_sd_scale=1.0) if key == "usbl-bias" and kept != parameters.calibrate else less
+    def without(members: Any, found: Any) -> Mask:
+        return plausible(members, found) & np.array([key not in member.present for member in members])
 
-    return Change(after=after)
-
-
-def _everything(parameters: Parameters, line: Timeline) -> Parameters:
-    return replace(parameters, calibrate=observability.CANDIDATE_KEYS)
+    return Change(constants={"evidence._plausible": without})
 
 
 def _plain_start(parameters: Parameters, line: Timeline) -> Parameters:
@@ -84,19 +79,22 @@ def _plain_start(parameters: Parameters, line: Timeline) -> Parameters:
 
 
 def _ablations() -> Iterator[tuple[str, Change]]:
-    for key in STATES:
-        if key != "misalignment":
-            yield f"without {key}", _without(key)
-    as_assumed = {
-        "BIAS_TIME_FACTORS": (1.0,),
-        "OUTLIER_SHARE_FACTORS": (1.0,),
-        "DR_WALK_FACTORS": (1.0,),
-        "USBL_SD_FACTORS": (),
-    }
-    yield "noise not estimated from the log", Change(observing=as_assumed)
-    yield "DVL noise not estimated", Change(observing={"_with_dvl_noise": lambda line, parameters: parameters})
+    for key in usbl_likelihood.KEYS:
+        yield f"without {key}", _without(key)
+    yield (
+        "without usbl-bias",
+        Change(before=lambda given, _: replace(given, errors=replace(given.errors, usbl_bias_m=0.0))),
+    )
+    stated_dvl = {"evidence.estimate_dvl_noise": lambda line, given: given}
+    stated_usbl = {"evidence.estimate_usbl_noise": lambda line, member, given: member.parameters}
+    yield "noise not estimated from the log", Change(constants=stated_dvl | stated_usbl)
+    yield "DVL noise not estimated", Change(constants=stated_dvl)
+    yield "all errors estimated", Change(constants={"evidence._row": lambda score: len(score) - 1})  # the last subset
+    yield (
+        "no heavy tails of compass and DVL",
+        Change(before=lambda given, _: replace(given, dvl=Gaussian(), compass=Gaussian())),
+    )
     yield "without guard", Change(options={"guard": False})
-    yield "all states estimated", Change(after=_everything)
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
     yield "start at the median fix", Change(before=_plain_start)
 
@@ -119,21 +117,23 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 
 def _scaled_start(name: str, factor: float) -> Change:
     """Scale what is assumed of a start that is not stated."""
-    if name == "count":
-        counted = {
-            part.__name__: partial(part, count=round(5 * factor)) for part in (start_position, start_sensitivity)
-        }
-        return Change(starting=counted)
-    if name == "least_sd_m":
-        return Change(starting={"start_position": partial(start_position, least_sd_m=3.0 * factor)})
+    parts = (start_position, start_sensitivity) if name == "count" else (start_position,)
+    values = {"count": round(5 * factor), "least_sd_m": 3.0 * factor}
+    if name in values:
+        scaled = {part.__name__: partial(part, **{name: values[name]}) for part in parts}
+        return Change(
+            constants={
+                f"{module}.{part}": made for module in ("prior", "usbl_likelihood") for part, made in scaled.items()
+            }
+        )
     other = replace(UNKNOWN_START, **{name: factor * getattr(UNKNOWN_START, name)})
-    return Change(starting={"UNKNOWN_START": other})
+    return Change(constants={"prior.UNKNOWN_START": other})
 
 
 def _sensitivity() -> Iterator[tuple[str, Change]]:
     """Yield every default, halved and doubled; those that are switched off by a 0 are left out."""
     defaults = Parameters()
-    for (label, factor), owner in itertools.product(FACTORS.items(), ("process", "errors", "usbl")):
+    for (label, factor), owner in itertools.product(FACTORS.items(), ("process", "errors", "usbl", "dvl", "compass")):
         part: Any = getattr(defaults, owner)
         for one in fields(part):
             value = getattr(part, one.name)
@@ -149,25 +149,33 @@ def _sensitivity() -> Iterator[tuple[str, Change]]:
         )
         for name in ("count", "least_sd_m", "sd_yaw_rad", "sd_mps", "sd_radps"):
             yield f"start.{name} {label}", _scaled_start(name, factor)
-        for name in ("MAX_SIGMA_RATIO", "UNTRUSTED_LATENCY_SD_S", "MIN_YAW_RANGE_RAD", "MAX_OUTLIER_SHARE"):
-            value = factor * getattr(observability, name)
-            yield f"observability.{name} {label}", Change(observing={name: value})
-        for name in ("BIAS_TIME_FACTORS", "OUTLIER_SHARE_FACTORS", "DR_WALK_FACTORS", "USBL_SD_FACTORS"):
-            value = tuple(m if m == 1 else factor * m for m in getattr(observability, name))
-            yield f"observability.{name} {label}", Change(observing={name: value})
-        yield (
-            f"observability.MIN_LOG_BAYES_FACTOR {label}",
-            Change(observing={"MIN_LOG_BAYES_FACTOR": observability.MIN_LOG_BAYES_FACTOR + math.log(factor)}),
+        for name in (
+            "evidence.LATENCY_SD_S",
+            "evidence.SCALE_SD",
+            "evidence.MAX_PRIOR_SIGMAS",
+            "usbl_likelihood.LEVER_SD_M",
+            "usbl_likelihood.CLOCK_SD_S",
+        ):
+            yield f"{name} {label}", Change(constants={name: factor * attrgetter(name)(MODULES)})
+        odds = evidence.LOG_PRIOR_ODDS - math.log(factor)
+        yield f"evidence.LOG_PRIOR_ODDS {label}", Change(constants={"evidence.LOG_PRIOR_ODDS": odds})
+        yield f"noise_fit.prior_factor {label}", Change(constants=_prior_factors(factor))
+
+
+def _prior_factors(factor: float) -> Mapping[str, Any]:
+    """Scale the sigma of every log-normal prior of the noise."""
+    return {
+        f"noise_fit.{name}": tuple(
+            one._replace(prior_factor=one.prior_factor**factor) for one in getattr(noise_fit, name)
         )
-    yield f"observability.CORRELATED_VARIANCE_SHARES {HALF}", Change(observing={"CORRELATED_VARIANCE_SHARES": COARSE})
-    yield f"observability.CORRELATED_VARIANCE_SHARES {TWICE}", Change(observing={"CORRELATED_VARIANCE_SHARES": FINE})
+        for name in ("DVL", "USBL")
+    }
 
 
 ABLATIONS: Mapping[str, Change] = dict(_ablations())
 SENSITIVITY: Mapping[str, Change] = dict(_sensitivity())
 CHANGES: Mapping[str, Change] = {
     "": Change(),
-    "tuned": Change(options={"tune": True}),
     **dict(_records()),
     **ABLATIONS,
     **SENSITIVITY,

@@ -39,9 +39,6 @@ def _of(case: Case, rows: Rows) -> Iterator[Goal]:
             yield _error(name, rows[name, ONLINE, ""], most)
             yield _error(f"{name}, stretch", rows[name, ONLINE, ""], stretch)
         yield _consistent("uib_field B", rows["uib_field B", ONLINE, ""], 3.5)
-        tuned, plain = rows["uib_field B", ONLINE, "tuned"], rows["uib_field B", ONLINE, ""]
-        yield _error("uib_field B, `--tune`: not worse", tuned, _value(plain))
-        yield _consistent("uib_field B, `--tune`", tuned, 3.0)
     elif case.name == "uib_simulation":
         yield _error(case.name, rows[case.name, ONLINE, ""], 0.34)
     elif case.name == "stpere_marina":

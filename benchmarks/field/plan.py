@@ -42,7 +42,6 @@ def plan(cases: Sequence[Case], sensitivity: bool = True) -> Plan:
         if case.held_back:
             continue
         wanted |= {Cell(case.name, way, name): case.dives for name in thinned_names() for way in thinned_ways(case)}
-        wanted[Cell(case.name, replace(BEST, order=online(case)), "tuned")] = few
         wanted |= {Cell(case.name, way, name): few for name, way in ablated(case)}
         wanted |= {Cell(case.name, BEST, name): 1 for name in SENSITIVITY if sensitivity}
         if case.name == "stpere_marina":

@@ -20,11 +20,10 @@ from field.plan import Cell, Plan, Rows
 from paper.runs import Way
 from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.evaluation import evaluate
-from usbldr.filters.identification import observability
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.models.calibration import estimated_errors
+from usbldr.filters.identification.usbl_likelihood import KEYS
+from usbldr.filters.models.calibration import STATES, estimated_errors
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.replay import prior
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.io.session import replay, resolve
@@ -32,8 +31,6 @@ from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 from usbldr_cli.runs.jobs import THREADS, relevant_choices
 from usbldr_cli.runs.seed_table import ComparisonRow
-
-VERDICTS = ("observable", "only in turns", "not observable")
 
 
 def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
@@ -72,7 +69,7 @@ def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult
         kept = [JobStore(store).read(name) for name in names]
         if all(kept):
             return [one for one in kept if one is not None]
-        with constants(prior, CHANGES[cell.change].starting):
+        with constants(CHANGES[cell.change].constants):
             made = replay(given.log, line, cell.way.method, _choices(cell, seed).settings(), found)
         return [
             JobStore(store).write(name, *_judged(case, k, made, given, line, found)) for k, name in enumerate(names)
@@ -86,7 +83,7 @@ def resolved_input(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Identi
     change = CHANGES[cell.change]
     line = change.records(given.line)
     before = replace(given.log, parameters=change.before(given.log.parameters, line))
-    with constants(observability, change.observing), constants(prior, change.starting):
+    with constants(change.constants):
         found = resolve(before, line, cell.way.method, _choices(cell, seed).settings())
     return line, replace(found, parameters=change.after(found.parameters, line))
 
@@ -105,8 +102,11 @@ def _judged(
     metrics = report.flat() | refusals(made)
     for one in estimated_errors(made):
         metrics |= {f"found_{one.name}": float(one.value[-1]), f"found_sd_{one.name}": float(one.sd[-1])}
-    for key, narrowed, verdict in found.observed:
-        metrics |= {f"narrowed_{key}": narrowed, f"verdict_{key}": float(VERDICTS.index(verdict))}
+    for key, log_odds, exists, value, sd in found.evidence:
+        metrics[f"log_odds_{key}"] = log_odds
+        if exists and key not in STATES:  # a settled number of the run
+            for name, found_value, found_sd in zip(KEYS[key], value, sd, strict=True):
+                metrics |= {f"found_{name}": found_value, f"found_sd_{name}": found_sd}
     judged = ScoringContext(
         log=given.log.path.name,
         log_format=given.log.format,
@@ -135,7 +135,8 @@ def refusals(made: Trajectory) -> dict[str, float]:
 
 def _key(line: Timeline, given: Dive, parameters: Parameters, cell: Cell, seed: int) -> str:
     """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
-    settings, starting = _choices(cell, seed).settings(), cell.change if CHANGES[cell.change].starting else ""
+    starting = [name for name in CHANGES[cell.change].constants if name.startswith("prior.")] and cell.change
+    settings = _choices(cell, seed).settings()
     parts = (line, given.truth, parameters, cell.way.method, settings, starting)
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 

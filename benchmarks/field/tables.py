@@ -14,10 +14,9 @@ from field.changes import ABLATIONS, FACTORS, HALF, SENSITIVITY, TWICE
 from field.goals import HORIZONTAL, NEES, worst
 from field.logs import Case
 from field.plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_names, thinned_ways, titled
-from field.runs import VERDICTS
 from paper.runs import Way
 from paper.tables import in_metres, times
-from usbldr.filters.identification.observability import CANDIDATE_KEYS
+from usbldr.filters.identification.usbl_likelihood import CLOCK, KEYS, LEVER
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.job_store import read_trace
@@ -26,6 +25,7 @@ from usbldr_cli.tables.compare_table import piped
 
 HEADS = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "consistency")
 NO_CHANGE = "·"  # the log does not use what was changed
+SETTLED_UNITS = {LEVER: "m", CLOCK: "s"}  # of errors that are numbers of the run instead of states
 
 
 def main(case: Case, rows: Rows) -> str:
@@ -103,25 +103,30 @@ def _lead(one: Likeness) -> tuple[str, str]:
 
 
 def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, Likeness]]) -> str:
-    """Return the sensor errors that `auto` estimated in each log, and the scale from plain lengths."""
+    """Return the sensor errors that exist in each log, their log odds, and the scale from plain lengths."""
     found = [rows[case.scored[0], replace(BEST, order=online(case)), ""] for case in cases]
-    body = [(key, *(_state(key, row) for row in found)) for key in CANDIDATE_KEYS]
+    body = [(key, *(_state(key, row) for row in found)) for key in (*KEYS, "usbl-bias")]
     by_length = (f"{1 / agreed[case.name]['fixes'].ratio - 1:.3g}" for case in cases)
     body.append(("(scale from lengths of displacements)", *by_length))
-    return piped(Table("state", tuple(case.name for case in cases), tuple(body)))
+    return piped(Table("error", tuple(case.name for case in cases), tuple(body)))
 
 
 def _state(key: str, row: ComparisonRow) -> str:
     first = next(iter(row.good.values()), None)
-    if first is None or f"verdict_{key}" not in first.metrics:
+    if first is None:
         return ""
-    verdict = VERDICTS[round(first.metrics[f"verdict_{key}"])]
+    units = [(name, SETTLED_UNITS[key]) for name in KEYS[key]] if key in SETTLED_UNITS else _reported(key)
     estimates = [
         f"{first.metrics[f'found_{name}']:.3g} ± {first.metrics[f'found_sd_{name}']:.2g} {unit}".strip()
-        for name, unit, *_ in (REPORTED_QUANTITIES[state] for state in STATES[key])
+        for name, unit in units
         if f"found_{name}" in first.metrics
     ]
-    return f"{'; '.join(estimates) or verdict} (sigma {100 * first.metrics[f'narrowed_{key}']:.0f} % of prior)"
+    odds = first.metrics.get(f"log_odds_{key}")
+    return ("; ".join(estimates) or "does not exist") + ("" if odds is None else f" (log odds {odds:+.1f})")
+
+
+def _reported(key: str) -> list[tuple[str, str]]:
+    return [(REPORTED_QUANTITIES[state].name, REPORTED_QUANTITIES[state].unit) for state in STATES[key]]
 
 
 def cut(rows: Rows) -> str:
@@ -160,7 +165,6 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
         ("mixture noise (gate instead)", lambda way: (replace(way, method="ckf", gate=0.99), "")),
         ("all states (--calibrate none)", lambda way: (replace(way, calibrate="none"), "")),
         *((name, lambda way, name=name: (way, name)) for name in ABLATIONS),
-        ("(added: `--tune`)", lambda way: (way, "tuned")),
     )
     body = []
     for label, changed in features:
