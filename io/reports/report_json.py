@@ -26,7 +26,7 @@ from usbldr.io.reader import utc
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
 
-SCHEMA = 2  # fixed: the version of report.json
+SCHEMA = 3  # fixed: the version of report.json
 
 
 class ScoredTrack(NamedTuple):

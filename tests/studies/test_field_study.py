@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 from dataclasses import fields, replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from field import goals as field_goals
 from field import study as field_study
 from field import tables as field_tables
 from field.agreement import Likeness, likeness
-from field.changes import ABLATIONS, CHANGES, SENSITIVITY, constants
+from field.changes import ABLATIONS, CHANGES, MODULES, SENSITIVITY, constants
 from field.figures import draw_consistency
 from field.logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
 from field.plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
@@ -21,8 +22,10 @@ from field.runs import refusals, run_task
 from pages import AskedRows, table_widths
 from paper.runs import Way
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.filters.identification import observability
-from usbldr.filters.identification.observability import CANDIDATE_KEYS
+from usbldr.filters.identification import evidence
+from usbldr.filters.identification.identification import Identification
+from usbldr.filters.identification.usbl_likelihood import KEYS
+from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
@@ -54,9 +57,8 @@ def invented(case: Case, way: Way, change: str, trace: Path) -> list[ComparisonR
     metrics = {"mean_abs_east_m": error / 2, "mean_abs_north_m": error / 2, "mean_horizontal_m": error}
     metrics |= {"nees_mean": 2.5, "nees_low": 1.0, "nees_high": 3.0, "refused_in_a_row": 3.0, "refused_at_the_end": 1.0}
     metrics |= {f"inside_{k}_sigma": share for k, share in ((1, 0.6), (2, 0.9), (3, 1.0))}
-    metrics |= {f"verdict_{key}": float(key == "deviation") for key in CANDIDATE_KEYS}
-    metrics |= {f"narrowed_{key}": 0.5 for key in CANDIDATE_KEYS}
-    metrics |= {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001}
+    metrics |= {f"log_odds_{key}": 4.2 if key in ("scale", "dvl-clock") else -3.1 for key in KEYS}
+    metrics |= {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001, "found_dvl_clock": 0.5, "found_sd_dvl_clock": 0.1}
     seeds = tuple(range(min(case.dives, FEW_DIVES)))
     outcomes = tuple(JobResult(metrics, trace=trace) for _ in seeds)
     return [
@@ -116,6 +118,14 @@ def test_a_table_has_as_many_cells_in_each_line(rows: AskedRows) -> None:
 
     assert len(widths) > 15
     assert all(len(width) == 1 for width in widths)
+
+
+def test_the_table_of_errors_says_which_exist_and_with_what_odds(rows: AskedRows) -> None:
+    text = document(SHOWN, rows)
+
+    assert text.count("| 0.01 ± 0.001 (log odds +4.2) ") == len(SHOWN)
+    assert text.count("| 0.5 ± 0.1 s (log odds +4.2) ") == len(SHOWN)
+    assert text.count("| does not exist (log odds -3.1) ") == 4 * len(SHOWN)
 
 
 def test_thinned_fixes_are_the_first_of_each_stretch(line: Timeline) -> None:
@@ -193,35 +203,40 @@ def test_every_default_is_halved_and_doubled() -> None:
 
 def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
     """Each change has to do something on a log that uses everything, or it would show a robustness that is none."""
-    given = replace(Parameters(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
+    given = Parameters()
     usual = prior.prior(line, given, StateLayout())
     for name, change in CHANGES.items():
-        if name in ("", "tuned", "without guard", "all states estimated"):
+        if name in ("", "without guard"):
             continue
         changed_line = change.records(line) if name != "cut" else None
         told = change.after(change.before(given, line), line)
-        asked = any(getattr(observability, constant) != value for constant, value in change.observing.items())
-        with constants(prior, change.starting):
+        asked = any(
+            attrgetter(constant)(MODULES) != value
+            for constant, value in change.constants.items()
+            if not constant.startswith("prior.")
+        )
+        with constants(change.constants):
             begun = prior.prior(line, given, StateLayout())
         starts = any(not np.array_equal(one, other) for one, other in zip(begun, usual, strict=True))
+        assert starts or not name.startswith("start."), name
         assert changed_line is not line or told != given or asked or starts, name
 
 
-def test_noise_that_is_not_estimated_from_the_log_has_one_model() -> None:
-    with constants(observability, ABLATIONS["noise not estimated from the log"].observing):
-        models = observability._noise_models(Parameters(), Parameters(), 1.0)
+def identified(line: Timeline, change: str) -> Identification:
+    """Return what is identified with an ablation."""
+    given = ABLATIONS[change].before(Parameters(), line)
+    with constants(ABLATIONS[change].constants):
+        return evidence.identify(line, given)
 
-    assert models == [observability._NoiseModel(Parameters())]
 
+def test_noise_that_is_not_estimated_from_the_log_is_that_stated() -> None:
+    line = weaving_dive(Faults(), seconds=100)
+    overstated = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5, fix_cov_m2=line.fix_cov_m2 / 25)
 
-def test_a_dvl_whose_noise_is_not_estimated_keeps_its_stated_sigma() -> None:
-    line = weaving_dive(Faults())
-    overstated = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5)
-    with constants(observability, ABLATIONS["DVL noise not estimated"].observing):
-        stated = observability.identify(overstated, Parameters()).parameters
-
-    assert (stated.dvl_sd_scale, stated.process) == (1.0, ProcessNoise())
-    assert observability.identify(overstated, Parameters()).parameters.dvl_sd_scale > 1
+    assert identified(overstated, "noise not estimated from the log").noise_changes == ()
+    changed = {one.name for one in identified(overstated, "DVL noise not estimated").noise_changes}
+    assert "usbl_sd_scale" in changed
+    assert not changed & {"dvl_sd_scale", "velocity_walk_mps"}
 
 
 def test_with_rare_fixes_the_noise_of_the_dvls_records_keeps_the_track(tmp_path: Path) -> None:
@@ -229,7 +244,7 @@ def test_with_rare_fixes_the_noise_of_the_dvls_records_keeps_the_track(tmp_path:
     cell = Cell("paper", BEST, "one fix in 60 s")
 
     (estimated,) = run_task(cell, 3, tmp_path, tmp_path)
-    with constants(observability, ABLATIONS["DVL noise not estimated"].observing):
+    with constants(ABLATIONS["DVL noise not estimated"].constants):
         (stated,) = run_task(cell, 3, tmp_path, tmp_path)
 
     assert estimated.metrics["mean_horizontal_m"] < 0.3 * stated.metrics["mean_horizontal_m"]
@@ -238,23 +253,30 @@ def test_with_rare_fixes_the_noise_of_the_dvls_records_keeps_the_track(tmp_path:
 
 
 def test_a_constant_is_another_only_for_a_while() -> None:
-    before = observability.MAX_SIGMA_RATIO
-    with constants(observability, {"MAX_SIGMA_RATIO": 0.1}):
-        during = observability.MAX_SIGMA_RATIO
-    with pytest.raises(RuntimeError), constants(observability, {"MAX_SIGMA_RATIO": 0.1}):
+    before = evidence.SCALE_SD
+    with constants({"evidence.SCALE_SD": 0.1}):
+        during = evidence.SCALE_SD
+    with pytest.raises(RuntimeError), constants({"evidence.SCALE_SD": 0.1}):
         raise RuntimeError
 
     assert during == 0.1
-    assert before == observability.MAX_SIGMA_RATIO
+    assert before == evidence.SCALE_SD
 
 
-def test_a_state_is_taken_away_alone_and_its_share_of_the_error_given_back(line: Timeline) -> None:
-    settled = replace(Parameters(), calibrate=CANDIDATE_KEYS, usbl_sd_scale=0.5)
+def test_an_error_that_is_taken_away_is_part_of_no_explanation() -> None:
+    line = weaving_dive(Faults(dvl_scale=0.03), seconds=200)
 
-    for key in CANDIDATE_KEYS:
-        left = ABLATIONS[f"without {key}"].after(settled, line)
-        assert set(left.calibrate) == set(CANDIDATE_KEYS) - {key}
-        assert left.usbl_sd_scale == (1.0 if key == "usbl-bias" else 0.5)
+    without, every = (identified(line, name) for name in ("without scale", "all errors estimated"))
+
+    assert not any(one.exists for one in without.evidence if one.key == "scale")
+    assert all(one.exists for one in every.evidence)
+    assert set(every.parameters.calibrate) == {"scale", "heading", "deviation", "latency", "usbl-bias"}
+
+
+def test_without_heavy_tails_compass_and_dvl_are_gaussian(line: Timeline) -> None:
+    told = ABLATIONS["no heavy tails of compass and DVL"].before(Parameters(), line)
+
+    assert (told.dvl, told.compass, told.usbl) == (Gaussian(), Gaussian(), Parameters().usbl)
 
 
 def test_refused_fixes_are_counted_in_a_row_and_at_the_end() -> None:

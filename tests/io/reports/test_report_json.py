@@ -10,7 +10,7 @@ import pytest
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
-from usbldr.filters.identification.identification import Identification, StateObservability
+from usbldr.filters.identification.identification import Identification, SensorErrorEvidence
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
@@ -98,14 +98,14 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("observed", "hint"),
-    [((), "--calibrate auto"), ((StateObservability("scale", 1.0, "not observable"),), "usbldr doctor")],
+    ("evidence", "hint"),
+    [((), "--calibrate auto"), ((SensorErrorEvidence("scale", -3.0, False, (0.0,), (0.0,)),), "usbldr doctor")],
 )
 def test_the_warning_of_a_far_over_confident_filter_says_what_to_try(
-    observed: tuple[StateObservability, ...], hint: str
+    evidence: tuple[SensorErrorEvidence, ...], hint: str
 ) -> None:
     assert CKF.cov is not None
-    found = Identification(dataclasses.replace(LOG.parameters, calibrate=()), observed)
+    found = Identification(dataclasses.replace(LOG.parameters, calibrate=()), evidence)
 
     (warning,) = Run(LOG, TIMELINE, found, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
 
@@ -133,7 +133,7 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
 
     report = read_strictly(written(tmp_path, run) / "report.json")
 
-    assert report["schema"] == 2
+    assert report["schema"] == 3
     assert report["log"]["sha256"] == LOG.sha256
     assert report["tool"]["name"] == "usbldr"
     assert (report["filter"], report["seed"], report["order"]) == ("ckf", 7, "validity")
