@@ -20,7 +20,13 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {"filters": "usbldr.filters", "io": "usbldr.io", "usbldr_cli": "usbldr_cli"}
 UNITS = {"mps": "m/s", "rad": "rad", "deg": "deg", "radps": "rad/s", "m2": "m²", "pa": "Pa", "sigmas": "sigma"}
-STUDIED = {"ProcessNoise": "process", "SensorErrors": "errors", "Contamination": "usbl", "Start": "start"}
+STUDIED = {
+    "Parameters": "",
+    "ProcessNoise": "process",
+    "SensorErrors": "errors",
+    "Contamination": "usbl",
+    "Start": "start",
+}
 HEAD = """# Constants
 
 Every tuned number of the code, made by `.ci/constants.py` and held to the code by a test. The last column quotes
@@ -45,7 +51,9 @@ class Constant(NamedTuple):
 def page() -> str:
     """Return the text of docs/constants.md."""
     effects = measured((ROOT / "docs" / "studies" / "field.md").read_text(encoding="utf-8"))
-    rows = ((*one, effects.get(one.name, effects.get(one.name.split(".")[-1], "-"))) for one in constants())
+    rows = (
+        (*one, effects.get(one.name) or effects.get(f"{Path(one.module).stem}.{one.name}", "-")) for one in constants()
+    )
     return HEAD + "".join("| " + " | ".join(row) + " |\n" for row in rows)
 
 
@@ -57,7 +65,7 @@ def measured(study: str) -> Mapping[str, str]:
         pairs = [[0.0 if part.strip() == "·" else float(part) for part in cell.split("/")] for cell in cells.split("|")]
         half, twice = (max(column, key=abs) for column in zip(*pairs, strict=True))
         owner, _, name = label.rpartition(".")
-        found[f"{owners[owner]}.{name}" if owner in owners else name] = f"{half:+.1f} % / {twice:+.1f} %"
+        found[f"{owners.get(owner, owner)}.{name}"] = f"{half:+.1f} % / {twice:+.1f} %"
     return found
 
 
