@@ -12,10 +12,9 @@ parallel, each with its own belief:
 
 Weights are products of predictive likelihoods (D. Reid, "An algorithm for tracking multiple targets", IEEE Trans.
 Automatic Control 24(6), 1979, doi:10.1109/TAC.1979.1102177). An outlier is followed by another of its cluster with
-probability (c + T) / (c + T + dt) after T seconds of the cluster: durations are heavy-tailed (Lomax), half of them
-shorter than c = outlier_cluster_s, one in twenty longer than a minute. Fixes that agree for longer are inliers. The
-estimate is the mean of the leading hypothesis, which another replaces only with clear odds; its covariance includes all
-hypotheses. Metres, seconds, the states of the filter.
+probability exp(-dt / outlier_cluster_s), so fixes that agree for long are inliers. The estimate is the mean of the
+leading hypothesis, which another replaces only with clear odds; its covariance includes all hypotheses. Metres,
+seconds, the states of the filter.
 """
 
 import math
@@ -88,7 +87,7 @@ class MultiHypothesisFilter:
     filter: Filter[Any]
     motion: MotionModel
     outlier_noise: Contamination = Contamination()  # share and scale of outliers
-    outlier_cluster_s: float = 3.0  # median duration of a cluster of outliers
+    outlier_cluster_s: float = 3.0  # mean duration of a cluster of outliers
     relocation_probability: float = 0.05  # of a drift that dead reckoning missed, after a long outage
     long_outage_s: float = 60.0  # in a shorter outage the probability of relocation is proportionally smaller
     decision_odds: float = 20.0  # for a new leader that moves the track: strong evidence by Kass and Raftery
@@ -114,8 +113,7 @@ class MultiHypothesisFilter:
         ]
         outage_s = step.t1_s - belief.last_fix_s
         ambiguity = belief.ambiguity or Ambiguity(step.t1_s, outage_s, step.t1_s)
-        cluster_s = self.outlier_cluster_s + max(0.0, belief.last_fix_s - ambiguity.since_s)
-        cluster_continues = cluster_s / (cluster_s + outage_s)
+        cluster_continues = math.exp(-outage_s / self.outlier_cluster_s)
         hypotheses = self._reweighted(
             belief.hypotheses, likelihoods, cluster_continues, ambiguity.accepting, step, make_rng
         )
