@@ -126,8 +126,8 @@ def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
             blocks += ["", aligned(error_table(_shown(group))), "", aligned(health_table(group))]
         if lines := notes(group):
             blocks += ["", pairs(lines)]
-        blocks += ["", *([_filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
-    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(_filled(overall(rows)), colour)])
+        blocks += ["", *([filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
+    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(filled(overall(rows)), colour)])
 
 
 def markdown(rows: Sequence[ComparisonRow], pictures: Sequence[tuple[str, str]]) -> str:
@@ -174,7 +174,7 @@ def _number(row: ComparisonRow, metric: str, digits: int = 3) -> str:
     return f"{value:.{digits}f}" if abs(value) < HUGE else f"{value:.1e}"
 
 
-def _filled(text: str) -> str:
+def filled(text: str) -> str:
     """Wrap a sentence without separating numbers from units."""
     tied = re.sub(r"(?<=\d) (?=%|m\b)", "\xa0", text)
     return textwrap.fill(tied, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
