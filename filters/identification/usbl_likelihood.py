@@ -118,7 +118,7 @@ def fix_likelihoods(log: DrResiduals, members: Sequence[Parameters]) -> FixLikel
         modes = noise.modes(log.cov_m2[f])
         for axes in modes.blocks():
             projection = _project_fix(bank, log.measurement_matrix[f, axes], log.residual_m[f, axes])
-            bank, log_l, *_ = collapse(bank, projection, modes.block(axes), 0)
+            bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
             total += log_l
     latency = [row for row, state in enumerate(rows) if log.layout.names[state] == "usbl_latency"]
     sd = np.sqrt(np.maximum(np.einsum("iin->in", bank.cov), 0.0))
