@@ -136,7 +136,7 @@ def replay(
     found = resolve(log, timeline, method, settings) if identification is None else identification
     used = found.parameters
     require_gps(timeline, used.aid, str(log.path))
-    if able.is_filter and used.start is None and not len(starting_fixes(timeline, used)[0]):
+    if able.is_filter and used.start is None and not len(starting_fixes(timeline, used).time_s):
         raise LogError(f"{log.path}: {NO_START_TEXT}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
     track = run(method, timeline, used, settings, progress, anchor)
