@@ -294,10 +294,15 @@ def reacquisition_text(one: Reacquisition) -> str:
     outage = f" (after an outage of {one.outage_s:.0f} s)" if has_outage else ""
     fixes = f"USBL fixes from {one.since_s:.1f} s{outage}"
     if one.accepted:
-        rejected = f" after {one.refused} rejected fixes" if one.refused else ""
-        return f"{fixes} contradicted the track: accepted at {one.resolved_s:.1f} s{rejected}, jump {one.jump_m:.1f} m"
-    jump = f"jump back {one.jump_m:.1f} m" if one.jump_m else f"{one.refused} fixes"
-    return f"{fixes} contradicted the fixes before and after them: rejected at {one.resolved_s:.1f} s, {jump}"
+        rejected = f" after {_count(one.refused, 'rejected fix')}" if one.refused else ""
+        moved = f"track moved {one.jump_m:.1f} m"
+        return f"{fixes} contradicted the track: accepted at {one.resolved_s:.1f} s{rejected}; {moved}"
+    moved = f"; track moved back {one.jump_m:.1f} m" if one.jump_m else f" ({_count(one.refused, 'fix')})"
+    return f"{fixes} contradicted the fixes before and after them: rejected at {one.resolved_s:.1f} s{moved}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 'es'}"
 
 
 def _agree(a: Hypothesis, b: Hypothesis) -> bool:

@@ -51,6 +51,6 @@ class Identification:
             return ()
         walk_m = self.parameters.process.position_m
         return (
-            f"the fixes contradict dead reckoning, so that it may walk {walk_m:g} m in a second and the track follows "
-            "them: check the DVL's bottom lock, its axes and mounting, and the compass",
+            f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {walk_m:g} m/√s, so "
+            "that the track follows the fixes: check the DVL's bottom lock, its axes and mounting, and the compass",
         )
