@@ -110,7 +110,8 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
             findings.append(Finding("KEY-UNUSED", text))
     truth = None
     if truth_table is not None:
-        name, kind = provenance["truth" if "truth" in provenance else "gps"].topic, _kind(source, request, configuration)
+        name = provenance["truth" if "truth" in provenance else "gps"].topic
+        kind = _kind(source, request, configuration)
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
     findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]

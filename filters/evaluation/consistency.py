@@ -155,4 +155,3 @@ def consistency_text(found: Nees | None) -> str:
 
 def _factor(number: float) -> str:
     return f"{number:.1f}" if number < 10 else f"{number:.0f}"
-

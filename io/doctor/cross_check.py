@@ -195,9 +195,10 @@ def _delays(log: Log, c: DrUsblFit) -> list[Finding]:
     usbl, compass = topic_of(log, "usbl"), topic_of(log, "compass")
     if latency_is_significant(c):
         stated = log.settings.usbl.latency_s
+        side = "before" if c.latency_s > 0 else "after"
         text = (
-            f"{usbl}: fixes fit best if valid {abs(c.latency_s):.2f} s {'before' if c.latency_s > 0 else 'after'} their "
-            f"stamps (±{c.latency_sd_s:.2f} s, by the DVL's clock); if that clock is right, state "
+            f"{usbl}: fixes fit best if valid {abs(c.latency_s):.2f} s {side} their stamps "
+            f"(±{c.latency_sd_s:.2f} s, by the DVL's clock); if that clock is right, state "
             f"latency_s = {stated + c.latency_s:.2f} under [usbl]; a transponder mounted forward or aft looks the "
             "same (lever_arm_m)"
         )

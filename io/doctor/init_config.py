@@ -226,8 +226,8 @@ def _truth(log: Log) -> list[ConfigLine]:
         return (
             [('# topic = "/gps/fix"', "no GPS in the log; name a truth, if there is one")] if log.truth is None else []
         )
-    by_source = log.truth.kind == "gps"  # so that the kind stays right with another truth
-    return [(f'{"# " if by_source else ""}kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]
+    comment = "# " if log.truth.kind == "gps" else ""  # by the source, so that it stays right with another truth
+    return [(f'{comment}kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]
 
 
 def _convention(log: Log, result: InterpretationResult | None, role: str, key: str) -> ConfigLine:
