@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter, reacquisition_text
+from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Filter
+from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
@@ -103,7 +104,7 @@ def _run(
         particles,
         acceptance if method.draws else None,
         _warnings(method, settings, ess, done, late)
-        + tuple(f"{name}: {reacquisition_text(one)}" for one in reacquisitions)
+        + tuple(f"{name}: {text}" for text in reacquisition_texts(reacquisitions))
         + tuple(f"{name}: {texts}" for one in recoveries if (texts := recovery_warning(one)) is not None),
         time.perf_counter() - began,
         reacquisitions,
