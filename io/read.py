@@ -110,7 +110,8 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
             findings.append(Finding("KEY-UNUSED", text))
     truth = None
     if truth_table is not None:
-        name, kind = provenance["truth" if "truth" in provenance else "gps"].topic, _kind(source)
+        name = provenance["truth" if "truth" in provenance else "gps"].topic
+        kind = _kind(source, request, configuration)
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
     findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]
@@ -306,8 +307,11 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
         raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
 
 
-def _kind(source: TruthSource) -> str:
-    """Return the kind of truth of a source, unless the configuration states it."""
+def _kind(source: TruthSource, request: Request, configuration: Configuration) -> str:
+    """Return the kind of truth: as stated, unless an option names another source than the configuration."""
+    section = configuration.truth
+    if section.kind is not None and (source.chosen_by != "option" or request.truth in (section.topic, section.file)):
+        return section.kind
     if source.file is not None or (source.topic is not None and source.topic.layout.defaults.get("frame") != "latlon"):
         return "other"
     return "gps"

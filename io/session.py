@@ -33,10 +33,11 @@ from usbldr.filters.replay.run import run
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.filters.windows import TimeWindow
+from usbldr.io.doctor.message_evidence import RAW_FIELDS
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Log
-from usbldr.io.opening import DEFAULT_REQUEST, Request
-from usbldr.io.read import read_log, require
+from usbldr.io.opening import DEFAULT_REQUEST, Request, open_configured
+from usbldr.io.read import read, require
 from usbldr.io.reports.report_json import ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -68,7 +69,7 @@ def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0)
     Raises LogError if it cannot be read, UsageError if request, configuration and log do not fit together.
     """
     if not is_simulated(log):
-        return read_log(Path(log), request)
+        return read(open_configured(Path(log), request), request, RAW_FIELDS)
     if not Path(log).exists() and str(log) not in scenario_names():
         raise LogError(f"{log}: no such file, folder or scenario (scenarios: {', '.join(scenario_names())})")
     if request != DEFAULT_REQUEST:
@@ -131,7 +132,7 @@ def replay(
     found = resolve(log, timeline, method, settings) if identification is None else identification
     used = found.parameters
     require_gps(timeline, used.aid, str(log.path))
-    if able.is_filter and used.start is None and not len(starting_fixes(timeline, used)[0]):
+    if able.is_filter and used.start is None and not len(starting_fixes(timeline, used).time_s):
         raise LogError(f"{log.path}: {NO_START_TEXT}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
     if used.dvl_clock_s:

@@ -1,7 +1,7 @@
 """What a log holds and how it would be interpreted, also if it cannot be replayed as is."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from usbldr.filters.errors import UsbldrError
@@ -22,7 +22,7 @@ class Survey:
     topics: tuple[TopicInfo, ...]
     roles: Mapping[str, str]  # role -> topic
     findings: tuple[Finding, ...]
-    log: Log | None  # None: see fault
+    log: Log | None  # without the undecided roles; None: see fault
     fault: str  # why it cannot be replayed as is; a log without any sensor needs no reason
 
     @property
@@ -36,14 +36,15 @@ def survey(path: Path, request: Request) -> Survey:
     opened = open_configured(path, request)
     reader, configuration = opened.reader, opened.configuration
     topics = reader.topics()
-    roles = roles_of(path, topics, request, configuration).chosen
-    log, fault = None, ""
+    found = roles_of(path, topics, request, configuration)
+    roles, undecided = found.chosen, dict.fromkeys(found.unresolved, "none")
+    log, fault = None, "; ".join(unresolved.text_beside(path) for unresolved in found.unresolved.values())
     try:
-        log = read(opened, request)
-        if roles:
+        log = read(opened, replace(request, topics={**request.topics, **undecided}))
+        if roles and not fault:
             require(log, ("dvl", "compass"))  # without fixes, dead reckoning is still possible
     except UsbldrError as err:
-        fault = err.text_beside(path)
+        fault = fault or err.text_beside(path)
     return Survey(
         path=path,
         format=reader.format,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import inputs, read_request, selection_options
 from usbldr_cli.options.output_files import json_option, refuse_file, write_json
@@ -62,14 +63,14 @@ def compare(
     from usbldr_cli.runs.finished_runs import is_run
 
     _refuse_inputs(logs, selection, output, json_to, force)
-    _refuse_repeats("LOG", logs)
+    refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
         request: dict[str, Any] = {"runs": logs}
         rows = _finished(logs, {"--filters": filters is not None, "--bound": bound})
         if output is not None:
             prepare(output, request, force)
     else:
-        methods = _methods(filters, choices)
+        methods = filter_list(filters or "dr,usbl,ekf,adf,cpf", choices)
         request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": selection}
         request |= {"bound": True} if bound else {}
         for log in logs:
@@ -114,29 +115,6 @@ def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[Compariso
     rows = read_runs([Path(folder) for folder in folders])
     require_comparable(rows)
     return rows
-
-
-def _methods(filters: str | None, choices: RunChoices) -> list[str]:
-    from usbldr.filters.replay.methods import METHODS, methods_that
-
-    choices.settings()  # refuses wrong values
-    names = [name.strip() for name in (filters or "dr,usbl,ekf,adf,cpf").split(",") if name.strip()]
-    unknown = [name for name in names if name not in METHODS]
-    if unknown or not names:
-        raise UsageError(f"there is no filter {', '.join(unknown) or 'in the list'!r} (filters: {', '.join(METHODS)})")
-    _refuse_repeats("--filters", names)
-    methods = [METHODS[name] for name in names]
-    if choices.gate is not None and not any(method.takes_gate for method in methods):
-        raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, none of which is compared")
-    if choices.aid is not None and not any(method.is_filter for method in methods):
-        raise UsageError("--aid is for filters, none of which is compared")
-    return names
-
-
-def _refuse_repeats(what: str, names: Sequence[str]) -> None:
-    repeated = [name for k, name in enumerate(names) if name in names[:k]]
-    if repeated:
-        raise UsageError(f"{what} names {repeated[0]} twice")
 
 
 def _run(

@@ -27,7 +27,7 @@ def export(
     (ROS 2), NAME.bag (ROS 1), NAME_db3 (rosbag2 folder) or NAME.db3 (its file alone), else a folder of CSV files.
 
     \b
-    $ usbldr export dive.bag -o bug.mcap --start 100 --end 160
+    $ usbldr export dive.bag -o part.mcap --start 100 --end 160
     """
     if output is None:
         raise UsageError("name the output with -o NAME.mcap, NAME.bag, NAME_db3, or -o FOLDER for CSV files")

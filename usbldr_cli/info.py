@@ -26,7 +26,7 @@ MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
 def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: Any) -> int:
     """List the topics of LOG and how each sensor is read.
 
-    Lists topics with type, count, rate, span and role, every convention with who chose it, and the findings on the log.
+    Lists topics with type, count, rate, span and role, every convention and its source, and the findings on the log.
     Exit code 3 if a part of LOG could not be read.
 
     \b

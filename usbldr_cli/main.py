@@ -13,6 +13,7 @@ COMMANDS = {
     "init": "Write a commented configuration for LOG.",
     "replay": "Run a filter over LOG and report its east and north errors.",
     "compare": "Run several filters over logs and seeds, side by side.",
+    "drill": "Put faults into LOG and report what filters make of them.",
     "export": "Write LOG, or a part of it, in another format.",
     "check": "Run a baseline again and fail if a metric got worse (for CI).",
     "simulate": "Write a simulated log with its truth.",

@@ -55,7 +55,7 @@ class GaussianParticleFilter:
             for part in measurement.parts():
                 seen = project(proposal, part, self.rule)
                 described, last = measurement_update(part, seen, np.ones(1), rejected=False), proposal
-                proposal, *_ = collapse(last, seen, part.noise, 0)
+                proposal, *_ = collapse(last, seen, part.noise)
                 done.append(with_state_shift(described, last, proposal))
             updates.append(Update.combined(done))
         normals = whitened(make_rng().standard_normal((len(before.mean), self.particles)))

@@ -175,7 +175,7 @@ def features(rows: Rows) -> str:
             body.append((what, log, _titled(before), _titled(after), "failed", "", ""))
             continue
         percent = 100 * change.mean / (other.mean("mean_horizontal_m") or 1.0)
-        sign = "" if change.significant else "*"
+        sign = "*" if change.significant else ""
         size = f"{change.mean:+.3f} ± {change.se:.3f}{sign}"
         seeds = str(min(len(mine.seeds), len(other.seeds)))
         body.append((what, log, _titled(before), _titled(after), size, f"{percent:+.0f} %{sign}", seeds))

@@ -11,7 +11,7 @@ a bank of N Gaussians, means (n, N) and covariances (n, n, N)::
 
     predict(bank, motion, transform, t0, t1)   m- = f(m), P- = F P F' + Q
     project(bank, measurement, transform)      e = z - h(m-), H P- H', P- H'
-    mode_update(bank, projection, noise, ...)  which noise modes explain e: matched, gated, collapsed, or drawn
+    mode_update(bank, projection, noise)       which noise modes explain e: matched, gated, collapsed, or drawn
     update(bank, projection, R)                K = P- H' S^-1, m = m- + K e, P = P- - K S K'
 
 ``ekf``, ``ckf``, ``ukf`` differ in the transform alone; ``adf`` collapses the noise mixture; ``cpf`` and ``upf`` draw

@@ -6,19 +6,21 @@ the mode update decides which R applies (mode_updates.py). All states are in met
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from usbldr.filters.estimators.adaptive import InflationFactor, InnovationHistory, inflate
+from usbldr.filters.estimators.gate_recovery import RECOVERIES, Recovery, widened
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, mixture_moments, predict, project, replicate
-from usbldr.filters.estimators.mode_updates import ModeUpdate
+from usbldr.filters.estimators.mode_updates import ModeUpdate, UpdateResult
 from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update, with_state_shift
 from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import MomentTransform
-from usbldr.filters.types import Update
+from usbldr.filters.types import Update, Vector
 
 
 class KalmanBelief(NamedTuple):
@@ -30,6 +32,7 @@ class KalmanBelief(NamedTuple):
     rejected: Mapping[str, int]  # sensor and axis -> rejections in a row
     history: InnovationHistory = MappingProxyType({})  # for the inflation factor
     inflation: float = 1.0  # see Estimate
+    widening: Vector | None = None  # (n,) see Estimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,7 @@ class KalmanFilter:
     rule: MomentTransform
     mode_update: ModeUpdate
     factor: InflationFactor | None = None
+    recoveries: Mapping[str, Recovery] = field(default_factory=lambda: RECOVERIES)  # by axis; of a gate
 
     def start(self, prior: Prior) -> KalmanBelief:
         """Return the prior as a bank of one."""
@@ -53,6 +57,7 @@ class KalmanFilter:
             bank, history, inflation = inflate(bank, step.measurements, history, self.rule, self.factor)
         updates: list[Update] = []
         log_likelihood, rejected = belief.log_likelihood, belief.rejected
+        widening = np.zeros(len(bank.mean))
         for measurement in step.measurements:
             part_updates: list[Update] = []
             for part in measurement.parts():
@@ -60,19 +65,33 @@ class KalmanFilter:
                 axis = f"{part.sensor} {part.axis}"  # an accepted north must not reset the count of a rejected east
                 in_a_row, before = rejected.get(axis, 0), bank
                 # K = P- H' S^-1, m = m- + K e, P = P- - K S K'
-                bank, log_l, is_rejected, covariance_inflated = self.mode_update(
-                    before, projection, part.noise, in_a_row
-                )
-                inflation = math.inf if covariance_inflated else inflation
+                bank, log_l, is_rejected = self.mode_update(before, projection, part.noise)
+                if is_rejected:
+                    (bank, log_l, is_rejected), added = self._recover(before, part, in_a_row)
+                    widening += added
                 rejected = {**rejected, axis: in_a_row + 1 if is_rejected else 0}
                 log_likelihood += float(log_l[0])
                 part_updates.append(
                     with_state_shift(measurement_update(part, projection, np.ones(1), is_rejected), before, bank)
                 )
             updates.append(Update.combined(part_updates))
-        return KalmanBelief(bank, tuple(updates), log_likelihood, rejected, history, inflation)
+        return KalmanBelief(bank, tuple(updates), log_likelihood, rejected, history, inflation, widening)
+
+    def _recover(self, bank: GaussianBank, part: Measurement, in_a_row: int) -> tuple[UpdateResult, Vector]:
+        """Return the bank after a refused measurement, and the variances added to its states, (n,)."""
+        recovery, widening = self.recoveries.get(part.axis), np.zeros(len(bank.mean))
+        result = UpdateResult(bank, np.zeros(1), True)
+        if recovery is None or in_a_row < recovery.max_rejections or not bank.cov[recovery.rows, recovery.rows].all():
+            return result, widening
+        while result.rejected:
+            bank, added = widened(bank, recovery.rows)
+            widening += added
+            if not recovery.until_passed:
+                return result._replace(bank=bank), widening
+            result = self.mode_update(bank, project(bank, part, self.rule), part.noise)
+        return result, widening
 
     def estimate(self, belief: KalmanBelief) -> Estimate:
         """Return mean (n,), covariance (n, n) and the updates of the last step."""
         mean, cov = mixture_moments(belief.bank)
-        return Estimate(mean, cov, belief.updates, 1.0, math.nan, belief.inflation)
+        return Estimate(mean, cov, belief.updates, 1.0, math.nan, belief.inflation, widening=belief.widening)

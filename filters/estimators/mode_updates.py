@@ -66,22 +66,17 @@ class UpdateResult(NamedTuple):
     bank: GaussianBank
     log_likelihood: Vector  # (N,)
     rejected: bool
-    covariance_inflated: bool = False  # the gate doubled the covariance until the measurement passed
 
 
 class ModeUpdate(Protocol):
     """How a bank is updated with a measurement whose noise has modes."""
 
-    def __call__(
-        self, bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int
-    ) -> UpdateResult:
-        """Return the bank after the measurement, given how many of its axis were rejected in a row before."""
+    def __call__(self, bank: GaussianBank, projection: Projection, noise: Noise) -> UpdateResult:
+        """Return the bank after the measurement."""
         ...
 
 
-def moment_matched(
-    bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int
-) -> UpdateResult:
+def moment_matched(bank: GaussianBank, projection: Projection, noise: Noise) -> UpdateResult:
     """Replace the noise mixture by one Gaussian with its covariance."""
     one = Noise(np.ones(1), noise.mixture_cov[None])
     return UpdateResult(
@@ -89,7 +84,7 @@ def moment_matched(
     )
 
 
-def collapse(bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int) -> UpdateResult:
+def collapse(bank: GaussianBank, projection: Projection, noise: Noise) -> UpdateResult:
     """Keep the mean and covariance of the exact posterior mixture (assumed density filtering).
 
     With p_j the posterior mode probabilities: g = sum p_j S_j^-1 e, G = sum p_j (S_j^-1 - S_j^-1 e e' S_j^-1) + g g'.
@@ -117,40 +112,15 @@ def _collapsed(bank: GaussianBank, projection: Projection, noise: Noise) -> tupl
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Use the nominal noise mode alone and reject measurements whose NIS is above its chi-square quantile.
-
-    A filter that has diverged must recover: after ``max_rejections`` rejections of one axis in a row its covariance is
-    doubled until the next measurement passes. Fewer outliers in a row never open the gate, however large they are.
-    """
+    """Use the nominal noise mode alone and reject measurements whose NIS is above its chi-square quantile."""
 
     probability: float = 0.99  # the usual gate: it rejects one inlier in 100
-    max_rejections: int = (
-        10  # by judgement: half as many nearly double the error in the scenario multipath, twice as many change nothing
-    )
 
-    def __call__(
-        self, bank: GaussianBank, projection: Projection, noise: Noise, consecutive_rejections: int
-    ) -> UpdateResult:
+    def __call__(self, bank: GaussianBank, projection: Projection, noise: Noise) -> UpdateResult:
         """Return the bank, unchanged if the measurement is rejected."""
         nominal = Noise(np.ones(1), noise.cov[:1])
         nominal_mode = mode_likelihoods(projection, nominal)
-        limit = chi_square_quantile(self.probability, len(projection.innovation))
-        rejected = _distance(nominal_mode, projection) > limit
-        if rejected and consecutive_rejections < self.max_rejections:
+        nis = float(np.sum(nominal_mode.scaled[0] * projection.innovation))  # e' S^-1 e of a bank of one
+        if nis > chi_square_quantile(self.probability, len(projection.innovation)):
             return UpdateResult(bank, np.zeros(1), True)
-        covariance_inflated = rejected and bool(projection.cov.any())
-        while rejected and projection.cov.any():
-            bank = bank._replace(cov=2 * bank.cov)
-            projection = projection._replace(cov=2 * projection.cov, cross=2 * projection.cross)
-            rejected = _distance(mode_likelihoods(projection, nominal), projection) > limit
-        return UpdateResult(
-            update(bank, projection, nominal.cov[0, :, :, None]),
-            nominal_mode.log_likelihood,
-            False,
-            covariance_inflated,
-        )
-
-
-def _distance(nominal_mode: ModeLikelihoods, projection: Projection) -> float:
-    """Return e' S^-1 e of a bank of one under the nominal mode: the NIS."""
-    return float(np.sum(nominal_mode.scaled[0] * projection.innovation))
+        return UpdateResult(update(bank, projection, nominal.cov[0, :, :, None]), nominal_mode.log_likelihood, False)

@@ -288,18 +288,6 @@ class MultiHypothesisFilter:
         return predict(replicate(estimate.mean, estimate.cov, 1), self.motion, linearised, step.t0_s, step.t1_s)
 
 
-def reacquisition_text(one: Reacquisition) -> str:
-    """Return the sentence that reports how an ambiguity ended."""
-    has_outage = math.isfinite(one.outage_s) and one.outage_s > 5
-    outage = f" (after an outage of {one.outage_s:.0f} s)" if has_outage else ""
-    fixes = f"USBL fixes from {one.since_s:.1f} s{outage}"
-    if one.accepted:
-        rejected = f" after {one.refused} rejected fixes" if one.refused else ""
-        return f"{fixes} contradicted the track: accepted at {one.resolved_s:.1f} s{rejected}, jump {one.jump_m:.1f} m"
-    jump = f"jump back {one.jump_m:.1f} m" if one.jump_m else f"{one.refused} fixes"
-    return f"{fixes} contradicted the fixes before and after them: rejected at {one.resolved_s:.1f} s, {jump}"
-
-
 def _agree(a: Hypothesis, b: Hypothesis) -> bool:
     """Return whether both hypotheses use fixes and have the same position."""
     return "rejecting" not in (a.kind, b.kind) and _same_position(a, b)

@@ -68,7 +68,7 @@ class BootstrapParticleFilter:
                 projection = project(bank, part, linearised)
                 part_updates.append(measurement_update(part, projection, np.exp(bank.log_weight), rejected=False))
                 if len(bank.mean) > SAMPLED_STATES:
-                    result = collapse(bank, projection, part.noise, 0)
+                    result = collapse(bank, projection, part.noise)
                     bank, log_l = result.bank, result.log_likelihood
                 else:
                     log_l = mode_likelihoods(projection, part.noise).log_likelihood

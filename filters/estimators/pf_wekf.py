@@ -101,7 +101,7 @@ class TwoStageFilter:
                 projection = project(bank, part, linearised)
                 rejected, before = False, bank
                 if measurement.sensor != "usbl" or local is None:
-                    bank = moment_matched(bank, projection, part.noise, 0).bank
+                    bank = moment_matched(bank, projection, part.noise).bank
                 else:
                     p = mode_likelihoods(project(local, part, linearised), part.noise).probability
                     rejected = len(p) > 1 and bool(p[0, 0] < self.reject_below)

@@ -42,8 +42,9 @@ class Estimate(NamedTuple):
     updates: Sequence[Update]
     ess: float  # least effective number of particles within the step
     acceptance: float  # share of accepted moves; NaN if none was tried
-    inflation: float = 1.0  # factor on the predicted covariance; inf if a gate doubled the covariance to recover
+    inflation: float = 1.0  # factor on the predicted covariance
     reacquisitions: tuple[Reacquisition, ...] = ()  # so far
+    widening: Vector | None = None  # (n,) variances that the recovery of a gate added to the prediction
 
 
 Belief = TypeVar("Belief")

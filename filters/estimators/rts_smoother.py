@@ -10,7 +10,6 @@ doi:10.2514/3.3166; for sigma points S. Sarkka, "Unscented Rauch-Tung-Striebel s
 53(3), 2008, doi:10.1109/TAC.2008.919531.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,19 +28,24 @@ class StateMoments(NamedTuple):
 
 
 def smooth(
-    mean: Array, cov: Array, inflation: Vector, time_s: Vector, motion: MotionModel, rule: MomentTransform
+    mean: Array,
+    cov: Array,
+    inflation: Vector,
+    widening: Array,
+    time_s: Vector,
+    motion: MotionModel,
+    rule: MomentTransform,
 ) -> tuple[Array, Array]:
     """Return the smoothed mean (K, n) and covariance (K, n, n) from the filtered ones, at the K epochs ``time_s``.
 
-    ``inflation`` (K,) is the factor by which the filter inflated its predicted covariance at each epoch; if infinite,
-    the filter discarded its past, and nothing is passed back.
+    ``inflation`` (K,) is the factor by which the filter inflated its predicted covariance at each epoch, ``widening``
+    (K, n) the variances that it added to it.
     """
     smoothed_mean, smoothed_cov = mean.copy(), cov.copy()
     for k in range(len(time_s) - 2, -1, -1):
-        if not math.isfinite(inflation[k + 1]):
-            continue
         after = StateMoments(smoothed_mean[k + 1], smoothed_cov[k + 1])
-        before = _before(StateMoments(mean[k], cov[k]), after, inflation[k + 1], time_s[k : k + 2], motion, rule)
+        factor, added = float(inflation[k + 1]), widening[k + 1]
+        before = _before(StateMoments(mean[k], cov[k]), after, factor, added, time_s[k : k + 2], motion, rule)
         smoothed_mean[k], smoothed_cov[k] = before
     return smoothed_mean, smoothed_cov
 
@@ -50,6 +54,7 @@ def _before(
     filtered: StateMoments,
     after: StateMoments,
     inflation: float,
+    widening: Vector,
     times_s: Vector,
     motion: MotionModel,
     rule: MomentTransform,
@@ -65,7 +70,8 @@ def _before(
         stages.append(StateMoments(bank.mean[:, 0], bank.cov[:, :, 0]))
     predicted = stages[-1]
     crosses.append(predicted.cov)  # process noise and inflation are independent of the states before
-    stages.append(StateMoments(predicted.mean, inflation * (predicted.cov + np.diag(motion.noise(t0_s, t1_s)))))
+    noise = inflation * np.diag(motion.noise(t0_s, t1_s)) + np.diag(widening)
+    stages.append(StateMoments(predicted.mean, inflation * predicted.cov + noise))
     for before, cross, then in zip(stages[-2::-1], crosses[::-1], stages[:0:-1], strict=True):
         G = _gain(cross, then.cov)
         P = before.cov + G @ (after.cov - then.cov) @ G.T

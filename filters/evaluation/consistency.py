@@ -141,15 +141,17 @@ def _counts(fates: Sequence[str]) -> tuple[int, int, int]:
 
 
 def consistency_text(found: Nees | None) -> str:
-    """Return whether the filter is consistent, over- or under-confident; "" if it has no covariance.
-
-    The number is how many times too small (over-confident) or too large (under-confident) they are.
-    """
+    """Return whether the filter's sigmas are consistent, too small or too large; "" if it has no covariance."""
     if found is None:
         return ""
     factor = math.sqrt(found.mean / DOF)
     if found.mean > found.high:
-        return f"over-confident by {factor:.1f}" if factor >= 1.05 else "slightly over-confident"
+        return f"sigmas too small by a factor of {_factor(factor)}" if factor >= 1.05 else "sigmas slightly too small"
     if found.mean < found.low:
-        return f"under-confident by {1 / max(factor, 1e-6):.1f}" if factor <= 1 / 1.05 else "slightly under-confident"
+        large = 1 / max(factor, 1e-6)
+        return f"sigmas too large by a factor of {_factor(large)}" if large >= 1.05 else "sigmas slightly too large"
     return "consistent"
+
+
+def _factor(number: float) -> str:
+    return f"{number:.1f}" if number < 10 else f"{number:.0f}"

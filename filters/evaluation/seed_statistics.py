@@ -15,6 +15,7 @@ from usbldr.filters.evaluation.consistency import CONFIDENCE, Nees, nees_with_bo
 from usbldr.filters.evaluation.metrics import Metric
 from usbldr.filters.types import Vector
 
+LEAST_PAIRS = 3  # pairs of runs: the t test of two demands 13 standard errors, so it decides nothing
 DIVERGED_M = 5.0  # mean horizontal error of a run that has lost the vehicle
 DIVERGED_SHARE = Metric(
     "diverged_share", f"Share of the seeds with a mean horizontal error over {DIVERGED_M:g} m.", direction="lower"
@@ -34,7 +35,7 @@ class PairedDifference(NamedTuple):
 
     mean: float
     se: float | None
-    significant: bool | None  # at 95 %; None where there is no standard error
+    significant: bool | None  # at 95 %; None with fewer than LEAST_PAIRS runs
 
 
 def average(values: Sequence[float]) -> MeanWithError:
@@ -48,8 +49,8 @@ def paired_difference(values: Sequence[float], others: Sequence[float]) -> Paire
         raise ValueError(f"{len(values)} and {len(others)} runs cannot be paired")
     difference = np.asarray(values) - np.asarray(others)
     mean, se = float(np.mean(difference)), _standard_error(difference)
-    if se is None:
-        return PairedDifference(mean, None, None)
+    if se is None or len(values) < LEAST_PAIRS:
+        return PairedDifference(mean, se, None)
     return PairedDifference(mean, se, abs(mean) > student_quantile((1 + CONFIDENCE) / 2, len(values) - 1) * se)
 
 

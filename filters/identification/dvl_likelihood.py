@@ -39,7 +39,7 @@ def dvl_likelihoods(timeline: Timeline, members: Sequence[Parameters]) -> Vector
     for k in range(1, length):
         P = bank.cov + walk * dt_s[k - 1]
         projection = Projection(z[k : k + 1] - bank.mean, P, P)
-        bank, log_l, *_ = collapse(bank._replace(cov=P), projection, noise.modes(R[k][None, None]), 0)
+        bank, log_l, *_ = collapse(bank._replace(cov=P), projection, noise.modes(R[k][None, None]))
         total += log_l
     summed: Vector = total.reshape(series, N).sum(axis=0)
     return summed

@@ -38,13 +38,9 @@ class Identification:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return what to check if the fixes contradict dead reckoning."""
-        walks = [
-            one.after
+        return tuple(
+            f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {one.after:.2g} m/√s, "
+            "so that the track follows the fixes: check the DVL's bottom lock, its axes and mounting, and the compass"
             for one in self.noise_changes
             if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
-        ]
-        return tuple(
-            f"the fixes contradict dead reckoning: its process noise was raised to {walk_m:.2g} m/√s, and the track "
-            "follows the fixes; check the DVL's bottom lock, its axes and mounting, and the compass"
-            for walk_m in walks
         )

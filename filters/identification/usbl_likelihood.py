@@ -116,7 +116,7 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
                 np.einsum("aim,ibm->abm", h, cross),
                 cross,
             )
-            bank, log_l, *_ = collapse(bank, projection, modes.block(axes), 0)
+            bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
             total += log_l
     sd = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
     return FixLikelihoods(
@@ -167,15 +167,15 @@ def prior_sds(parameters: Parameters) -> Mapping[str, float]:
 
 def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:
     """Return mean (n, N) and covariance (n, n, N) at the first epoch: as in prior.py, without the motion states."""
-    first = members[0].parameters
-    time_s = np.zeros(1)
+    first, time_s = members[0].parameters, np.zeros(1)
+    carried = np.zeros((2, len(PASS_STATES)))
     if first.start is not None:
         position, sd_m = np.array([first.start.east_m, first.start.north_m]), first.start.sd_m
-        carried = np.zeros((2, len(PASS_STATES)))
     else:
-        time_s, fix_m = starting_fixes(timeline, first)
-        position, sd_m = start_position(timeline, time_s, fix_m)
-        carried = start_sensitivity(timeline, time_s, PASS_STATES)
+        fixes = starting_fixes(timeline, first)
+        time_s = fixes.time_s
+        position, sd_m = start_position(timeline, time_s, fixes.position_m)
+        carried = start_sensitivity(timeline, time_s, PASS_STATES, fixes.sensor == "usbl")
     walked_m2 = max(0.0, float(time_s[0])) * np.array([m.parameters.process.position_m**2 for m in members])
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)

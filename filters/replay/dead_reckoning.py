@@ -70,15 +70,23 @@ def start_position(
     return position, float(max(least_sd_m, spread_m))
 
 
-def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], count: int = 5) -> Array:
-    """Return the derivative of the start position by each state, (2, n).
+def start_sensitivity(
+    timeline: Timeline, time_s: Vector, names: Sequence[str], of_usbl: bool = True, count: int = 5
+) -> Array:
+    """Return the derivative of the start position by each state, (2, n); 0 except for errors of sensors.
 
-    ``time_s`` (F,) are those of the fixes. It is 0 except for errors of DVL and compass. A first fix after minutes is
-    carried back by hundreds of metres of dead reckoning, whose error enters the start.
+    ``time_s`` (F,) are those of the fixes. A first fix after minutes is carried back by hundreds of metres of dead
+    reckoning, whose error enters the start; so does an error that the fixes share, and their latency, if they are those
+    ``of_usbl``: they tell the sum of position and error, x = z - c + latency V.
     """
     drift = np.column_stack([integrate(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
     mean: Vector = interpolate(timeline, drift, time_s[:count]).mean(axis=0)
-    return -mean.reshape(len(names), 2).T
+    derivative = -mean.reshape(len(names), 2).T
+    if of_usbl:
+        V = interpolate(timeline, velocity_mps(timeline), time_s[:count]).mean(axis=0)
+        of_fixes = {"usbl_bias_east": (-1.0, 0.0), "usbl_bias_north": (0.0, -1.0), "usbl_latency": V}
+        derivative += np.column_stack([of_fixes.get(name, np.zeros(2)) for name in names])
+    return derivative
 
 
 def displacement_m(timeline: Timeline) -> Array:

@@ -124,7 +124,7 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "afukf",
-            "ukf whose covariance fades when fixes lie elsewhere for long",
+            "fading-memory ukf: covariance inflated while fixes disagree",
             _adaptive(unscented, adaptive.FadingFactor()),
             smoother_transform=unscented,
             colour="#aa4499",
@@ -166,7 +166,7 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "pf-wekf",
-            "ekf whose fixes are weighted by the last fixes, carried on by dead reckoning",
+            "ekf; fixes weighted by agreement with recent fixes propagated by DR",
             lambda motion, settings: pf_wekf.TwoStageFilter(motion, settings.particles),
             smoother_transform=linearised,
             draws=True,
@@ -174,7 +174,7 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "nudge",
-            "dead reckoning shifted onto the fixes, without a filter",
+            "DR corrected by a shift to the fixes, without a filter",
             make_track=lambda timeline, anchor: dead_reckoning.nudge(timeline),
             estimates=frozenset(),
             sensors=("dvl", "compass", "usbl"),

@@ -95,5 +95,5 @@ def recovery_warning(one: OutageRecovery) -> str | None:
     return (
         f"after a USBL outage of {one.end_s - one.start_s:.0f} s the first fixes at {one.end_s:.1f} s are "
         f"{one.residual_m:.1f} m from the track ({one.sigmas:.1f} sigma) and moved it by {one.correction_m:.1f} m: "
-        "estimate the errors of DVL and compass (--calibrate auto), or reject outliers (--guard)"
+        "check heading, mounting and scale of DVL and compass (usbldr doctor), and whether these fixes are outliers"
     )

@@ -1,6 +1,7 @@
 """The prior of a filter and the anchor of dead reckoning: a stated start, or the first fixes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,21 +27,21 @@ def prior(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> Pr
 
     Yaw and velocity start at the first compass and DVL records with a wide sigma, as the filter uses these records
     again. A compass with error states measures only the sum of yaw and errors, so the prior correlates them; likewise
-    position and sensor errors if fixes are carried back by dead reckoning. Raises LogError if nothing gives the
-    position.
+    the position from the first fixes and the errors of these fixes and of the dead reckoning that carries them back.
+    Raises LogError if nothing gives the position.
     """
-    carried = np.zeros((2, len(layout)))  # start position by each sensor error, from carrying the fixes back
+    carried = np.zeros((2, len(layout)))  # derivative of the start position by each sensor error
     if parameters.start is not None:
         position = np.array([parameters.start.east_m, parameters.start.north_m])
         position_sd_m = parameters.start.sd_m
     else:
-        time_s, fix_m = starting_fixes(timeline, parameters)
-        if not len(time_s):
+        fixes = starting_fixes(timeline, parameters)
+        if not len(fixes.time_s):
             raise LogError(NO_START_TEXT)
-        position, position_sd_m = start_position(timeline, time_s, fix_m)
-        carried = start_sensitivity(timeline, time_s, layout.names)
+        position, position_sd_m = start_position(timeline, fixes.time_s, fixes.position_m)
+        carried = start_sensitivity(timeline, fixes.time_s, layout.names, fixes.sensor == "usbl")
         motion = VehicleMotion(layout, parameters.process, parameters.errors)
-        walked_m2 = float(motion.noise(0.0, max(0.0, float(time_s[0])))[layout.index("x")])
+        walked_m2 = float(motion.noise(0.0, max(0.0, float(fixes.time_s[0])))[layout.index("x")])
         position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
     yaw = (float(timeline.dr_yaw_rad[0]), float(timeline.yaw_sd_rad[0]))
     mean, P = prior_at(position, position_sd_m, yaw, timeline.dr_mps[0], parameters, layout)
@@ -83,14 +84,11 @@ def prior_at(
     return Prior(mean, P)
 
 
-def starting_fixes(timeline: Timeline, parameters: Parameters) -> tuple[Vector, Array]:
-    """Return times and positions of the fixes at the start: USBL, or aiding GPS if it is earlier; may be empty.
-
-    (F,) and (F, 2).
-    """
+def starting_fixes(timeline: Timeline, parameters: Parameters) -> PositionFixes:
+    """Return the fixes at the start, as positions of the vehicle: USBL, or aiding GPS if it is earlier; may be none."""
     usbl, gps = usbl_fixes(timeline, parameters, StateLayout()), gps_fixes(timeline, parameters)
     first = min((usbl, gps), key=lambda fixes: float(fixes.time_s[0]) if len(fixes.time_s) else math.inf)
-    return first.time_s, vehicle_positions_m(timeline, first)
+    return first._replace(position_m=vehicle_positions_m(timeline, first))
 
 
 def vehicle_positions_m(timeline: Timeline, fixes: PositionFixes) -> Array:
@@ -109,15 +107,12 @@ def find_anchor(where: str, timeline: Timeline, parameters: Parameters, truth: T
         start = parameters.start
         return Anchor(np.array([start.east_m, start.north_m]), 0.0, "the stated start")
     if where in ("start", "first-fix"):
-        usbl = usbl_fixes(timeline, parameters, StateLayout())
-        fixes = (
-            (usbl.time_s, vehicle_positions_m(timeline, usbl))
-            if where == "first-fix"
-            else starting_fixes(timeline, parameters)
-        )
-        if not len(fixes[0]):
+        usbl_only = where == "first-fix"
+        fixes = starting_fixes(timeline, replace(parameters, aid=()) if usbl_only else parameters)
+        if not len(fixes.time_s):
             return None
-        return Anchor(start_position(timeline, *fixes)[0], 0.0, "the first five fixes")
+        position_m, _ = start_position(timeline, fixes.time_s, fixes.position_m)
+        return Anchor(position_m, 0.0, "the first five fixes")
     if where == "first-gps":
         if not len(timeline.gps_time_s):
             return None

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter, reacquisition_text
+from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Filter
+from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
 from usbldr.filters.estimators.rts_smoother import smooth
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
@@ -74,19 +75,21 @@ def _run(
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
+    widening = np.zeros((count, len(layout)))
     by_epoch: dict[int, Sequence[Update]] = {}
     reacquisitions: tuple[Reacquisition, ...] = ()
     source, start = StepSource(timeline, parameters, layout), prior(timeline, parameters, layout)
     for k, estimate, updates in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
         mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
         inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
+        widening[k] = 0.0 if estimate.widening is None else estimate.widening
         by_epoch.update(updates)
         if k % 100 == 0:
             progress(k, count)
     progress(count, count)
     recoveries = outage_recoveries(timeline, parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
-        mean, cov = smooth(mean, cov, inflation, timeline.time_s, motion, method.smoother_transform)
+        mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)
     done = tuple(update for k in sorted(by_epoch) for update in by_epoch[k])
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1
@@ -101,7 +104,7 @@ def _run(
         particles,
         acceptance if method.draws else None,
         _warnings(method, settings, ess, done, late)
-        + tuple(f"{name}: {reacquisition_text(one)}" for one in reacquisitions)
+        + tuple(f"{name}: {text}" for text in reacquisition_texts(reacquisitions))
         + tuple(f"{name}: {texts}" for one in recoveries if (texts := recovery_warning(one)) is not None),
         time.perf_counter() - began,
         reacquisitions,

@@ -45,7 +45,7 @@ def truth_from_table(
         time_s=(rows["time_ns"].to_numpy() - start_ns) / 1e9,
         position_m=rows[["east_m", "north_m"]].to_numpy(dtype=float),
         sd_m=rows["sd_m"].to_numpy(dtype=float),
-        kind=section.kind or kind,
+        kind=kind,
         source=source,
         max_gap_s=section.max_gap_s,
     )

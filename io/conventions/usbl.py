@@ -79,7 +79,8 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     if kind != "latlon" and not (end and end.geodetic) and origin is not None and origin.source != "[map]":
         text = (
             f"the map origin is not stated; assumed at the {origin.source} (state origin_lat_deg and "
-            "origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)"
+            "origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) if fixes are relative "
+            "to it; else use --align first)"
         )
         findings.append(raw.finding("MAP-UNKNOWN", text))
 

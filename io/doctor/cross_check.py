@@ -27,6 +27,7 @@ from usbldr.io.doctor.interpretations import (
     reinterpret,
     topic_of,
 )
+from usbldr.io.doctor.message_evidence import message_evidence
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -76,10 +77,11 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
 
 def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     """Return a finding for each convention, mounting or clock if another fits clearly better; change nothing."""
-    result = compare_interpretations(log, timeline) if len(timeline.fix_time_s) else None
+    sources = message_evidence(log)
+    result = compare_interpretations(log, timeline, sources) if len(timeline.fix_time_s) else None
     if result is None:
         return []
-    unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, ())
+    unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     found = _fit_findings(log, corrected, result)
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
@@ -124,7 +126,7 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
         )
         found.append(Finding("CONVENTION-UNDECIDED", text, usbl, None, best.residual_m, "m"))
     if not result.observable:
-        fits = "; ".join(f"{r.description}: {r.residual_m:.2f} m" for r in result.plausible)
+        fits = "; ".join(f"{r.description}: RMS residual {r.residual_m:.2f} m" for r in result.plausible)
         text = f"the log does not distinguish these interpretations: {fits}"
         found.append(Finding("CONVENTION-UNOBSERVABLE", text, usbl, None, read.residual_m, "m"))
     if best == read and result.decided_by is not None and result.observable:
@@ -161,7 +163,7 @@ def _heading_offset_findings(log: Log, result: InterpretationResult) -> list[Fin
     far = heading_offset_is_significant(result)
     topic = topic_of(log, "compass" if stated else "dvl")
     by = "" if best == result.as_read and result.observable else f", with {best.description}"
-    text = f"{topic}: rotating dead reckoning by {offset:+.1f} deg (clockwise, +-{max(sd, 0.1):.1f}) fits the fixes{by}"
+    text = f"{topic}: rotating dead reckoning by {offset:+.1f} deg (clockwise, ±{max(sd, 0.1):.1f}) fits the fixes{by}"
     if far:
         text += (
             f"; state mount_deg = {wrapped(mount + offset, 180.0):.1f} under [dvl] if the DVL is mounted so, or "
@@ -193,9 +195,10 @@ def _delays(log: Log, c: DrUsblFit) -> list[Finding]:
     usbl, compass = topic_of(log, "usbl"), topic_of(log, "compass")
     if latency_is_significant(c):
         stated = log.settings.usbl.latency_s
+        side = "before" if c.latency_s > 0 else "after"
         text = (
-            f"{usbl}: stamps are {delay_text(c.latency_s)} the time of validity that fits dead reckoning best "
-            f"(+-{c.latency_sd_s:.2f} s, by the DVL's clock); if that clock is right, state "
+            f"{usbl}: fixes fit best if valid {abs(c.latency_s):.2f} s {side} their stamps "
+            f"(±{c.latency_sd_s:.2f} s, by the DVL's clock); if that clock is right, state "
             f"latency_s = {stated + c.latency_s:.2f} under [usbl]; a transponder mounted forward or aft looks the "
             "same (lever_arm_m)"
         )
@@ -205,7 +208,7 @@ def _delays(log: Log, c: DrUsblFit) -> list[Finding]:
     if abs(c.heading_delay_s) > least_s and better:
         text = (
             f"{compass}: stamps are {delay_text(c.heading_delay_s)} those that fit DVL and fixes best "
-            f"(+-{c.heading_delay_sd_s:.2f} s): a delay, or a DVL mounted forward or aft (lever_arm_m under [dvl]); "
+            f"(±{c.heading_delay_sd_s:.2f} s): a delay, or a DVL mounted forward or aft (lever_arm_m under [dvl]); "
             "part of it may be the fixes' latency"
         )
         found.append(Finding("HEADING-DELAY", text, compass, None, c.heading_delay_s, "s"))
@@ -217,7 +220,7 @@ def _scale(log: Log, c: DrUsblFit) -> list[Finding]:
         return []
     dvl = topic_of(log, "dvl")
     text = (
-        f"{dvl}: distance travelled differs by {100 * c.scale:+.1f} % from the fixes (+-{100 * c.scale_sd:.1f} %); "
+        f"{dvl}: distance travelled differs by {100 * c.scale:+.1f} % from the fixes (±{100 * c.scale_sd:.1f} %); "
         f"if the fixes are right, state scale_error = {c.scale:.3f} under [dvl]"
     )
     return [Finding("DVL-SCALE", text, dvl, None, 100 * c.scale, "%")]

@@ -184,8 +184,8 @@ def _invalid(log: Log) -> list[Finding]:
     largest = np.max(np.abs(np.nan_to_num(xyz_mps[invalid])), axis=1)
     near = {s: np.abs(largest - s) < THRESHOLDS.sentinel_tolerance_mps for s in SENTINELS_MPS}
     worst = float(largest.max())
-    counts = ", ".join(f"{np.sum(records)} are {s:g} m/s" for s, records in near.items() if records.any())
-    text = counted[0].text + (f"; {counts}, a DVL's value for no bottom lock" if counts else "")
+    counts = [f"{np.sum(found)} have the no-bottom-lock value {s:g} m/s" for s, found in near.items() if found.any()]
+    text = "; ".join([counted[0].text, *counts])
     time_s = float(bad["time_s"].iloc[0]) if len(bad) else None
     return [Finding("DVL-INVALID", text, log.provenance["dvl"].topic, time_s, worst, "m/s")]
 

@@ -1,6 +1,7 @@
 """A usbldr.toml for a log that has none: each line with the source of its value.
 
-No key in it is fitted to GPS or another truth; what a log cannot show is left for the user to fill in.
+GPS only excludes the mirror image and proposes a map origin, as a comment; what a log cannot show is left for the
+user to fill in.
 """
 
 import math
@@ -54,8 +55,9 @@ def initial_configuration(examination: Examination, joined: tuple[str, ...] = ()
     sections["usbl"] += _usbl(examination, log)
     sections["truth"] = _truth(log)
     lines = [
-        f"# Settings for {examination.path.name}, written by usbldr init from the log alone; no key was fitted to GPS.",
-        "# Signs: docs/configuration.md. Keys behind # are unknown from a log, or only a guess.",
+        f"# Settings for {examination.path.name}, written by usbldr init from the log alone.",
+        "# GPS only excludes the mirror image and proposes the map origin, if that is unknown; no other key uses it.",
+        "# Signs: docs/configuration.md. Commented keys cannot be determined from the log; their values are proposals.",
         *_convention_comments(examination),
         "schema = 1",
     ]
@@ -111,7 +113,7 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
             lat_deg, lon_deg = guess.lat_deg, guess.lon_deg
             gap_s = THRESHOLDS.max_pair_gap_s
             who = (
-                f"CHECK: a guess fitted to GPS ({guess.pairs} pairs within {gap_s:g} s, +-{guess.sd_m:.1f} m); "
+                f"CHECK: proposed from GPS ({guess.pairs} pairs within {gap_s:g} s, ±{guess.sd_m:.1f} m); "
                 "do not use it in a run whose truth is GPS"
             )
     return [
@@ -145,7 +147,7 @@ def _dvl(examination: Examination, log: Log) -> list[ConfigLine]:
         unit = (f"unit = {key_value}", "CHECK: estimated from the distances between fixes")
     lines = [_convention(log, result, "dvl", "axes"), unit]
     if result and heading_offset_is_significant(result):
-        why = f"fitted to the fixes, +-{max(result.offset_sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
+        why = f"fitted to the fixes, ±{max(result.offset_sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
         lines.append((f"mount_deg = {wrapped(result.best.offset_deg, 180.0):.1f}", why))
     else:
         lines.append(("mount_deg = 0.0", _no_offset(result)))
@@ -154,10 +156,10 @@ def _dvl(examination: Examination, log: Log) -> list[ConfigLine]:
         why = f"CHECK: velocities are {velocity_ratio:.3g} times those between fixes"
         lines.append((f"{key} = {key_value}" if key else "# unit = ?", why))
     elif c and scale_is_significant(c):
-        why = f"fitted to the fixes, +-{c.scale_sd:.3f}; calibrate it before use"
+        why = f"fitted to the fixes, ±{c.scale_sd:.3f}; calibrate it before use"
         lines.append((f"# scale_error = {c.scale:.3f}", why))
     else:
-        why = f"not significant (+-{c.scale_sd:.3f})" if c and math.isfinite(c.scale_sd) else "not observable"
+        why = f"not significant (±{c.scale_sd:.3f})" if c and math.isfinite(c.scale_sd) else "not observable"
         lines.append(("scale_error = 0.0", why))
     timeline = examination.timeline
     lines.append(_sd("dvl", "sd_mps", log, 0.0 if timeline is None else float(np.median(timeline.dvl_sd_mps))))
@@ -209,10 +211,10 @@ def _usbl(examination: Examination, log: Log) -> list[ConfigLine]:
     key, why = _sd("usbl", "sd_m", log, stated_m)
     lines.append((key, why + scatter))
     if c and latency_is_significant(c):
-        why = f"fitted to dead reckoning, +-{c.latency_sd_s:.2f}; only if the DVL's clock is right"
+        why = f"fitted to dead reckoning, ±{c.latency_sd_s:.2f}; only if the DVL's clock is right"
         lines.append((f"# latency_s = {c.latency_s:.2f}", why))
     else:
-        why = f"not significant (+-{c.latency_sd_s:.2f})" if c and math.isfinite(c.latency_sd_s) else "not observable"
+        why = f"not significant (±{c.latency_sd_s:.2f})" if c and math.isfinite(c.latency_sd_s) else "not observable"
         lines.append(("latency_s = 0.0", why))
     lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", "starboard, forward, up: measure it on the vehicle"))
     lines.append(('noise = { kind = "contamination" }', "default: 5 % of the fixes are off by 10 m"))
@@ -224,7 +226,8 @@ def _truth(log: Log) -> list[ConfigLine]:
         return (
             [('# topic = "/gps/fix"', "no GPS in the log; name a truth, if there is one")] if log.truth is None else []
         )
-    return [(f'kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]
+    comment = "# " if log.truth.kind == "gps" else ""  # by the source, so that it stays right with another truth
+    return [(f'{comment}kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]
 
 
 def _convention(log: Log, result: InterpretationResult | None, role: str, key: str) -> ConfigLine:
@@ -250,4 +253,4 @@ def _sd(role: str, key: str, log: Log, value: float) -> ConfigLine:
 def _no_offset(result: InterpretationResult | None) -> str:
     if result is None or not result.heading_sense_known:
         return "not observable"
-    return f"fitted to the fixes: {result.best.offset_deg:+.1f} deg, +-{result.offset_sd_deg:.1f}: not significant"
+    return f"fitted to the fixes: {result.best.offset_deg:+.1f} deg, ±{result.offset_sd_deg:.1f}: not significant"

@@ -16,6 +16,7 @@ from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, REPORTED_QUANTITI
 from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
+from usbldr.io.reports.estimate_text import error_text
 from usbldr.io.settings.configuration import parse_configuration
 from usbldr.io.settings.validation import read_text
 
@@ -39,13 +40,13 @@ def calibrated_configuration(log: Log, stated: SensorErrors, trajectory: Traject
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
         if place is None or sd > MAX_SIGMA_RATIO * assumed[error.name]:
             why = "it drifts, so it holds for that dive only" if place is None else "it was hardly observable"
-            title.append(f"# {error.title}: {value:.4f} +- {sd:.4f}, left out: {why}.")
+            title.append(f"# {error_text(error)}, left out: {why}.")
             continue
         section = document.setdefault(place.section, tomlkit.table())
         before = float(section.get(place.key, 0.0))
         number = tomlkit.item(round(_sum(before, value, place.unit), place.digits))
         if not isinstance(section, InlineTable):  # which has no room for a comment
-            number.comment(f"{before:g} stated, {value:+.{place.digits}f} +- {sd:.{place.digits}f} estimated")
+            number.comment(f"{before:g} stated, {value:+.{place.digits}f} ± {sd:.{place.digits}f} estimated")
             number.trivia.comment_ws = "  "
         section[place.key] = number
     text = "\n".join(title) + "\n" + _without_start(document)

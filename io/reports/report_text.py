@@ -12,9 +12,10 @@ from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
 from usbldr.filters.identification.identification import SensorErrorEvidence
-from usbldr.filters.models.calibration import EstimatedError, estimated_errors
+from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
+from usbldr.io.reports.estimate_text import error_text, noise_changes_text
 from usbldr.io.reports.report_json import Run
 
 ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
@@ -194,18 +195,17 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             moved = "" if accepted is None else f", {100 * accepted:.0f} % of the MCMC moves accepted"
             lines.append(("ESS", f"{100 * ess:.0f} % of {run.scored.trajectory.particles} particles{moved}"))
         if calibrated := estimated_errors(run.scored.trajectory):
-            lines.append(("calibrated", ", ".join(_calibrated(error) for error in calibrated)))
+            lines.append(("calibrated", ", ".join(map(error_text, calibrated))))
         if evidence := run.identification.evidence:
             lines.append(("evidence", evidence_text(evidence)))
         if changes := run.identification.noise_changes:
-            text = ", ".join(f"{n.name} {n.after:.3g} (was {n.before:.3g})" for n in changes)
-            lines.append(("noise", f"estimated from the log: {text}"))
+            lines.append(("noise", f"estimated from the log: {noise_changes_text(changes)}"))
         if report.surfacing is not None:
             mean_m, percent = report.surfacing
             share = "" if percent is None else f", {percent:.2f} % of the distance travelled"
             many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
-            when = f"at the first truth after a gap over {SURFACING_GAP_S:.0f} s{many}"
-            lines.append(("surfacing", f"{mean_m:.2f} m {when}{share}"))
+            when = f"error at the first truth after a gap over {SURFACING_GAP_S:.0f} s"
+            lines.append(("surfacing", f"{when}: {mean_m:.2f} m{many}{share}"))
         if (speed := report.speed) is not None:
             lines.append(("run time", f"{speed.filter_time_s:.2f} s, {speed.real_time_factor:.0f} times real time"))
     for scored in (run.scored, *run.reference_tracks):
@@ -228,11 +228,6 @@ def _sensor(updates: SensorUpdates, fixes: FixUpdates | None) -> str:
     nis = "" if updates.nis_mean is None else f"NIS {updates.nis_mean:.2f} (expected {updates.nis_expected:.0f}); "
     gap = "" if fixes is None else f"; longest gap {fixes.longest_gap_s:.1f} s"
     return f"{nis}{what}: {of.used} used{text}{gap}"
-
-
-def _calibrated(error: EstimatedError) -> str:
-    unit = f" {error.unit}" if error.unit else ""
-    return f"{error.title} {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit}"
 
 
 def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:

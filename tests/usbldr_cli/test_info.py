@@ -48,7 +48,8 @@ truth: /gps/fix, kind gps
   1 samples from 0.0 to 0.0 s, interpolated over gaps up to 30 s
 
 MAP-UNKNOWN: /usbl: the map origin is not stated; assumed at the first gps fix (state origin_lat_deg and \
-origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)
+origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) if fixes are relative to it; \
+else use --align first)
 """
 
 
@@ -93,7 +94,17 @@ def test_a_log_with_unclear_roles_is_still_listed(tmp_path: Path) -> None:
     assert "\n/usbl2  geometry_msgs/msg/PointStamped         1 " in page
     assert "cannot be replayed as is: 2 topics could be the usbl: /usbl " in page
     assert json.loads(run(file, "--json")[1])["logs"][0]["fault"].startswith("2 topics could be the usbl")
-    assert "not to be replayed" not in run(file, "--usbl", "/usbl")[1]
+    assert "cannot be replayed" not in run(file, "--usbl", "/usbl")[1]
+
+
+def test_sensors_that_are_decided_show_their_conventions_beside_an_undecided_one(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), point(T0, 1, 2, topic="/usbl2")])
+
+    code, page = run(file)
+
+    assert code == 0
+    assert "\ncompass: /imu (type and name), 11 of 11 records used\n  convention ENU (by type)" in page
+    assert "\nusbl: " not in page
 
 
 def test_a_cut_log_is_listed_with_exit_code_3(tmp_path: Path) -> None:

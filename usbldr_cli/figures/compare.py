@@ -35,12 +35,12 @@ def write_figures(folder: Path, rows: Sequence[ComparisonRow]) -> list[tuple[str
             for name, caption, draw in PICTURES:
                 figure = draw([row for row in group if row.good and row.method != BOUND])
                 if figure is not None:
-                    _save_whole(figure, folder / f"{name}{end}.png")
+                    save_whole(figure, folder / f"{name}{end}.png")
                     written.append((f"{name}{end}.png", f"{caption} ({log})"))
     return written
 
 
-def _save_whole(figure: Figure, path: Path) -> None:
+def save_whole(figure: Figure, path: Path) -> None:
     """Write a figure, which appears under its name when it is complete."""
     part = path.with_name(f".{path.name}")
     try:

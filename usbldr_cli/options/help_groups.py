@@ -4,14 +4,18 @@ from typing import Any
 
 import click
 
+from usbldr.io.drills.kinds import KINDS
+
 COMMON = {
     "Log": ("config", "truth", "joined"),
+    "Faults": ("suite", *KINDS),
     "Filter": ("method", "filters", "particles", "calibrate", "smooth", "seed", "seeds"),
     "Scoring": ("start", "end", "align"),
     "Output": ("output", "force", "json_to", "quiet", "jobs"),
 }
 RARE = {
     "Log": ("dvl", "compass", "usbl", "gps", "depth", "msg_path", "strict"),
+    "Faults": (),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound"),
     "Output": ("write_calibration",),
@@ -37,6 +41,8 @@ class GroupedCommand(click.Command):
         for title, names in COMMON.items():
             shown = (*names, *RARE[title]) if SHOW_ALL in ctx.meta else names
             records = [options[name].get_help_record(ctx) for name in shown if name in options]
+            if not records:
+                continue
             with formatter.section(title):
                 formatter.write_dl([record for record in records if record is not None])
         more = "" if SHOW_ALL in ctx.meta else f"\n{ctx.command_path} --help-all lists every option."

@@ -14,7 +14,7 @@ from usbldr.io.reports.run_directory import json_text, write_atomically
 def json_option(what: str) -> Callable[[Any], Any]:
     """Add --json, which writes this as JSON."""
     text = f"Write the {what} as JSON, to a file or to stdout."
-    return click.option("--json", "json_to", is_flag=False, flag_value="-", help=text)
+    return click.option("--json", "json_to", is_flag=False, flag_value="-", metavar="[FILE]", help=text)
 
 
 def write_json(target: str, content: object) -> None:

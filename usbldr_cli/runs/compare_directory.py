@@ -19,13 +19,13 @@ from usbldr.io.reports.run_directory import json_text, write_atomically
 from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_content
 
 UNITS, TABLES = "units", "compare.json"
-OWN = re.compile(r"compare\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter)[\w.-]*\.png|\..*\.part")
+OWN = re.compile(r"(compare|drill)\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter|drill)[\w.-]*\.png|\..*\.part")
 OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
 SCHEMA = 1  # fixed: the version of compare.json
 
 
-def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:
-    """Make the folder, or continue the same comparison in it.
+def prepare(folder: Path, request: Mapping[str, Any], force: bool, tables: str = TABLES) -> None:
+    """Make the folder, or continue the same comparison in it; ``tables`` is the name of its JSON.
 
     Raises UsageError for a folder with other files, or, without ``force``, with the tables of another comparison.
     """
@@ -35,7 +35,7 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool) -> None:
         foreign = _foreign(folder) if folder.exists() else None
         if foreign is not None:
             raise UsageError(f"{folder} holds {foreign}, which is not of a comparison: choose another --output")
-        if (folder / TABLES).exists() and not force and _request(folder) != _plain(request):
+        if (folder / tables).exists() and not force and _request(folder / tables) != _plain(request):
             raise UsageError(
                 f"{folder} holds another comparison: choose another --output, or --force to replace its tables "
                 "(finished runs are kept)"
@@ -58,9 +58,9 @@ def _foreign(folder: Path) -> str | None:
     return None
 
 
-def _request(folder: Path) -> Any:
+def _request(tables: Path) -> Any:
     try:
-        return json.loads((folder / TABLES).read_text(encoding="utf-8"))["request"]
+        return json.loads(tables.read_text(encoding="utf-8"))["request"]
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -57,6 +57,7 @@ class JobResult:
     scored_against: ScoringContext | None = None  # None if there is a fault
     trace: Path | None = None  # path for read_trace
     reused: bool = False  # taken from the store
+    findings: tuple[str, ...] = ()  # codes, of a job that examines a log
 
 
 class Trace(NamedTuple):

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 
@@ -44,6 +45,8 @@ class Job:
     choices: RunChoices
     selection: Mapping[str, Any] = field(default_factory=dict[str, Any])  # values of options.selection_options
     bound: bool = False  # compute the least error of a filter that estimates the same states, and run nothing
+    drill: Drill = UNDAMAGED  # faults that are put into the log, by the same seed
+    examine: bool = False  # list the findings of the doctor, and run nothing
 
     @property
     def simulated(self) -> bool:
@@ -152,7 +155,10 @@ def _run(unit: Job, kept: JobStore | None) -> _FinishedJob:
     selection = tuple(sorted(unit.selection.items()))
     choices = relevant_choices(unit.method, unit.choices)
     try:
-        source = _read(unit.log, selection, choices.seed if unit.simulated else 0, choices.fast_hz, choices.slow_hz)
+        seeds = choices.seed if unit.simulated else 0, choices.seed if unit.drill.draws else 0
+        source = _read(unit.log, selection, unit.drill, seeds, choices.fast_hz, choices.slow_hz)
+        if unit.examine:
+            return _FinishedJob(JobResult(findings=_codes(source.log)), None, None)
         if unit.bound:
             return _FinishedJob(_bound(unit, source, choices), None, None)
         key = _key(source, unit.method, choices)
@@ -172,15 +178,36 @@ class _Source(NamedTuple):
 
 
 @functools.lru_cache(maxsize=2)
-def _read(log: str, selection: tuple[tuple[str, Any], ...], seed: int, fast_hz: float, slow_hz: float) -> _Source:
-    """Read a log and its timeline; successive jobs on the same log share them."""
+def _open(log: str, selection: tuple[tuple[str, Any], ...], seed: int) -> "Log":
+    """Read a log; successive drills on the same log share it."""
     from usbldr.io.session import open_log
-    from usbldr.io.timeline import timeline
     from usbldr_cli.options.log_options import read_request
 
-    found = open_log(log, read_request(**dict(selection)), seed)
+    return open_log(log, read_request(**dict(selection)), seed)
+
+
+@functools.lru_cache(maxsize=2)
+def _read(
+    log: str,
+    selection: tuple[tuple[str, Any], ...],
+    drill: Drill,
+    seeds: tuple[int, int],
+    fast_hz: float,
+    slow_hz: float,
+) -> _Source:
+    """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
+    from usbldr.io.timeline import timeline
+
+    of_dive, of_faults = seeds
+    found = damaged(_open(log, selection, of_dive), drill, of_faults)
     dive_timeline = timeline(found, fast_hz, slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))
+
+
+def _codes(log: "Log") -> tuple[str, ...]:
+    from usbldr.io.doctor.doctor import examine_log
+
+    return tuple(dict.fromkeys(finding.code for finding in examine_log(log).findings))
 
 
 def _bound(unit: Job, source: _Source, choices: RunChoices) -> JobResult:

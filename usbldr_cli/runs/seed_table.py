@@ -24,6 +24,7 @@ from usbldr.filters.windows import windows_text
 from usbldr_cli.runs.job_store import JobResult, ScoringContext
 
 BOUND = "bound"  # stands for a method in the row of the least error that any filter could have
+DIVERGED_LIMIT = 0.5  # fixed: share of diverged runs from which the mean is not that of usual runs
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
 """The metrics whose difference to the first row is reported."""
 
@@ -78,7 +79,14 @@ def difference(row: ComparisonRow, other: ComparisonRow, metric: str = "mean_hor
     both = sorted(set(mine) & set(theirs))
     if not both:
         return None
-    return paired_difference([mine[seed] for seed in both], [theirs[seed] for seed in both])
+    found = paired_difference([mine[seed] for seed in both], [theirs[seed] for seed in both])
+    return found._replace(significant=None) if diverged(row) or diverged(other) else found
+
+
+def diverged(row: ComparisonRow) -> bool:
+    """Return whether half of several runs or more diverged, so that their mean says nothing."""
+    values = list(row.values("mean_horizontal_m").values())
+    return row.sampled and len(values) > 1 and diverged_share(values) >= DIVERGED_LIMIT
 
 
 def _for_all(values: dict[int, float], sampled: bool, seeds: list[int]) -> dict[int, float]:
@@ -170,32 +178,38 @@ def _measure(judged: ScoringContext) -> tuple[str, str, str, str]:
 
 
 def _ranked(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
+    """Return the methods, the lowest mean first and those that diverged last."""
     methods = [row for row in rows if row.good and row.method != BOUND]
-    return sorted(methods, key=lambda row: row.mean("mean_horizontal_m") or 0.0)
+    return sorted(methods, key=lambda row: (diverged(row), row.mean("mean_horizontal_m") or 0.0))
 
 
 def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
-    """Return which row of a log is best, and by how much."""
+    """Return which row of a log has the lowest mean, and by how much."""
     ranked = _ranked(rows)
     if not ranked:
         return f"{rows[0].log}: no run succeeded"
     best, *others = ranked
     own = best.mean("mean_horizontal_m") or 0.0
-    many = "dives" if best.dives else "seeds"
-    over = f" over {len(best.seeds)} {many}" if len(best.seeds) > 1 else ""
-    text = f"{best.log}: {best.label} is best with {own:.2f} m mean horizontal error{over}"
+    over = f" over {len(best.seeds)} {'dives' if best.dives else 'seeds'}" if len(best.seeds) > 1 else ""
     if not others:
-        return text
-    alike = [row.label for row in others if (d := difference(row, best)) is not None and d.significant is False]
-    parts = [f"not significantly better than {_listed(alike)}"] if alike else []
+        return f"{best.log}: mean horizontal error of {best.label} {own:.2f} m{over}"
+    kinds: dict[str, list[str]] = {}
     for row in others:
-        if row.label in alike:
-            continue
-        theirs = row.mean("mean_horizontal_m") or 0.0
-        percent = 100 * (1 - own / theirs) if theirs > 0 else 0.0
-        better = " better" if not any(" % better" in part for part in parts) else ""
-        parts.append(f"{percent:.0f} %{better} than {row.label}" if percent >= 0.5 else f"equal to {row.label}")
-    return f"{text}: {', '.join(parts)}"
+        kinds.setdefault(_compared_with_best(row, best, own), []).append(row.label)
+    parts = [text.format(_listed(labels)) for text, labels in kinds.items()]
+    return f"{best.log}: lowest mean horizontal error: {best.label}, {own:.2f} m{over}; {'; '.join(parts)}"
+
+
+def _compared_with_best(row: ComparisonRow, best: ComparisonRow, own_m: float) -> str:
+    """Return how a row compares with the best one, with a place for its label."""
+    found = difference(row, best)
+    if diverged(row):
+        return "{} diverged"
+    if found is not None and found.se is not None and found.significant is not True:
+        return "difference to {} not significant" if found.significant is False else "too few runs to judge {}"
+    theirs_m = row.mean("mean_horizontal_m") or 0.0
+    percent = 100 * (1 - own_m / theirs_m) if theirs_m > 0 else 0.0
+    return f"{percent:.0f} % below {{}}" if percent >= 0.5 else "equal to {}"
 
 
 def _listed(labels: Sequence[str]) -> str:

@@ -67,7 +67,7 @@ def table(checked: Sequence[CheckedRow]) -> Table:
 def _cells(c: MetricChange) -> tuple[str, ...]:
     digits = _digits(c.limit)
     old, new = ("none" if value is None else _number(value, digits) for value in (c.old, c.new))
-    moved = "" if c.old is None or c.new is None else _number(c.new - c.old, digits, "+z")
+    moved = "" if c.old is None or c.new is None else _number(float(new) - float(old), digits, "+z")  # as printed
     return old, new, moved, "" if c.old is None else _number(c.limit, digits), c.verdict
 
 

@@ -21,8 +21,8 @@ from usbldr_cli.tables.run_table import WIDTH, aligned, pairs, title
 
 HUGE = 1e5  # shown in scientific notation
 LEGEND = (
-    "± is the standard error of a mean over seeds; differences are over the same seeds, * marks those that are not "
-    "significant (Student's t, 95 %); diverged: share of seeds with a mean horizontal error above 5 m."
+    "± is the standard error of a mean over seeds; differences are over the same seeds, * marks significant ones "
+    "(Student's t, 95 %, at least 3 seeds); diverged: share of seeds with a mean horizontal error above 5 m."
 )
 
 
@@ -63,7 +63,7 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
                 f"{100 * share:.0f} %" if share is not None else "",
                 f"{100 * ess:.0f} %" if ess is not None else "",
                 _number(row, "nees_mean", 2),
-                row_consistency(row),
+                row_consistency(row).removeprefix("sigmas "),
                 f"{seconds:.1f} s" if seconds is not None else "",
             )
         )
@@ -126,8 +126,8 @@ def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
             blocks += ["", aligned(error_table(_shown(group))), "", aligned(health_table(group))]
         if lines := notes(group):
             blocks += ["", pairs(lines)]
-        blocks += ["", *([_filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
-    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(_filled(overall(rows)), colour)])
+        blocks += ["", *([filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
+    return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(filled(overall(rows)), colour)])
 
 
 def markdown(rows: Sequence[ComparisonRow], pictures: Sequence[tuple[str, str]]) -> str:
@@ -164,7 +164,7 @@ def _against(row: ComparisonRow, first: ComparisonRow) -> str:
         return ""
     if found.se is None:
         return f"{found.mean:+z.3f}"
-    return f"{found.mean:+z.3f} ± {found.se:.3f}{' ' if found.significant else '*'}"
+    return f"{found.mean:+z.3f} ± {found.se:.3f}{'*' if found.significant else ' '}"
 
 
 def _number(row: ComparisonRow, metric: str, digits: int = 3) -> str:
@@ -174,7 +174,7 @@ def _number(row: ComparisonRow, metric: str, digits: int = 3) -> str:
     return f"{value:.{digits}f}" if abs(value) < HUGE else f"{value:.1e}"
 
 
-def _filled(text: str) -> str:
+def filled(text: str) -> str:
     """Wrap a sentence without separating numbers from units."""
     tied = re.sub(r"(?<=\d) (?=%|m\b)", "\xa0", text)
     return textwrap.fill(tied, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")

@@ -9,14 +9,16 @@ import pytest
 from filterpy.kalman import CubatureKalmanFilter, JulierSigmaPoints, KalmanFilter, UnscentedKalmanFilter
 
 from textbook import PRIOR, Drift, estimates, position_steps
+from usbldr.filters.estimators.gate_recovery import Recovery
 from usbldr.filters.estimators.gaussian_bank import predict, project, replicate, update
 from usbldr.filters.estimators.kalman import KalmanFilter as OurKalmanFilter
 from usbldr.filters.estimators.mode_updates import Gate, collapse, moment_matched
-from usbldr.filters.estimators.protocol import Prior, Step
+from usbldr.filters.estimators.protocol import Estimate, Prior, Step
+from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import ProcessNoise
-from usbldr.filters.models.sensors import Measurement, UsblFix
+from usbldr.filters.models.sensors import DirectState, Measurement, UsblFix, compass_model, dvl_models
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.methods import METHODS, FilterSettings
@@ -117,20 +119,84 @@ def test_matched_takes_the_mixture_for_one_wide_gaussian() -> None:
 
 def test_a_gated_filter_drops_one_outlier_and_comes_back_from_a_lockout() -> None:
     noise = Contamination(0.05, 50.0).modes(np.eye(1))
-    quiet = Drift((1e-4, 1e-6))
+    gated = OurKalmanFilter(Drift((1e-4, 1e-6)), cubature, Gate(), recoveries={"east": Recovery((0,), 10, True)})
     one_outlier = np.where(np.arange(40) == 20, 60.0, np.arange(40) * 1.0)
     jumped = np.arange(60) * 1.0 + np.where(np.arange(60) >= 20, 80.0, 0.0)
 
-    dropped = run(OurKalmanFilter(quiet, cubature, Gate()), position_steps(one_outlier, noise))
-    recovered = run(OurKalmanFilter(quiet, cubature, Gate()), position_steps(jumped, noise))
+    dropped = run(gated, position_steps(one_outlier, noise))
+    recovered = run(gated, position_steps(jumped, noise))
 
     assert [k for k, e in enumerate(dropped) if e.updates[0].outcome == "rejected"] == [20]
     assert all(e.updates[0].outcome == "rejected" for e in recovered[20:30])
     assert recovered[30].updates[0].outcome != "rejected"
     assert abs(recovered[30].mean[0] - jumped[30]) < 5  # at once, not by inches
     assert abs(recovered[-1].mean[0] - jumped[-1]) < 1
-    assert [e.inflation for e in recovered[:31]] == [1.0] * 30 + [math.inf]  # no smoother passes back over this one
-    assert {e.inflation for e in dropped} == {1.0}
+    assert [k for k, e in enumerate(recovered) if np.any(e.widening)] == [30]
+    assert not any(np.any(e.widening) for e in dropped)
+
+
+def refused_ten_times_and_once_more(sensor: str, axis: str, model, z: np.ndarray) -> tuple[Estimate, Estimate]:
+    """Return the estimates before the first and after the eleventh of measurements that a gate refuses."""
+    layout = layout_for(tuple(STATES))
+    root = 0.1 * np.random.default_rng(4).normal(size=(len(layout), len(layout)))
+    prior = Prior(np.r_[0.4, 0.1, 1.2, 0.0, 5.0, -3.0, np.zeros(len(layout) - 6)], root @ root.T)
+    noise = Gaussian().modes(1e-4 * np.eye(len(z)))
+    motion = VehicleMotion(layout, ProcessNoise())
+    steps = [Step(k, 0.0, 0.0, (Measurement(z, model(layout), noise, sensor, axis, k, 0.0),)) for k in range(11)]
+    found = run(OurKalmanFilter(motion, linearised, Gate()), [Step(0, 0.0, 0.0, ()), *steps], prior)
+    return found[0], found[-1]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "axis", "model", "z", "widened_states"),
+    [
+        ("usbl", "position", lambda layout: UsblFix(layout, 0.0), np.array([50.0, 80.0]), {"x", "y"}),
+        ("dvl", "forward", lambda layout: dvl_models(layout, (0.0, 0.0, 0.0))[1], np.array([1e6]), {"v"}),
+        ("compass", "yaw", compass_model, np.array([3.0]), set()),
+    ],
+)
+def test_refusals_widen_only_what_the_sensor_measures_of_the_motion(sensor, axis, model, z, widened_states) -> None:
+    layout = layout_for(tuple(STATES))
+    before, after = refused_ten_times_and_once_more(sensor, axis, model, z)
+
+    assert {layout.names[row] for row in np.flatnonzero(np.asarray(after.widening))} == widened_states
+    apart = [row for row, name in enumerate(layout.names) if name not in ("u", "v", "x", "y")]
+    spread = np.ix_(apart, apart)
+    assert (after.cov[spread].diagonal() <= before.cov[spread].diagonal() * (1 + 1e-9)).all()
+
+
+def test_a_position_that_gives_way_hardly_moves_sensor_errors() -> None:
+    """The jump of a track by 94 m says nothing of a compass: independent noise explains it."""
+    before, after = refused_ten_times_and_once_more(
+        "usbl", "position", lambda layout: UsblFix(layout, 0.0), np.array([50.0, 80.0])
+    )
+    layout = layout_for(("scale", "misalignment", "heading", "deviation", "latency", "usbl-bias"))
+
+    np.testing.assert_allclose(after.mean[list(layout.rows("x", "y"))], [50.0, 80.0], atol=1.0)
+    for name in ("dvl_scale", "heading_bias", "deviation_sin", "deviation_cos", "usbl_latency"):
+        row = layout.index(name)
+        assert abs(after.mean[row] - before.mean[row]) < math.sqrt(before.cov[row, row])
+
+
+def test_a_gate_follows_a_manoeuvre_within_a_second_and_no_spike() -> None:
+    """The vehicle speeds up by 0.5 m/s at once; a spike of 3 m/s changes the velocity by less than its sigma."""
+    motion = VehicleMotion(StateLayout(), ProcessNoise())
+    prior = Prior(np.array([0.0, 0, 1, 0, 0, 0]), np.diag([0.01, 0.02, 0.02, 0.001, 1, 1]) ** 2)
+    noise = Gaussian().modes(np.array([[0.02**2]]))
+
+    def forward(z: np.ndarray) -> list[float]:
+        steps = [
+            Step(
+                k, 0.2 * k, 0.2 * (k + 1), (Measurement(z[k : k + 1], DirectState(2), noise, "dvl", "forward", k, 0.0),)
+            )
+            for k in range(len(z))
+        ]
+        return [e.mean[2] for e in run(OurKalmanFilter(motion, cubature, Gate()), steps, prior)]
+
+    t = np.arange(40)
+
+    assert abs(forward(np.where(t < 20, 1.0, 1.5))[24] - 1.5) < 0.05
+    assert abs(np.array(forward(np.where(t == 20, 4.0, 1.0))) - 1.0).max() < 0.02
 
 
 def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:

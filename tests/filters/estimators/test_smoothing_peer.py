@@ -42,7 +42,9 @@ def test_on_a_linear_model_the_whole_chain_is_the_smoother_of_another_library(ru
         kept.append((other.x.copy(), other.P.copy()))
     want_mean, want_cov, _, _ = other.rts_smoother(*(np.array(part) for part in zip(*kept, strict=True)))
 
-    mean, cov = smooth(*filtered(Drift(q)), np.ones(EPOCHS), np.arange(float(EPOCHS)), Drift(q), rule)
+    mean, cov = smooth(
+        *filtered(Drift(q)), np.ones(EPOCHS), np.zeros((EPOCHS, 2)), np.arange(float(EPOCHS)), Drift(q), rule
+    )
 
     np.testing.assert_allclose(mean, want_mean[:, :, 0], atol=1e-9)
     np.testing.assert_allclose(cov, want_cov, atol=1e-9)
@@ -58,6 +60,8 @@ def test_on_a_linear_model_its_covariance_is_the_smoothers_bound(q: tuple[float,
 
     mean, cov = filtered(Drift(q))
     np.testing.assert_allclose(cov, want.filtered, rtol=1e-7, atol=1e-12)
-    _, smoothed = smooth(mean, cov, np.ones(EPOCHS), np.arange(float(EPOCHS)), Drift(q), linearised)
+    _, smoothed = smooth(
+        mean, cov, np.ones(EPOCHS), np.zeros((EPOCHS, 2)), np.arange(float(EPOCHS)), Drift(q), linearised
+    )
 
     np.testing.assert_allclose(smoothed, want.smoothed, rtol=1e-6, atol=1e-9)

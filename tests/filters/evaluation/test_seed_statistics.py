@@ -22,6 +22,13 @@ def test_a_single_run_has_no_standard_error() -> None:
     assert paired_difference([0.5], [0.7]).significant is None
 
 
+def test_two_runs_have_a_standard_error_but_no_verdict() -> None:
+    found = paired_difference([1.0, 2.0], [9.0, 10.1])
+
+    assert found.se == pytest.approx(0.05)
+    assert found.significant is None
+
+
 def test_a_paired_difference_is_judged_by_its_own_scatter() -> None:
     scattered = paired_difference([1.0, 2.0, 3.0], [2.0, 4.0, 6.0])
     steady = paired_difference([1.0, 20.0, 300.0], [2.0, 21.1, 301.2])

@@ -198,6 +198,13 @@ def test_an_option_beats_the_configured_truth_and_keeps_its_frame(tmp_path: Path
     assert (log.truth.source, log.provenance["truth"].chosen_by) == ("/slam", "option")
 
 
+def test_the_kind_of_the_truth_follows_the_topic_that_an_option_names(tmp_path: Path) -> None:
+    log = dive(tmp_path, '[truth]\nkind = "gps"', [*FIXES, pose(T0 + SECOND, 10.0, 20.0)], Request(truth="/slam"))
+
+    assert log.truth is not None
+    assert (log.truth.source, log.truth.kind) == ("/slam", "other")
+
+
 def test_latitudes_named_by_option_do_not_take_the_frame_of_another_truth(tmp_path: Path) -> None:
     log = dive(tmp_path, NED_FILE, FIXES, Request(truth="/gps/fix"))
 

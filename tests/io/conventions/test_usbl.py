@@ -101,7 +101,8 @@ def test_a_map_whose_origin_is_not_stated_is_a_finding(tmp_path: Path) -> None:
 
     assert codes(log)["MAP-UNKNOWN"] == (
         "/usbl: the map origin is not stated; assumed at the first gps fix "
-        "(state origin_lat_deg and origin_lon_deg under [map], or head under [usbl] if positions are offsets from it)"
+        "(state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) "
+        "if fixes are relative to it; else use --align first)"
     )
 
 

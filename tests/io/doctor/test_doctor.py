@@ -145,7 +145,7 @@ def test_late_fixes_doubled_records_and_lost_lock_are_found(tmp_path: Path) -> N
 
     assert found["USBL-DELAYED"]["worst"] == pytest.approx(0.8, abs=0.01)
     assert "records repeat another's stamp and values" in found["REPEATED"]["text"]
-    assert "are 327.67 m/s" in found["DVL-INVALID"]["text"]
+    assert "have the no-bottom-lock value 327.67 m/s" in found["DVL-INVALID"]["text"]
     assert found["DVL-INVALID"]["worst"] == pytest.approx(327.67)
     blind_s = [(row[0] - T0) / SECOND for row in blind if row[1] == "/dvl"]
     assert found["LOST-LOCK"]["time_s"] == pytest.approx(blind_s[0] - 0.5)

@@ -135,7 +135,7 @@ def test_what_was_found_is_added_to_what_was_stated_and_all_else_stays_as_it_was
     text = following(dive, OWN, "scale", "usbl-bias")
 
     said = tomllib.loads(text)
-    sd = float(text.partition(" +- ")[2].partition(" estimated")[0].rpartition(" +- ")[2])
+    sd = float(text.partition(" ± ")[2].partition(" estimated")[0].rpartition(" ± ")[2])
     assert abs(said["dvl"].pop("scale_error") - 0.03) < 2 * sd < 0.01
     assert said == {"schema": 1, "dvl": {"axes": "FRD"}, "usbl": {"noise": {"kind": "gaussian"}}}
     assert 'axes = "FRD"          # by the drawing\n' in text

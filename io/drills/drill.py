@@ -1,0 +1,94 @@
+"""A drill: a log with one or several faults put into its records."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.types import Mask, Vector
+from usbldr.filters.windows import TimeWindow
+from usbldr.io.drills.effects import EFFECTS, Damage
+from usbldr.io.drills.fault_text import Fault
+from usbldr.io.drills.kinds import KINDS
+from usbldr.io.log import Log, missing_sensor_text
+
+
+@dataclass(frozen=True, slots=True)
+class Drill:
+    """Faults that happen together, under a name; without faults, the log as it is."""
+
+    name: str
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def draws(self) -> bool:
+        """Whether it depends on the seed."""
+        return any(fault.draws for fault in self.faults)
+
+    @property
+    def text(self) -> str:
+        """The faults as they are written."""
+        return ", ".join(fault.text for fault in self.faults)
+
+    def spans_s(self, length_s: float) -> tuple[TimeWindow, ...]:
+        """Return the spans of its faults in a log of this length, in order; a fault of the whole log has none."""
+        spans = {span.seconds(length_s) for fault in self.faults for span in fault.spans}
+        return tuple(sorted((start_s, min(end_s, length_s)) for start_s, end_s in spans))
+
+
+UNDAMAGED = Drill("undamaged")
+
+
+def log_length_s(log: Log) -> float:
+    """Return the time of the last DVL, compass or USBL record, seconds since the log's start."""
+    ends = [log.tables[role]["time_s"].max() for role in ("dvl", "compass", "usbl") if role in log.tables]
+    return float(np.nanmax(ends))
+
+
+def damaged(log: Log, drill: Drill, seed: int) -> Log:
+    """Return a log with the faults of a drill, in the order of KINDS, whatever the order in which they are stated.
+
+    Raises LogError without records of a sensor, UsageError if no record is where a fault is to be.
+    """
+    if not drill.faults:
+        return log
+    length_s = log_length_s(log)
+    order = list(KINDS)
+    for k, fault in enumerate(sorted(drill.faults, key=lambda fault: order.index(fault.kind))):
+        log = _with_fault(log, fault, length_s, np.random.default_rng([seed, k]))
+    return log
+
+
+def _with_fault(log: Log, fault: Fault, length_s: float, rng: np.random.Generator) -> Log:
+    if fault.sensor not in log.tables:
+        raise LogError(f"{log.path}: {fault.text}: {missing_sensor_text(log, fault.sensor)}")
+    table = log.tables[fault.sensor].sort_values("time_s", kind="stable").reset_index(drop=True)
+    time_s = table["time_s"].to_numpy(dtype=float)
+    spans = [span.seconds(length_s) for span in fault.spans]
+    inside, grown = _inside(time_s, spans)
+    if not inside.any():
+        told = f"{time_s[0]:.0f} to {time_s[-1]:.0f} s" if len(time_s) else "there are none"
+        raise UsageError(f"{log.path.name}: {fault.text}: the log has no {fault.sensor} record there ({told})")
+    hit = inside
+    if fault.one:
+        hit = np.zeros(len(table), np.bool_)
+        hit[rng.choice(np.flatnonzero(inside))] = True
+    elif fault.share is not None:
+        hit = inside & (rng.random(len(table)) < fault.share)
+    damage = Damage(fault.sensor, table, hit, fault.amount, grown, rng, log)
+    changed = EFFECTS[fault.kind](damage).reset_index(drop=True)
+    return replace(log, tables={**log.tables, fault.sensor: changed})
+
+
+def _inside(time_s: Vector, spans: Sequence[TimeWindow]) -> tuple[Mask, Vector]:
+    """Return which times lie in [start, end) of a span, all without spans, and how far each has got in it, 0 to 1."""
+    if not spans:
+        return np.ones(len(time_s), np.bool_), np.zeros(len(time_s))
+    inside, grown = np.zeros(len(time_s), np.bool_), np.zeros(len(time_s))
+    for start_s, end_s in spans:
+        mine = (time_s >= start_s) & (time_s < end_s)
+        last_s = min(end_s, float(time_s[-1]))
+        grown[mine] = (time_s[mine] - start_s) / max(last_s - start_s, 1e-9)
+        inside |= mine
+    return inside, grown

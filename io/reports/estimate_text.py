@@ -1,0 +1,45 @@
+"""Estimates in words: a sensor error with the digits that its sigma supports, and noise that the log contradicted."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from usbldr.filters.identification.identification import NoiseChange
+from usbldr.filters.models.calibration import EstimatedError
+
+NOISE_WORDS: Mapping[str, tuple[str, float, str]] = {
+    "dvl_sd_scale": ("sigma of the DVL", 1.0, "times the stated one"),
+    "velocity_walk_mps": ("process noise of the velocity", 1.0, "m/s/√s"),
+    "position_walk_m": ("process noise of dead reckoning", 1.0, "m/√s"),
+    "usbl_sd_scale": ("sigma of the USBL", 1.0, "times the stated one"),
+    "usbl_outlier_share": ("share of USBL outliers", 100.0, "%"),
+    "usbl_bias_sd_m": ("sigma of the USBL error that neighbouring fixes share", 1.0, "m"),
+    "usbl_bias_time_s": ("correlation time of that error", 1.0, "s"),
+    "usbl_latency_sd_s": ("prior sigma of the USBL latency", 1.0, "s"),
+}
+"""Words, factor and unit for numbers of the noise; others are shown by their names."""
+
+
+def in_unit(unit: str) -> tuple[float, str]:
+    """Return the factor and the unit in which an error is shown: a ratio in percent."""
+    return (1.0, unit) if unit else (100.0, "%")
+
+
+def with_sigma(value: float, sd: float) -> str:
+    """Return "1.4 ± 1.1": the sigma to two significant digits, the value to the same place."""
+    decimals = max(0, 1 - math.floor(math.log10(sd))) if 0 < sd < math.inf else 4
+    return f"{value:z.{decimals}f} ± {sd:.{decimals}f}"
+
+
+def error_text(error: EstimatedError) -> str:
+    """Return a sensor error at the end of the run with its sigma and unit."""
+    factor, unit = in_unit(error.unit)
+    return f"{error.title} {with_sigma(factor * float(error.value[-1]), factor * float(error.sd[-1]))} {unit}"
+
+
+def noise_changes_text(changes: Sequence[NoiseChange]) -> str:
+    """Return the numbers of the noise that the log contradicted, new and old."""
+    texts: list[str] = []
+    for change in changes:
+        words, factor, unit = NOISE_WORDS.get(change.name, (change.name.replace("_", " "), 1.0, ""))
+        texts.append(f"{words} {factor * change.after:.3g} instead of {factor * change.before:.3g} {unit}".rstrip())
+    return ", ".join(texts)

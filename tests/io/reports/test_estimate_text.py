@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from usbldr.filters.identification.identification import NoiseChange
+from usbldr.filters.models.calibration import EstimatedError
+from usbldr.io.reports.estimate_text import error_text, noise_changes_text, with_sigma
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "said"),
+    [
+        (1.3591, 1.1186, "1.4 ± 1.1"),
+        (-0.96512, 0.21314, "-0.97 ± 0.21"),
+        (-0.004, 0.53, "0.00 ± 0.53"),
+        (123.4, 12.34, "123 ± 12"),
+        (0.25, 0.0, "0.2500 ± 0.0000"),
+    ],
+)
+def test_a_sigma_has_two_significant_digits_and_its_value_the_same_place(value: float, sd: float, said: str) -> None:
+    assert with_sigma(value, sd) == said
+
+
+def test_a_ratio_is_shown_in_percent_and_an_angle_in_its_unit() -> None:
+    scale = EstimatedError("dvl_scale", "", np.array([0.0, 0.0027]), np.array([0.01, 0.0013]))
+    heading = EstimatedError("heading_bias_deg", "deg", np.array([1.3591]), np.array([1.1186]))
+
+    assert error_text(scale) == "dvl scale 0.27 ± 0.13 %"
+    assert error_text(heading) == "heading bias 1.4 ± 1.1 deg"
+
+
+def test_changed_noise_is_told_in_words_with_units() -> None:
+    changes = (NoiseChange("dvl_sd_scale", 1.0, 1.4), NoiseChange("usbl_outlier_share", 0.05, 0.025))
+
+    assert noise_changes_text(changes) == (
+        "sigma of the DVL 1.4 instead of 1 times the stated one, share of USBL outliers 2.5 instead of 5 %"
+    )

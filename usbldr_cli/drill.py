@@ -1,0 +1,136 @@
+"""``usbldr drill``: filters on a log as it is and with faults put into its records, side by side."""
+
+import os
+import sys
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.drills.kinds import KINDS
+from usbldr_cli.options.fault_options import chosen_drills, fault_options
+from usbldr_cli.options.filter_list import filter_list
+from usbldr_cli.options.help_groups import GroupedCommand
+from usbldr_cli.options.log_options import inputs, log_options, read_request
+from usbldr_cli.options.output_files import json_option, refuse_file, write_json
+from usbldr_cli.options.run_options import RunChoices, run_options
+
+if TYPE_CHECKING:
+    from usbldr_cli.runs.drill_rows import DrillReport
+
+DEFAULT_FILTERS = "adf,cpf"
+
+
+@click.command(cls=GroupedCommand)
+@log_options
+@fault_options
+@click.option("--filters", "-f", metavar="LIST", help=f"Methods, see Filters below.  [default: {DEFAULT_FILTERS}]")
+@click.option(
+    "--seeds", type=click.IntRange(min=1), default=3, show_default=True, metavar="N", help="Runs of each method."
+)
+@click.option(
+    "--jobs", "-j", metavar="N", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]"
+)
+@run_options
+@click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
+@click.option("--force", is_flag=True, help="Replace the tables of other drills in this folder.")
+@json_option("table")
+@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+def drill(
+    log: str,
+    suite: str | None,
+    filters: str | None,
+    seeds: int,
+    jobs: int | None,
+    choices: RunChoices,
+    output: Path | None,
+    force: bool,
+    json_to: str | None,
+    quiet: bool,
+    **others: Any,
+) -> int:
+    """Put faults into the records of LOG and report what each filter makes of them.
+
+    The faults of the options happen together; those of --suite one drill after the other. A fault is
+    SENSOR[:AMOUNT][@WHERE]: where is a share of the records, "one" record, or spans FROM:TO in seconds or per cent of
+    LOG (300:600, 40%:+60). Nothing is written to LOG.
+
+    \b
+    $ usbldr drill dive.mcap --drop usbl@300:600 --spike compass:120deg@0.02
+    """
+    from usbldr_cli.figures.drill import write_figures
+    from usbldr_cli.runs.compare_directory import prepare
+    from usbldr_cli.runs.drill_directory import TABLES, write_report
+    from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
+    from usbldr_cli.tables.drill_table import markdown
+
+    drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
+    _refuse_inputs(log, others, output, json_to, force)
+    plan = DrillPlan(log, drills, filter_list(filters or DEFAULT_FILTERS, choices), seeds, choices, others)
+    plan.require_fitting()
+    if output is not None:
+        prepare(output, plan.request, force, TABLES)
+    with _store(output) as store:
+        report = run_drills(plan, jobs or os.cpu_count() or 1, store)
+        _refuse_empty(report)
+        if output is not None:
+            write_report(output, report, plan.request, markdown(report, write_figures(output, report)))
+        _print_result(report, plan.request, output, json_to, quiet)
+    return max(outcome.exit_code for row in report.rows for outcome in row.runs.outcomes)
+
+
+def _refuse_inputs(log: str, selection: dict[str, Any], output: Path | None, json_to: str | None, force: bool) -> None:
+    """Refuse to write over an input or an existing file."""
+    from usbldr.io.inputs import output_conflict
+
+    read = inputs(log, read_request(**selection))
+    if output is not None and (what := output_conflict(output, read, inside=False)):
+        raise UsageError(f"{output} {what}: choose another --output")
+    if json_to not in (None, "-"):
+        refuse_file("--json", Path(str(json_to)), force, read, output)
+
+
+@contextmanager
+def _store(output: Path | None) -> Generator[Path]:
+    """Give the folder of finished runs, a temporary one without --output: the rows need the errors over time."""
+    from usbldr_cli.runs.compare_directory import UNITS
+
+    if output is not None:
+        yield output / UNITS
+        return
+    with tempfile.TemporaryDirectory(prefix="usbldr-drill-") as temporary:
+        yield Path(temporary)
+
+
+def _refuse_empty(report: "DrillReport") -> None:
+    """Raise the first error if no filter succeeded without the faults."""
+    if any(row.usual.good for row in report.rows):
+        return
+    failed = report.rows[0].usual
+    code = max(outcome.exit_code for outcome in failed.outcomes)
+    kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(code, UsbldrError)
+    raise kind(str(failed.fault))
+
+
+def _print_result(
+    report: "DrillReport", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
+) -> None:
+    """Print the tables, or the rows as JSON."""
+    from usbldr_cli.runs.drill_directory import content
+    from usbldr_cli.runs.drill_rows import overall
+    from usbldr_cli.tables.drill_table import render
+
+    if json_to is not None:
+        write_json(json_to, content(report, request))
+    if json_to == "-":
+        return
+    if quiet:
+        click.echo(overall(report.rows))
+        return
+    click.echo(render(report, colour=sys.stdout.isatty()))
+    if output is not None:
+        click.echo(f"\nwritten to {output}")

@@ -1,0 +1,123 @@
+"""Figures of drills: the error of each filter over time with the faults shaded, and every drill at a glance."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from usbldr.filters.types import Vector
+from usbldr_cli.figures.compare import CROWDED, save_whole
+from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, time_axis, titled_figure
+from usbldr_cli.runs.drill_rows import DrillReport, DrillRow, worst_first
+from usbldr_cli.runs.job_store import JobResult, read_trace
+
+FAULT_SHADE = "#fde3cf"
+BAR_IN = 0.22  # [inches] height of a filter's line in the overview: one line of text
+DETAIL_LETTERS = 200  # of the faults under the title: two lines
+NAME_LETTERS = 40  # of a drill in the name of a file
+
+
+def write_figures(folder: Path, report: DrillReport) -> list[tuple[str, str]]:
+    """Draw the overview and each drill into the folder; return file names and captions."""
+    names = list(dict.fromkeys(row.drill.name for row in worst_first(report.rows)))
+    groups = [[row for row in report.rows if row.drill.name == name] for name in names]
+    written: list[tuple[str, str]] = []
+    with in_style():
+        figures = [("drills", "Error with the faults over error without them", ratio_figure(report.rows))]
+        for k, rows in enumerate(groups):
+            end = re.sub(r"[^\w.-]+", "_", rows[0].drill.name).strip("_")[:NAME_LETTERS]
+            caption = f"Horizontal error: {rows[0].drill.name}"
+            figures.append((f"drill-{k + 1:02d}-{end}", caption, error_figure(rows)))
+        for name, caption, figure in figures:
+            if figure is not None:
+                save_whole(figure, folder / f"{name}.png")
+                written.append((f"{name}.png", caption))
+    return written
+
+
+def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
+    """Draw the horizontal error over time of every filter under one drill, thin without the faults, first seed."""
+    drawn = [(row, found) for row in rows if (found := _traces(row)) is not None]
+    if not drawn:
+        return None
+    first = drawn[0][0]
+    name, faults = first.drill.name, first.drill.text
+    text = faults if name == faults else f"{name}: {faults}"
+    detail = f"{text[:DETAIL_LETTERS]}; seed {first.runs.seeds[0]}"
+    figure = titled_figure(f"Errors under a drill: {first.runs.log}", detail, 11, 5)
+    axes: Axes = figure.subplots()
+    for k, (start_s, end_s) in enumerate(first.spans_s):
+        axes.axvspan(start_s, end_s, facecolor=FAULT_SHADE, lw=0, zorder=0, label=None if k else "fault")
+    times: list[Vector] = []
+    sizes: list[Vector] = []
+    for row, ((time_s, error_m), (usual_s, usual_m)) in drawn:
+        mine = colour(row.runs.method)
+        axes.plot(time_s, error_m, color=mine, lw=1.5, label=row.runs.label, zorder=3)
+        axes.plot(usual_s, usual_m, color=mine, lw=0.8, ls="--", label=f"{row.runs.label} without the fault", zorder=2)
+        times += [time_s]
+        sizes += [error_m, usual_m]
+    whole = np.concatenate(sizes)
+    if float(whole.max()) > CROWDED * float(np.median(whole)):
+        _logarithmic(axes, "y")
+        axes.set_ylim(bottom=float(np.percentile(whole, 1)))
+    else:
+        axes.set_ylim(0, 1.08 * float(whole.max()))
+    axes.set_ylabel("horizontal error [m]")
+    time_axis(axes, *times)
+    legend_below(figure, (axes,), 6)
+    return figure
+
+
+def _traces(row: DrillRow) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector]] | None:
+    """Return times and horizontal errors of the first seed, with and without the faults."""
+    if not row.runs.good or not row.usual.good:
+        return None
+    seed = next(iter(row.runs.good))
+    usual = row.usual.good
+    return _lengths(row.runs.good[seed]), _lengths(usual.get(seed) or next(iter(usual.values())))
+
+
+def _lengths(outcome: JobResult) -> tuple[Vector, Vector]:
+    assert outcome.trace is not None  # drills always have a store
+    trace = read_trace(outcome.trace)
+    return trace.time_s, trace.horizontal_m
+
+
+def ratio_figure(rows: Sequence[DrillRow]) -> Figure | None:
+    """Draw error over undamaged error of every filter under every drill, the worst on top; None for one drill."""
+    ordered = worst_first(rows)
+    names = list(dict.fromkeys(row.drill.name for row in ordered))
+    labels = list(dict.fromkeys(row.runs.label for row in ordered))
+    if len(names) < 2 or not any(row.ratio for row in ordered):
+        return None
+    height_in = 1.6 + BAR_IN * len(names) * max(1.0, 0.5 * len(labels))
+    figure = titled_figure(
+        f"Drills: {rows[0].runs.log}", "mean error with the faults over that without them", 11, height_in
+    )
+    axes: Axes = figure.subplots()
+    offsets = np.linspace(-0.25, 0.25, len(labels)) if len(labels) > 1 else np.zeros(1)
+    for offset, label in zip(offsets, labels, strict=True):
+        mine = [(names.index(r.drill.name), r.ratio) for r in ordered if r.runs.label == label and r.ratio is not None]
+        if mine:
+            y, x = np.array(mine).T
+            method = next(row.runs.method for row in rows if row.runs.label == label)
+            axes.plot(x, y + offset, ls="", marker="o", ms=5, color=colour(method), label=label)
+    axes.axvline(1, color="#000000", lw=0.8)
+    _logarithmic(axes, "x")
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_xlabel("times the error without the faults (logarithmic)")
+    legend_below(figure, (axes,), 8)
+    return figure
+
+
+def _logarithmic(axes: Axes, which: str) -> None:
+    """Give an axis a logarithmic scale with plain numbers."""
+    axis: Any = getattr(axes, f"{which}axis")
+    getattr(axes, f"set_{which}scale")("log")
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())

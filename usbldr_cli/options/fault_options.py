@@ -1,0 +1,40 @@
+"""The options that put faults into a log: one for each kind, and suites of drills."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.drills.kinds import KINDS
+
+if TYPE_CHECKING:
+    from usbldr.io.drills.drill import Drill
+
+
+def fault_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --suite, and one option for each kind of fault; the command gets them under the names of the kinds."""
+    for kind in reversed(list(KINDS)):
+        declared = KINDS[kind]
+        help_text = f"{declared.meaning}  [{declared.example}]"
+        command = click.option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text)(command)
+    help_text = 'Drills of a TOML file; "standard" is the suite that is shipped.  [default without faults: standard]'
+    return click.option("--suite", metavar="FILE", help=help_text)(command)
+
+
+def chosen_drills(suite: str | None, given: Mapping[str, tuple[str, ...]]) -> "tuple[Drill, ...]":
+    """Return the drills of the suite and one of the faults of the options, which happen together."""
+    from usbldr.io.drills.drill import Drill
+    from usbldr.io.drills.fault_text import fault_of
+    from usbldr.io.drills.suite import STANDARD, read_suite
+
+    faults: list[Any] = []
+    for kind, texts in given.items():
+        for text in texts:
+            try:
+                faults.append(fault_of(kind, text))
+            except UsageError as err:
+                raise UsageError(f"--{err}") from err
+    own = (Drill(", ".join(fault.text for fault in faults), tuple(faults)),) if faults else ()
+    named = read_suite(suite or STANDARD) if suite is not None or not faults else ()
+    return (*own, *named)

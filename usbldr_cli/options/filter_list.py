@@ -1,0 +1,31 @@
+"""The option --filters of commands that run several methods."""
+
+from collections.abc import Sequence
+
+from usbldr.filters.errors import UsageError
+from usbldr_cli.options.run_options import RunChoices
+
+
+def filter_list(filters: str, choices: RunChoices) -> list[str]:
+    """Return the names in a list of filters; refuse options that none of them takes."""
+    from usbldr.filters.replay.methods import METHODS, methods_that
+
+    choices.settings()  # refuses wrong values
+    names = [name.strip() for name in filters.split(",") if name.strip()]
+    unknown = [name for name in names if name not in METHODS]
+    if unknown or not names:
+        raise UsageError(f"there is no filter {', '.join(unknown) or 'in the list'!r} (filters: {', '.join(METHODS)})")
+    refuse_repeats("--filters", names)
+    methods = [METHODS[name] for name in names]
+    if choices.gate is not None and not any(method.takes_gate for method in methods):
+        raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, none of which is compared")
+    if choices.aid is not None and not any(method.is_filter for method in methods):
+        raise UsageError("--aid is for filters, none of which is compared")
+    return names
+
+
+def refuse_repeats(what: str, names: Sequence[str]) -> None:
+    """Raise UsageError if an option or argument names something twice."""
+    repeated = [name for k, name in enumerate(names) if name in names[:k]]
+    if repeated:
+        raise UsageError(f"{what} names {repeated[0]} twice")

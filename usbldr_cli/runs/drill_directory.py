@@ -1,0 +1,41 @@
+"""The folder of a drill: as that of a comparison, with drill.json, drill.csv, drill.md and its figures."""
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.reports.run_directory import json_text, write_atomically
+from usbldr_cli.runs.drill_rows import DrillReport, overall, row_content, worst_first
+from usbldr_cli.runs.seed_table import row_metrics
+
+TABLES = "drill.json"
+LISTS = ("faults", "findings", "warnings")  # of a row
+SCHEMA = 1  # fixed: the version of drill.json
+
+
+def content(report: DrillReport, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of drill.json: the rows, worst drill first, and the metrics without faults."""
+    return {
+        "schema": SCHEMA,
+        "tool": {"name": "usbldr", "version": version("usbldr")},
+        "request": request,
+        "undamaged": [{"filter": row.label, "seeds": len(row.good), **row_metrics(row)} for row in report.usual],
+        "rows": [row_content(row) for row in worst_first(report.rows)],
+        "verdict": overall(report.rows),
+    }
+
+
+def write_report(folder: Path, report: DrillReport, request: Mapping[str, Any], markdown: str) -> None:
+    """Write drill.csv, drill.md and, last, drill.json; raise UsageError if that fails."""
+    import pandas as pd
+
+    rows = [row_content(row) for row in worst_first(report.rows)]
+    told = [row | {name: "; ".join(row[name]) for name in LISTS} for row in rows]
+    try:
+        write_atomically(folder / "drill.csv", pd.DataFrame(told).to_csv(index=False, lineterminator="\n").encode())
+        write_atomically(folder / "drill.md", markdown.encode())
+        write_atomically(folder / TABLES, (json_text(content(report, request)) + "\n").encode())
+    except OSError as err:
+        raise UsageError(f"{folder}: cannot be written ({err.strerror or err})") from err

@@ -1,0 +1,152 @@
+"""The rows of a drill report: one for each filter under each drill, beside the same filter without the faults.
+
+``mean_horizontal_m`` and ``nees_mean`` are those of report.json; the other names are explained in docs/drills.md.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from usbldr.filters.evaluation.fault_response import FaultResponse, fault_response
+from usbldr.filters.windows import TimeWindow
+from usbldr.io.drills.drill import Drill
+from usbldr.io.drills.finding_codes import is_named
+from usbldr_cli.runs.job_store import JobResult, read_trace
+from usbldr_cli.runs.seed_table import ComparisonRow, row_metrics, row_nees
+
+ERROR = "mean_horizontal_m"
+
+
+@dataclass(frozen=True, slots=True)
+class DrillRow:
+    """One filter under one drill, a run for each seed."""
+
+    drill: Drill
+    runs: ComparisonRow
+    usual: ComparisonRow  # the same filter without the faults
+    raw: ComparisonRow  # the raw fixes with the faults
+    examined: tuple[JobResult, ...]  # findings with the faults, by seed
+    examined_usual: tuple[JobResult, ...]
+    spans_s: tuple[TimeWindow, ...]  # of the faults, seconds
+
+    @property
+    def error_m(self) -> float | None:
+        """Mean horizontal error over seeds."""
+        return self.runs.mean(ERROR)
+
+    @property
+    def usual_m(self) -> float | None:
+        """The same without the faults."""
+        return self.usual.mean(ERROR)
+
+    @property
+    def ratio(self) -> float | None:
+        """Error with the faults over error without them."""
+        error_m, usual_m = self.error_m, self.usual_m
+        return error_m / usual_m if error_m is not None and usual_m else None
+
+    @property
+    def responses(self) -> list[FaultResponse]:
+        """Drift and time to re-acquire of each seed; none if every fault lasts for the whole log."""
+        found: list[FaultResponse] = []
+        if not self.spans_s:
+            return found
+        whole = self.spans_s[0][0], max(end_s for _, end_s in self.spans_s)
+        usual = self.usual.good
+        for seed, outcome in self.runs.good.items():
+            other = usual.get(seed) or next(iter(usual.values()), None)
+            if other is None or outcome.trace is None or other.trace is None:
+                continue
+            mine, theirs = read_trace(outcome.trace), read_trace(other.trace)
+            one = fault_response(mine.time_s, mine.error_m, theirs.time_s, theirs.error_m, whole)
+            found += [] if one is None else [one]
+        return found
+
+    @property
+    def new_codes(self) -> tuple[str, ...]:
+        """The findings that appear in at least half of the damaged logs, and not in the log as it is."""
+        usual = {code for outcome in self.examined_usual for code in outcome.findings}
+        counts: dict[str, int] = {}
+        for outcome in self.examined:
+            for code in outcome.findings:
+                counts[code] = counts.get(code, 0) + 1
+        return tuple(code for code, n in counts.items() if code not in usual and 2 * n >= len(self.examined))
+
+    @property
+    def named_share(self) -> float | None:
+        """Share of the seeds in which new findings name every fault; None if there is nothing to be named."""
+        usual = {code for outcome in self.examined_usual for code in outcome.findings}
+        named = [is_named(self.drill, set(outcome.findings) - usual) for outcome in self.examined]
+        told = [one for one in named if one is not None]
+        return float(np.mean(told)) if told else None
+
+
+@dataclass(frozen=True, slots=True)
+class DrillReport:
+    """Every method without faults, raw fixes last, and every row under faults."""
+
+    usual: tuple[ComparisonRow, ...]
+    rows: tuple[DrillRow, ...]
+
+
+def worst_first(rows: Sequence[DrillRow]) -> list[DrillRow]:
+    """Return the rows drill by drill, the drill with the largest ratio first; a failed run is worst of all."""
+
+    def worst(drill: str) -> float:
+        ratios = [row.ratio for row in rows if row.drill.name == drill]
+        return max((float("inf") if ratio is None else ratio for ratio in ratios), default=0.0)
+
+    names = list(dict.fromkeys(row.drill.name for row in rows))
+    order = sorted(names, key=lambda name: -worst(name))
+    return sorted(rows, key=lambda row: order.index(row.drill.name))
+
+
+def mean_response(row: DrillRow) -> Mapping[str, float | None]:
+    """Return drift and time to re-acquire over the seeds, and the share of the seeds that did re-acquire."""
+    found = row.responses
+    back = [one.reacquired_s for one in found if one.reacquired_s is not None]
+    return {
+        "drift_m": float(np.mean([one.drift_m for one in found])) if found else None,
+        "reacquired_s": float(np.mean(back)) if back else None,
+        "reacquired_share": len(back) / len(found) if found else None,
+    }
+
+
+def row_content(row: DrillRow) -> dict[str, Any]:
+    """Return a row for drill.json and drill.csv."""
+    metrics = row_metrics(row.runs)
+    nees = row_nees(row.runs)
+    return {
+        "drill": row.drill.name,
+        "faults": [fault.text for fault in row.drill.faults],
+        "filter": row.runs.label,
+        "seeds": len(row.runs.good),
+        "failure": row.runs.fault,
+        ERROR: row.error_m,
+        f"{ERROR}_se": metrics.get(f"{ERROR}_se"),
+        "undamaged_m": row.usual_m,
+        "ratio": row.ratio,
+        **mean_response(row),
+        "nees_mean": nees.mean if nees is not None else None,
+        "raw_usbl_m": row.raw.mean(ERROR),
+        "findings": list(row.new_codes),
+        "named_share": row.named_share,
+        "warnings": list(dict.fromkeys(text for one in row.runs.good.values() for text in one.warnings)),
+    }
+
+
+def overall(rows: Sequence[DrillRow]) -> str:
+    """Return the last line: each filter's worst drill, and the median of its ratios."""
+    texts: list[str] = []
+    for label in dict.fromkeys(row.runs.label for row in rows):
+        mine = [(row, row.ratio) for row in rows if row.runs.label == label and row.ratio is not None]
+        failed = sum(row.ratio is None for row in rows if row.runs.label == label)
+        if mine:
+            worst, ratio = max(mine, key=lambda item: item[1])
+            text = f"{label}: {ratio:.3g} times its undamaged error under {worst.drill.name!r}"
+            if len(mine) > 1:
+                text += f", median {np.median([r for _, r in mine]):.3g} of {len(mine)} drills"
+            texts.append(text + (f", {failed} failed" if failed else ""))
+    return "; ".join(texts) or "no run succeeded"
