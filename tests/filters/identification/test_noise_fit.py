@@ -200,13 +200,13 @@ def test_gross_errors_are_found_with_their_share_and_size(share: float, sd_m: fl
 
 
 def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
-    given = replace(PLAIN, usbl=Contamination())
-    found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), given)
+    stated = Contamination()
+    found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), replace(PLAIN, usbl=stated))
 
     assert isinstance(found.usbl, Contamination)
-    assert found.usbl.share == pytest.approx(given.usbl.share, rel=0.2)
-    assert found.usbl.sd == pytest.approx(given.usbl.sd, rel=0.2)
-    assert found.errors.usbl_bias_s == pytest.approx(given.errors.usbl_bias_s, rel=0.2)
+    assert found.usbl.share == pytest.approx(stated.share, rel=0.2)
+    assert found.usbl.sd == pytest.approx(stated.sd, rel=0.2)
+    assert found.errors.usbl_bias_s == pytest.approx(PLAIN.errors.usbl_bias_s, rel=0.2)
 
 
 def test_a_number_that_is_0_stays_0() -> None:
