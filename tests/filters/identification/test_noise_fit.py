@@ -201,13 +201,12 @@ def test_gross_errors_are_found_with_their_share_and_size(share: float, sd_m: fl
 
 def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
     stated = Contamination()
-    given = replace(PLAIN, usbl=stated)
-    found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), given)
+    found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), replace(PLAIN, usbl=stated))
 
     assert isinstance(found.usbl, Contamination)
     assert found.usbl.share == pytest.approx(stated.share, rel=0.2)
     assert found.usbl.sd == pytest.approx(stated.sd, rel=0.2)
-    assert found.errors.usbl_bias_s == pytest.approx(given.errors.usbl_bias_s, rel=0.2)
+    assert found.errors.usbl_bias_s == pytest.approx(PLAIN.errors.usbl_bias_s, rel=0.2)
 
 
 def test_a_number_that_is_0_stays_0() -> None:
