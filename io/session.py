@@ -55,7 +55,7 @@ class RunSettings(FilterSettings):
     aid: tuple[TimeWindow, ...] | None = None  # in which GPS fixes are measurements, seconds; None: as configured
     dr_from: str | tuple[float, float] = "start"  # where ``dr`` starts: one of ANCHORS, or latitude, longitude, degrees
     window: Window = Window()  # truth rows to score against, seconds of the log
-    align: str = "none"  # "first" or "rigid": moves the track onto the truth before scoring
+    align: str = "none"  # "first", "rigid" or "body": moves the track onto the truth before scoring
 
 
 def is_simulated(log: str | Path) -> bool:

@@ -6,31 +6,34 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.frames import rotation
-from usbldr.filters.types import Array
+from usbldr.filters.frames import rotated, rotation
+from usbldr.filters.types import Array, Vector
 
 ALIGNMENTS: Mapping[str, str] = {
     "none": "none",
     "first": "first epoch moved onto the first truth row",
     "rigid": "rotation and shift fitted to the truth",
+    "body": "constant lever arm on the vehicle fitted to the truth",
 }
 
 
 class Alignment(NamedTuple):
-    """What was done to a track: p -> R(rotation) p + shift, east and north."""
+    """What was done to a track: p -> R(rotation) p + shift + R(yaw) lever, east and north."""
 
     name: str = "none"  # of ALIGNMENTS
     rotation_rad: float = 0.0  # counter-clockwise about up
     shift_m: tuple[float, float] = (0.0, 0.0)
+    lever_m: tuple[float, float] = (0.0, 0.0)  # starboard, forward: from the point of the track to that of the truth
 
     @property
     def matrix(self) -> Array:
         """The rotation, (2, 2)."""
         return rotation(self.rotation_rad)
 
-    def points(self, position_m: Array) -> Array:
-        """Move points, (T, 2)."""
-        return position_m @ self.matrix.T + np.array(self.shift_m)
+    def points(self, position_m: Array, yaw_rad: Vector | None = None) -> Array:
+        """Move points, (T, 2), of a vehicle at these yaws, (T,); without them there is no lever arm."""
+        moved = position_m @ self.matrix.T + np.array(self.shift_m)
+        return moved if yaw_rad is None else moved + rotated(yaw_rad, np.array(self.lever_m))
 
     def covariances(self, cov_m2: Array) -> Array:
         """Turn covariances, (T, 2, 2), with the track."""
@@ -42,15 +45,20 @@ class Alignment(NamedTuple):
         text = ALIGNMENTS[self.name]
         if self.name == "none":
             return text
+        if self.name == "body":
+            return f"{text} ({self.lever_m[0]:+.3f} m starboard, {self.lever_m[1]:+.3f} m forward)"
         turned = f"turned {np.degrees(-self.rotation_rad):+.3f} deg clockwise, " if self.name == "rigid" else ""
         return f"{text} ({turned}shifted {self.shift_m[0]:+.3f} m east, {self.shift_m[1]:+.3f} m north)"
 
 
-def fit_alignment(name: str, first_m: Array, first_truth_m: Array, track_m: Array, truth_m: Array) -> Alignment:
+def fit_alignment(
+    name: str, first_m: Array, first_truth_m: Array, track_m: Array, truth_m: Array, yaw_rad: Vector | None
+) -> Alignment:
     """Find the alignment of that name.
 
     ``first`` needs the track's first epoch and the first truth row, (2,) each, between which nothing is interpolated;
-    ``rigid`` the scored epochs and the truth at their times, (M, 2) each.
+    ``rigid`` the scored epochs and the truth at their times, (M, 2) each; ``body`` also the yaw there, (M,). Raises
+    LogError for ``body`` on a track without yaw, UsageError for another name.
     """
     if name == "none":
         return Alignment()
@@ -58,6 +66,12 @@ def fit_alignment(name: str, first_m: Array, first_truth_m: Array, track_m: Arra
         return Alignment("first", shift_m=_pair(first_truth_m - first_m))
     if name == "rigid":
         return fit_rigid(track_m, truth_m)
+    if name == "body":
+        if yaw_rad is None:
+            raise LogError(
+                "--align body needs the heading of the track, which raw fixes lack; use --align none or first"
+            )
+        return Alignment("body", lever_m=_pair(rotated(-yaw_rad, truth_m - track_m).mean(axis=0)))
     raise UsageError(f"--align {name}: there is only {', '.join(ALIGNMENTS)}")
 
 

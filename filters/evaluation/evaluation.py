@@ -86,15 +86,17 @@ def evaluate(
     truth_m = np.column_stack([np.interp(time_s, row_s, row_m[:, 0]), np.interp(time_s, row_s, row_m[:, 1])])
     first = int(np.flatnonzero(within & defined & ~aided)[0])
     first_row = int(np.argmin(in_windows(row_s, aid)))
-    alignment = fit_alignment(align, track_m[first], row_m[first_row], track_m[scored], truth_m)
-    estimate_m = alignment.points(track_m[scored])
+    yaw = trajectory.state("psi")
+    scored_yaw = None if yaw is None else yaw[scored]
+    alignment = fit_alignment(align, track_m[first], row_m[first_row], track_m[scored], truth_m, scored_yaw)
+    estimate_m = alignment.points(track_m[scored], scored_yaw)
     error_m = estimate_m - truth_m
     truth_sd_m = np.nan_to_num(np.interp(time_s, row_s, truth.sd_m[rows]))
     cov = trajectory.position_cov_m2
     cov_m2 = None if cov is None else alignment.covariances(cov[scored])
 
     travelled_m = distance_travelled_m(trajectory)
-    found = surfacings(t, alignment.points(track_m), travelled_m, truth, *window)
+    found = surfacings(t, alignment.points(track_m, yaw), travelled_m, truth, *window)
     found = tuple(one for one in found if not in_windows(np.array([one.time_s]), aid)[0])
     horizontal, travel = horizontal_errors(error_m), None
     if travelled_m is not None:

@@ -259,6 +259,8 @@ def _scores(report: ErrorReport | None) -> dict[str, Any]:
             "rotation_clockwise_deg": math.degrees(0.0 - report.alignment.rotation_rad),
             "shift_east_m": report.alignment.shift_m[0],
             "shift_north_m": report.alignment.shift_m[1],
+            "lever_starboard_m": report.alignment.lever_m[0],
+            "lever_forward_m": report.alignment.lever_m[1],
         },
         "matching": report.matching._asdict(),
         "metrics": report.flat(),

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.patches import Ellipse
 
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.types import Array
+from usbldr.filters.types import Array, Trajectory
 from usbldr.io.reports.report_json import Run, fixes_table
 from usbldr_cli.figures.style import (
     EVER,
@@ -47,10 +47,14 @@ def track_figure(run: Run) -> Figure:
         span = worst_s - CLOSE_S, worst_s + CLOSE_S
         if not aligned:  # fixes and dr are not aligned, so they would mislead
             _draw_context(close, run, span, marker_scale=1.8)
-        _draw_track(close, run, report.alignment.points(run.scored.trajectory.position_m), span)
+        _draw_track(close, run, _aligned_m(run.scored.trajectory, report), span)
         _draw_worst(close, report)
     legend_below(figure, (whole,), 8 if closer else 5)
     return figure
+
+
+def _aligned_m(trajectory: Trajectory, report: ErrorReport) -> Array:
+    return report.alignment.points(trajectory.position_m, trajectory.state("psi"))
 
 
 def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -> None:

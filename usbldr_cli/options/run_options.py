@@ -111,10 +111,10 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--end", metavar="TIME", help="Score up to this time."),
         click.option(
             "--align",
-            type=click.Choice(["none", "first", "rigid"]),
+            type=click.Choice(["none", "first", "rigid", "body"]),
             default="none",
             show_default=True,
-            help="Align the track with the truth before scoring.",
+            help="Align the track with the truth before scoring; body: by a constant lever arm on the vehicle.",
         ),
         click.option(
             "--dr-from",

@@ -170,6 +170,25 @@ def test_no_rotation_of_the_track_beats_the_rigid_fit() -> None:
         assert np.sum((turned - (true - true.mean(axis=0))) ** 2) > np.sum(best.error_m**2)
 
 
+def test_body_finds_the_lever_arm_between_the_point_of_the_track_and_that_of_the_truth() -> None:
+    """The truth's antenna is 2 m ahead and 0.5 m to starboard of the tracked point, by hand at each heading."""
+    rng = np.random.default_rng(6)
+    heading = np.linspace(0.0, 2 * math.pi, 101)  # clockwise from north
+    track_m = np.cumsum(rng.normal(0, 1, (101, 2)), axis=0)
+    ahead = np.column_stack([np.sin(heading), np.cos(heading)])
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    mean = np.column_stack([-heading, track_m])
+    track = Trajectory("ckf", ("psi", "x", "y"), SECONDS, mean, None)
+
+    report = evaluate(track, truth_of(SECONDS, track_m + 2.0 * ahead + 0.5 * starboard), align="body")
+
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
+    assert report.alignment.lever_m == pytest.approx((0.5, 2.0))
+    assert "+0.500 m starboard, +2.000 m forward" in report.alignment.sentence
+    with pytest.raises(LogError, match="--align body needs the heading"):
+        evaluate(track_of(SECONDS, track_m), truth_of(SECONDS, track_m), align="body")
+
+
 def test_an_unknown_alignment_or_one_that_cannot_be_fitted_is_a_sentence() -> None:
     still = np.zeros((101, 2))
 
