@@ -23,6 +23,7 @@ import numpy as np
 
 from usbldr.filters.identification.identification import (
     DR_WALK_NAME,
+    ErrorEstimate,
     Identification,
     NoiseChange,
     SensorErrorEvidence,
@@ -32,6 +33,7 @@ from usbldr.filters.identification.usbl_likelihood import (
     CLOCK,
     KEYS,
     LEVER,
+    REPORTED,
     FixLikelihoods,
     Member,
     fix_likelihoods,
@@ -137,12 +139,17 @@ def _identification(given: Parameters, choice: _Choice) -> Identification:
             key,
             _log_odds(key, choice.score),
             key in present,
-            tuple(float(found.mean[name][row]) for name in names),
-            tuple(float(found.sd[name][row]) for name in names),
+            tuple(_estimate(name, found, row) for name in names) if key in present else (),
         )
         for key, names in KEYS.items()
     )
     return Identification(replace(parameters, calibrate=kept), evidence, _noise_changes(given, parameters))
+
+
+def _estimate(state: str, found: FixLikelihoods, row: int) -> ErrorEstimate:
+    reported = REPORTED[state]
+    value, sd = float(found.mean[state][row]), float(found.sd[state][row])
+    return ErrorEstimate(reported.name, reported.factor * value, abs(reported.factor) * sd)
 
 
 def _log_odds(key: str, score: Vector) -> float:

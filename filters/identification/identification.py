@@ -9,14 +9,21 @@ DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of Proc
 CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
 
 
+class ErrorEstimate(NamedTuple):
+    """One number of a sensor error, in the unit of its name."""
+
+    name: str
+    value: float
+    sd: float
+
+
 class SensorErrorEvidence(NamedTuple):
     """What a log says of one sensor error."""
 
     key: str  # of usbl_likelihood.KEYS
     log_odds: float  # of the best explanation with the error against the best without
     exists: bool  # it is part of the best explanation
-    value: tuple[float, ...]  # of its states there
-    sd: tuple[float, ...]
+    estimates: tuple[ErrorEstimate, ...]  # empty if it does not exist
 
 
 class NoiseChange(NamedTuple):

@@ -19,9 +19,10 @@ import numpy as np
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection, equal_weights
 from usbldr.filters.estimators.mode_updates import collapse
 from usbldr.filters.frames import rotated
-from usbldr.filters.models.calibration import STATES, prior_sd
+from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.quantities import ReportedQuantity
 from usbldr.filters.replay.dead_reckoning import (
     displacement_m,
     drift_rates,
@@ -44,10 +45,16 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "heading": STATES["heading"],
     "deviation": STATES["deviation"],
     "latency": STATES["latency"],
-    LEVER: ("lever_starboard", "lever_forward"),
+    LEVER: ("dvl_lever_starboard", "dvl_lever_forward"),
     CLOCK: ("dvl_clock",),
 }
 """Sensor errors that a log may have or not, and their states in the pass."""
+REPORTED: Mapping[str, ReportedQuantity] = {
+    **REPORTED_QUANTITIES,
+    "dvl_lever_starboard": ReportedQuantity("dvl_lever_starboard_m", "m", 1.0),
+    "dvl_lever_forward": ReportedQuantity("dvl_lever_forward_m", "m", 1.0),
+    "dvl_clock": ReportedQuantity("dvl_clock_s", "s", 1.0),
+}
 BIAS_STATES = STATES["usbl-bias"]
 PASS_STATES = ("x", "y", *BIAS_STATES, *(name for names in KEYS.values() for name in names))
 

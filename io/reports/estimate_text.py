@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from usbldr.filters.identification.identification import NoiseChange
+from usbldr.filters.identification.identification import NoiseChange, SensorErrorEvidence
 from usbldr.filters.models.calibration import EstimatedError
 
 NOISE_WORDS: Mapping[str, tuple[str, float, str]] = {
@@ -14,7 +14,7 @@ NOISE_WORDS: Mapping[str, tuple[str, float, str]] = {
     "usbl_outlier_share": ("share of USBL outliers", 100.0, "%"),
     "usbl_bias_sd_m": ("sigma of the USBL error that neighbouring fixes share", 1.0, "m"),
     "usbl_bias_time_s": ("correlation time of that error", 1.0, "s"),
-    "usbl_latency_sd_s": ("prior sigma of the USBL latency", 1.0, "s"),
+    "usbl_outlier_sd_m": ("size of USBL outliers", 1.0, "m"),
 }
 """Words, factor and unit for numbers of the noise; others are shown by their names."""
 
@@ -43,3 +43,25 @@ def noise_changes_text(changes: Sequence[NoiseChange]) -> str:
         words, factor, unit = NOISE_WORDS.get(change.name, (change.name.replace("_", " "), 1.0, ""))
         texts.append(f"{words} {factor * change.after:.3g} instead of {factor * change.before:.3g} {unit}".rstrip())
     return ", ".join(texts)
+
+
+def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
+    """Return which sensor errors the log has evidence for and against, as natural logarithms of the odds."""
+    sides = {"for": True, "against": False}
+    texts = {
+        side: ", ".join(f"{one.key} ({one.log_odds:+.1f})" for one in evidence if one.exists is exists)
+        for side, exists in sides.items()
+    }
+    return "; ".join(f"{side} {text}" for side, text in texts.items() if text) + " (log odds)"
+
+
+def fixed_errors_text(evidence: Sequence[SensorErrorEvidence]) -> str:
+    """Return lever arm and clock of the DVL, if the log has evidence for them; "" if not."""
+    found = {estimate.name: estimate for one in evidence for estimate in one.estimates}
+    words = {
+        "dvl_lever_starboard_m": "m to starboard of the transponder",
+        "dvl_lever_forward_m": "m ahead of it",
+        "dvl_clock_s": "s late against the compass",
+    }
+    texts = [f"{with_sigma(found[name].value, found[name].sd)} {text}" for name, text in words.items() if name in found]
+    return "DVL " + ", ".join(texts) if texts else ""

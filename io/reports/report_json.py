@@ -229,7 +229,9 @@ def _assumptions(found: Identification) -> dict[str, Any]:
     for sensor in ("dvl", "compass", "usbl", "gps"):
         content[sensor] = {"family": type(getattr(found.parameters, sensor)).__name__, **content[sensor]}
     return content | {
-        "evidence": [one._asdict() for one in found.evidence],
+        "evidence": [
+            one._asdict() | {"estimates": [estimate._asdict() for estimate in one.estimates]} for one in found.evidence
+        ],
         "noise_changes": [number._asdict() for number in found.noise_changes],
     }
 

@@ -11,11 +11,10 @@ from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, FixUpdates,
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
-from usbldr.filters.identification.identification import SensorErrorEvidence
 from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
-from usbldr.io.reports.estimate_text import error_text, noise_changes_text
+from usbldr.io.reports.estimate_text import error_text, evidence_text, fixed_errors_text, noise_changes_text
 from usbldr.io.reports.report_json import Run
 
 ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
@@ -198,6 +197,8 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(("calibrated", ", ".join(map(error_text, calibrated))))
         if evidence := run.identification.evidence:
             lines.append(("evidence", evidence_text(evidence)))
+            if fixed := fixed_errors_text(evidence):
+                lines.append(("corrected", fixed))
         if changes := run.identification.noise_changes:
             lines.append(("noise", f"estimated from the log: {noise_changes_text(changes)}"))
         if report.surfacing is not None:
@@ -228,16 +229,6 @@ def _sensor(updates: SensorUpdates, fixes: FixUpdates | None) -> str:
     nis = "" if updates.nis_mean is None else f"NIS {updates.nis_mean:.2f} (expected {updates.nis_expected:.0f}); "
     gap = "" if fixes is None else f"; longest gap {fixes.longest_gap_s:.1f} s"
     return f"{nis}{what}: {of.used} used{text}{gap}"
-
-
-def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
-    """Return which sensor errors the log has evidence for and against, as natural logarithms of the odds."""
-    sides = {"for": True, "against": False}
-    texts = {
-        side: ", ".join(f"{one.key} ({one.log_odds:+.1f})" for one in evidence if one.exists is exists)
-        for side, exists in sides.items()
-    }
-    return "; ".join(f"{side} {text}" for side, text in texts.items() if text) + " (log odds)"
 
 
 def _outages(run: Run) -> str:

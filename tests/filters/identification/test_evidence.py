@@ -34,8 +34,8 @@ def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None
     ("faults", "key", "value"),
     [
         (Faults(dvl_scale=0.03), "scale", (0.03,)),
-        (Faults(heading_bias_deg=3.0), "heading", (np.radians(-3.0),)),
-        (Faults(deviation_sin_deg=3.0, deviation_cos_deg=-2.0), "deviation", (np.radians(3.0), np.radians(2.0))),
+        (Faults(heading_bias_deg=3.0), "heading", (3.0,)),
+        (Faults(deviation_sin_deg=3.0, deviation_cos_deg=-2.0), "deviation", (3.0, -2.0)),
         (Faults(usbl_latency_s=0.7), "latency", (0.7,)),
         (Faults(usbl_latency_s=-1.8), "latency", (-1.8,)),
     ],
@@ -45,7 +45,7 @@ def test_one_fault_is_found_and_no_other(faults: Faults, key: str, value: tuple[
 
     (one,) = [one for one in found.evidence if one.exists]
     assert one.key == key
-    assert np.all(np.abs(np.subtract(one.value, value)) < 4 * np.array(one.sd))
+    assert [estimate.value for estimate in one.estimates] == pytest.approx(value, abs=4 * one.estimates[0].sd)
     assert one.log_odds > 3
 
 

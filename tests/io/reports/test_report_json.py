@@ -99,7 +99,7 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("evidence", "hint"),
-    [((), "--calibrate auto"), ((SensorErrorEvidence("scale", -3.0, False, (0.0,), (0.0,)),), "usbldr doctor")],
+    [((), "--calibrate auto"), ((SensorErrorEvidence("scale", -3.0, False, ()),), "usbldr doctor")],
 )
 def test_the_warning_of_a_far_over_confident_filter_says_what_to_try(
     evidence: tuple[SensorErrorEvidence, ...], hint: str
