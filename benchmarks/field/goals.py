@@ -7,9 +7,9 @@ from typing import NamedTuple
 from field.logs import Case
 from field.plan import BEST, ONLINE, Rows, online, thinned_names, thinned_ways
 from paper.runs import Way
+from usbldr.io.reports.markdown_report import markdown_table
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.seed_table import ComparisonRow
-from usbldr_cli.tables.compare_table import piped
 
 HORIZONTAL, NEES = "mean_horizontal_m", "nees_mean"
 SMOOTHED = replace(BEST, smooth=True)
@@ -85,7 +85,7 @@ def particle_goals(case: Case, rows: Rows) -> Iterator[Goal]:
 def table(found: Sequence[Goal]) -> str:
     """Return the goals as Markdown."""
     body = tuple((g.what, g.goal, g.measured, "met" if g.met else "not met") for g in found)
-    return piped(Table("what", ("goal", "measured", ""), body)).replace("not met |", "**not met** |")
+    return markdown_table(Table("what", ("goal", "measured", ""), body)).replace("not met |", "**not met** |")
 
 
 def _error(what: str, row: ComparisonRow, most: float) -> Goal:

@@ -19,10 +19,10 @@ from paper.runs import Way
 from paper.tables import in_metres, times
 from usbldr.filters.identification.observability import CANDIDATE_KEYS
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES
+from usbldr.io.reports.markdown_report import markdown_table
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency
-from usbldr_cli.tables.compare_table import piped
 
 HEADS = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "consistency")
 NO_CHANGE = "·"  # the log does not use what was changed
@@ -49,7 +49,7 @@ def _filters(case: Case, name: str, rows: Rows) -> str:
     width = max(len(line) for line in body)
     heads = (*HEADS, "horizontal, validity", "NEES, validity")[: width - 1]
     filled = tuple((*line, *[""] * (width - len(line))) for line in body)
-    return piped(Table(f"{name}, m", heads, filled))
+    return markdown_table(Table(f"{name}, m", heads, filled))
 
 
 def _plain(label: str, calibrate: str, row: ComparisonRow, *after: ComparisonRow) -> tuple[str, ...]:
@@ -73,7 +73,7 @@ def claimed(cases: Sequence[Case], rows: Rows) -> str:
             inside = "/".join(f"{100 * (row.mean(f'inside_{k}_sigma') or 0):.0f}" for k in (1, 2, 3))
             body.append((name, case.truth, metres(row.mean(HORIZONTAL)), metres(_claim_m(row)), _size(row)[1], inside))
     heads = ("kind", "mean error", "claimed by adf", "NEES", "inside 1/2/3 sigma, %")
-    return piped(Table("log", heads, tuple(body)))
+    return markdown_table(Table("log", heads, tuple(body)))
 
 
 def _claim_m(row: ComparisonRow) -> float | None:
@@ -93,7 +93,7 @@ def agreed(found: Mapping[str, Mapping[str, Likeness]]) -> str:
         for source, one in likenesses.items()
     ]
     heads = ("against DR", "ahead by", "at median speed", "length ratio", "rotated clockwise")
-    return piped(Table("log", heads, tuple(body)))
+    return markdown_table(Table("log", heads, tuple(body)))
 
 
 def _lead(one: Likeness) -> tuple[str, str]:
@@ -108,7 +108,7 @@ def states(cases: Sequence[Case], rows: Rows, agreed: Mapping[str, Mapping[str, 
     body = [(key, *(_state(key, row) for row in found)) for key in CANDIDATE_KEYS]
     by_length = (f"{1 / agreed[case.name]['fixes'].ratio - 1:.3g}" for case in cases)
     body.append(("(scale from lengths of displacements)", *by_length))
-    return piped(Table("state", tuple(case.name for case in cases), tuple(body)))
+    return markdown_table(Table("state", tuple(case.name for case in cases), tuple(body)))
 
 
 def _state(key: str, row: ComparisonRow) -> str:
@@ -130,7 +130,7 @@ def cut(rows: Rows) -> str:
         _plain(titled(way), way.calibrate if way.method != "dr" else "", rows["stpere_marina", way, "cut"])
         for way in cut_ways()
     )
-    return piped(Table("stpere_marina, USBL cut, m", HEADS, tuple(body)))
+    return markdown_table(Table("stpere_marina, USBL cut, m", HEADS, tuple(body)))
 
 
 def thinned(cases: Sequence[Case], rows: Rows) -> str:
@@ -143,7 +143,7 @@ def thinned(cases: Sequence[Case], rows: Rows) -> str:
             cells = [_rare(rows[name, way, change]) for way in thinned_ways(case)]
             body.append((f"{name}, {change}", whole, *cells))
     heads = ("dr", *(titled(way) for way in thinned_ways(cases[0])))
-    return piped(Table("m; NEES; rejected in a row", heads, tuple(body)))
+    return markdown_table(Table("m; NEES; rejected in a row", heads, tuple(body)))
 
 
 def _rare(row: ComparisonRow) -> str:
@@ -170,7 +170,7 @@ def ablation(cases: Sequence[Case], rows: Rows) -> str:
             whole, less = rows[name, way, ""], rows[name, *changed(way)]
             cells.append(metres(whole.mean(HORIZONTAL)) if label == "(none)" else lost(less, whole))
         body.append((label, *cells))
-    return piped(Table("feature removed", tuple(case.scored[-1] for case in cases), tuple(body)))
+    return markdown_table(Table("feature removed", tuple(case.scored[-1] for case in cases), tuple(body)))
 
 
 def lost(less: ComparisonRow, whole: ComparisonRow) -> str:
@@ -189,7 +189,7 @@ def sensitivity(cases: Sequence[Case], rows: Rows) -> str:
     names.sort(key=lambda name: -max(abs(value or 0.0) for pair in found[name] for value in pair))
     body = ((f"`{name}`", *(f"{_signed(half)} / {_signed(twice)}" for half, twice in found[name])) for name in names)
     heads = tuple(f"{case.scored[-1]}, %" for case in cases)
-    return piped(Table(f"{HALF} / {TWICE}", heads, tuple(body)))
+    return markdown_table(Table(f"{HALF} / {TWICE}", heads, tuple(body)))
 
 
 def largest_changes(cases: Sequence[Case], rows: Rows) -> Iterator[tuple[str, str, float]]:

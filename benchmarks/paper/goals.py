@@ -10,12 +10,12 @@ from paper.tables import AXES, command, errors, over, times
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.replay.run import run
+from usbldr.io.reports.markdown_report import markdown_table
 from usbldr.io.reports.report_text import Table
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.runs.seed_table import ComparisonRow
-from usbldr_cli.tables.compare_table import piped
 
 FASTEST_S = {Way("cpf", particles=1000): 15.0, Way("cpf"): 6.0, Way("adf"): 3.0}
 CLOSE = 2.0  # standard errors: nearer to the goal than that, more seeds might say otherwise
@@ -78,7 +78,7 @@ def goals(rows: Rows, limit: PositionBound, times_s: Mapping[Way, float]) -> lis
 def table(found: list[Goal]) -> str:
     """Return the goals as Markdown."""
     body = tuple((g.what, g.goal, g.measured, g.verdict, str(g.seeds), f"`{g.made_by}`") for g in found)
-    text = piped(Table("what", ("goal", "measured", "", "seeds", "command"), body))
+    text = markdown_table(Table("what", ("goal", "measured", "", "seeds", "command"), body))
     return text.replace(r"\*\*", "**")
 
 

@@ -11,9 +11,9 @@ from paper import runs
 from paper.runs import Cell, Rows, Way, drifting, shared
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.seed_statistics import average
+from usbldr.io.reports.markdown_report import markdown_table
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency, row_metrics
-from usbldr_cli.tables.compare_table import piped
 
 AXES = ("mean_abs_east_m", "mean_abs_north_m")
 FAT_TAILED = ("pf", "pf-wekf")  # a few lost dives make their mean mean nothing
@@ -244,7 +244,7 @@ def _made(table: Table, function: str, rows: Rows, example: Cell) -> str:
     """Return the table and a line that says what made it."""
     again = command(*example, len(rows[example].seeds))
     text = f"*Made by `{function}` of `benchmarks/paper/tables.py`. To repeat a row: `{again}`.*"
-    return f"{piped(table)}\n\n{text}"
+    return f"{markdown_table(table)}\n\n{text}"
 
 
 def _titled(way: Way) -> str:
