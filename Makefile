@@ -6,7 +6,7 @@ USBLDR ?= $(BIN)/usbldr
 SAMPLES ?= sample_logs
 SEEDS ?= 20
 
-.PHONY: demo test fuzz lint check sample_logs paper field logs clean
+.PHONY: demo test fuzz lint check sample_logs paper field drills logs clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo

@@ -43,6 +43,7 @@ from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import with_dvl_clock
 
+UNCONFIGURED = Request(configuration="none")
 ANCHORS = ("start", "first-fix", "first-gps", "first-truth")
 
 
@@ -66,15 +67,17 @@ def is_simulated(log: str | Path) -> bool:
 def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0) -> Log:
     """Read a log file or folder, or simulate a scenario by its name or file with a seed.
 
+    The filters assume what the scenario states of its sensors, or the defaults if the request ignores configurations.
     Raises LogError if it cannot be read, UsageError if request, configuration and log do not fit together.
     """
     if not is_simulated(log):
         return read(open_configured(Path(log), request), request, RAW_FIELDS)
     if not Path(log).exists() and str(log) not in scenario_names():
         raise LogError(f"{log}: no such file, folder or scenario (scenarios: {', '.join(scenario_names())})")
-    if request != DEFAULT_REQUEST:
-        raise UsageError(f"{log}: a scenario takes no --config, --truth, --with or topics")
-    return simulated_log(find_scenario(str(log)), seed)
+    if request not in (DEFAULT_REQUEST, UNCONFIGURED):
+        raise UsageError(f"{log}: a scenario takes no --truth, --with or topics, and no --config but none")
+    made = simulated_log(find_scenario(str(log)), seed)
+    return made if request == DEFAULT_REQUEST else replace(made, parameters=Parameters(calibrate=(AUTO,)))
 
 
 def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Identification:

@@ -25,12 +25,16 @@ NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 UNNAMED = ("thin",)  # fewer records are no fault of a record
 
 
-def is_named(drill: Drill, codes: Collection[str]) -> bool | None:
-    """Return whether findings name every fault of a drill; None if there is nothing to be named."""
-    faults = [fault for fault in drill.faults if fault.kind not in UNNAMED]
-    if not faults:
+def is_named(drill: Drill, codes: Collection[str], usual: Collection[str] = ()) -> bool | None:
+    """Return whether findings name every fault of a drill, given the codes with the faults and without them.
+
+    None if there is nothing to be named, or if a code that would name a fault is reported without the faults, too.
+    """
+    faults = [set(_codes(fault)) for fault in drill.faults if fault.kind not in UNNAMED]
+    unnamed = [mine for mine in faults if not mine & (set(codes) - set(usual))]
+    if not faults or any(mine & set(usual) for mine in unnamed):
         return None
-    return all(set(_codes(fault)) & set(codes) for fault in faults)
+    return not unnamed
 
 
 def _codes(fault: Fault) -> tuple[str, ...]:

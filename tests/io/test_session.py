@@ -1,5 +1,6 @@
 """A session in Python gives the numbers of the command line, to the last bit."""
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,6 +10,8 @@ from click.testing import CliRunner
 
 import usbldr
 from checkout import SAMPLES
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.main import cli
 
 OF_THE_CLOCK = ("filter_time_s", "real_time_factor")
@@ -106,3 +109,13 @@ def test_settings_that_do_not_fit_are_refused_in_python_as_in_the_shell(method: 
 
     with pytest.raises(usbldr.UsageError, match=sentence):
         usbldr.replay(log, usbldr.timeline(log), method, settings)
+
+
+def test_a_scenario_without_configuration_is_as_a_recording_that_nobody_configured(tmp_path: Path) -> None:
+    request = usbldr.Request(configuration="none")
+    short = dataclasses.replace(find_scenario("turns"), duration_s=20.0)
+    write_scenario(short, 0, tmp_path / "dive.mcap")
+    recorded = usbldr.open_log(tmp_path / "dive.mcap", request)
+
+    assert usbldr.open_log("turns", request).parameters == recorded.parameters
+    assert usbldr.open_log("turns").parameters != recorded.parameters

@@ -210,7 +210,7 @@ def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: 
             "unknown sensor error 'speed' to calibrate (known: scale,",
         ),
         (("paper", "--noise", "usbl=cauchy"), "--noise usbl=cauchy: write SENSOR=KIND"),
-        (("paper", "--truth", "x.csv"), "paper: a scenario takes no --config"),
+        (("paper", "--truth", "x.csv"), "paper: a scenario takes no --truth"),
     ],
 )
 def test_what_does_not_fit_together_is_told_before_anything_runs(arguments: tuple[str, ...], said: str) -> None:

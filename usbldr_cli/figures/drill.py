@@ -10,11 +10,13 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from usbldr.filters.types import Vector
 from usbldr_cli.figures.compare import CROWDED, save_whole
+from usbldr_cli.figures.overlay import line_style
 from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, time_axis, titled_figure
 from usbldr_cli.runs.drill_rows import DrillReport, DrillRow, worst_first
 from usbldr_cli.runs.job_store import JobResult, read_trace
 
 FAULT_SHADE = "#fde3cf"
+MARKS = ("o", "^", "s", "D")  # of rows of one method
 BAR_IN = 0.22  # [inches] height of a filter's line in the overview: one line of text
 DETAIL_LETTERS = 200  # of the faults under the title: two lines
 NAME_LETTERS = 40  # of a drill in the name of a file
@@ -46,7 +48,7 @@ def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
     first = drawn[0][0]
     name, faults = first.drill.name, first.drill.text
     text = faults if name == faults else f"{name}: {faults}"
-    detail = f"{text[:DETAIL_LETTERS]}; seed {first.runs.seeds[0]}"
+    detail = f"{text[:DETAIL_LETTERS]}; seed {first.runs.seeds[0]}; thin: the same filters without the faults"
     figure = titled_figure(f"Errors under a drill: {first.runs.log}", detail, 11, 5)
     axes: Axes = figure.subplots()
     for k, (start_s, end_s) in enumerate(first.spans_s):
@@ -54,9 +56,9 @@ def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
     times: list[Vector] = []
     sizes: list[Vector] = []
     for row, ((time_s, error_m), (usual_s, usual_m)) in drawn:
-        mine = colour(row.runs.method)
-        axes.plot(time_s, error_m, color=mine, lw=1.5, label=row.runs.label, zorder=3)
-        axes.plot(usual_s, usual_m, color=mine, lw=0.8, ls="--", label=f"{row.runs.label} without the fault", zorder=2)
+        style = line_style([one.runs for one in rows], row.runs)
+        axes.plot(time_s, error_m, label=row.runs.label, **style)
+        axes.plot(usual_s, usual_m, **style | {"lw": 0.8, "alpha": 0.4, "zorder": 2})
         times += [time_s]
         sizes += [error_m, usual_m]
     whole = np.concatenate(sizes)
@@ -104,7 +106,9 @@ def ratio_figure(rows: Sequence[DrillRow]) -> Figure | None:
         if mine:
             y, x = np.array(mine).T
             method = next(row.runs.method for row in rows if row.runs.label == label)
-            axes.plot(x, y + offset, ls="", marker="o", ms=5, color=colour(method), label=label)
+            alike = list(dict.fromkeys(row.runs.label for row in ordered if row.runs.method == method))
+            mark = MARKS[alike.index(label) % len(MARKS)]
+            axes.plot(x, y + offset, ls="", marker=mark, ms=5, color=colour(method), label=label)
     axes.axvline(1, color="#000000", lw=0.8)
     _logarithmic(axes, "x")
     axes.set_yticks(range(len(names)), names)

@@ -3,6 +3,7 @@
 ``mean_horizontal_m`` and ``nees_mean`` are those of report.json; the other names are explained in docs/drills.md.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -65,21 +66,22 @@ class DrillRow:
         return found
 
     @property
+    def codes(self) -> list[tuple[frozenset[str], frozenset[str]]]:
+        """The codes of the findings of each damaged log, and of the same log as it is."""
+        usual = self.examined_usual if len(self.examined_usual) > 1 else self.examined_usual * len(self.examined)
+        pairs = zip(self.examined, usual, strict=False)
+        return [(frozenset(found.findings), frozenset(clean.findings)) for found, clean in pairs]
+
+    @property
     def new_codes(self) -> tuple[str, ...]:
-        """The findings that appear in at least half of the damaged logs, and not in the log as it is."""
-        usual = {code for outcome in self.examined_usual for code in outcome.findings}
-        counts: dict[str, int] = {}
-        for outcome in self.examined:
-            for code in outcome.findings:
-                counts[code] = counts.get(code, 0) + 1
-        return tuple(code for code, n in counts.items() if code not in usual and 2 * n >= len(self.examined))
+        """The findings that are new in at least half of the damaged logs."""
+        new = Counter(code for found, clean in self.codes for code in found - clean)
+        return tuple(sorted(code for code, count in new.items() if 2 * count >= len(self.codes)))
 
     @property
     def named_share(self) -> float | None:
-        """Share of the seeds in which new findings name every fault; None if there is nothing to be named."""
-        usual = {code for outcome in self.examined_usual for code in outcome.findings}
-        named = [is_named(self.drill, set(outcome.findings) - usual) for outcome in self.examined]
-        told = [one for one in named if one is not None]
+        """Share of the seeds in which findings name every fault; None if none of them can tell."""
+        told = [one for pair in self.codes if (one := is_named(self.drill, *pair)) is not None]
         return float(np.mean(told)) if told else None
 
 

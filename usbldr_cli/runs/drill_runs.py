@@ -1,5 +1,6 @@
 """The runs of drills: every method with and without the faults, on the same dives, and what the doctor finds."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -61,19 +62,22 @@ class DrillPlan:
         return Job(self.log, method or RAW, choices, self.selection, drill=drill, examine=method is None)
 
 
-def run_drills(plan: DrillPlan, jobs: int, store: Path) -> DrillReport:
-    """Run a plan, ``jobs`` in parallel; finished runs are kept in ``store``, an existing folder."""
+def run_drills(plan: DrillPlan, jobs: int, store: Path, examine: bool = True) -> DrillReport:
+    """Run a plan, ``jobs`` in parallel; finished runs are kept in ``store``, an existing folder.
+
+    ``examine``: let the doctor examine every log, too.
+    """
     methods = tuple(dict.fromkeys((*plan.methods, RAW)))
     cells = {
         (drill, method): plan.seeds_of(drill, method is not None and METHODS[method].draws)
         for drill in (UNDAMAGED, *plan.drills)
-        for method in (None, *methods)
+        for method in ((None, *methods) if examine else methods)
     }
     # seed by seed, so that a dive is simulated once
     places = sorted(((seed, k) for k, seeds in enumerate(cells.values()) for seed in seeds), key=lambda at: at[0])
     keys = list(cells)
     results = run_jobs([plan.job(*keys[k], seed) for seed, k in places], jobs, store)
-    found: dict[tuple[Drill, str | None], list[JobResult]] = {key: [] for key in keys}
+    found: defaultdict[tuple[Drill, str | None], list[JobResult]] = defaultdict(list)
     for (_, k), result in zip(places, results, strict=True):
         found[keys[k]].append(result)
 

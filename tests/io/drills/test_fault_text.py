@@ -80,6 +80,8 @@ def test_a_drill_is_named_if_findings_name_each_of_its_faults() -> None:
     drill = Drill("both", (fault_of("drop", "usbl@1:2"), fault_of("outlier", "usbl:20m@0.1")))
     assert not is_named(drill, {"OUTAGE"})
     assert is_named(drill, {"OUTAGE", "USBL-OUTLIERS", "DVL-SCALE"})
+    assert is_named(drill, {"OUTAGE", "USBL-OUTLIERS"}, {"USBL-OUTLIERS"}) is None  # it says so of the log as it is
+    assert not is_named(drill, {"USBL-OUTLIERS"}, {"HEADING-CHECKED"})
     assert is_named(Drill("rare", (fault_of("thin", "usbl:0.1Hz"),)), ()) is None
     assert {(kind, sensor) for kind, codes in NAMED_BY.items() for sensor in codes} <= {
         (kind, sensor) for kind, declared in KINDS.items() for sensor in declared.units
