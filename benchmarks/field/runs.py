@@ -21,7 +21,6 @@ from paper.runs import Way
 from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.usbl_likelihood import KEYS
 from usbldr.filters.models.calibration import STATES, estimated_errors
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.methods import METHODS
@@ -102,11 +101,11 @@ def _judged(
     metrics = report.flat() | refusals(made)
     for one in estimated_errors(made):
         metrics |= {f"found_{one.name}": float(one.value[-1]), f"found_sd_{one.name}": float(one.sd[-1])}
-    for key, log_odds, exists, value, sd in found.evidence:
-        metrics[f"log_odds_{key}"] = log_odds
-        if exists and key not in STATES:  # a settled number of the run
-            for name, found_value, found_sd in zip(KEYS[key], value, sd, strict=True):
-                metrics |= {f"found_{name}": found_value, f"found_sd_{name}": found_sd}
+    for evidence in found.evidence:
+        metrics[f"log_odds_{evidence.key}"] = evidence.log_odds
+        if evidence.key not in STATES:  # a settled number of the run
+            for one in evidence.estimates:
+                metrics |= {f"found_{one.name}": one.value, f"found_sd_{one.name}": one.sd}
     judged = ScoringContext(
         log=given.log.path.name,
         log_format=given.log.format,

@@ -16,8 +16,8 @@ from field.logs import Case
 from field.plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_names, thinned_ways, titled
 from paper.runs import Way
 from paper.tables import in_metres, times
-from usbldr.filters.identification.usbl_likelihood import CLOCK, KEYS, LEVER
-from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES
+from usbldr.filters.identification.usbl_likelihood import KEYS, REPORTED
+from usbldr.filters.models.calibration import STATES
 from usbldr.io.reports.markdown_report import markdown_table
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.job_store import read_trace
@@ -25,7 +25,6 @@ from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistenc
 
 HEADS = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "consistency")
 NO_CHANGE = "·"  # the log does not use what was changed
-SETTLED_UNITS = {LEVER: "m", CLOCK: "s"}  # of errors that are numbers of the run instead of states
 
 
 def main(case: Case, rows: Rows) -> str:
@@ -115,18 +114,13 @@ def _state(key: str, row: ComparisonRow) -> str:
     first = next(iter(row.good.values()), None)
     if first is None:
         return ""
-    units = [(name, SETTLED_UNITS[key]) for name in KEYS[key]] if key in SETTLED_UNITS else _reported(key)
     estimates = [
         f"{first.metrics[f'found_{name}']:.3g} ± {first.metrics[f'found_sd_{name}']:.2g} {unit}".strip()
-        for name, unit in units
+        for name, unit, *_ in (REPORTED[state] for state in {**KEYS, **STATES}[key])
         if f"found_{name}" in first.metrics
     ]
     odds = first.metrics.get(f"log_odds_{key}")
     return ("; ".join(estimates) or "does not exist") + ("" if odds is None else f" (log odds {odds:+.1f})")
-
-
-def _reported(key: str) -> list[tuple[str, str]]:
-    return [(REPORTED_QUANTITIES[state].name, REPORTED_QUANTITIES[state].unit) for state in STATES[key]]
 
 
 def cut(rows: Rows) -> str:

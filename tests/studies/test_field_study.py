@@ -58,7 +58,8 @@ def invented(case: Case, way: Way, change: str, trace: Path) -> list[ComparisonR
     metrics |= {"nees_mean": 2.5, "nees_low": 1.0, "nees_high": 3.0, "refused_in_a_row": 3.0, "refused_at_the_end": 1.0}
     metrics |= {f"inside_{k}_sigma": share for k, share in ((1, 0.6), (2, 0.9), (3, 1.0))}
     metrics |= {f"log_odds_{key}": 4.2 if key in ("scale", "dvl-clock") else -3.1 for key in KEYS}
-    metrics |= {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001, "found_dvl_clock": 0.5, "found_sd_dvl_clock": 0.1}
+    metrics |= {"found_dvl_scale": 0.01, "found_sd_dvl_scale": 0.001, "found_dvl_clock_s": 0.5}
+    metrics |= {"found_sd_dvl_clock_s": 0.1}
     seeds = tuple(range(min(case.dives, FEW_DIVES)))
     outcomes = tuple(JobResult(metrics, trace=trace) for _ in seeds)
     return [
