@@ -127,12 +127,13 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
 
 
 def _frame_worst(axes: Axes, report: ErrorReport) -> Span:
-    """Frame the surroundings of the largest error, and return the time around it that the track spends there."""
+    """Frame the surroundings of the largest error, and return the time around it that track or truth spend there."""
     worst = int(np.argmax(report.horizontal_m))
     middle = (report.truth_m[worst] + report.estimate_m[worst]) / 2
     half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
     frame_square(axes, np.stack([middle - half, middle + half]), 0.0)
-    away = np.flatnonzero(np.max(np.abs(report.estimate_m - middle), axis=1) > half)
+    off_m = np.max(np.abs(np.stack([report.estimate_m, report.truth_m]) - middle), axis=2)
+    away = np.flatnonzero(off_m.min(axis=0) > half)
     first, last = away[away < worst].max(initial=0), away[away > worst].min(initial=len(report.time_s) - 1)
     worst_s = report.time_s[worst]
     return max(float(report.time_s[first]), worst_s - CLOSE_S), min(float(report.time_s[last]), worst_s + CLOSE_S)
@@ -150,10 +151,10 @@ def _draw_worst(axes: Axes, report: ErrorReport, span: Span) -> None:
         turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
         face = colour(report.method)
         axes.add_patch(Ellipse(tuple(ends[1]), length[1], length[0], angle=turn, fc=face, alpha=0.2, zorder=3.5))
-        ellipse = ", with the 2-sigma ellipse"
+        ellipse = ", 2-sigma ellipse"
     axes.set_title(
         f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}; "
-        f"shown: {span[0]:.0f} to {span[1]:.0f} s"
+        f"{span[0]:.0f} to {span[1]:.0f} s"
     )
 
 

@@ -120,7 +120,7 @@ def test_both_panels_show_the_aligned_track_and_its_close_up_states_the_time() -
     np.testing.assert_allclose(np.column_stack(drawn.get_data()), aligned_m)
     part = next(line for line in close.get_lines() if line.get_label() == "cpf")
     assert set(zip(*part.get_data(), strict=True)) < set(map(tuple, aligned_m))
-    assert re.search(r"; shown: \d+ to \d+ s$", close.get_title(loc="left"))
+    assert re.search(r"; \d+ to \d+ s$", close.get_title(loc="left"))
 
 
 def test_the_truth_is_drawn_inside_the_scored_window_only() -> None:
