@@ -37,7 +37,9 @@ def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:
     levels = {float(y) for line in scale.lines if line.get_linestyle() == "--" for y in line.get_ydata()}
     assert levels == {-4.0, 4.0}
     value = next(line for line in scale.lines if line.get_label() == "adf")
-    assert value.get_ydata() == pytest.approx(100 * ADF.state("dvl_scale"))
+    ratio = ADF.state("dvl_scale")
+    assert ratio is not None
+    assert value.get_ydata() == pytest.approx(100 * ratio)
     bottom, top = scale.get_ylim()
     assert bottom < min(value.get_ydata()) <= max(value.get_ydata()) < top
 

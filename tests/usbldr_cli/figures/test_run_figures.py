@@ -13,7 +13,7 @@ from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run as run_filter
-from usbldr.filters.types import Outage, Trajectory
+from usbldr.filters.types import Outage, Trajectory, Truth
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -154,7 +154,9 @@ def test_raw_fixes_outside_the_axes_are_ticks_at_the_edge_and_counted() -> None:
 
 def test_a_distribution_of_two_errors_is_two_points() -> None:
     run = a_run(CPF)
-    few = evaluate(USBL, dataclasses.replace(LOG.truth, time_s=LOG.truth.time_s[:2], position_m=LOG.truth.position_m[:2], sd_m=LOG.truth.sd_m[:2]))  # fmt: skip  # noqa: E501
+    truth = LOG.truth
+    assert truth is not None
+    few = evaluate(USBL, Truth(truth.time_s[:2], truth.position_m[:2], truth.sd_m[:2], truth.kind, truth.source))
 
     with in_style():
         figure = cdf_figure(dataclasses.replace(run, reference_tracks=(ScoredTrack(USBL, few),)))
