@@ -142,7 +142,7 @@ def test_what_was_found_is_added_to_what_was_stated_and_all_else_stays_as_it_was
     assert "schema = 1  # mine\n" in text
     assert "  # 0.01 stated, +0.01" in text
     assert "# [start]\n# east_m = 0.0\n" in text
-    assert "# usbl bias east: " in text
+    assert "# usbl bias east " in text
     assert "left out: it drifts" in text
 
 
