@@ -91,6 +91,7 @@ class Update(NamedTuple):
     nominal_probability: float  # posterior probability of the nominal noise mode
     shift: tuple[float, ...] | None = None  # change of each state, (n,); None if not of a position fix
     in_sequence: tuple["Update", ...] = ()  # updates of the axes of a fix, if used in sequence
+    nominal_sd: tuple[float, ...] = ()  # as innovation_sd, for a measurement of the nominal noise mode
 
     @property
     def parts(self) -> "tuple[Update, ...]":
@@ -108,6 +109,7 @@ class Update(NamedTuple):
             axis="position",
             innovation=tuple(e for part in parts for e in part.innovation),
             innovation_sd=tuple(sd for part in parts for sd in part.innovation_sd),
+            nominal_sd=tuple(sd for part in parts for sd in part.nominal_sd),
             nis=sum(part.nis for part in parts),
             dof=sum(part.dof for part in parts),
             outcome=max((part.outcome for part in parts), key=OUTCOMES.index),

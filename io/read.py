@@ -12,7 +12,9 @@ from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.io.conventions import compass, dvl_depth, positions
 from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.conventions.sanity import (
+    covariance_findings,
     position_findings,
     repeated_fix_findings,
     truth_overlap_findings,
@@ -115,13 +117,14 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
     findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]
+    findings += covariance_findings(raws)
     if truth_table is not None:
         findings += repeated_fix_findings(
             truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns
         )
     if truth is not None and truth.kind == "gps":
         findings += truth_underwater_findings(truth, provenance, tables)
-    return Log(
+    log = Log(
         path=path,
         sha256=digest_paths(opened.paths),
         format=reader.format,
@@ -136,6 +139,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         findings=(*reader.findings(), *roles.findings, *shifted, *findings),
         raws={} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES},
     )
+    return without_implausible(log)
 
 
 def _without_messages(reader: Reader) -> LogError:

@@ -153,8 +153,6 @@ def _sensitivity() -> Iterator[tuple[str, Change]]:
             "evidence.LATENCY_SD_S",
             "evidence.SCALE_SD",
             "evidence.MAX_PRIOR_SIGMAS",
-            "usbl_likelihood.LEVER_SD_M",
-            "usbl_likelihood.CLOCK_SD_S",
         ):
             yield f"{name} {label}", Change(constants={name: factor * attrgetter(name)(MODULES)})
         odds = evidence.LOG_PRIOR_ODDS - math.log(factor)

@@ -86,6 +86,7 @@ def measurement_update(measurement: Measurement, projection: Projection, weight:
         len(e),
         "rejected" if rejected else "used" if likely else "down-weighted",
         nominal,
+        nominal_sd=tuple(np.sqrt((predicted + measurement.noise.cov[0]).diagonal()).tolist()),
     )
 
 

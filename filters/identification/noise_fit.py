@@ -67,22 +67,23 @@ USBL = (
 
 
 def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
-    """Return the parameters that explain the DVL's own records best; its sigma and walk grow or stay."""
-    found = _search(lambda members: dvl_likelihoods(timeline, members), given, DVL, given)
-    return _grown(given, found, DVL)
+    """Return the parameters that explain the DVL's own records best; they grow or stay."""
+    return _grown(given, _search(lambda members: dvl_likelihoods(timeline, members), given, DVL, given), DVL)
 
 
 def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
     """Return the parameters that explain the fixes best, given the sensor errors of the member.
 
-    The prior is about the ``given`` parameters; the search may start at those of the member, too.
+    The prior is about the ``given`` parameters; the search may start at those of the member, too. The correlated error
+    and the random walk of dead reckoning grow or stay: a log does not show an error that all of its fixes share.
     """
-    return _search(
+    found = _search(
         lambda members: fix_likelihoods(timeline, [member._replace(parameters=one) for one in members]).log_likelihood,
         given,
         USBL,
         member.parameters,
     )
+    return _grown(given, found, [one for one in USBL if one.name in ("usbl_bias_sd_m", "position_walk_m")])
 
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:

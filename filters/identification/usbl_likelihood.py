@@ -37,8 +37,6 @@ from usbldr.filters.types import Array, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 LEVER, CLOCK = "dvl-lever", "dvl-clock"
-LEVER_SD_M = 2.0  # prior, per axis: vehicles are 1 to 5 m long
-CLOCK_SD_S = 1.0  # prior: clocks that nobody synchronised differ by about a second
 CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
 KEYS: Mapping[str, tuple[str, ...]] = {
     "scale": STATES["scale"],
@@ -167,8 +165,8 @@ def prior_sds(parameters: Parameters) -> Mapping[str, float]:
     """Return state -> prior 1-sigma of every sensor error that may exist."""
     return {
         **prior_sd(parameters.errors),
-        **dict.fromkeys(KEYS[LEVER], LEVER_SD_M),
-        **dict.fromkeys(KEYS[CLOCK], CLOCK_SD_S),
+        **dict.fromkeys(KEYS[LEVER], parameters.errors.dvl_lever_m),
+        **dict.fromkeys(KEYS[CLOCK], parameters.errors.dvl_clock_s),
     }
 
 
@@ -187,11 +185,7 @@ def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)
     for column, member in enumerate(members):
-        known = {
-            **prior_sd(member.parameters.errors),
-            **dict.fromkeys(KEYS[LEVER], LEVER_SD_M),
-            "dvl_clock": CLOCK_SD_S,
-        }
+        known = prior_sds(member.parameters)
         for name in (*BIAS_STATES, *(name for key in member.present for name in KEYS[key])):
             sd[PASS_STATES.index(name), column] = known[name]
     T = np.eye(len(PASS_STATES))

@@ -100,6 +100,10 @@ class SensorErrors:
     ] = 0.3
     # time constant of the correlated error
     usbl_bias_s: Annotated[float, Quantity("usbl_bias_time_s", SECONDS)] = 60.0
+    # of each axis of the lever arm from the transponder to the DVL: vehicles are 1 to 5 m long; 0: it is as stated
+    dvl_lever_m: Annotated[float, Quantity("dvl_lever_sd_m", SPREAD["m"])] = 2.0
+    # of the DVL's clock against the compass: clocks that nobody synchronised differ by about a second; 0: it is right
+    dvl_clock_s: Annotated[float, Quantity("dvl_clock_sd_s", SPREAD["s"])] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +133,9 @@ class Parameters:
     """The model side of a run, the same for every filter."""
 
     process: ProcessNoise = ProcessNoise()
-    # no contamination: a vehicle that changes its speed at once would look like an outlier, and for seconds
+    # not contaminated: spikes are left out before, and what remains would hide a sudden change of speed or course
     dvl: NoiseFamily = Gaussian()
-    # by judgement: one record in fifty is off by a large part of a turn
-    compass: NoiseFamily = Contamination(0.02, math.radians(60.0))
+    compass: NoiseFamily = Gaussian()
     usbl: NoiseFamily = Contamination()
     dvl_lever_m: LeverArm = (0.0, 0.0, 0.0)
     usbl_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the transponder on the vehicle

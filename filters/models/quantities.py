@@ -25,7 +25,7 @@ class Limits(NamedTuple):
 SHARE = Limits(1e-9, 1 - 1e-9)
 SECONDS = Limits(1e-3, 1e9)
 METRES = Limits(-1e7, 1e7)  # far beyond the local plane
-SD = {"m": Limits(1e-6, 1e6), "deg": Limits(1e-6, 360.0), "mps": Limits(1e-6, 1e3)}
+SD = {"m": Limits(1e-6, 1e6), "s": Limits(1e-6, 600.0), "deg": Limits(1e-6, 360.0), "mps": Limits(1e-6, 1e3)}
 SPREAD = {unit: Limits(0.0, sd.most) for unit, sd in SD.items()}  # of a sigma that may be 0
 
 

@@ -19,6 +19,7 @@ UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
+ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
@@ -84,7 +85,8 @@ def off_plane_causes(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
 def message_covariance(raw: RawRecords, frame: str) -> Array:
     """Return the covariance of east and north that the records state, (n, 2, 2); NaN if not stated.
 
-    Of a pose in the frame latlon, x is the latitude: its variance is that of north.
+    Of a pose in the frame latlon, x is the latitude: its variance is that of north. A matrix that is no covariance
+    states none.
     """
     if "sd_m" in raw.values:
         return _round(raw.number("sd_m"))
@@ -99,10 +101,14 @@ def message_covariance(raw: RawRecords, frame: str) -> Array:
             ee, nn = nn, ee
     R = np.stack([ee, en, en, nn], axis=-1).reshape(-1, 2, 2)
     least, most = np.fmin(ee, nn), np.fmax(ee, nn)
-    unknown = ~((least > 0) & (most <= MAX_POSITION_SD_M**2) & np.isfinite(ee + nn + en)) | (
-        raw.number("covariance_type") == 0
-    )
+    known = (least > 0) & (most <= MAX_POSITION_SD_M**2) & np.isfinite(ee + nn + en) & ~indefinite(ee, en, nn)
+    unknown = ~known | (raw.number("covariance_type") == 0)
     return np.where(unknown[:, None, None], _round(raw.number("error_95_m") * SD_OF_95_PERCENT), R)
+
+
+def indefinite(xx: Vector, xy: Vector, yy: Vector) -> Mask:
+    """Return which symmetric matrices (n,) of positive variances have a negative eigenvalue, beyond rounding."""
+    return (xx > 0) & (yy > 0) & (xy**2 > xx * yy * (1 + ROUNDING))
 
 
 def _round(sd_m: Vector) -> Array:

@@ -9,8 +9,12 @@ from usbldr.filters.types import Truth
 from usbldr.io.conventions import positions
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Provenance
 
+ON_THE_PLANE = (("cov_xx", "cov_xy", "cov_yy"), ("cov_ee_m2", "cov_en_m2", "cov_nn_m2"))
+VARIANCES = ("variance", "variance_deg2", "variance_rad2", "covariance", "cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
+UNKNOWN_VARIANCE = -1.0  # fixed: by the conventions of ROS
 MAX_SEPARATION_M = 50_000.0  # no dive goes so far, and the plane is not accurate beyond
 
 
@@ -63,3 +67,19 @@ def repeated_fix_findings(table: pd.DataFrame, of: Provenance, start_ns: int) ->
     degrees = "lat_deg" in table and of.convention("frame").value == "latlon"
     text = positions.repeated_fix_text(of.topic, table, start_ns) if degrees else ""
     return [Finding("GPS-REPEATED", text, of.topic)] if text else []
+
+
+def covariance_findings(raws: Mapping[str, RawRecords]) -> list[Finding]:
+    """Report covariances that are negative, but for the -1 that means unknown, or not positive semidefinite."""
+    found: list[Finding] = []
+    for raw in raws.values():
+        bad = np.zeros(len(raw.received_ns), dtype=np.bool_)
+        for variance in (raw.number(name) for name in VARIANCES):
+            bad |= (variance < 0) & (variance != UNKNOWN_VARIANCE)
+        for xx, xy, yy in ON_THE_PLANE:
+            bad |= positions.indefinite(raw.number(xx), raw.number(xy), raw.number(yy))
+        if bad.any():
+            name = raw.topic.name
+            text = f"{name}: {bad.sum()} of {len(bad)} covariances are negative or not positive semidefinite"
+            found.append(Finding("COVARIANCE-INVALID", f"{text}; they count as unknown", name))
+    return found

@@ -64,7 +64,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     """
     raw, target, findings = records_of_target(raw, section.target)
     kind, kind_by, unused = kind_of_fixes(raw, section, origin)
-    raw, more = without_repeats(raw, kind)
+    raw, more = without_repeats(raw, kind, section)
     times = times_of(raw, section.time, section.latency_s)
     end = usbl_reference(section, beside.raws, beside.compass, origin, times.time_ns)
     depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]

@@ -10,6 +10,7 @@ from usbldr.filters.types import Mask
 from usbldr.io.conventions.clock_shift import least_delay_ns
 from usbldr.io.conventions.dvl_depth import chosen_convention
 from usbldr.io.conventions.positions import place_causes
+from usbldr.io.conventions.repeats import copied_fixes
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
@@ -54,12 +55,19 @@ def _names(raw: RawRecords) -> NDArray[np.str_]:
     return np.asarray(column.astype(np.int64) if whole else column, dtype=np.str_)
 
 
-def without_repeats(raw: RawRecords, kind: str) -> tuple[RawRecords, list[Finding]]:
-    """Leave out latitudes and longitudes that repeat the fix before: its source is polled more often than it pings."""
+def without_repeats(raw: RawRecords, kind: str, section: UsblSection) -> tuple[RawRecords, list[Finding]]:
+    """Leave out fixes that repeat the one before: their source is polled more often than it pings.
+
+    Fixes from a head that moves are compared before they are placed on the map, latitudes with all that stands beside
+    them; the others' places are judged with the whole log.
+    """
     repeated = np.zeros(len(raw.received_ns), dtype=np.bool_)
     if kind == "latlon" and not raw.topic.type.startswith("usbldr/"):
         columns = [column for name, column in raw.values.items() if name != "age_s" and not name.startswith("header.")]
         repeated[1:] = np.all([(c[1:] == c[:-1]) | (c[1:] != c[1:]) & (c[:-1] != c[:-1]) for c in columns], axis=0)
+    elif section.beacon is not None or (section.head and (section.head.topic or section.head.heading_topic)):
+        names = ("slant_range_m", "bearing_deg") if kind == "range_bearing" else ("x", "y")
+        repeated = copied_fixes(np.column_stack([raw.number(name) for name in names]))
     if not repeated.any():
         return raw, []
     text = f"{repeated.sum()} of {len(repeated)} fixes repeat the previous one to the last digit; left out"

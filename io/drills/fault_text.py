@@ -1,7 +1,8 @@
 """A fault as it is written: SENSOR[:AMOUNT][@WHERE]..., as compass:120deg@0.02@300:600.
 
 WHERE is a share of the records (0.02), ``one`` record, or spans FROM:TO,FROM:TO. FROM and TO are seconds of the log or
-a percentage of its length (40%); +60 as TO means 60 s after FROM; without TO a span lasts until the end.
+a percentage of its length (40%), and 40%+120 is 120 s later; +60 as TO means 60 s after FROM; without TO a span lasts
+until the end.
 """
 
 import math
@@ -25,10 +26,11 @@ class Span(NamedTuple):
     start_relative: bool = False
     end_relative: bool = False
     end_after_start: bool = False
+    start_later_s: float = 0.0  # added to the start
 
     def seconds(self, length_s: float) -> TimeWindow:
         """Return start and end in a log of this length."""
-        start_s = self.start * (length_s if self.start_relative else 1.0)
+        start_s = self.start * (length_s if self.start_relative else 1.0) + self.start_later_s
         if self.end_after_start:
             return start_s, start_s + self.end
         return start_s, self.end * (length_s if self.end_relative else 1.0)
@@ -113,17 +115,13 @@ def _share(where: str, text: str) -> float:
 
 
 def _span(where: str, text: str) -> Span:
-    found = re.fullmatch(r"(\d+\.?\d*|\.\d+)(%?):(?:(\+?)(\d+\.?\d*|\.\d+)(%?))?", text)
-    if found is None or (found[3] and found[5]):
+    plain = r"\d+\.?\d*|\.\d+"
+    found = re.fullmatch(rf"({plain})(%(?:\+({plain}))?)?:(?:(\+?)({plain})(%?))?", text)
+    if found is None or (found[4] and found[6]):
         raise UsageError(f"{where}: {text!r} is not a span FROM:TO (seconds, 40%, +60 after FROM, or no TO)")
-    start, end = float(found[1]), float(found[4] or math.inf)
-    span = Span(
-        start / 100 if found[2] else start,
-        end / 100 if found[5] else end,
-        bool(found[2]),
-        bool(found[5]),
-        bool(found[3]),
-    )
+    start, end, later_s = float(found[1]), float(found[5] or math.inf), float(found[3] or 0)
+    start, end = (start / 100 if found[2] else start), (end / 100 if found[6] else end)
+    span = Span(start, end, bool(found[2]), bool(found[6]), bool(found[4]), later_s)
     if span.start_relative == span.end_relative and not span.end_after_start and not span.start < span.end:
         raise UsageError(f"{where}: the span {text} must end after its start")
     return span

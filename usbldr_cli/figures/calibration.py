@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.models.calibration import EstimatedError, assumed_sd, estimated_errors
+from usbldr.io.reports.estimate_text import error_text, in_unit
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.style import (
     TRUTH_COLOUR,
@@ -20,7 +21,7 @@ from usbldr_cli.figures.style import (
     time_axis,
 )
 
-SETTLING = 0.05  # share of the run, at its start, that does not set the scale
+SETTLING = 0.05  # share of the run, at its start, whose band does not set the scale
 PRIOR_COLOUR = "#bbbbbb"
 
 
@@ -35,25 +36,25 @@ def calibration_figure(run: Run) -> Figure | None:
     for axes, error in zip(panels[:, 0], errors, strict=True):
         _draw(axes, run, error, assumed[error.name])
     time_axis(panels[-1, 0], run.timeline.time_s)
-    legend_below(figure, (panels[0, 0],))
+    legend_below(figure, panels[:, 0])
     return figure
 
 
 def _draw(axes: Axes, run: Run, error: EstimatedError, before_sd: float) -> None:
     shade_outages(axes, run)
+    factor, unit = in_unit(error.unit)
     t, mine = run.scored.trajectory.time_s, colour(run.method)
-    low, high = error.value - 2 * error.sd, error.value + 2 * error.sd
-    for side, label in ((-2, "2 sigma of the prior"), (2, None)):
-        axes.axhline(side * before_sd, color=PRIOR_COLOUR, lw=1.2, ls="--", label=label, zorder=1.5)
-    axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=1.5)
-    axes.fill_between(t, low, high, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
-    axes.plot(t, error.value, color=mine, lw=1.3, label=run.label, zorder=3)
+    value, two_sd, prior = factor * error.value, 2 * factor * error.sd, 2 * factor * before_sd
     after = slice(int(SETTLING * len(t)), None)
-    bottom, top = min(0.0, float(np.min(low[after]))), max(0.0, float(np.max(high[after])))
+    course = np.concatenate([[0.0], value, (value - two_sd)[after], (value + two_sd)[after]])
+    bottom, top = float(course.min()), float(course.max())
     margin = 0.08 * (top - bottom) or 1.0
     axes.set_ylim(bottom - margin, top + margin)
-    axes.set_ylabel(f"[{error.unit}]" if error.unit else "")
-    unit = f" {error.unit}" if error.unit else ""
-    axes.set_title(
-        f"{error.title}: {error.value[-1]:.4f} ± {error.sd[-1]:.4f}{unit} at the end (prior 0 ± {before_sd:.4g}{unit})"
-    )
+    shown = "2 sigma of the prior" if bottom - margin < -prior or prior < top + margin else None
+    axes.axhline(-prior, color=PRIOR_COLOUR, lw=1.2, ls="--", label=shown, zorder=1.5)
+    axes.axhline(prior, color=PRIOR_COLOUR, lw=1.2, ls="--", zorder=1.5)
+    axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=1.5)
+    axes.fill_between(t, value - two_sd, value + two_sd, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
+    axes.plot(t, value, color=mine, lw=1.3, label=run.label, zorder=3)
+    axes.set_ylabel(f"[{unit}]")
+    axes.set_title(f"{error_text(error)} at the end (prior 0 ± {factor * before_sd:.3g} {unit})")

@@ -22,6 +22,7 @@ from usbldr_cli.figures.style import Figure, colour, in_style, legend_below, sav
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import BOUND, ComparisonRow, grouped
 
+DOTS_WIDE = 0.08  # of the distance between two filters: half the width of a cloud of dots
 CROWDED = 20.0  # largest over smallest error from which the axis is logarithmic
 
 
@@ -92,10 +93,10 @@ def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
             if not values:
                 continue
             mean, se, _ = average(values)
-            beside = np.linspace(0.1, 0.34, len(values)) if len(values) > 1 else np.array([0.22])
+            beside = np.linspace(-DOTS_WIDE, DOTS_WIDE, len(values)) if len(values) > 1 else np.zeros(1)
             face = colour(row.method)
             axes.plot(x + beside, values, ls="", marker="o", ms=4, color=face, alpha=0.45, mew=0, zorder=2)
-            axes.errorbar(x - 0.12, mean, yerr=se, color=face, marker="_", ms=15, mew=2.2, capsize=4, lw=1.4, zorder=3)
+            axes.errorbar(x, mean, yerr=se, color=face, marker="_", ms=15, mew=2.2, capsize=4, lw=1.4, zorder=3)
             text = f"{mean:.2f}" if mean < 100 else f"{mean:.0f}"
             axes.annotate(text, (x, max(values)), xytext=(0, 6), textcoords="offset points", ha="center", size=9)
         axes.set_title(f"mean {name} error")

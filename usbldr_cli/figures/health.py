@@ -53,6 +53,7 @@ class Series(NamedTuple):
     time_s: Vector
     innovation: Vector
     sd: Vector
+    nominal_sd: Vector
     outcome: Sequence[str]
 
 
@@ -63,7 +64,8 @@ def innovation_figure(run: Run) -> Figure | None:
     if not drawn:
         return None
     sensors = list(dict.fromkeys(channel.sensor for channel, _ in drawn))
-    figure = run_figure(run, "Innovations and NIS", 13, 1.0 + 1.75 * len(drawn))
+    what = "Innovations and NIS of the forward pass" if run.scored.trajectory.smoothed else "Innovations and NIS"
+    figure = run_figure(run, what, 13, 1.0 + 1.75 * len(drawn))
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
     rows: Any = left.subplots(len(drawn), 1, sharex=True, squeeze=False)
     for axes, (channel, series) in zip(rows[:, 0], drawn, strict=True):
@@ -81,15 +83,16 @@ def innovation_figure(run: Run) -> Figure | None:
 
 
 def _series(updates: Sequence[Update], channel: Channel) -> Series:
-    found: list[tuple[float, float, float, str]] = []
+    found: list[tuple[float, float, float, float, str]] = []
     for update in updates:
         if (update.sensor, update.axis) != (channel.sensor, channel.axis):
             continue
-        e, sd = update.innovation[channel.scalar], update.innovation_sd[channel.scalar]
+        e, k = update.innovation[channel.scalar], abs(channel.factor)
+        sd, nominal_sd = k * update.innovation_sd[channel.scalar], k * update.nominal_sd[channel.scalar]
         outcome = update.parts[-channel.scalar].outcome  # of north if it was taken by itself
-        found.append((update.time_s, channel.factor * e, abs(channel.factor) * sd, outcome))
-    t, e, sd, outcome = zip(*found, strict=True) if found else ((), (), (), ())
-    return Series(np.array(t), np.array(e), np.array(sd), outcome)
+        found.append((update.time_s, channel.factor * e, sd, nominal_sd, outcome))
+    t, e, sd, nominal_sd, outcome = zip(*found, strict=True) if found else ((), (), (), (), ())
+    return Series(np.array(t), np.array(e), np.array(sd), np.array(nominal_sd), outcome)
 
 
 def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
@@ -101,8 +104,11 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     outcomes = np.array(series.outcome)
     point = 3.0 if len(outcomes) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(size) > 1 else np.inf
-    t, sd = broken_at_gaps(series.time_s, series.sd, longest_s)
-    axes.fill_between(t, -2 * sd, 2 * sd, color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
+    t, bands = broken_at_gaps(series.time_s, 2 * np.column_stack([series.sd, series.nominal_sd]), longest_s)
+    axes.fill_between(t, -bands[:, 0], bands[:, 0], color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
+    if not np.allclose(series.sd, series.nominal_sd):
+        style = {"color": mine, "alpha": 0.4, "lw": 0, "label": "2 sigma without outliers"}
+        axes.fill_between(t, -bands[:, 1], bands[:, 1], **style)
     styles: dict[str, dict[str, Any]] = {
         "used": {"marker": "o", "ms": point, "mew": 0, "color": mine, "alpha": 0.6},
         "down-weighted": {
@@ -142,7 +148,7 @@ def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
     axes.plot(t, np.clip(nis, low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
     bound = "95 % bounds of the mean NIS for Gaussian noise"
-    style: dict[str, Any] = {"color": "#bbbbbb", "alpha": 0.5, "lw": 0}
+    style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
     axes.fill_between(edges, *_bounds(bins[:, 2], dof), step="post", label=bound, **style)
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3)
     axes.set_yscale("log")  # shows outliers of hundreds, values near 0, and the means
@@ -190,7 +196,7 @@ def particle_figure(run: Run) -> Figure | None:
     top.set_ylabel("ESS / N")
     lowest = float(np.nanmin(share))
     top.set_title(
-        f"effective particles: mean {np.nanmean(share):.2f}, lowest {lowest:.2f} of N = {trajectory.particles}"
+        f"effective share of N = {trajectory.particles} particles: mean {np.nanmean(share):.2f}, lowest {lowest:.2f}"
     )
     if moved and trajectory.acceptance is not None:
         low: Axes = panels[1, 0]

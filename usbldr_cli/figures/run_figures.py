@@ -29,6 +29,7 @@ from usbldr_cli.figures.style import (
 )
 from usbldr_cli.figures.track import track_figure
 
+LEAST_ERRORS = 20  # [epochs] below it a distribution is drawn as single points, not as a curve
 DENSE = 1500  # [epochs] from which lines are thinner
 
 
@@ -69,11 +70,7 @@ def error_figure(run: Run) -> Figure | None:
         axes: Axes = panels[k]
         shade_outages(axes, run)
         if raw is not None:
-            size = 3.5 if len(raw.time_s) < DENSE else 2.2
-            style = {"ls": "", "marker": ".", "ms": size, "color": colour("usbl"), "alpha": 0.45}
-            beyond = int(np.sum(np.any(np.abs(raw.error_m) > half, axis=1)))
-            label = f"raw USBL fix ({beyond} of {len(raw.error_m)} outside the axes)" if beyond else "raw USBL fix"
-            axes.plot(raw.time_s, raw.error_m[:, k], label=label, zorder=1.5, **style)
+            _draw_raw(axes, raw, k, half)
         _draw_error(axes, report, k, half)
         if run.bound is not None:
             smoothed = run.scored.trajectory.smoothed
@@ -88,6 +85,17 @@ def error_figure(run: Run) -> Figure | None:
     time_axis(panels[1], run.timeline.time_s)
     legend_below(figure, (panels[0],))
     return figure
+
+
+def _draw_raw(axes: Axes, raw: ErrorReport, k: int, half: float) -> None:
+    """Draw the errors of the raw fixes, those outside the axes as ticks at the edge."""
+    e, beyond = raw.error_m[:, k], np.abs(raw.error_m) > half
+    outside = int(np.count_nonzero(beyond.any(axis=1)))
+    more = f" (ticks at the edge: {outside} of {len(e)} are outside)" if outside else ""
+    style = {"ls": "", "color": colour("usbl"), "alpha": 0.45, "zorder": 1.5}
+    inside, size = ~beyond[:, k], 3.5 if len(e) < DENSE else 2.2
+    axes.plot(raw.time_s[inside], e[inside], marker=".", ms=size, label=f"raw USBL fix{more}", **style)
+    axes.plot(raw.time_s[~inside], 0.975 * half * np.sign(e[~inside]), marker="|", ms=5, mew=0.7, **style)
 
 
 def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
@@ -145,8 +153,13 @@ def cdf_figure(run: Run) -> Figure | None:
         for other in (*references, report):
             width = 2.2 if other is report else 1.3
             length, share = _cdf(_lengths(other, k))
-            axes.step(length, 100 * share, where="post", color=colour(other.method), lw=width, label=other.label)
-        _mark_quantiles(axes, _lengths(report, k), colour(report.method))
+            style = {"color": colour(other.method), "lw": width, "label": other.label}
+            if len(length) <= LEAST_ERRORS:
+                style |= {"ls": "", "marker": "o", "ms": 4, "label": f"{other.label} ({len(length) - 1} errors only)"}
+                axes.plot(length[1:], 100 * share[1:], **style)
+            else:
+                axes.step(length, 100 * share, where="post", **style)
+        axes.set_title(_mark_quantiles(axes, _lengths(report, k), report))
         axes.set_xlim(0, max(_widest(report, references, k) for k in range(3)))
         axes.set_ylim(0, 101)
         axes.set_xlabel(f"{name} error [m]")
@@ -163,13 +176,14 @@ def _cdf(lengths: Vector) -> tuple[Vector, Vector]:
     return np.concatenate([[0.0], np.sort(lengths)]), np.linspace(0, 1, len(lengths) + 1)
 
 
-def _mark_quantiles(axes: Axes, lengths: Vector, shade: str) -> None:
+def _mark_quantiles(axes: Axes, lengths: Vector, report: ErrorReport) -> str:
+    """Mark the quantiles of the method and return them in words."""
+    texts: list[str] = []
     for percent in (50, 95):
         x = float(np.percentile(lengths, percent))
-        axes.plot([0, x, x], [percent, percent, 0], color=shade, lw=0.8, ls=":", zorder=1)
-        text = f"{percent} %: {x:.2f} m"
-        box = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1}
-        axes.annotate(text, (x, percent), (6, -11), textcoords="offset points", size=9, color=shade, bbox=box)
+        axes.plot([0, x, x], [percent, percent, 0], color=colour(report.method), lw=0.8, ls=":", zorder=1)
+        texts.append(f"{percent} % below {x:.2f} m")
+    return f"{report.label}: {', '.join(texts)}"
 
 
 def _widest(report: ErrorReport, references: list[ErrorReport], k: int) -> float:

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.patches import Ellipse
 
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.types import Array, Trajectory
-from usbldr.io.reports.report_json import Run, fixes_table
+from usbldr.filters.types import Array, Vector
+from usbldr.io.reports.report_json import Run, ScoredTrack, fixes_table
 from usbldr_cli.figures.style import (
     EVER,
     REJECTED_COLOUR,
@@ -26,7 +26,10 @@ from usbldr_cli.figures.style import (
     within,
 )
 
-CLOSE_S = 60.0  # shown before and after the largest error, because a survey passes the same place often
+CLOSE_S = 60.0  # shown at most before and after the largest error, because a survey passes the same place often
+MAX_GROWTH = 2.0  # times the frame of track and truth: what fixes and dr may add to it
+DENSE = 500  # [fixes] from which their marks are smaller, so that they do not hide the tracks
+DENSE_SCALE = 0.6  # times the usual size of a mark
 
 
 def track_figure(run: Run) -> Figure:
@@ -36,48 +39,75 @@ def track_figure(run: Run) -> Figure:
     figure = run_figure(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
     panels: Any = figure.subplots(1, 2 if closer else 1, squeeze=False)
     whole: Axes = panels[0, 0]
-    aligned = report is not None and report.alignment.name != "none"
-    _draw_context(whole, run, EVER)
-    _draw_track(whole, run, run.scored.trajectory.position_m, EVER)
     frame_square(whole, _extent(run), 0.06)
-    whole.set_title("whole track, before alignment" if aligned else "whole track")
+    _draw_context(whole, run, EVER, DENSE_SCALE if len(run.timeline.fix_m) > DENSE else 1.0)
+    _draw_track(whole, run, EVER)
+    aligned = report is not None and report.alignment.name != "none"
+    whole.set_title("whole track, aligned; fixes moved with it" if aligned else "whole track")
     if report is not None and closer:
         close: Axes = panels[0, 1]
-        worst_s = float(report.time_s[np.argmax(report.horizontal_m)])
-        span = worst_s - CLOSE_S, worst_s + CLOSE_S
-        if not aligned:  # fixes and dr are not aligned, so they would mislead
-            _draw_context(close, run, span, marker_scale=1.8)
-        _draw_track(close, run, _aligned_m(run.scored.trajectory, report), span)
-        _draw_worst(close, report)
+        span = _frame_worst(close, report)
+        _draw_context(close, run, span, 1.8)
+        _draw_track(close, run, span)
+        _draw_worst(close, report, span)
     legend_below(figure, (whole,), 8 if closer else 5)
     return figure
 
 
-def _aligned_m(trajectory: Trajectory, report: ErrorReport) -> Array:
-    return report.alignment.points(trajectory.position_m, trajectory.state("psi"))
+def _aligned(scored: ScoredTrack, time_s: Vector, position_m: Array) -> Array:
+    """Return positions of a track, or its fixes, moved as the track was moved before scoring."""
+    if scored.report is None:
+        return position_m
+    psi = scored.trajectory.state("psi")
+    yaw = None if psi is None else np.interp(time_s, scored.trajectory.time_s, psi)
+    return scored.report.alignment.points(position_m, yaw)
 
 
-def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float = 1.0) -> None:
+def _scored_truth(run: Run) -> tuple[Vector, Array]:
+    """Return time and place of the truth inside the run and the window that is scored."""
+    if run.truth is None:
+        return np.empty(0), np.empty((0, 2))
+    t = run.truth.time_s
+    rows = within(t, (0.0, float(run.timeline.time_s[-1])))
+    if run.scored.report is not None:
+        rows &= within(t, run.scored.report.window)
+    return t[rows], run.truth.position_m[rows]
+
+
+def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
     for other in other_tracks(run):
         if other.trajectory.method == "dr":
-            path = other.trajectory.position_m[within(other.trajectory.time_s, span)]
-            axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label="dr", zorder=1)
+            path = _aligned(other, other.trajectory.time_s, other.trajectory.position_m)[
+                within(other.trajectory.time_s, span)
+            ]
+            label = "dr (partly outside the axes)" if _outside(axes, path) else "dr"
+            axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label=label, zorder=1)
     _draw_fixes(axes, run, span, marker_scale)
 
 
-def _draw_track(axes: Axes, run: Run, position_m: Array, span: Span) -> None:
+def _outside(axes: Axes, points_m: Array) -> int:
+    """Return how many points lie outside the axes."""
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    x, y = points_m.T
+    return int(np.count_nonzero((x < west) | (x > east) | (y < south) | (y > north)))
+
+
+def _draw_track(axes: Axes, run: Run, span: Span) -> None:
     trajectory = run.scored.trajectory
+    position_m = _aligned(run.scored, trajectory.time_s, trajectory.position_m)
     if run.truth is not None:
-        during = within(run.truth.time_s, span)
-        _, truth_m = broken_at_gaps(run.truth.time_s[during], run.truth.position_m[during], run.truth.max_gap_s)
-        axes.plot(*truth_m.T, color=TRUTH_COLOUR, lw=2.2, label=f"truth ({run.truth.kind})", zorder=3)
+        time_s, truth_m = _scored_truth(run)
+        during = within(time_s, span)
+        _, line_m = broken_at_gaps(time_s[during], truth_m[during], run.truth.max_gap_s)
+        style: dict[str, Any] = {"lw": 2.2, "marker": ".", "ms": 2.2, "mew": 0, "zorder": 3}
+        axes.plot(*line_m.T, color=TRUTH_COLOUR, label=f"truth ({run.truth.kind})", **style)
     if not raw_fixes(run.method):
         path = position_m[within(trajectory.time_s, span)]
         axes.plot(*path.T, color=colour(run.method), lw=1.3, label=run.label, zorder=4)
     defined = np.flatnonzero(np.isfinite(position_m).all(axis=1))
     for label, marker, row in (("start", "o", defined[:1]), ("end", "s", defined[-1:])):
         if len(row) and span[0] <= trajectory.time_s[row[0]] <= span[1]:
-            style: dict[str, Any] = {"ls": "", "ms": 9, "mec": "white", "mew": 1, "zorder": 6}
+            style = {"ls": "", "ms": 7, "mfc": "white", "mew": 1.6, "zorder": 6}
             axes.plot(*position_m[row[0]], marker=marker, label=label, color=colour(run.method), **style)
     plane_axes(axes)
 
@@ -89,18 +119,33 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
         "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
     }
     during = within(run.timeline.fix_time_s, span)
+    fix_m = _aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during]
     outcomes = fixes_table(run.timeline, run.scored.trajectory)["outcome"].to_numpy()[during]
     for outcome, style in styles.items():
         at = outcomes == outcome
         if outcome == "used":
             at |= ~np.isin(outcomes, list(styles))
-        count = int(np.count_nonzero(at))
-        if count:
+        if at.any():
             style["ms"] *= marker_scale
-            axes.plot(*run.timeline.fix_m[during][at].T, ls="", label=f"USBL fix {outcome} ({count})", **style)
+            outside = f", {far} outside the axes" if (far := _outside(axes, fix_m[at])) else ""
+            label = f"USBL fix {outcome} ({np.count_nonzero(at)}{outside})"
+            axes.plot(*fix_m[at].T, ls="", label=label, **style)
 
 
-def _draw_worst(axes: Axes, report: ErrorReport) -> None:
+def _frame_worst(axes: Axes, report: ErrorReport) -> Span:
+    """Frame the surroundings of the largest error, and return the time around it that track or truth spend there."""
+    worst = int(np.argmax(report.horizontal_m))
+    middle = (report.truth_m[worst] + report.estimate_m[worst]) / 2
+    half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
+    frame_square(axes, np.stack([middle - half, middle + half]), 0.0)
+    off_m = np.max(np.abs(np.stack([report.estimate_m, report.truth_m]) - middle), axis=2)
+    away = np.flatnonzero(off_m.min(axis=0) > half)
+    first, last = away[away < worst].max(initial=0), away[away > worst].min(initial=len(report.time_s) - 1)
+    worst_s = report.time_s[worst]
+    return max(float(report.time_s[first]), worst_s - CLOSE_S), min(float(report.time_s[last]), worst_s + CLOSE_S)
+
+
+def _draw_worst(axes: Axes, report: ErrorReport, span: Span) -> None:
     """Join truth and estimate at the largest error, and draw the filter's 2-sigma ellipse there."""
     worst = int(np.argmax(report.horizontal_m))
     ends = np.stack([report.truth_m[worst], report.estimate_m[worst]])
@@ -112,19 +157,22 @@ def _draw_worst(axes: Axes, report: ErrorReport) -> None:
         turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
         face = colour(report.method)
         axes.add_patch(Ellipse(tuple(ends[1]), length[1], length[0], angle=turn, fc=face, alpha=0.2, zorder=3.5))
-        ellipse = ", with the 2-sigma ellipse"
-    half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
-    frame_square(axes, np.stack([ends.mean(axis=0) - half, ends.mean(axis=0) + half]), 0.0)
-    axes.set_title(f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}")
+        ellipse = ", 2-sigma ellipse"
+    axes.set_title(
+        f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}; "
+        f"{span[0]:.0f} to {span[1]:.0f} s"
+    )
 
 
 def _extent(run: Run) -> Array:
-    """Return the points that the figure must show, without outliers of fixes or drift of dr."""
-    points = [run.scored.trajectory.position_m] if not raw_fixes(run.method) else []
-    if run.truth is not None:
-        near = (run.truth.time_s >= 0) & (run.truth.time_s <= run.timeline.time_s[-1])
-        points.append(run.truth.position_m[near])
-    if len(run.timeline.fix_m):
-        points.append(np.percentile(run.timeline.fix_m, [1, 99], axis=0))
-    whole = np.vstack(points)
-    return whole[np.isfinite(whole).all(axis=1)]
+    """Return the points that the figure must show: track and truth, and fixes and dr that are not far from them."""
+    track_m = _aligned(run.scored, run.scored.trajectory.time_s, run.scored.trajectory.position_m)
+    fix_m = _aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)
+    drifting = [_aligned(other, other.trajectory.time_s, other.trajectory.position_m) for other in other_tracks(run)]
+    core = np.vstack(
+        [np.percentile(fix_m, [1, 99], axis=0) if raw_fixes(run.method) else track_m, _scored_truth(run)[1]]
+    )
+    core = core[np.isfinite(core).all(axis=1)]
+    middle, half = (core.min(axis=0) + core.max(axis=0)) / 2, float(np.max(np.ptp(core, axis=0))) / 2
+    others = np.vstack([fix_m, *drifting])
+    return np.vstack([core, others[np.max(np.abs(others - middle), axis=1) <= MAX_GROWTH * half]])

@@ -196,10 +196,11 @@ def _read(
     slow_hz: float,
 ) -> _Source:
     """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
+    from usbldr.io.conventions.implausible import without_implausible
     from usbldr.io.timeline import timeline
 
     of_dive, of_faults = seeds
-    found = damaged(_open(log, selection, of_dive), drill, of_faults)
+    found = without_implausible(damaged(_open(log, selection, of_dive), drill, of_faults))
     dive_timeline = timeline(found, fast_hz, slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))
 

@@ -287,3 +287,14 @@ def test_an_imu_on_the_ship_counts_from_east_unless_stated(tmp_path: Path) -> No
 
     assert places(east)[0] == pytest.approx([10, 0], abs=1e-3)
     assert places(north)[0] == pytest.approx([-10, 0], abs=1e-3)
+
+
+def test_an_offset_from_a_moving_ship_that_is_sent_again_is_one_fix(tmp_path: Path) -> None:
+    rows = [ship(T0 + k * SECOND, 0.0, 2.0 * k) for k in range(61)]
+    offsets = np.random.default_rng(8).normal(20, 1, (20, 2))
+    fixes = [point(T0 + k * SECOND, *offsets[k // 3]) for k in range(60)]
+
+    log = logged(tmp_path, [*rows, *fixes], f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix" }}')
+
+    assert log.tables["usbl"]["time_s"].tolist() == list(range(0, 60, 3))
+    assert codes(log)["USBL-REPEATED"].startswith("/usbl: 40 of 60 fixes repeat the previous one")

@@ -30,6 +30,7 @@ def test_a_fault_has_a_sensor_an_amount_and_places() -> None:
         ("drop", "usbl@2:1", "must end after its start"),
         ("drop", "usbl@1:2:3", "is not a span"),
         ("drop", "usbl@1:+5%", "is not a span"),
+        ("drop", "usbl@1+5:10", "is not a span"),
         ("drop", "usbl@1.5", "must be above 0 and at most 1"),
         ("drop", "usbl@soon", "neither a share"),
         ("spike", "compass@0.1", "needs a number in deg"),

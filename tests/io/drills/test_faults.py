@@ -186,7 +186,13 @@ def test_a_lever_arm_does_what_the_simulator_does(sensor: str) -> None:
 
 def test_spans_are_seconds_shares_of_the_log_or_lengths() -> None:
     t = times("usbl")
-    for text, first_s, last_s in (("10:20", 10, 20), ("10%:20%", 10, 20), ("10%:+10", 10, 20), ("90:", 90, np.inf)):
+    for text, first_s, last_s in (
+        ("10:20", 10, 20),
+        ("10%:20%", 10, 20),
+        ("10%:+10", 10, 20),
+        ("90:", 90, np.inf),
+        ("10%+5:+10", 15, 25),
+    ):
         lost = np.setdiff1d(t, with_faults(f"drop usbl@{text}").tables["usbl"]["time_s"])
         assert np.array_equal(lost, t[(t >= first_s) & (t < last_s)]), text
     faults = (fault_of("drop", "usbl@10%:+10,30:"), fault_of("sd", "usbl:2"))

@@ -1,7 +1,6 @@
 """What one dive found of its sensors serves the next: simulate +x, replay, replay with what was written, find 0."""
 
 import json
-import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -143,7 +142,8 @@ def test_what_was_found_is_added_to_what_was_stated_and_all_else_stays_as_it_was
     assert "schema = 1  # mine\n" in text
     assert "  # 0.01 stated, +0.01" in text
     assert "# [start]\n# east_m = 0.0\n" in text
-    assert re.search(r"^# usbl bias east .* m, left out: it drifts", text, re.MULTILINE)
+    assert "# usbl bias east " in text
+    assert "left out: it drifts" in text
 
 
 def test_an_error_that_was_hardly_observable_is_left_out(dive: Path) -> None:

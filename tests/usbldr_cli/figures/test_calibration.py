@@ -32,12 +32,16 @@ def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:
 
     assert figure is not None
     scale, heading = figure.axes
-    assert scale.get_title(loc="left").endswith("at the end (prior 0 ± 0.02)")
+    assert scale.get_title(loc="left").endswith(" % at the end (prior 0 ± 2 %)")
     assert heading.get_title(loc="left").endswith(" deg at the end (prior 0 ± 5 deg)")
     levels = {float(y) for line in scale.lines if line.get_linestyle() == "--" for y in line.get_ydata()}
-    assert levels == {-0.04, 0.04}
+    assert levels == {-4.0, 4.0}
     value = next(line for line in scale.lines if line.get_label() == "adf")
-    assert value.get_ydata() == pytest.approx(ADF.state("dvl_scale"))
+    ratio = ADF.state("dvl_scale")
+    assert ratio is not None
+    assert value.get_ydata() == pytest.approx(100 * ratio)
+    bottom, top = scale.get_ylim()
+    assert bottom < min(value.get_ydata()) <= max(value.get_ydata()) < top
 
 
 def test_a_run_that_calibrates_nothing_has_no_such_picture(tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
 import dataclasses
+import re
 import struct
 from pathlib import Path
 
@@ -6,12 +7,13 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run as run_filter
-from usbldr.filters.types import Outage, Trajectory
+from usbldr.filters.types import Outage, Trajectory, Truth
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -104,6 +106,80 @@ def test_a_track_is_drawn_with_a_metre_as_long_east_as_north_and_its_fixes_by_fa
     assert {"truth", "ekf", "dr", "USBL fix used", "USBL fix rejected", "start", "end"} <= set(fates)
     counted = sum(int(label.split("(")[1].rstrip(")")) for label in labels(figure) if "fix" in label)
     assert counted == len(TIMELINE.fix_time_s)
+
+
+def test_both_panels_show_the_aligned_track_and_its_close_up_states_the_time() -> None:
+    run = a_run(CPF, align="first")
+    assert run.scored.report is not None
+    aligned_m = run.scored.report.alignment.points(CPF.position_m)
+
+    with in_style():
+        whole, close = track_figure(run).axes
+
+    drawn = next(line for line in whole.get_lines() if line.get_label() == "cpf")
+    np.testing.assert_allclose(np.column_stack(drawn.get_data()), aligned_m)
+    part = next(line for line in close.get_lines() if line.get_label() == "cpf")
+    assert set(zip(*part.get_data(), strict=True)) < set(map(tuple, aligned_m))
+    assert re.search(r"; \d+ to \d+ s$", close.get_title(loc="left"))
+
+
+def test_the_truth_is_drawn_inside_the_scored_window_only() -> None:
+    run = a_run(CPF)
+    assert run.scored.report is not None
+    report = dataclasses.replace(run.scored.report, window=Window(20.0, 50.0))
+
+    with in_style():
+        axes = track_figure(dataclasses.replace(run, scored=ScoredTrack(CPF, report))).axes[0]
+
+    truth = next(line for line in axes.get_lines() if str(line.get_label()).startswith("truth"))
+    assert len(truth.get_xdata()) == 31
+
+
+def test_raw_fixes_outside_the_axes_are_ticks_at_the_edge_and_counted() -> None:
+    run = a_run(CPF)
+    raw = run.reference_tracks[0].report
+    assert raw is not None
+
+    with in_style():
+        figure = error_figure(run)
+
+    assert figure is not None
+    top = figure.axes[0].get_ylim()[1]
+    ticks = next(line for line in figure.axes[0].get_lines() if line.get_marker() == "|")
+    assert len(ticks.get_xdata()) == np.sum(np.abs(raw.error_m[:, 0]) > top)
+    assert np.all(np.abs(ticks.get_ydata()) < top)
+    outside = np.sum(np.any(np.abs(raw.error_m) > top, axis=1))
+    assert f"raw USBL fix (ticks at the edge: {outside} of {len(raw.error_m)} are outside)" in labels(figure)
+
+
+def test_a_distribution_of_two_errors_is_two_points() -> None:
+    run = a_run(CPF)
+    truth = LOG.truth
+    assert truth is not None
+    few = evaluate(USBL, Truth(truth.time_s[:2], truth.position_m[:2], truth.sd_m[:2], truth.kind, truth.source))
+
+    with in_style():
+        figure = cdf_figure(dataclasses.replace(run, reference_tracks=(ScoredTrack(USBL, few),)))
+
+    assert figure is not None
+    points = next(line for line in figure.axes[0].get_lines() if line.get_label() == "usbl (2 errors only)")
+    assert (points.get_linestyle(), len(points.get_xdata())) == ("None", 2)
+
+
+def test_innovations_of_a_smoothed_run_are_said_to_be_of_the_forward_pass() -> None:
+    with in_style():
+        assert "of the forward pass" in words(innovation_figure(a_run(dataclasses.replace(CPF, smoothed=True))))
+        assert "of the forward pass" not in words(innovation_figure(a_run(CPF)))
+
+
+def test_the_band_without_outliers_is_inside_the_band_with_them() -> None:
+    fix = next(update for update in CPF.updates if update.sensor == "usbl")
+
+    with in_style():
+        said = labels(innovation_figure(a_run(CPF)))
+
+    assert fix.nominal_sd[0] < fix.innovation_sd[0]
+    assert {"2 sigma, outliers included", "2 sigma without outliers"} <= set(said)
 
 
 def test_one_fix_kilometres_away_does_not_shrink_the_track() -> None:

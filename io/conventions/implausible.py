@@ -1,0 +1,170 @@
+"""Records of a log that cannot be measurements: named with counts and times, and left out before a filter runs.
+
+Only what is certain is left out: values and fixes that a noisy sensor repeats to the last bit while the vehicle moves,
+zeros between records at speed, and spikes that no vehicle could follow. The noise families of the filters are made for
+what is only unlikely.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.io.conventions.repeats import copied_fixes, runs, stuck, sudden_zeros
+from usbldr.io.conventions.spikes import heading_jumps_deg, heading_spikes, velocity_spikes
+from usbldr.io.findings import Finding
+from usbldr.io.log import Log
+
+REST_MPS = 0.05  # [m/s] of the mean velocity: the sensors of a slower vehicle may show the same values again
+LEFT_OUT = "they are left out"
+
+
+class Records(NamedTuple):
+    """Records of a table, in order of time."""
+
+    topic: str
+    rows: Indices  # (n,) of the table
+    time_s: Vector  # (n,)
+    values: Array  # (n, k)
+
+    @classmethod
+    def of(cls, topic: str, table: pd.DataFrame, columns: Sequence[str]) -> Self:
+        """Take the columns of the rows that are finite, and valid, if the table tells."""
+        values = table[list(columns)].to_numpy(dtype=float)
+        good = np.isfinite(values).all(axis=1)
+        if "valid" in table:
+            good &= table["valid"].to_numpy(dtype=np.bool_)
+        return cls(topic, np.flatnonzero(good), table["time_s"].to_numpy(dtype=float)[good], values[good])
+
+    def without(self, some: Mask) -> "Records":
+        """Leave out some of the records."""
+        return Records(self.topic, self.rows[~some], self.time_s[~some], self.values[~some])
+
+
+Tables = Mapping[str, pd.DataFrame]
+Judged = tuple[Records, list[Finding]]  # the records of a table that may be measurements, and what is to be said
+
+
+def without_implausible(log: Log) -> Log:
+    """Return the log without the records that cannot be measurements, with a finding for each kind of them.
+
+    A log without such records is returned as it is.
+    """
+    tables, provenance, found = dict(log.tables), dict(log.provenance), list[Finding]()
+    for role, (columns, judge) in CHECKS.items():
+        if role not in tables:
+            continue
+        records = Records.of(provenance[role].topic, tables[role], columns)
+        kept, findings = judge(records, tables)
+        found += findings
+        if len(kept.rows) < len(records.rows):
+            left_out = np.setdiff1d(records.rows, kept.rows)
+            tables[role] = tables[role].drop(index=tables[role].index[left_out]).reset_index(drop=True)
+            provenance[role] = replace(provenance[role], used=provenance[role].used - len(left_out))
+    return replace(log, tables=tables, provenance=provenance, findings=(*log.findings, *found)) if found else log
+
+
+def _dvl(records: Records, tables: Tables) -> Judged:
+    zero = sudden_zeros(records.time_s, records.values)
+    text = f"are exactly 0 between records at speed: the DVL has no lock then, although it calls them valid; {LEFT_OUT}"
+    found = [Finding("DVL-ZERO", *_stretches(records, zero, text))] if zero.any() else []
+    records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
+    records, spikes = _without_spikes(records, velocity_spikes(records.time_s, records.values), "m/s")
+    return records, [*found, *stuck_found, *spikes]
+
+
+def _compass(records: Records, tables: Tables) -> Judged:
+    records, found = _without_stuck(records, tables, "headings")
+    records, spikes = _without_spikes(records, heading_spikes(records.time_s, records.values[:, 0]), "deg")
+    return records, [*found, *spikes, *_jump_findings(records)]
+
+
+def _usbl(records: Records, tables: Tables) -> Judged:
+    copied = _while_moving(copied_fixes(records.values), records.time_s, tables)
+    text = f"repeat the previous fix to the last digit; {LEFT_OUT}"
+    found = [Finding("USBL-REPEATED", *_stretches(records, copied, text))] if copied.any() else []
+    return records.without(copied), found
+
+
+def _depth(records: Records, tables: Tables) -> Judged:
+    """Name stuck depths; they have served already, for slant ranges."""
+    return records, _without_stuck(records, tables, "depths")[1]
+
+
+CHECKS = {
+    "dvl": (("starboard_mps", "forward_mps"), _dvl),  # first, for it tells when the vehicle is at rest
+    "compass": (("heading_deg",), _compass),
+    "usbl": (("east_m", "north_m"), _usbl),
+    "depth": (("depth_m",), _depth),
+}
+
+
+def _without_stuck(records: Records, tables: Tables, what: str) -> Judged:
+    frozen = _while_moving(stuck(records.time_s, records.values), records.time_s, tables)
+    kept = "" if what == "depths" else f"; {LEFT_OUT}"
+    text = f"repeat the previous one to the last digit, as noisy {what} never do otherwise: the sensor was stuck{kept}"
+    return records.without(frozen), [Finding("STUCK", *_stretches(records, frozen, text))] if frozen.any() else []
+
+
+def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:
+    """Return the repeats (n,) of runs in which the DVL does not show a vehicle at rest."""
+    if "dvl" not in tables or not repeats.any():
+        return repeats
+    dvl = Records.of("", tables["dvl"], CHECKS["dvl"][0])
+    first, end = runs(repeats)
+    begin, stop = (np.searchsorted(dvl.time_s, time_s[at]) for at in (first - 1, end - 1))
+    count = np.maximum(stop - begin, 1)
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(dvl.values, axis=0)])
+    speed = np.linalg.norm((sums[stop] - sums[begin]) / count[:, None], axis=1)
+    at_rest = (stop > begin) & (speed < REST_MPS)
+    moving = repeats.copy()
+    moving[repeats] = np.repeat(~at_rest, end - first)
+    return moving
+
+
+def _stretches(records: Records, which: Mask, text: str) -> tuple[str, str, float, float, str]:
+    """Return text, topic, time, worst value and unit of a finding: how many records, in which stretches."""
+    first, end = runs(which)
+    lengths_s = records.time_s[end - 1] - records.time_s[np.maximum(first - 1, 0)]
+    longest = int(np.argmax(lengths_s))
+    start_s, length_s = float(records.time_s[first[longest]]), float(lengths_s[longest])
+    where = f"in {len(first)} stretches, the longest {length_s:.1f} s from {start_s:.1f} s on"
+    return (
+        f"{records.topic}: {which.sum()} of {len(which)} records, {where}, {text}",
+        records.topic,
+        start_s,
+        length_s,
+        "s",
+    )
+
+
+def _without_spikes(records: Records, deviation: Vector, unit: str) -> Judged:
+    if not deviation.any():
+        return records, []
+    which, (time_s, size) = deviation > 0, _worst(records, deviation)
+    text = (
+        f"{records.topic}: {which.sum()} of {len(which)} records are far from their neighbours, the worst by "
+        f"{size:.3g} {unit} at {time_s:.1f} s, and no vehicle moves there and back so fast; {LEFT_OUT}"
+    )
+    return records.without(which), [Finding("SPIKES", text, records.topic, time_s, size, unit)]
+
+
+def _jump_findings(records: Records) -> list[Finding]:
+    jump_deg = heading_jumps_deg(records.time_s, records.values[:, 0])
+    if not jump_deg.any():
+        return []
+    time_s, size = _worst(records, jump_deg)
+    text = (
+        f"{records.topic}: the heading jumps {np.count_nonzero(jump_deg)} times further than a vehicle can turn, the "
+        f"furthest by {size:.0f} deg at {time_s:.1f} s; all records stay, for nothing tells which are right"
+    )
+    return [Finding("HEADING-JUMP", text, records.topic, time_s, size, "deg")]
+
+
+def _worst(records: Records, size: Vector) -> tuple[float, float]:
+    """Return time and size of the largest of sizes (n,)."""
+    worst = int(np.argmax(size))
+    return float(records.time_s[worst]), float(size[worst])

@@ -1,0 +1,107 @@
+"""Records that repeat the one before to the last bit although the sensor measures anew: stuck values, repeated fixes.
+
+What a sensor's noise and resolution allow is judged by how often it repeats itself otherwise. A sensor that rounds
+coarsely, one that is polled more often than it measures, and one simulated without noise repeat themselves often.
+"""
+
+import numpy as np
+
+from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.io.conventions.positions import LONGEST_STILL_S, ROUNDING
+
+MIN_FRESH_RECORDS = 100  # that differ from the one before; fewer do not show a sensor's noise
+MIN_FRESH_FIXES = 10  # the same of a USBL, which is never without noise
+MAX_REPEAT_SHARE = 0.005  # [-] of values that are repeated at once; above, the sensor rounds, or is polled
+MIN_REPEATS = 3  # fewer may be chance
+REPEATS_OVER_CHANCE = 10.0  # [-] repeated fixes over those that rounding explains, so that rounding is no explanation
+MIN_MOVING_MPS = 0.2  # [m/s] a slower vehicle can come to rest between two records
+MAX_ACCELERATION_MPS2 = 2.5  # [m/s²] a quarter of gravity: no vehicle gains so much, and loses it at once
+
+
+def repeated(values: Array) -> Mask:
+    """Return which of the records (n, k) repeat the one before to the last bit, (n,)."""
+    same = np.zeros(len(values), dtype=np.bool_)
+    same[1:] = np.all(values[1:] == values[:-1], axis=1)
+    return same
+
+
+def runs(mask: Mask) -> tuple[Indices, Indices]:
+    """Return the first record and the one after the last of each run of records (n,) in a mask."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def noisy(values: Array) -> bool:
+    """Tell whether noise exceeds motion in the changes from record to record, (n, k).
+
+    Differences of third order exceed those of second order in white noise (by a factor of 1.8), and are far below them
+    in a smooth motion. Rounding to single precision is no noise.
+    """
+    if len(values) < MIN_FRESH_RECORDS:
+        return False
+    second, third = (float(np.median(np.linalg.norm(np.diff(values, order, axis=0), axis=1))) for order in (2, 3))
+    return third > second > ROUNDING * float(np.max(np.abs(values)))
+
+
+def repeat_share(same: Mask) -> float:
+    """Return the share of values that are repeated at least once, as Laplace's rule has it for all runs but one."""
+    return max(len(runs(same)[0]), 1) / (np.count_nonzero(~same) + 2)
+
+
+def stuck(time_s: Vector, values: Array) -> Mask:
+    """Return which of the records (n, k), in order of time, repeat a value for longer than chance explains, (n,).
+
+    The first record of a run is a measurement, its repeats are not.
+    """
+    same = repeated(values)
+    if repeat_share(same) > MAX_REPEAT_SHARE or not noisy(values[~same]):
+        return np.zeros(len(same), dtype=np.bool_)
+    first, end = runs(same)
+    long = (end - first >= MIN_REPEATS) & (time_s[end - 1] - time_s[first - 1] > LONGEST_STILL_S)
+    return _joined(len(same), first, end, long)
+
+
+def copied_fixes(fixes_m: Array) -> Mask:
+    """Return which fixes (n, 2), in order of time, are the one before sent again, (n,).
+
+    Rounding makes single coordinates equal more often than both at once: it explains as many repeats as the product of
+    the shares of pairs with one equal coordinate.
+    """
+    same = repeated(fixes_m)
+    equal = fixes_m[1:] == fixes_m[:-1]
+    fresh = int(np.sum(~same)) - 1
+    east, north = (np.count_nonzero(column & ~same[1:]) + 1.0 for column in equal.T)  # pairs with one equal coordinate
+    by_rounding = len(same) * east * north / (fresh + 2.0) ** 2
+    implausible = fresh >= MIN_FRESH_FIXES and same.sum() >= max(MIN_REPEATS, REPEATS_OVER_CHANCE * by_rounding)
+    return same if implausible else np.zeros_like(same)
+
+
+def sudden_zeros(time_s: Vector, velocity_mps: Array) -> Mask:
+    """Return which velocities (n, 2) are exactly 0 between records at speed, as a DVL without lock sends them, (n,).
+
+    The records beside a run of zeros must be too fast for a vehicle that stops, at a border of the log those on one
+    side. A coarse DVL shows exact zeros at rest, too: there the step must also be too large for the time it takes.
+    """
+    zero = np.all(velocity_mps == 0, axis=1)
+    others = velocity_mps[~zero]
+    same = repeated(others)
+    none = np.zeros(len(zero), dtype=np.bool_)
+    if not zero.any() or not noisy(others[~same]):
+        return none
+    first, end = runs(zero)
+    braking = 0.0 if repeat_share(same) <= MAX_REPEAT_SHARE else MAX_ACCELERATION_MPS2
+    speed, last = np.linalg.norm(velocity_mps, axis=1), len(zero) - 1
+    sides = [(first - 1, first, first > 0), (np.minimum(end, last), end - 1, end <= last)]
+    fast = [
+        ~inside | (speed[beside] > np.maximum(MIN_MOVING_MPS, braking * np.abs(time_s[beside] - time_s[edge])))
+        for beside, edge, inside in sides
+    ]
+    return _joined(len(zero), first, end, fast[0] & fast[1])
+
+
+def _joined(count: int, first: Indices, end: Indices, chosen: Mask) -> Mask:
+    """Return the records of the chosen runs, (count,)."""
+    steps = np.zeros(count + 1, dtype=np.intp)
+    steps[first[chosen]] += 1  # runs do not touch each other
+    steps[end[chosen]] -= 1
+    return np.cumsum(steps[:-1]) > 0

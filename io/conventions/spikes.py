@@ -1,0 +1,82 @@
+"""Spikes of DVL and compass that no vehicle could follow, and jumps of the heading that stay.
+
+A Hampel rule with a running median (F. R. Hampel, "The Influence Curve and its Role in Robust Estimation", J. Amer.
+Statist. Assoc. 69, 1974, doi:10.1080/01621459.1974.10482962) finds records far from their neighbours. A running median
+follows steps and steady turns exactly: they have no residual. A quick change of direction has one, so a spike must also
+be further away than a vehicle moves there, and back, in the time between records.
+"""
+
+from typing import cast
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.frames import wrapped
+from usbldr.filters.types import Array, Vector
+from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs
+
+HALF_WINDOW_RECORDS = 6  # the median of 13 records endures bursts of 6
+HALF_WINDOW_S = 1.0  # the same of a sensor faster than 6 Hz
+SPIKE_RATIO = 10.0  # [-] deviation over the usual one: 6.7 sigma of normal noise
+NOISE_RATIO = 5.0  # [-] usual deviations that noise adds to the change between two records: 3.4 sigma of one
+MIN_SPIKE_DEG = 5.0  # smaller ones do little harm
+MIN_SPIKE_MPS = 0.5  # [m/s] likewise
+MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
+
+
+def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
+    """Return how far each velocity (n, 2) in m/s is from its neighbours', m/s (n,), 0 if a vehicle can follow it."""
+    window = _window(time_s)
+    median = np.column_stack([_running_median(v, window) for v in velocity_mps.T])
+    deviation: Vector = np.linalg.norm(velocity_mps - median, axis=1)
+    change: Vector = np.linalg.norm(np.diff(velocity_mps, axis=0), axis=1)
+    return _impossible(deviation, window, MIN_SPIKE_MPS, change, MAX_ACCELERATION_MPS2 * np.diff(time_s))
+
+
+def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:
+    """Return how far each heading (n,) is from its neighbours', degrees (n,), 0 if a vehicle can follow it."""
+    window, angle = _window(time_s), np.radians(heading_deg)
+    median = np.arctan2(_running_median(np.sin(angle), window), _running_median(np.cos(angle), window))
+    deviation = np.degrees(np.abs(wrapped(angle - median)))
+    return _impossible(deviation, window, MIN_SPIKE_DEG, _turns_deg(heading_deg), MAX_TURN_DPS * np.diff(time_s))
+
+
+def heading_jumps_deg(time_s: Vector, heading_deg: Vector) -> Vector:
+    """Return how far each heading (n,) is from the one before, degrees (n,), 0 if a vehicle can turn so fast."""
+    turn = np.append(np.zeros(min(len(heading_deg), 1)), _turns_deg(heading_deg))
+    usual = float(np.median(turn)) if len(turn) else 0.0
+    possible = np.maximum(max(MIN_SPIKE_DEG, SPIKE_RATIO * usual), MAX_TURN_DPS * np.diff(time_s, prepend=time_s[:1]))
+    return np.where(turn > possible, turn, 0.0)
+
+
+def _impossible(deviation: Vector, window: int, least: float, change: Vector, possible: Vector) -> Vector:
+    """Return the deviations (n,) from the median that are spikes, else 0.
+
+    ``change`` (n - 1,) is from record to record, ``possible`` what a vehicle can do in that time, without noise.
+    """
+    if len(deviation) == 0:
+        return deviation
+    usual = float(np.median(deviation))
+    far = deviation > np.maximum(least, SPIKE_RATIO * np.fmax(_running_median(deviation, window), usual))
+    first, end = runs(far)
+    too_fast = np.concatenate([[False], change > possible + NOISE_RATIO * usual, [False]])  # the ends show no way back
+    spikes = np.zeros_like(deviation)
+    spikes[far] = np.repeat(too_fast[first] & too_fast[end], end - first)
+    return spikes * deviation
+
+
+def _window(time_s: Vector) -> int:
+    """Return the odd number of records of the running median."""
+    interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+    half = HALF_WINDOW_S / interval_s if interval_s > 0 else 0.0
+    return 2 * max(HALF_WINDOW_RECORDS, round(half)) + 1
+
+
+def _running_median(values: Vector, window: int) -> Vector:
+    """Return the median of each record's neighbours, (n,); windows at the borders are shorter."""
+    return cast(Vector, pd.Series(values).rolling(window, center=True, min_periods=1).median().to_numpy())
+
+
+def _turns_deg(heading_deg: Vector) -> Vector:
+    """Return the angles from record to record without sign, degrees (n - 1,)."""
+    return np.abs(wrapped(np.diff(heading_deg), 180.0))

@@ -1,0 +1,304 @@
+"""Faults put into simulated dives are named and left out; what a sensor may truly show is not."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from logs import codes, logged
+from recordings import SECOND, T0, short_dive, yaw
+from usbldr.filters.types import Mask, Vector
+from usbldr.io.conventions.implausible import without_implausible
+from usbldr.io.doctor.doctor import examine
+from usbldr.io.log import Log
+from usbldr.io.opening import Request
+from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
+
+VELOCITY, PLACE = ["starboard_mps", "forward_mps"], ["east_m", "north_m"]
+
+
+@pytest.fixture(scope="module")
+def dive() -> Log:
+    """Simulate 900 s at 1 m/s: DVL at 5 Hz, compass at 10 Hz, USBL at 1 Hz, noise in all of them."""
+    return simulated_log(find_scenario("square"), seed=1)
+
+
+def changed(log: Log, role: str, columns: list[str], values: NDArray[Any]) -> Log:
+    table = log.tables[role].copy()
+    table[columns] = values
+    return replace(log, tables={**log.tables, role: table})
+
+
+def times(log: Log, role: str) -> Vector:
+    return log.tables[role]["time_s"].to_numpy()
+
+
+def within(log: Log, role: str, from_s: float, to_s: float) -> Mask:
+    return (times(log, role) >= from_s) & (times(log, role) < to_s)
+
+
+def stuck(log: Log, role: str, columns: list[str], from_s: float, to_s: float) -> Log:
+    values, during = log.tables[role][columns].to_numpy(), within(log, role, from_s, to_s)
+    return changed(log, role, columns, np.where(during[:, None], values[np.argmax(during)], values))
+
+
+def turned(log: Log, records: Mask, by_deg: float | Vector) -> Log:
+    heading = log.tables["compass"]["heading_deg"].to_numpy()
+    return changed(log, "compass", ["heading_deg"], ((heading + records * by_deg) % 360.0)[:, None])
+
+
+def found(log: Log) -> list[str]:
+    return [finding.code for finding in without_implausible(log).findings]
+
+
+def lost(log: Log) -> dict[str, list[float]]:
+    """Return by sensor the times of the records that are left out."""
+    kept = without_implausible(log)
+    gone = {role: np.setdiff1d(times(log, role), times(kept, role)).tolist() for role in log.tables}
+    return {role: left_out for role, left_out in gone.items() if left_out}
+
+
+# ---- what is named and left out
+
+
+@pytest.mark.parametrize(("role", "columns"), [("dvl", VELOCITY), ("compass", ["heading_deg"])])
+def test_the_repeats_of_a_stuck_value_are_left_out_and_its_first_record_stays(
+    dive: Log, role: str, columns: list[str]
+) -> None:
+    log = stuck(dive, role, columns, 300, 360)
+
+    assert found(log) == ["STUCK"]
+    assert lost(log) == {role: times(log, role)[within(log, role, 300, 360)][1:].tolist()}
+
+
+def test_a_finding_counts_the_records_and_the_stretches_and_places_the_longest(dive: Log) -> None:
+    log = without_implausible(stuck(stuck(dive, "dvl", VELOCITY, 300, 360), "dvl", VELOCITY, 500, 520))
+
+    (finding,) = log.findings
+    assert f"{299 + 99} of 4501 records, in 2 stretches, the longest 59.8 s from 300.2 s on" in finding.text
+    assert (finding.topic, finding.level) == ("square/dvl", "warning")
+    assert (finding.time_s, finding.worst, finding.unit) == (pytest.approx(300.2), pytest.approx(59.8), "s")
+    assert log.provenance["dvl"].used == 4501 - 299 - 99
+
+
+def test_a_sensor_that_sticks_for_good_is_found(dive: Log) -> None:
+    log = stuck(dive, "dvl", VELOCITY, 200, np.inf)
+
+    assert lost(log) == {"dvl": times(log, "dvl")[within(log, "dvl", 200, np.inf)][1:].tolist()}
+
+
+def test_stuck_depths_are_named_and_stay(dive: Log) -> None:
+    time_s = np.arange(0.0, 900.0, 0.5)
+    depth_m = 10 + np.sin(time_s / 60) + np.random.default_rng(0).normal(0, 0.02, len(time_s))
+    depth_m[600:800] = depth_m[600]
+    table = pd.DataFrame({"time_s": time_s, "received_s": time_s, "depth_m": depth_m})
+    provenance = {**dive.provenance, "depth": dive.provenance["dvl"]}
+
+    log = replace(dive, tables={**dive.tables, "depth": table}, provenance=provenance)
+
+    assert (found(log), lost(log)) == (["STUCK"], {})
+
+
+def test_of_a_fix_that_is_sent_again_the_first_is_used(dive: Log) -> None:
+    log = stuck(dive, "usbl", PLACE, 300, 360)
+
+    assert found(log) == ["USBL-REPEATED"]
+    assert lost(log) == {"usbl": times(log, "usbl")[within(log, "usbl", 300, 360)][1:].tolist()}
+
+
+def test_of_fixes_that_are_polled_faster_than_the_usbl_pings_each_is_used_once(dive: Log) -> None:
+    every = np.arange(len(times(dive, "usbl")))
+    log = changed(dive, "usbl", PLACE, dive.tables["usbl"][PLACE].to_numpy()[every // 3 * 3])
+
+    assert lost(log) == {"usbl": times(log, "usbl")[every % 3 != 0].tolist()}
+
+
+@pytest.mark.parametrize(("from_s", "to_s"), [(300, 360), (300, 300.2), (0, 50), (700, np.inf)])
+def test_valid_zeros_between_velocities_at_cruise_are_left_out(dive: Log, from_s: float, to_s: float) -> None:
+    zeros = within(dive, "dvl", from_s, to_s)
+    log = changed(dive, "dvl", VELOCITY, dive.tables["dvl"][VELOCITY].to_numpy() * ~zeros[:, None])
+
+    assert found(log) == ["DVL-ZERO"]
+    assert lost(log) == {"dvl": times(log, "dvl")[zeros].tolist()}
+
+
+def test_a_coarse_dvl_that_loses_its_speed_at_once_shows_no_standstill(dive: Log) -> None:
+    zeros = within(dive, "dvl", 300, 360)
+    velocity = np.round(dive.tables["dvl"][VELOCITY].to_numpy() * ~zeros[:, None], 2)
+
+    assert lost(changed(dive, "dvl", VELOCITY, velocity)) == {"dvl": times(dive, "dvl")[zeros].tolist()}
+
+
+@pytest.mark.parametrize("size_deg", [20.0, -60.0, 120.0, 180.0])
+@pytest.mark.parametrize("records", [1, 5])
+def test_one_wrong_heading_and_a_burst_are_left_out(dive: Log, size_deg: float, records: int) -> None:
+    wrong = np.isin(np.arange(len(times(dive, "compass"))), 4500 + np.arange(records))
+    log = turned(dive, wrong, size_deg)
+
+    assert found(log) == ["SPIKES"]
+    assert lost(log) == {"compass": times(log, "compass")[wrong].tolist()}
+
+
+def test_spikes_of_the_compass_are_left_out_and_no_other_heading(dive: Log) -> None:
+    rng = np.random.default_rng(2)
+    wrong = rng.random(len(times(dive, "compass"))) < 0.02
+    log = turned(dive, wrong, rng.choice([-60.0, 60.0], len(wrong)))
+
+    assert lost(log) == {"compass": times(log, "compass")[wrong].tolist()}
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1])
+def test_spikes_of_the_dvl_are_left_out_and_no_other_velocity(dive: Log, share: float) -> None:
+    rng = np.random.default_rng(3)
+    inside = within(dive, "dvl", 1, 899)  # at the ends of the log nothing tells a spike from a start or a stop
+    wrong, to = (rng.random(len(inside)) < share) & inside, rng.uniform(0, 2 * np.pi, len(inside))
+    spikes = 3.0 * np.column_stack([np.cos(to), np.sin(to)]) * wrong[:, None]
+    log = changed(dive, "dvl", VELOCITY, dive.tables["dvl"][VELOCITY].to_numpy() + spikes)
+
+    assert found(log) == ["SPIKES"]
+    assert lost(log) == {"dvl": times(log, "dvl")[wrong].tolist()}
+
+
+@pytest.mark.parametrize("to_s", [360.0, np.inf])
+def test_a_heading_that_jumps_and_does_not_return_at_once_is_named_and_stays(dive: Log, to_s: float) -> None:
+    log = turned(dive, within(dive, "compass", 300, to_s), 40.0)
+
+    assert (found(log), lost(log)) == (["HEADING-JUMP"], {})
+
+
+# ---- what a sensor may truly show
+
+
+def holding_90_deg(log: Log) -> Vector:
+    """Return headings that are noisy while the vehicle turns, and stay the same from 300 to 400 s."""
+    course = np.interp(times(log, "compass"), [0, 300, 400, 900], [0, 90, 90, 300])
+    return course + np.random.default_rng(7).normal(0, 0.5, len(course)) * ~within(log, "compass", 300, 400)
+
+
+def test_a_clean_dive_stays_as_it_is(dive: Log) -> None:
+    assert without_implausible(dive) is dive
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 5.0, 10.0, 50.0])
+@pytest.mark.parametrize("sd_deg", [0.0, 0.3, 2.0])
+def test_the_turns_of_a_fast_rov_are_true(dive: Log, rate_hz: float, sd_deg: float) -> None:
+    time_s = np.arange(0.0, 300.0, 1 / rate_hz)
+    turning_dps = 60.0 * np.array([0, 0, 1, 0, -1, 1, -1, 0])[(time_s // 3).astype(int) % 8]  # reverses at once
+    heading = 350 + np.cumsum(turning_dps) / rate_hz + np.random.default_rng(4).normal(0, sd_deg, len(time_s))
+    table = pd.DataFrame(
+        {"time_s": time_s, "received_s": time_s, "heading_deg": heading % 360, "sd_deg": np.full(len(time_s), 0.3)}
+    )
+
+    log = replace(dive, tables={**dive.tables, "compass": table})
+
+    assert without_implausible(log) is log
+
+
+def test_a_coarsely_rounded_sensor_may_repeat_itself(dive: Log) -> None:
+    for role, columns, step in (("compass", ["heading_deg"], 1.0), ("dvl", VELOCITY, 0.01), ("usbl", PLACE, 1.0)):
+        rounded = changed(dive, role, columns, np.round(dive.tables[role][columns].to_numpy() / step) * step)
+        assert without_implausible(rounded) is rounded, role
+
+
+def test_a_coarsely_rounded_sensor_may_stay_the_same_while_the_vehicle_keeps_its_course(dive: Log) -> None:
+    log = changed(dive, "compass", ["heading_deg"], np.round(holding_90_deg(dive))[:, None])
+
+    assert without_implausible(log) is log
+
+
+def test_a_vehicle_at_rest_may_show_the_same_values_again(dive: Log) -> None:
+    still = within(dive, "dvl", 300, 400)[:, None]
+    velocity = np.where(still, 0.01 * np.random.default_rng(5).normal(size=(len(still), 2)), 1.0)
+    noise = np.random.default_rng(6).normal(0, 0.02, velocity.shape) * ~still
+    log = changed(dive, "dvl", VELOCITY, velocity + noise)
+    log = changed(log, "compass", ["heading_deg"], holding_90_deg(dive)[:, None])
+    log = stuck(log, "usbl", PLACE, 301, 400)
+
+    assert without_implausible(log) is log
+
+
+@pytest.mark.parametrize("step_mps", [0.01, 1e-9])
+def test_a_vehicle_that_stops_or_starts_slowly_may_have_no_velocity(dive: Log, step_mps: float) -> None:
+    ramp_s = 1.0 if step_mps == 0.01 else 2.5
+    since_s = times(dive, "dvl") - 350
+    for stops, starts in ((ramp_s, ramp_s), (ramp_s, 1e-9), (1e-9, ramp_s)):  # before 320 s and after 380 s
+        share = np.clip((np.abs(since_s) - 30.0) / np.where(since_s < 0, stops, starts), 0, 1)[:, None]
+        velocity = dive.tables["dvl"][VELOCITY].to_numpy() * share
+        log = changed(dive, "dvl", VELOCITY, np.round(velocity / step_mps) * step_mps)
+
+        assert np.sum(np.all(log.tables["dvl"][VELOCITY] == 0, axis=1)) > 290
+        assert without_implausible(log) is log
+
+
+def test_velocities_that_are_marked_invalid_are_not_judged(dive: Log) -> None:
+    zeros = within(dive, "dvl", 300, 360)
+    log = changed(dive, "dvl", VELOCITY, dive.tables["dvl"][VELOCITY].to_numpy() * ~zeros[:, None])
+    log = changed(log, "dvl", ["valid"], ~zeros[:, None])
+
+    assert without_implausible(log) is log
+
+
+def test_a_sensor_may_be_quieter_for_a_while_than_it_resolves(dive: Log) -> None:
+    rng, quiet = np.random.default_rng(9), within(dive, "dvl", 300, 400)[:, None]
+    velocity = np.array([0.0, 1.0]) + rng.normal(0, np.where(quiet, 0.006, 0.05), (len(quiet), 2))
+    log = changed(dive, "dvl", VELOCITY, np.round(velocity, 2))
+
+    assert without_implausible(log) is log
+
+
+@pytest.mark.parametrize(("interval_s", "repeats"), [(3.0, 2), (0.2, 20)])
+def test_a_few_repeats_and_a_short_hang_are_no_fault(dive: Log, interval_s: float, repeats: int) -> None:
+    time_s = np.arange(0.0, 900.0, interval_s)
+    heading = 40 + np.random.default_rng(10).normal(0, 0.8, len(time_s))
+    heading[200 : 201 + repeats] = heading[200]
+    table = pd.DataFrame({"time_s": time_s, "received_s": time_s, "heading_deg": heading, "sd_deg": 0.3})
+
+    log = replace(dive, tables={**dive.tables, "compass": table})
+
+    assert without_implausible(log) is log
+
+
+@pytest.mark.parametrize(("fixes", "repeats"), [(800, [300, 500]), (12, [3, 5, 7, 9])])
+def test_two_equal_fixes_and_a_handful_of_fixes_prove_nothing(dive: Log, fixes: int, repeats: list[int]) -> None:
+    table = dive.tables["usbl"][:fixes].copy()
+    table.loc[repeats, PLACE] = table.loc[np.array(repeats) - 1, PLACE].to_numpy()
+
+    log = replace(dive, tables={**dive.tables, "usbl": table})
+
+    assert without_implausible(log) is log
+
+
+def test_a_compass_that_is_polled_faster_than_it_measures_repeats_itself(dive: Log) -> None:
+    heading = dive.tables["compass"]["heading_deg"].to_numpy()
+    log = changed(dive, "compass", ["heading_deg"], heading[np.arange(len(heading)) // 10 * 10][:, None])
+
+    assert without_implausible(log) is log
+
+
+def test_a_simulation_without_noise_repeats_itself(dive: Log) -> None:
+    time_s = times(dive, "compass")
+    rate_dps = np.where((time_s % 200) < 100, 0.0, 3.0 * np.sin(time_s / 10))  # straight legs between weaving ones
+    log = changed(dive, "compass", ["heading_deg"], ((np.cumsum(rate_dps) / 10 + 90) % 360)[:, None])
+    speed = np.where(times(dive, "dvl") % 150 < 50, 0.0, 1.0)  # hovers between legs at 1 m/s
+    log = changed(log, "dvl", VELOCITY, np.column_stack([np.zeros_like(speed), speed]))
+    log = changed(log, "usbl", PLACE, np.tile([3.0, 4.0], (len(times(dive, "usbl")), 1)))
+
+    assert without_implausible(log) is log
+
+
+# ---- from a file
+
+
+def test_a_file_is_read_without_its_spikes_and_doctor_names_them(tmp_path: Path) -> None:
+    spins = [yaw(T0 + k * SECOND // 10, 120.0 if k == 50 else 0.0) for k in range(100)]
+
+    log = logged(tmp_path, [*(row for row in short_dive() if row[1] != "/imu"), *spins])
+
+    assert codes(log)["SPIKES"].startswith("/imu: 1 of 100 records are far from their neighbours, the worst by 120 deg")
+    assert 5.0 not in log.tables["compass"]["time_s"].tolist()
+    assert "SPIKES" in [finding.code for finding in examine(tmp_path / "dive.mcap", Request()).findings]
