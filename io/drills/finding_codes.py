@@ -6,6 +6,11 @@ from usbldr.io.drills.drill import Drill
 from usbldr.io.drills.fault_text import Fault
 
 FALSE_FIXES = ("USBL-OUTLIERS",)
+FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
+    "usbl": FALSE_FIXES,
+    "compass": ("SPIKES", "HEADING-JUMP"),
+    "dvl": ("SPIKES",),
+}
 NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "sd": {"usbl": ("USBL-NOISE",)},
     "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT")},
@@ -13,8 +18,8 @@ NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS")},
     "lever": {"dvl": ("HEADING-DELAY",), "usbl": ("USBL-LATENCY",)},
     "scatter": {"usbl": ("USBL-NOISE",)},
-    "spike": {"usbl": FALSE_FIXES, "compass": ("SPIKES", "HEADING-JUMP"), "dvl": ("SPIKES",)},
-    "outlier": {"usbl": FALSE_FIXES},
+    "spike": FALSE_RECORDS,
+    "outlier": FALSE_RECORDS,
     "cluster": {"usbl": FALSE_FIXES},
     "stuck": {"usbl": ("USBL-REPEATED", *FALSE_FIXES), "compass": ("STUCK",), "dvl": ("STUCK",)},
     "zero": {"dvl": ("DVL-ZERO",)},

@@ -82,6 +82,14 @@ def test_a_mirror_image_of_the_whole_log_is_undecided_until_something_tells(tmp_
         assert {"DVL-AXES", "HEADING-CONVENTION"} <= set(found)
 
 
+def test_replay_and_doctor_exclude_the_mirror_image_by_the_same_evidence(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(dvl="FRD", imu="NED", usbl="NED", gravity=-9.8))
+
+    replayed = run("replay", str(log), "--filter", "nudge", "--output", str(tmp_path / "out"))
+
+    assert findings(log)["MAP-FRAME"]["text"] in replayed.stderr
+
+
 def test_gravity_that_contradicts_gps_is_told(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "dive.mcap", curved_dive(gps=True, gravity=-9.8))
 
