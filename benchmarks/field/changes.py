@@ -18,7 +18,6 @@ import numpy as np
 
 from field.logs import cut, stamped_at_arrival, thinned
 from usbldr.filters.identification import evidence, noise_fit, usbl_likelihood
-from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import UNKNOWN_START, Parameters, Start
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
@@ -90,10 +89,6 @@ def _ablations() -> Iterator[tuple[str, Change]]:
     yield "noise not estimated from the log", Change(constants=stated_dvl | stated_usbl)
     yield "DVL noise not estimated", Change(constants=stated_dvl)
     yield "all errors estimated", Change(constants={"evidence._row": lambda score: len(score) - 1})  # the last subset
-    yield (
-        "no heavy tails of compass and DVL",
-        Change(before=lambda given, _: replace(given, dvl=Gaussian(), compass=Gaussian())),
-    )
     yield "without guard", Change(options={"guard": False})
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
     yield "start at the median fix", Change(before=_plain_start)

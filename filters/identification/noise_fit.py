@@ -65,6 +65,8 @@ USBL = (
     TunableParameter("position_walk_m", ("process", "position_m"), prior_factor=10.0, starts=(1.0, 10.0, 100.0)),
 )
 
+GROWING = ("usbl_bias_sd_m", "usbl_bias_time_s", "position_walk_m")  # a log does not show what all of its fixes share
+
 
 def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
     """Return the parameters that explain the DVL's own records best; they grow or stay."""
@@ -75,7 +77,7 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
     """Return the parameters that explain the fixes best, given the sensor errors of the member.
 
     The prior is about the ``given`` parameters; the search may start at those of the member, too. The correlated error
-    and the random walk of dead reckoning grow or stay: a log does not show an error that all of its fixes share.
+    and the random walk of dead reckoning grow or stay.
     """
     found = _search(
         lambda members: fix_likelihoods(timeline, [member._replace(parameters=one) for one in members]).log_likelihood,
@@ -83,7 +85,7 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
         USBL,
         member.parameters,
     )
-    return _grown(given, found, [one for one in USBL if one.name in ("usbl_bias_sd_m", "position_walk_m")])
+    return _grown(given, found, [one for one in USBL if one.name in GROWING])
 
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:

@@ -25,7 +25,6 @@ from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.usbl_likelihood import KEYS
-from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
@@ -272,12 +271,6 @@ def test_an_error_that_is_taken_away_is_part_of_no_explanation() -> None:
     assert not any(one.exists for one in without.evidence if one.key == "scale")
     assert all(one.exists for one in every.evidence)
     assert set(every.parameters.calibrate) == {"scale", "heading", "deviation", "latency", "usbl-bias"}
-
-
-def test_without_heavy_tails_compass_and_dvl_are_gaussian(line: Timeline) -> None:
-    told = ABLATIONS["no heavy tails of compass and DVL"].before(Parameters(), line)
-
-    assert (told.dvl, told.compass, told.usbl) == (Gaussian(), Gaussian(), Parameters().usbl)
 
 
 def test_refused_fixes_are_counted_in_a_row_and_at_the_end() -> None:
