@@ -19,7 +19,7 @@ SENSOR_ERRORS = sensor_errors_of(SensorErrors)
 STATES: Mapping[str, tuple[str, ...]] = {error.key: tuple(error.states) for error in SENSOR_ERRORS.values()}
 """The keys of --calibrate and the states that each adds."""
 AUTO = "auto"
-"""Estimate the errors that are observable in the log: observability.py decides before a filter runs."""
+"""Estimate the errors that the log has evidence for: evidence.py decides before a filter runs."""
 MAX_SIGMA_RATIO = 0.8  # of posterior over prior sigma; above it an error is hardly observable
 
 
