@@ -1,8 +1,8 @@
 """Records of a log that cannot be measurements: named with counts and times, and left out before a filter runs.
 
 Only what is certain is left out: values and fixes that a noisy sensor repeats to the last bit while the vehicle moves,
-zeros between records at speed, and spikes that no vehicle could follow. The noise families of the filters are made for
-what is only unlikely.
+zeros between records at speed, and spikes that no vehicle could follow. Jumps of the heading are taken out. The noise
+families of the filters are made for what is only unlikely.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ import pandas as pd
 
 from usbldr.filters.types import Array, Indices, Mask, Vector
 from usbldr.io.conventions.repeats import copied_fixes, runs, stuck, sudden_zeros
-from usbldr.io.conventions.spikes import heading_jumps_deg, heading_spikes, velocity_spikes
+from usbldr.io.conventions.spikes import heading_jumps_deg, heading_spikes, velocity_spikes, without_heading_jumps
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
@@ -60,6 +60,10 @@ def without_implausible(log: Log) -> Log:
         records = Records.of(provenance[role].topic, tables[role], columns)
         kept, findings = judge(records, tables)
         found += findings
+        if not np.array_equal(kept.values, before := records.values[np.isin(records.rows, kept.rows)]):
+            assert kept.values.shape == before.shape
+            tables[role] = tables[role].copy()
+            tables[role].iloc[kept.rows, tables[role].columns.get_indexer(list(columns))] = kept.values
         if len(kept.rows) < len(records.rows):
             left_out = np.setdiff1d(records.rows, kept.rows)
             tables[role] = tables[role].drop(index=tables[role].index[left_out]).reset_index(drop=True)
@@ -79,7 +83,8 @@ def _dvl(records: Records, tables: Tables) -> Judged:
 def _compass(records: Records, tables: Tables) -> Judged:
     records, found = _without_stuck(records, tables, "headings")
     records, spikes = _without_spikes(records, heading_spikes(records.time_s, records.values[:, 0]), "deg")
-    return records, [*found, *spikes, *_jump_findings(records)]
+    records, jumps = _without_jumps(records)
+    return records, [*found, *spikes, *jumps]
 
 
 def _usbl(records: Records, tables: Tables) -> Judged:
@@ -152,16 +157,20 @@ def _without_spikes(records: Records, deviation: Vector, unit: str) -> Judged:
     return records.without(which), [Finding("SPIKES", text, records.topic, time_s, size, unit)]
 
 
-def _jump_findings(records: Records) -> list[Finding]:
-    jump_deg = heading_jumps_deg(records.time_s, records.values[:, 0])
+def _without_jumps(records: Records) -> Judged:
+    """Turn the headings beside the longest stretch to fit it; the compass has one constant error then."""
+    heading_deg = records.values[:, 0]
+    jump_deg = heading_jumps_deg(records.time_s, heading_deg)
     if not jump_deg.any():
-        return []
+        return records, []
     time_s, size = _worst(records, jump_deg)
     text = (
         f"{records.topic}: the heading jumps {np.count_nonzero(jump_deg)} times further than a vehicle can turn, the "
-        f"furthest by {size:.0f} deg at {time_s:.1f} s; all records stay, for nothing tells which are right"
+        f"furthest by {size:.0f} deg at {time_s:.1f} s; the headings of the longest stretch stay, the others are "
+        "turned to fit them"
     )
-    return [Finding("HEADING-JUMP", text, records.topic, time_s, size, "deg")]
+    turned = records._replace(values=without_heading_jumps(records.time_s, heading_deg)[:, None])
+    return turned, [Finding("HEADING-JUMP", text, records.topic, time_s, size, "deg")]
 
 
 def _worst(records: Records, size: Vector) -> tuple[float, float]:

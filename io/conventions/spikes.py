@@ -6,6 +6,7 @@ follows steps and steady turns exactly: they have no residual. A quick change of
 be further away than a vehicle moves there, and back, in the time between records.
 """
 
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -21,6 +22,7 @@ SPIKE_RATIO = 10.0  # [-] deviation over the usual one: 6.7 sigma of normal nois
 NOISE_RATIO = 5.0  # [-] usual deviations that noise adds to the change between two records: 3.4 sigma of one
 MIN_SPIKE_DEG = 5.0  # smaller ones do little harm
 MIN_SPIKE_MPS = 0.5  # [m/s] likewise
+JUMP_RECORDS = 5  # before and after a jump, from which the turn that goes on there is known
 MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 
@@ -47,6 +49,23 @@ def heading_jumps_deg(time_s: Vector, heading_deg: Vector) -> Vector:
     usual = float(np.median(turn)) if len(turn) else 0.0
     possible = np.maximum(max(MIN_SPIKE_DEG, SPIKE_RATIO * usual), MAX_TURN_DPS * np.diff(time_s, prepend=time_s[:1]))
     return np.where(turn > possible, turn, 0.0)
+
+
+def without_heading_jumps(time_s: Vector, heading_deg: Vector) -> Vector:
+    """Return the headings (n,), degrees, without their jumps: the longest stretch stays, others are turned to fit.
+
+    A jump is the difference of the records around it, less the turn that goes on there.
+    """
+    at = np.flatnonzero(heading_jumps_deg(time_s, heading_deg))
+    turn = wrapped(np.diff(heading_deg, prepend=heading_deg[:1]), 180.0)
+    turn[at] -= [np.median(turn[max(0, k - JUMP_RECORDS) : k + JUMP_RECORDS + 1]) for k in at]
+    steps = np.zeros_like(turn)
+    steps[at] = turn[at]
+    offset = np.cumsum(steps)
+    edges = [0, *at.tolist(), len(offset)]
+    durations_s = [time_s[end - 1] - time_s[first] for first, end in pairwise(edges)]
+    kept = edges[int(np.argmax(durations_s))]
+    return (heading_deg - (offset - offset[kept])) % 360.0
 
 
 def _impossible(deviation: Vector, window: int, least: float, change: Vector, possible: Vector) -> Vector:

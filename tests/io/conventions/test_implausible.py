@@ -165,10 +165,14 @@ def test_spikes_of_the_dvl_are_left_out_and_no_other_velocity(dive: Log, share: 
 
 
 @pytest.mark.parametrize("to_s", [360.0, np.inf])
-def test_a_heading_that_jumps_and_does_not_return_at_once_is_named_and_stays(dive: Log, to_s: float) -> None:
+def test_a_heading_that_jumps_and_does_not_return_at_once_is_turned_back(dive: Log, to_s: float) -> None:
+    """A square of 900 s: the stretch from 300 s, and that after 360 s, are the longest of theirs."""
     log = turned(dive, within(dive, "compass", 300, to_s), 40.0)
 
     assert (found(log), lost(log)) == (["HEADING-JUMP"], {})
+    was, now = (one.tables["compass"]["heading_deg"].to_numpy() for one in (dive, without_implausible(log)))
+    added = 0.0 if to_s == 360.0 else 40.0
+    assert np.abs((now - was - added + 180) % 360 - 180).max() < 1.5  # noise of .3 deg at each of two jumps
 
 
 # ---- what a sensor may truly show
