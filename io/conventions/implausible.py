@@ -63,7 +63,7 @@ def without_implausible(log: Log) -> Log:
         if not np.array_equal(kept.values, before := records.values[np.isin(records.rows, kept.rows)]):
             assert kept.values.shape == before.shape
             tables[role] = tables[role].copy()
-            tables[role].iloc[kept.rows, tables[role].columns.get_indexer(list(columns))] = kept.values
+            tables[role].iloc[kept.rows, tables[role].columns.get_indexer(pd.Index(columns))] = kept.values
         if len(kept.rows) < len(records.rows):
             left_out = np.setdiff1d(records.rows, kept.rows)
             tables[role] = tables[role].drop(index=tables[role].index[left_out]).reset_index(drop=True)
