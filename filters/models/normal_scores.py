@@ -23,8 +23,8 @@ def normal_scores(e: Vector, predicted: Array, noise: Noise) -> tuple[float, ...
     """Return the scores of an innovation e (1,) or (2,) with predicted covariance H P H' (k, k) without the noise."""
     S = predicted + noise.cov  # (J, k, k)
     if len(S) == 1:
-        whitened: Vector = np.linalg.solve(np.linalg.cholesky(S[0]), e)
-        return tuple(whitened.tolist())
+        only: Array = S[0]
+        return tuple(float(score) for score in np.linalg.solve(np.linalg.cholesky(only), e))
     variance, weight = S[:, 0, 0], noise.probabilities
     scores = (_score(float(e[0]), weight, np.zeros(len(S)), np.sqrt(variance)),)
     if len(e) == 1:
