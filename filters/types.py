@@ -85,13 +85,14 @@ class Update(NamedTuple):
     time_s: float  # when it was used
     innovation: tuple[float, ...]  # measured minus predicted: m, m/s or rad; east and north of a fix
     innovation_sd: tuple[float, ...]  # predicted 1-sigma of the innovation
-    nis: float  # innovation squared, normalised by its covariance under the whole noise model
+    nis: float  # sum of the squared scores; chi-square of dof if the model is right, for every noise family
     dof: int  # number of scalars: the expected NIS
     outcome: str  # "used", "down-weighted" (more likely an outlier than not) or "rejected" (gate or guard)
-    nominal_probability: float  # posterior probability of the nominal noise mode
+    nominal_probability: float  # posterior probability that the measurement is no outlier, see Noise.is_nominal
     shift: tuple[float, ...] | None = None  # change of each state, (n,); None if not of a position fix
     in_sequence: tuple["Update", ...] = ()  # updates of the axes of a fix, if used in sequence
     nominal_sd: tuple[float, ...] = ()  # as innovation_sd, for a measurement of the nominal noise mode
+    scores: tuple[float, ...] = ()  # of the innovation: independent N(0, 1) if the model is right, see normal_scores.py
 
     @property
     def parts(self) -> "tuple[Update, ...]":
@@ -116,6 +117,7 @@ class Update(NamedTuple):
             nominal_probability=min(part.nominal_probability for part in parts),
             shift=tuple(map(sum, zip(*shifts, strict=True))) if shifts else None,
             in_sequence=tuple(parts),
+            scores=tuple(score for part in parts for score in part.scores),
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import mode_likelihoods
+from usbldr.filters.models.normal_scores import normal_scores
 from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.types import Array, Reacquisition, Update, Vector
 
@@ -73,8 +74,9 @@ def measurement_update(measurement: Measurement, projection: Projection, weight:
     predicted = projection.cov @ weight + (spread * weight) @ spread.T
     S = predicted + measurement.noise.mixture_cov
     one = Projection(e[:, None], predicted[:, :, None], projection.cross[:, :, :1])
-    nominal = float(mode_likelihoods(one, measurement.noise).probability[0, 0])
-    likely = nominal >= 0.5 or len(measurement.noise.probabilities) == 1
+    is_nominal = measurement.noise.is_nominal
+    nominal = float(mode_likelihoods(one, measurement.noise).probability[is_nominal, 0].sum())
+    scores = normal_scores(e, predicted, measurement.noise)
     return Update(
         measurement.sensor,
         measurement.axis,
@@ -82,11 +84,12 @@ def measurement_update(measurement: Measurement, projection: Projection, weight:
         measurement.time_s,
         tuple(e.tolist()),
         tuple(np.sqrt(S.diagonal()).tolist()),
-        float(e @ np.linalg.solve(S, e)) if len(e) > 1 else float(e[0] ** 2 / S[0, 0]),
+        sum(score**2 for score in scores),
         len(e),
-        "rejected" if rejected else "used" if likely else "down-weighted",
+        "rejected" if rejected else "used" if nominal >= 0.5 else "down-weighted",
         nominal,
         nominal_sd=tuple(np.sqrt((predicted + measurement.noise.cov[0]).diagonal()).tolist()),
+        scores=scores,
     )
 
 

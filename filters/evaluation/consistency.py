@@ -49,9 +49,9 @@ class FixUpdates(NamedTuple):
 
 
 class SensorUpdates(NamedTuple):
-    """The updates of one sensor. NIS leaves out the rejected: the filter itself says that its model is not theirs."""
+    """The updates of one sensor, with the NIS of all of them: it is the sum of the squared normal scores."""
 
-    nis_mean: Annotated[float | None, Metric("nis_mean_{}", "Mean NIS of the {}, rejected updates left out.")]
+    nis_mean: Annotated[float | None, Metric("nis_mean_{}", "Mean NIS of the {}, of all its updates.")]
     nis_expected: Annotated[float | None, Metric("nis_expected_{}", "What the mean NIS of the {} should be.")]
     used: Annotated[int, Metric("updates_used_{}", "Updates of the {} used.")]
     down_weighted: Annotated[int, Metric("updates_down_weighted_{}", "Updates of the {} that are likely outliers.")]
@@ -117,9 +117,9 @@ def sensor_updates(trajectory: Trajectory) -> dict[str, SensorUpdates]:
     found: dict[str, SensorUpdates] = {}
     for sensor in sorted({update.sensor for update in trajectory.updates}):
         mine = [part for update in trajectory.updates if update.sensor == sensor for part in update.parts]
-        taken = [update for update in mine if update.outcome != "rejected" and math.isfinite(update.nis)]
-        mean = float(np.mean([update.nis for update in taken])) if taken else None
-        expected = float(np.mean([update.dof for update in taken])) if taken else None
+        judged = [update for update in mine if math.isfinite(update.nis)]
+        mean = float(np.mean([update.nis for update in judged])) if judged else None
+        expected = float(np.mean([update.dof for update in judged])) if judged else None
         found[sensor] = SensorUpdates(mean, expected, *_counts([update.outcome for update in mine]))
     return found
 

@@ -21,6 +21,7 @@ from usbldr.filters.evaluation.metrics import (
     by_name,
     declared,
 )
+from usbldr.filters.evaluation.whiteness import Whiteness
 from usbldr.filters.types import Array, Vector
 from usbldr.filters.windows import TimeWindow
 
@@ -74,6 +75,7 @@ class ErrorReport:
     nees: Nees | None
     sigma_shares: SigmaShares | None
     fixes: FixUpdates | None
+    whiteness: Whiteness | None
     health: Health
     speed: Speed | None
     sensors: Mapping[str, SensorUpdates]  # by name
@@ -119,6 +121,7 @@ PARTS: tuple[tuple[str, type], ...] = (
     ("nees", Nees),
     ("sigma_shares", SigmaShares),
     ("fixes", FixUpdates),
+    ("whiteness", Whiteness),
     ("health", Health),
     ("coverage", Coverage),
     ("speed", Speed),

@@ -20,6 +20,7 @@ from usbldr.filters.evaluation.metrics import (
     surfacing_errors,
     surfacings,
 )
+from usbldr.filters.evaluation.whiteness import whiteness
 from usbldr.filters.types import Mask, Trajectory, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
@@ -138,6 +139,7 @@ def evaluate(
         nees=nees,
         sigma_shares=sigma_shares,
         fixes=fix_updates(trajectory),
+        whiteness=whiteness(trajectory),
         health=health(trajectory),
         speed=speed(trajectory),
         sensors=sensor_updates(trajectory),

@@ -12,7 +12,9 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 
 from usbldr.filters.models.quantities import SHARE, Limits, Quantity
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Mask, Vector
+
+MAX_NOMINAL_RATIO = 4.0  # of variances: of Student-t with 4 degrees of freedom, outliers are then beyond 3 sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +24,12 @@ class Noise:
     probabilities: Array  # (J,) add to 1; (J, N) if each member of a bank has its own
     cov: Array  # (J, k, k) or (J, k, k, N), in the measurement's units squared
     per_scalar: bool = False  # uncorrelated scalars draw their modes independently
+
+    @property
+    def is_nominal(self) -> Mask:
+        """Whether each mode is of good measurements, (J,): its sigma is at most twice that of mode 0."""
+        variance = np.trace(self.cov, axis1=1, axis2=2)
+        return variance <= MAX_NOMINAL_RATIO * variance[0]
 
     @property
     def mixture_cov(self) -> Array:

@@ -5,6 +5,7 @@ The driver (late_fixes.py, steps.py) alone knows grids, fixes and their times of
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
 from usbldr.filters.estimators.rts_smoother import smooth
+from usbldr.filters.evaluation.whiteness import whiteness, whiteness_warning
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
@@ -93,7 +95,7 @@ def _run(
     done = tuple(update for k in sorted(by_epoch) for update in by_epoch[k])
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1
-    return Trajectory(
+    track = Trajectory(
         name,
         layout.names,
         timeline.time_s,
@@ -111,6 +113,8 @@ def _run(
         recoveries,
         settings.smooth,
     )
+    correlated = whiteness_warning(whiteness(track))
+    return track if correlated is None else replace(track, warnings=(*track.warnings, f"{name}: {correlated}"))
 
 
 def make_estimator(

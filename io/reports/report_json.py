@@ -81,11 +81,11 @@ class Run:
         """Return the warnings of the filter and of its evaluation."""
         report = self.scored.report
         scored = () if report is None else report.warnings
-        if report is not None and not self.identification.parameters.calibrate and _far_over_confident(report):
+        if report is not None and report.nees is not None and _far_over_confident(report):
             hint = "--calibrate auto estimates the sensor errors that the log has evidence for"
-            if self.identification.evidence:
-                hint = "the log has evidence of no sensor error that it can estimate; usbldr doctor looks for others"
-            nees = f"NEES {report.nees.mean:.1f}, expected {DOF}" if report.nees is not None else ""
+            if self.identification.parameters.calibrate or self.identification.evidence:
+                hint = "an error that the filter does not estimate is left; usbldr doctor looks for others"
+            nees = f"NEES {report.nees.mean:.1f}, expected {DOF}"
             scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")
         return self.scored.trajectory.warnings + scored
 

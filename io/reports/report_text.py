@@ -189,6 +189,9 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(("sigmas", f"{inside} % of the errors inside 1, 2, 3 sigma (expected {expected} %)"))
         for sensor, updates in report.sensors.items():
             lines.append((sensor, _sensor(updates, report.fixes if sensor == "usbl" else None)))
+        if (white := report.whiteness) is not None:
+            text = f"innovations of fixes along the track {white.along_sigmas:z.1f}, across {white.across_sigmas:z.1f}"
+            lines.append(("whiteness", f"{text} sigma (white: within 2)"))
         ess, accepted = report.health
         if ess is not None:
             moved = "" if accepted is None else f", {100 * accepted:.0f} % of the MCMC moves accepted"

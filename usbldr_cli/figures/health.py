@@ -134,7 +134,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
 def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
     """Draw each NIS faintly and its mean over a sixtieth of the run with its chi-square bounds."""
     shade_outages(axes, run)
-    taken = [update for update in updates if update.outcome != "rejected" and math.isfinite(update.nis)]
+    taken = [update for update in updates if math.isfinite(update.nis)]
     if not taken:
         return
     t = np.array([update.time_s for update in taken])
@@ -147,7 +147,7 @@ def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
     axes.plot(t, np.clip(nis, low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
-    bound = "95 % bounds of the mean NIS for Gaussian noise"
+    bound = "95 % bounds of the mean NIS"
     style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
     axes.fill_between(edges, *_bounds(bins[:, 2], dof), step="post", label=bound, **style)
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3)

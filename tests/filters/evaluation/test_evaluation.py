@@ -320,7 +320,7 @@ def update(sensor: str, nis: float, dof: int, fate: str) -> Update:
     return Update(sensor, "position", 0, 0.0, (0.0,) * dof, (1.0,) * dof, nis, dof, fate, 1.0)
 
 
-def test_nis_is_averaged_per_sensor_without_the_rejected() -> None:
+def test_nis_is_averaged_per_sensor_with_the_rejected() -> None:
     updates = (
         update("usbl", 1.0, 2, "used"),
         update("usbl", 5.0, 2, "down-weighted"),
@@ -331,7 +331,7 @@ def test_nis_is_averaged_per_sensor_without_the_rejected() -> None:
 
     sensors = evaluate(track, truth_of(SECONDS, line(SECONDS))).sensors
 
-    assert sensors == {"dvl": (0.5, 1.0, 1, 0, 0), "usbl": (3.0, 2.0, 1, 1, 1)}
+    assert sensors == {"dvl": (0.5, 1.0, 1, 0, 0), "usbl": (35.0, 2.0, 1, 1, 1)}
 
 
 def test_the_first_truth_sample_after_a_long_gap_tells_the_surfacing_error() -> None:

@@ -63,3 +63,17 @@ def test_robust_sd_sees_the_noise_and_not_the_jumps() -> None:
 
     assert robust_sd(np.diff(series)) == pytest.approx(0.2, rel=0.03)
     assert math.isnan(robust_sd([]))
+
+
+def test_outliers_of_students_t_lie_beyond_about_three_sigma() -> None:
+    """Of Student-t with 4 degrees of freedom 4 in 100 values lie beyond 3 sigma."""
+    noise = StudentT(4.0).modes(np.eye(1))
+
+    def nominal(x: float) -> float:
+        weight = noise.probabilities * np.exp(-0.5 * x**2 / noise.cov[:, 0, 0]) / np.sqrt(noise.cov[:, 0, 0])
+        return float(weight[noise.is_nominal].sum() / weight.sum())
+
+    assert nominal(2.0) > 0.5
+    assert nominal(4.0) < 0.5
+    assert Mixture(0.3, 10.0).modes(np.eye(2)).is_nominal.tolist() == [True, False]
+    assert Contamination(0.05, 10.0).modes(np.eye(2)).is_nominal.tolist() == [True, False]
