@@ -222,7 +222,7 @@ def _write(folder: Path, run: "Run") -> None:
 def _write_calibration(file: Path, run: "Run") -> None:
     from usbldr.io.reports.calibration_config import calibrated_configuration
 
-    text = calibrated_configuration(run.log, run.identification.parameters.errors, run.scored.trajectory)
+    text = calibrated_configuration(run.log, run.identification, run.scored.trajectory)
     write_file("--write-calibration", file, text)
 
 

@@ -12,8 +12,8 @@ import tomlkit
 from tomlkit.items import InlineTable
 
 from usbldr.filters.errors import UsageError
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import MAX_SIGMA_RATIO, REPORTED_QUANTITIES, assumed_sd, estimated_errors
-from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
 from usbldr.io.reports.estimate_text import error_text
@@ -24,7 +24,7 @@ KEYS = {reported.name: reported for reported in REPORTED_QUANTITIES.values() if 
 """By the name that an error has at the border; a USBL bias that drifts is not a property of the sensor."""
 
 
-def calibrated_configuration(log: Log, stated: SensorErrors, trajectory: Trajectory) -> str:
+def calibrated_configuration(log: Log, found: Identification, trajectory: Trajectory) -> str:
     """Return the text of a configuration that also subtracts the estimated sensor errors.
 
     An error that was hardly observable is left as it was, and the start of the dive becomes a comment. Raises
@@ -35,7 +35,7 @@ def calibrated_configuration(log: Log, stated: SensorErrors, trajectory: Traject
         raise UsageError(f"{trajectory.label} estimated no sensor errors, so there is nothing to write")
     document: Any = tomlkit.parse("schema = 1\n" if log.configuration is None else read_text(log.configuration))
     title = [f"# Errors of sensors that {trajectory.label} found on {log.path.name} are added to what was stated."]
-    assumed = assumed_sd(stated)
+    assumed = assumed_sd(found.parameters.errors)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
         if place is None or sd > MAX_SIGMA_RATIO * assumed[error.name]:
@@ -45,13 +45,40 @@ def calibrated_configuration(log: Log, stated: SensorErrors, trajectory: Traject
         section = document.setdefault(place.section, tomlkit.table())
         before = float(section.get(place.key, 0.0))
         number = tomlkit.item(round(_sum(before, value, place.unit), place.digits))
-        if not isinstance(section, InlineTable):  # which has no room for a comment
-            number.comment(f"{before:g} stated, {value:+.{place.digits}f} ± {sd:.{place.digits}f} estimated")
-            number.trivia.comment_ws = "  "
-        section[place.key] = number
+        _put(
+            section,
+            place.key,
+            number,
+            f"{before:g} stated, {value:+.{place.digits}f} ± {sd:.{place.digits}f} estimated",
+        )
+    _add_lever_and_clock(document, found)
     text = "\n".join(title) + "\n" + _without_start(document)
     parse_configuration(tomllib.loads(text), log.configuration or Path("usbldr.toml"))
     return text
+
+
+def _add_lever_and_clock(document: Any, found: Identification) -> None:
+    """State lever arm and clock of the DVL if the log has evidence for them."""
+    estimates = {estimate.name: estimate for one in found.evidence for estimate in one.estimates}
+    if not {"dvl_lever_forward_m", "dvl_clock_s"} & set(estimates):
+        return
+    dvl = document.setdefault("dvl", tomlkit.table())
+    if forward := estimates.get("dvl_lever_forward_m"):
+        starboard = estimates["dvl_lever_starboard_m"]
+        lever = tomlkit.item([round(metres, 3) for metres in found.parameters.dvl_lever_m])
+        _put(dvl, "lever_arm_m", lever, f"± {starboard.sd:.3f}, {forward.sd:.3f} estimated")
+    if clock := estimates.get("dvl_clock_s"):
+        before = float(dvl.get("latency_s", 0.0))
+        late = tomlkit.item(round(before + clock.value, 3))
+        _put(dvl, "latency_s", late, f"{before:g} stated, {clock.value:+.3f} ± {clock.sd:.3f} estimated")
+
+
+def _put(section: Any, key: str, item: Any, comment: str) -> None:
+    """Put a value and the comment on it into a section; an inline table has no room for comments."""
+    if not isinstance(section, InlineTable):
+        item.comment(comment)
+        item.trivia.comment_ws = "  "
+    section[key] = item
 
 
 def _sum(stated: float, found: float, unit: str) -> float:

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from checkout import SAMPLES
 from commands import output_of
 from usbldr.filters.errors import UsageError
+from usbldr.filters.identification.identification import ErrorEstimate, Identification, SensorErrorEvidence
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.conventions.compass import without_deviation
 from usbldr.io.read import read_log
@@ -111,7 +113,9 @@ def following(dive: Path, own: str, *keys: str) -> str:
     place.write_text(own, encoding="utf-8")
     log = read_log(dive)
     log = replace(log, parameters=replace(log.parameters, calibrate=keys))
-    return calibrated_configuration(log, log.parameters.errors, run_filter("adf", timeline(log), log.parameters))
+    return calibrated_configuration(
+        log, Identification(log.parameters), run_filter("adf", timeline(log), log.parameters)
+    )
 
 
 OWN = """\
@@ -199,3 +203,24 @@ def test_no_file_is_overwritten_without_force(dive: Path, tmp_path: Path) -> Non
 
     assert str(refused.value) == f"{file} exists already: choose another file for --write-calibration, or --force"
     assert file.read_text(encoding="utf-8") == "mine"
+
+
+def test_lever_arm_and_clock_of_the_dvl_are_stated_for_the_next_dive() -> None:
+    log = read_log(SAMPLES / "lawnmower_csv")
+    evidence = (
+        SensorErrorEvidence(
+            "dvl-lever",
+            20.0,
+            True,
+            (ErrorEstimate("dvl_lever_starboard_m", 0.1, 0.02), ErrorEstimate("dvl_lever_forward_m", 2.0, 0.05)),
+        ),
+        SensorErrorEvidence("dvl-clock", 9.0, True, (ErrorEstimate("dvl_clock_s", 0.5, 0.1),)),
+    )
+    parameters = replace(log.parameters, calibrate=("scale",), dvl_lever_m=(0.1, 2.5, -0.3))  # stated 0.5 m ahead
+    track = run_filter("adf", timeline(log), parameters)
+
+    written = tomllib.loads(calibrated_configuration(log, Identification(parameters, evidence), track))["dvl"]
+
+    before = tomllib.loads((SAMPLES / "lawnmower_csv" / "usbldr.toml").read_text(encoding="utf-8"))["dvl"]
+    assert written["lever_arm_m"] == [0.1, 2.5, -0.3]
+    assert written["latency_s"] == pytest.approx(before.get("latency_s", 0.0) + 0.5)
