@@ -45,6 +45,7 @@ CONVENTION_TEXTS: Mapping[str, str] = {
     "sd_mps": "sd {}",
     "sd_rel": "sd {} of the slant range",
     "skip_rows": "first {} rows left out",
+    "sound_speed_mps": "speed of sound {} in place of the assumed one",
     "sound_speed_scale": "ranges times {} for the speed of sound",
     "surface_pa": "surface {}",
     "time": "timed by {}",

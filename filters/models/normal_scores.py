@@ -16,11 +16,15 @@ import numpy as np
 from usbldr.filters.models.noise import Noise, normal_quantile
 from usbldr.filters.types import Array, Vector
 
+ROUNDING = 1e-15  # fixed: of double precision; a smaller share of a variance is no number
 LEAST_TAIL = 1e-300  # fixed: near the smallest number of double precision, 37 sigma
 
 
 def normal_scores(e: Vector, predicted: Array, noise: Noise) -> tuple[float, ...]:
-    """Return the scores of an innovation e (1,) or (2,) with predicted covariance H P H' (k, k) without the noise."""
+    """Return the scores of an innovation e (1,) or (2,) with predicted covariance H P H' (k, k) without the noise.
+
+    Raises LinAlgError if the covariance is singular.
+    """
     S = predicted + noise.cov  # (J, k, k)
     if len(S) == 1:
         only: Array = S[0]
@@ -32,8 +36,10 @@ def normal_scores(e: Vector, predicted: Array, noise: Noise) -> tuple[float, ...
     log_w = np.log(weight) - 0.5 * (e[0] ** 2 / variance + np.log(variance))  # of the modes, given the first scalar
     weight = np.exp(log_w - log_w.max())
     slope = S[:, 1, 0] / variance
-    sd = np.sqrt(S[:, 1, 1] - slope * S[:, 1, 0])
-    return (*scores, _score(float(e[1]), weight / weight.sum(), slope * e[0], sd))
+    rest = S[:, 1, 1] - slope * S[:, 1, 0]
+    if not (rest > ROUNDING * S[:, 1, 1]).all():
+        raise np.linalg.LinAlgError("singular predicted covariance")
+    return (*scores, _score(float(e[1]), weight / weight.sum(), slope * e[0], np.sqrt(rest)))
 
 
 def _score(value: float, weight: Vector, mean: Vector, sd: Vector) -> float:

@@ -21,6 +21,7 @@ from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # fixed: sea water
+USUAL_SOUND_SPEED_MPS = 1500.0  # fixed: what DVLs assume unless they are told another
 SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # above this for half of the log: the sign is wrong
@@ -115,9 +116,11 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
         Convention("unit", unit, unit_by),
     ]
 
+    by_sound, sound_chosen = _sound_speed_ratio(raw, section)
     instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
     for name, (axis, sign) in zip("xyz", axis_signs(axes), strict=True):
-        instrument[axis] = sign * to_mps * raw.number(name) / (1.0 + section.scale_error)
+        instrument[axis] = sign * to_mps * by_sound * raw.number(name) / (1.0 + section.scale_error)
+    chosen += sound_chosen
     if section.scale_error:
         chosen.append(Convention("scale_error", section.scale_error, "configuration"))
     chosen.append(
@@ -147,6 +150,22 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     }
     times = times_of(raw, section.time, section.latency_s)
     return converted_table(raw, times, columns, [*chosen, sd_chosen], [*findings, *more, *invalid])
+
+
+def _sound_speed_ratio(raw: RawRecords, section: DvlSection) -> tuple[Vector, list[Convention]]:
+    """Return the true speed of sound over the one that the DVL assumed, (n,), and what was chosen.
+
+    A velocity is a Doppler shift times the assumed speed. Without the true one nothing is corrected.
+    """
+    recorded = raw.number("sound_speed")
+    if section.sound_speed_mps is None:
+        return np.ones(len(recorded)), []
+    usual = USUAL_SOUND_SPEED_MPS if section.assumed_sound_speed_mps is None else section.assumed_sound_speed_mps
+    known = (recorded > 0) & (section.assumed_sound_speed_mps is None)
+    assumed = np.where(known, recorded, usual)
+    note = f"assumed: {np.median(assumed):.1f} m/s" + (", as recorded" if known.any() else "")
+    chosen = Convention("sound_speed_mps", section.sound_speed_mps, "configuration", "m/s", note)
+    return section.sound_speed_mps / assumed, [chosen]
 
 
 def _dvl_sd(raw: RawRecords, section: DvlSection, to_mps: float) -> tuple[Vector, Convention]:

@@ -26,7 +26,7 @@ DVL = (  # a driver's messages rank before twists made from them, those with a v
     MessageLayout(
         "dvl",  # marine_acoustic_msgs/Dvl: x forward, z where the DVL points; a covariance of -1 means unknown
         xyz("velocity") | {"covariance": "velocity_covar.0", "good_beams": "num_good_beams"},
-        {"mode": "velocity_mode", "beams_valid": "beam_velocities_valid"},
+        {"mode": "velocity_mode", "beams_valid": "beam_velocities_valid", "sound_speed": "sound_speed"},
         "by type",
         FRD,
         preference=1,

@@ -52,6 +52,9 @@ class MapSection(Section, frozen=True, kw_only=True):
     origin_lon_deg: Longitude
 
 
+SoundSpeed = Annotated[float, Meta(ge=1000, le=2000)]  # in any water, m/s
+
+
 class DvlSection(Section, frozen=True, kw_only=True):
     """The Doppler velocity log."""
 
@@ -61,6 +64,8 @@ class DvlSection(Section, frozen=True, kw_only=True):
     mount_deg: Degrees = 0.0
     unit: Literal["m/s", "cm/s", "mm/s", "km/h", "ft/s", "knots"] | None = None
     scale_error: Annotated[float, Meta(ge=MIN_SCALE_ERROR, le=MAX_SCALE_ERROR)] = 0.0
+    sound_speed_mps: SoundSpeed | None = None
+    assumed_sound_speed_mps: SoundSpeed | None = None
     sd_mps: SdSpeed | Literal["message"] | None = None
     sd_scale: Factor = 1.0
     min_good_beams: Annotated[int, Meta(ge=0, le=100)] | None = None
@@ -72,6 +77,8 @@ class DvlSection(Section, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.axes is not None:
             axis_signs(self.axes)
+        if self.assumed_sound_speed_mps is not None and self.sound_speed_mps is None:
+            raise ValueError("assumed_sound_speed_mps needs the true one beside it: state sound_speed_mps")
 
 
 class CompassSection(Section, frozen=True, kw_only=True):

@@ -27,6 +27,7 @@ uint8 velocity_mode
 geometry_msgs/Vector3 velocity
 float64[9] velocity_covar
 uint8 num_good_beams
+float32 sound_speed
 bool beam_velocities_valid
 float32[4] beam_quality
 """

@@ -34,6 +34,8 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     "map.origin_lon_deg": "origin_lat_deg = 45.0",
     **dict.fromkeys(("dvl.mount_deg", "dvl.scale_error", "dvl.sd_mps", "dvl.sd_scale", "dvl.latency_s"), ""),
     "dvl.min_good_beams": "",
+    "dvl.sound_speed_mps": "",
+    "dvl.assumed_sound_speed_mps": "sound_speed_mps = 1480.0",
     "dvl.lever_arm_m": "lever_arm_m = [V, 0, 1]",
     "dvl.noise.share": "noise = { kind = 'contamination', sd_mps = 1.0, share = V }",
     "dvl.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",

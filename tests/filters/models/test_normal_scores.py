@@ -53,3 +53,10 @@ def test_an_innovation_of_a_kilometre_has_a_large_finite_score() -> None:
 
     assert (np.abs(scores) > 30).all()
     assert (np.sign(scores) == [1, -1]).all()
+
+
+def test_a_covariance_that_numbers_cannot_hold_apart_is_singular() -> None:
+    predicted = 1e30 * np.ones((2, 2))
+
+    with pytest.raises(np.linalg.LinAlgError):
+        normal_scores(np.array([1.0, 2.0]), predicted, Contamination(0.05, 10.0).modes(R))

@@ -196,6 +196,30 @@ def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path)
     assert log.provenance["dvl"].used == 1
 
 
+@pytest.mark.parametrize(
+    ("stated", "recorded", "expected"),
+    [
+        ("", 1500.0, 1.0),
+        ("sound_speed_mps = 1545.0", 1500.0, 1.03),
+        ("sound_speed_mps = 1545.0", 1484.0, 1545 / 1484),  # what each record assumed
+        ("sound_speed_mps = 1455.0", 0.0, 0.97),  # none recorded: the usual 1500 m/s
+        ("sound_speed_mps = 1540.0\nassumed_sound_speed_mps = 1400.0", 1500.0, 1.1),
+    ],
+)
+def test_a_velocity_grows_with_the_true_speed_of_sound(
+    tmp_path: Path, stated: str, recorded: float, expected: float
+) -> None:
+    """Speed = Doppler shift x speed of sound / (2 x frequency), up to the beam's angle."""
+    log = logged(tmp_path, [marine(T0, sound_speed=recorded)], f"[dvl]\n{stated}")
+
+    assert body(log.tables["dvl"])[:2] == pytest.approx([0.2 * expected, 1.0 * expected])
+
+
+def test_an_assumed_speed_of_sound_needs_the_true_one(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="assumed_sound_speed_mps needs the true one beside it"):
+        logged(tmp_path, [marine(T0)], "[dvl]\nassumed_sound_speed_mps = 1500.0")
+
+
 def test_good_beams_that_nobody_fills_are_no_fault(tmp_path: Path) -> None:
     log = logged(tmp_path, [marine(T0, beams=0), marine(T0 + 1, beams=0)])
 
