@@ -86,7 +86,7 @@ class SensorErrors:
         Quantity("latency_sd_s", Limits(1e-6, 600.0)),
         SensorError("latency", {"usbl_latency": ReportedQuantity("usbl_latency_s", "s", 1.0, "usbl", "latency_s")}),
     ] = 0.3
-    # stationary, each axis
+    # stationary, each axis; by judgement: 1 % of wrong sound speed and half a degree of mounting at 50 m
     usbl_bias_m: Annotated[
         float,
         Quantity("usbl_bias_sd_m", SD["m"]),
@@ -97,7 +97,7 @@ class SensorErrors:
                 "usbl_bias_north": ReportedQuantity("usbl_bias_north_m", "m", 1.0),
             },
         ),
-    ] = 0.3
+    ] = 0.5
     # time constant of the correlated error
     usbl_bias_s: Annotated[float, Quantity("usbl_bias_time_s", SECONDS)] = 60.0
     # of each axis of the lever arm from the transponder to the DVL: vehicles are 1 to 5 m long; 0: it is as stated
