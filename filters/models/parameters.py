@@ -98,8 +98,8 @@ class SensorErrors:
             },
         ),
     ] = 0.5
-    # time constant of the correlated error
-    usbl_bias_s: Annotated[float, Quantity("usbl_bias_time_s", SECONDS)] = 60.0
+    # time constant of the correlated error; by judgement: it changes with bearing and range, over a leg of minutes
+    usbl_bias_s: Annotated[float, Quantity("usbl_bias_time_s", SECONDS)] = 120.0
     # of each axis of the lever arm from the transponder to the DVL: vehicles are 1 to 5 m long; 0: it is as stated
     dvl_lever_m: Annotated[float, Quantity("dvl_lever_sd_m", SPREAD["m"])] = 2.0
     # of the DVL's clock against the compass: clocks that nobody synchronised differ by about a second; 0: it is right

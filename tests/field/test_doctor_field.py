@@ -38,7 +38,7 @@ def test_the_faults_of_uib_field_are_found_without_being_told(field_logs: Path) 
 def test_the_faults_of_stpere_are_found_without_being_told(field_logs: Path) -> None:
     found = findings(field_logs / "stpere_marina" / "stpere_marina.mcap", "--config", "none")
 
-    assert "84 are 327.67 m/s" in found["DVL-INVALID"]["text"]
+    assert "84 have the no-bottom-lock value 327.67 m/s" in found["DVL-INVALID"]["text"]
     assert found["DVL-INVALID"]["worst"] == pytest.approx(327.67)
     assert found["DVL-MOUNT"]["worst"] == pytest.approx(-20.0, abs=2.0)
     assert "excluded by: GPS" in found["CONVENTION-CHECKED"]["text"]

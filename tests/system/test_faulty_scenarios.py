@@ -20,6 +20,7 @@ from usbldr.filters.simulation.scenario import (
     Usbl,
 )
 from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.read import read_log
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
@@ -78,7 +79,7 @@ def test_a_faulty_dive_reads_back_as_it_was_simulated(tmp_path: Path, name: str)
     read = read_log(tmp_path / name)
 
     assert (read.start_ns, read.parameters) == (written.start_ns, written.parameters)
-    for sensor, table in written.tables.items():
+    for sensor, table in without_implausible(written).tables.items():  # DVL and compass have spikes
         columns = [column for column in table.columns if column != "up_mps"]
         pd.testing.assert_frame_equal(
             read.tables[sensor][columns], table[columns], rtol=1e-12, atol=1e-8 if sensor == "gps" else 1e-9

@@ -114,7 +114,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             type=click.Choice(["none", "first", "rigid", "body"]),
             default="none",
             show_default=True,
-            help="Align the track with the truth before scoring; body: by a constant lever arm on the vehicle.",
+            help="Align the track with the truth.",
         ),
         click.option(
             "--dr-from",
