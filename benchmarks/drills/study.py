@@ -78,7 +78,8 @@ def picked(drills: tuple[Drill, ...], only: str) -> tuple[Drill, ...]:
 def section(log: DrilledLog, report: DrillReport, figures: Path) -> str:
     """Return the part of one log, and draw its pictures."""
     dives = report.usual[0].dives
-    count = f"{log.seeds} dives, filters told nothing" if dives else f"{log.seeds} seeds of faults and particles"
+    kinds = ("dive", "dives") if dives else ("seed of faults and particles", "seeds of faults and particles")
+    count = f"{log.seeds} {kinds[log.seeds != 1]}"
     texts = [
         f"## {log.name}",
         f"{count}. {tables.named(report)}",

@@ -41,12 +41,12 @@ def outages(report: DrillReport) -> str:
     return markdown_table(Table("drill", tuple(labels), tuple(body)))
 
 
-def _response(told: Mapping[str, float | None]) -> str:
-    if told["drift_m"] is None:
+def _response(response: Mapping[str, float | None]) -> str:
+    if response["drift_m"] is None:
         return ""
-    back = "never" if told["reacquired_s"] is None else f"{told['reacquired_s']:.0f} s"
-    share = told["reacquired_share"]
-    return f"{number(told['drift_m'])}, {back}" + (f" ({100 * share:.0f} %)" if share and share < 1 else "")
+    back = "never" if response["reacquired_s"] is None else f"{response['reacquired_s']:.0f} s"
+    share = response["reacquired_share"]
+    return f"{number(response['drift_m'])}, {back}" + (f" ({100 * share:.0f} %)" if share and share < 1 else "")
 
 
 def consistency(report: DrillReport) -> str:
