@@ -132,9 +132,11 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
 def _linearised(timeline: Timeline, parameters: Parameters, latency_s: float, clock_s: float) -> _Linearised:
     t = timeline.fix_time_s[:MAX_FIXES]
     valid_s, count = t - latency_s, len(t)
-    line = with_dvl_clock(timeline, clock_s)
+    line = reckoned_by_clock(timeline, clock_s)
     moved_m = displacement_m(line)
-    late, early = (displacement_m(with_dvl_clock(timeline, clock_s + step)) for step in (CLOCK_STEP_S, -CLOCK_STEP_S))
+    late, early = (
+        displacement_m(reckoned_by_clock(timeline, clock_s + step)) for step in (CLOCK_STEP_S, -CLOCK_STEP_S)
+    )
     by_clock = (late - early) / (2 * CLOCK_STEP_S)
     drift = [integrate(line, rate) for rate in drift_rates(line, PASS_STATES)]
     drift[PASS_STATES.index("dvl_clock")] = by_clock
@@ -154,7 +156,7 @@ def _linearised(timeline: Timeline, parameters: Parameters, latency_s: float, cl
     return _Linearised(timeline.fix_m[:count] - reckoned_m - rotated(yaw, lever_m), H)
 
 
-def with_dvl_clock(timeline: Timeline, clock_s: float) -> Timeline:
+def reckoned_by_clock(timeline: Timeline, clock_s: float) -> Timeline:
     """Return the timeline with dead reckoning by a DVL whose stamps are late by ``clock_s``."""
     if not clock_s:
         return timeline

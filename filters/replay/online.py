@@ -43,7 +43,7 @@ class OnlineEstimate:
 
 
 class OnlineFilter:
-    """A filter of METHODS that is told one measurement at a time.
+    """A filter of METHODS that takes one measurement at a time.
 
     It starts at the first fix after a heading and a velocity, with a sigma of at least 3 m, or, with a start in its
     parameters, as soon as it has both. Measurements up to then are kept for the start and return None. Any later

@@ -21,7 +21,7 @@ from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # fixed: sea water
-USUAL_SOUND_SPEED_MPS = 1500.0  # fixed: what DVLs assume unless they are told another
+USUAL_SOUND_SPEED_MPS = 1500.0  # fixed: what DVLs assume unless another is set
 SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # above this for half of the log: the sign is wrong

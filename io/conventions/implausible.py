@@ -32,7 +32,7 @@ class Records(NamedTuple):
 
     @classmethod
     def of(cls, topic: str, table: pd.DataFrame, columns: Sequence[str]) -> Self:
-        """Take the columns of the rows that are finite, and valid, if the table tells."""
+        """Take the columns of the rows that are finite, and valid, if the table has that column."""
         values = table[list(columns)].to_numpy(dtype=float)
         good = np.isfinite(values).all(axis=1)
         if "valid" in table:
@@ -100,7 +100,7 @@ def _depth(records: Records, tables: Tables) -> Judged:
 
 
 CHECKS = {
-    "dvl": (("starboard_mps", "forward_mps"), _dvl),  # first, for it tells when the vehicle is at rest
+    "dvl": (("starboard_mps", "forward_mps"), _dvl),  # first: it shows when the vehicle is at rest
     "compass": (("heading_deg",), _compass),
     "usbl": (("east_m", "north_m"), _usbl),
     "depth": (("depth_m",), _depth),

@@ -68,8 +68,8 @@ def _with_fault(log: Log, fault: Fault, length_s: float, rng: np.random.Generato
     spans = [span.seconds(length_s) for span in fault.spans]
     inside, grown = _inside(time_s, spans)
     if not inside.any():
-        told = f"{time_s[0]:.0f} to {time_s[-1]:.0f} s" if len(time_s) else "there are none"
-        raise UsageError(f"{log.path.name}: {fault.text}: the log has no {fault.sensor} record there ({told})")
+        span = f"{time_s[0]:.0f} to {time_s[-1]:.0f} s" if len(time_s) else "there are none"
+        raise UsageError(f"{log.path.name}: {fault.text}: the log has no {fault.sensor} record there ({span})")
     hit = inside
     if fault.one:
         hit = np.zeros(len(table), np.bool_)

@@ -84,7 +84,7 @@ def fault_of(kind: str, text: str) -> Fault:
 
 
 def _check_places(where: str, declared: Kind, spans: bool, share: bool) -> None:
-    """Refuse a fault that is told too little or too much of where it is."""
+    """Refuse a fault with too few or too many parameters for the records that it hits."""
     for given, rule, what in ((spans, declared.spans, "a span FROM:TO"), (share, declared.share, 'a share or "one"')):
         if given and rule == "none":
             raise UsageError(f"{where}: takes no {what.removeprefix('a ')}, as {declared.example}")

@@ -1,4 +1,4 @@
-"""Which findings name which fault: a finding with one of these codes tells a user what is wrong."""
+"""Which findings name which fault: a finding with one of these codes says what is wrong."""
 
 from collections.abc import Collection, Mapping
 

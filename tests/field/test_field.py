@@ -52,7 +52,7 @@ def test_the_published_raw_error_of_uib_field_is_met(field_logs: Path, tmp_path:
     assert report["metrics"]["mean_horizontal_m"] == pytest.approx(1.000, abs=0.005)
 
 
-def test_cpf_with_all_defaults_is_within_seventy_centimetres_on_uib_field_and_knows_it(
+def test_cpf_with_the_transponder_as_the_vehicle_is_within_seventy_centimetres_on_uib_field(
     field_logs: Path, tmp_path: Path, evaluator: ModuleType
 ) -> None:
     cpf = replay(field_logs, tmp_path, "uib_field", "--filter", "cpf", *UIB_WINDOW)
