@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -119,3 +120,35 @@ def test_a_scenario_without_configuration_is_as_a_recording_that_nobody_configur
 
     assert usbldr.open_log("turns", request).parameters == recorded.parameters
     assert usbldr.open_log("turns").parameters != recorded.parameters
+
+
+def test_a_run_takes_the_dvls_records_earlier_by_the_clock_of_its_parameters() -> None:
+    log = usbldr.open_log(SAMPLES / "lawnmower_turn_db3")
+    dvl = log.tables["dvl"].assign(time_s=log.tables["dvl"]["time_s"] + 2.0)
+    late = dataclasses.replace(log, tables={**log.tables, "dvl": dvl})
+    right, found, wrong = (
+        usbldr.replay(one, usbldr.timeline(one), "adf", identification=usbldr.Identification(parameters)).position_m
+        for one, parameters in (
+            (log, log.parameters),
+            (late, dataclasses.replace(log.parameters, dvl_clock_s=2.0)),
+            (late, log.parameters),
+        )
+    )
+
+    middle = slice(50, len(right) - 50)
+    assert np.abs(found[middle] - right[middle]).max() < 0.01
+    assert np.abs(wrong[middle] - right[middle]).max() > 0.1
+
+
+def test_a_simulated_log_is_checked_as_a_recorded_one_is(tmp_path: Path) -> None:
+    scenario = tmp_path / "spikes.toml"
+    scenario.write_text(
+        'schema = 1\nlike = "square"\nabout = "a DVL with spikes"\n'
+        "[dvl]\noutlier_share = 0.02\noutlier_mps = [3.0, 4.0]\n",
+        encoding="utf-8",
+    )
+
+    log = usbldr.open_log(scenario)
+
+    assert "SPIKES" in [finding.code for finding in log.findings]
+    assert log.tables["dvl"]["forward_mps"].abs().max() < 2.0
