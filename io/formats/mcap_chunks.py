@@ -26,9 +26,10 @@ class Chunk(NamedTuple):
 
     first_ns: int  # log time
     last_ns: int
-    data: memoryview  # its records, as far as they are sound; valid until the next chunk is read
+    data: memoryview  # its records, as far as they can be read; valid until the next chunk is read
     whole: bool  # the file does not end inside
     sound: bool  # it has the stated size and, if one is stated, the stated checksum
+    altered: bool  # it has the stated size, but another checksum
     compression: str
 
 
@@ -47,16 +48,16 @@ class ChunkReader:
         first_ns, last_ns, size, checksum, named = CHUNK.unpack_from(raw)
         packed_at = CHUNK.size + named + 8
         compression = bytes(raw[CHUNK.size : packed_at - 8]).decode(errors="replace")
-        nothing = Chunk(first_ns, last_ns, memoryview(b""), whole, sound=False, compression=compression)
+        nothing = Chunk(first_ns, last_ns, memoryview(b""), whole, sound=False, altered=False, compression=compression)
         if compression not in COMPRESSIONS:
             return nothing
         try:
             data = self._unpacker.unpack(compression, raw[packed_at:], size)
         except DAMAGE:
             return nothing
-        if whole and checksum and zlib.crc32(data) != checksum:
-            return nothing
-        return nothing._replace(data=data, sound=len(data) == size)
+        complete = whole and len(data) == size
+        altered = complete and checksum != 0 and zlib.crc32(data) != checksum
+        return nothing._replace(data=data, sound=complete and not altered, altered=altered)
 
     def _packed(self, length: int) -> memoryview:
         if length > len(self._raw):

@@ -5,8 +5,8 @@ message is found without reading the others. The index is used as long as it agr
 and with the messages themselves.
 """
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from io import BufferedReader
 from typing import NamedTuple, TypeAlias
 
@@ -47,6 +47,11 @@ class Index:
     inside: Mapping[int, frozenset[int]]  # place of a chunk -> channels with messages in it
     channel_summaries: Mapping[int, ChannelSummary] | None  # by channel; None: the index does not list every message
 
+    @property
+    def absent_schemas(self) -> set[int]:
+        """Return the schemas that the channels of the summary name and the summary does not repeat."""
+        return {channel.schema_id for channel in self.channels.values()} - self.schemas.keys() - {0}
+
 
 def read_index(file: BufferedReader) -> Index:
     """Read the index; it is empty if the file has none, or an invalid one."""
@@ -72,6 +77,21 @@ def read_index(file: BufferedReader) -> Index:
     if summaries is not None and not _agrees(summaries, summary):
         summaries = None
     return Index(summary.schemas, summary.channels, chunks, inside, summaries)
+
+
+def with_schemas(index: Index, records: Iterable[object]) -> Index:
+    """Add the absent schemas from the records of the file, up to the last of them.
+
+    If one is not there, the index is not used.
+    """
+    schemas, absent = dict(index.schemas), set(index.absent_schemas)
+    for record in records:
+        if isinstance(record, Schema) and record.id in absent:
+            schemas[record.id] = record
+            absent.remove(record.id)
+            if not absent:
+                return replace(index, schemas=schemas)
+    return replace(index, schemas=schemas, channel_summaries=None)
 
 
 def _entries(file: BufferedReader, chunk: ChunkIndex) -> Iterator[tuple[int, Entries]]:

@@ -24,8 +24,9 @@ from usbldr.io.decoding.decoders import (
 from usbldr.io.decoding.decoders import StreamMessage as Payload
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
+from usbldr.io.formats.counts import count_findings
 from usbldr.io.formats.decompression import unknown_compression_text
-from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index
+from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index, with_schemas
 from usbldr.io.formats.mcap_records import McapMessage, McapScan
 from usbldr.io.reader import Records, TopicInfo, utc
 
@@ -47,7 +48,10 @@ class McapLog:
     @cached_property
     def _index(self) -> Index:
         with self.path.open("rb") as file:
-            return read_index(file)
+            index = read_index(file)
+            if index.channel_summaries is None or not index.absent_schemas:
+                return index
+            return with_schemas(index, McapScan(file, self.path.stat().st_size, index.chunks))
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
@@ -91,14 +95,20 @@ class McapLog:
         """Yield all messages of any file, front to back.
 
         Schemas and channels from the index come first: if the first chunk is damaged, the others can
-        still be read.
+        still be read. A channel whose schema the index lacks waits for its first message.
         """
         with self.path.open("rb") as file:
             self._last_scan = McapScan(file, self.path.stat().st_size, self._index.chunks)
-            for record in chain(self._index.schemas.values(), self._index.channels.values(), self._last_scan):
+            absent, channels = self._index.absent_schemas, self._index.channels
+            waiting = {number: channel for number, channel in channels.items() if channel.schema_id in absent}
+            known = [channel for number, channel in channels.items() if number not in waiting]
+            for record in chain(self._index.schemas.values(), known, self._last_scan):
                 if not isinstance(record, McapMessage):
                     self._register(record)
-                elif key := self._keys.get(record.channel):
+                    continue
+                if record.channel not in self._keys and record.channel in waiting:
+                    self._register(waiting[record.channel])
+                if key := self._keys.get(record.channel):
                     yield key, record.time_ns, record.data
 
     def _register(self, record: Schema | Channel) -> None:
@@ -138,15 +148,17 @@ class McapLog:
         """Report what is missing from the file."""
         times = [t for stream in self._streams.values() for t in (stream.first_ns, stream.last_ns) if t is not None]
         span = f", the last {(max(times) - min(times)) / 1e9:.1f} s after the first" if times else ""
-        findings = [] if self._last_scan is None else _losses(self._last_scan, span)
+        findings = [] if self._last_scan is None else _losses(self._last_scan, span, set(self._keys))
         return (*findings, *self._unfit.values())
 
 
-def _losses(scan: McapScan, span: str) -> list[Finding]:
+def _losses(scan: McapScan, span: str, channels: set[int]) -> list[Finding]:
+    """Return what is missing; ``channels``: those that the file defines."""
     findings: list[Finding] = []
     if not scan.complete:
+        where = scan.size if scan.broken_at is None else scan.broken_at
         text = (
-            f"the file is truncated or damaged at byte {scan.broken_at} of {scan.size}: "
+            f"the file is truncated or damaged at byte {where} of {scan.size}: "
             f"{scan.messages} messages could be read{span}"
         )
         findings.append(Finding("TRUNCATED", text, lost_data=True))
@@ -155,10 +167,9 @@ def _losses(scan: McapScan, span: str) -> list[Finding]:
         findings.append(Finding("TRUNCATED", text))
     if scan.lost_chunks:
         total = f" of {scan.expected_messages}" if scan.expected_messages is not None else ""
-        first, last = min(start for start, _ in scan.lost_chunks), max(end for _, end in scan.lost_chunks)
         text = (
             f"{len(scan.lost_chunks)} chunks are damaged{unknown_compression_text(scan.unknown)} "
-            f"(logged between {utc(first)} and {utc(last)}): {scan.messages}{total} messages could be read"
+            f"({_logged(scan.lost_chunks)}): {scan.messages}{total} messages could be read"
         )
         findings.append(Finding("DAMAGED", text, lost_data=True))
     elif scan.complete and scan.broken_at is not None:
@@ -166,7 +177,25 @@ def _losses(scan: McapScan, span: str) -> list[Finding]:
         findings.append(
             Finding("DAMAGED", text, lost_data=scan.expected_messages is None or scan.messages < scan.expected_messages)
         )
+    elif scan.complete and scan.expected_messages is not None:
+        by_channel = scan.stated or not scan.expected_messages  # the statistics may state the total alone
+        stated = scan.stated if by_channel else {0: scan.expected_messages}
+        found = scan.found if by_channel else {0: scan.found.total()}
+        findings += count_findings("the file's statistics", stated, found)
+    if scan.altered_chunks or scan.altered_data:
+        chunks = f"{len(scan.altered_chunks)} chunks"
+        what = f"{chunks} ({_logged(scan.altered_chunks)})" if scan.altered_chunks else "the data"
+        text = f"the checksum of {what} is wrong, but all messages could be read: values may be altered"
+        findings.append(Finding("CHECKSUM", text, lost_data=True))
     if scan.undated:
         text = f"{scan.undated} messages have an impossible log time; left out"
         findings.append(Finding("DAMAGED", text, lost_data=True))
+    if nowhere := sum(count for channel, count in scan.found.items() if channel not in channels):
+        text = f"{nowhere} messages belong to a channel that the file does not define; left out"
+        findings.append(Finding("DAMAGED", text, lost_data=True))
     return findings
+
+
+def _logged(times: Sequence[tuple[int, int]]) -> str:
+    first, last = min(start for start, _ in times), max(end for _, end in times)
+    return f"logged between {utc(first)} and {utc(last)}"

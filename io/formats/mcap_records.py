@@ -1,6 +1,8 @@
 """The records of an MCAP file (https://mcap.dev/spec), read front to back; the file may be truncated or damaged."""
 
 import struct
+import zlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader, BytesIO
@@ -15,6 +17,9 @@ from usbldr.io.formats.mcap_chunks import COMPRESSIONS, DAMAGE, HEAD, ChunkReade
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 READ = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
+INSIDE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records of a chunk
+LATEST = (1 << 63) - 1  # [ns] in the year 2262; a later log time is a flipped bit
+STEP = 1 << 20  # [bytes] read at once for a checksum
 
 
 class McapMessage(NamedTuple):
@@ -42,12 +47,16 @@ class McapScan:
     complete: bool = False  # the end of the data was reached
     finished: bool = False  # so was the end of the file
     messages: int = 0
-    undated: int = 0  # messages with a log time after the year 2262: a flipped bit if there is no checksum
+    undated: int = 0  # messages with a log time after the year 2262, or outside their altered chunk's
+    found: Counter[int] = field(default_factory=Counter[int])  # number of messages by channel
+    stated: Mapping[int, int] = field(default_factory=dict[int, int])  # the same according to the file's statistics
     expected_messages: int | None = None  # number of messages according to the file's statistics
     good_until: int = len(MAGIC)  # byte after the last complete record
     broken_at: int | None = None  # first byte of the first damaged record
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     lost_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # log times from, to
+    altered_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # read despite their checksum
+    altered_data: bool = False  # the data as a whole have another checksum than the file states
 
     def __iter__(self) -> Iterator[Record]:
         """Yield schemas, channels and messages in the order of the file.
@@ -83,11 +92,26 @@ class McapScan:
                 record = self._record(op, memoryview(self._exactly(length)))
                 if record is not None:
                     yield record
+            elif op == Opcode.DATA_END:
+                (checksum,) = struct.unpack_from("<I", self._exactly(length))
+                self.complete = True
+                self._compare(checksum)
             else:
                 self.file.seek(length, 1)
-                self.complete |= op == Opcode.DATA_END
                 self.finished = op == Opcode.FOOTER and self._exactly(len(MAGIC)) == MAGIC
             self.good_until += HEAD.size + length
+
+    def _compare(self, checksum: int) -> None:
+        """Compare the checksum of all bytes before this record with the stated one; 0 states none."""
+        if not checksum or self.broken_at is not None or self.lost_chunks or self.altered_chunks:
+            return
+        here, left, computed = self.file.tell(), self.good_until, 0
+        self.file.seek(0)
+        while left:
+            block = self._exactly(min(left, STEP))
+            computed, left = zlib.crc32(block, computed), left - len(block)
+        self.altered_data = computed != checksum
+        self.file.seek(here)
 
     def _exactly(self, count: int) -> bytes:
         data = self.file.read(count)
@@ -96,34 +120,43 @@ class McapScan:
         return data
 
     def _chunk(self, chunks: ChunkReader, length: int, left: int) -> Iterator[Record]:
-        """Yield the records of a chunk if its checksum is right; of a truncated one, the complete records."""
+        """Yield the records of a chunk; of a truncated one, the complete records.
+
+        If its checksum is wrong, its records are read only if they fill it exactly, at times within its own.
+        """
         chunk = chunks.read(length, left)
         sound = chunk.sound
+        times = (chunk.first_ns, chunk.last_ns)
         try:
-            yield from self._inside(chunk.data)
+            if not chunk.altered:
+                yield from self._inside(chunk.data)
+            elif sound := _filled(chunk.data):
+                self.altered_chunks.append(times)
+                yield from self._inside(chunk.data, times)
         except DAMAGE:
             sound = False
         if not chunk.whole:
             raise CutError
         if not sound:
             self.unknown |= {chunk.compression} - set(COMPRESSIONS)
-            self.lost_chunks.append((chunk.first_ns, chunk.last_ns))
+            self.lost_chunks.append(times)
 
-    def _inside(self, data: memoryview) -> Iterator[Record]:
+    def _inside(self, data: memoryview, times: tuple[int, int] = (0, LATEST)) -> Iterator[Record]:
         at, end = 0, len(data)
         while at < end:
             op, length = HEAD.unpack_from(data, at)
             body, at = at + HEAD.size, at + HEAD.size + length
             if at > end:
                 raise CutError
-            record = self._record(op, data[body:at])
+            record = self._record(op, data[body:at], times)
             if record is not None:
                 yield record
 
-    def _record(self, op: int, body: memoryview) -> Record | None:
+    def _record(self, op: int, body: memoryview, times: tuple[int, int] = (0, LATEST)) -> Record | None:
         if op == Opcode.MESSAGE:
             channel, _, time_ns, _ = MESSAGE.unpack_from(body)
-            if time_ns < 1 << 63:
+            self.found[channel] += 1
+            if times[0] <= time_ns <= times[1]:
                 self.messages += 1
                 return McapMessage(channel, time_ns, body[MESSAGE.size :])
             self.undated += 1
@@ -132,5 +165,17 @@ class McapScan:
         elif op == Opcode.CHANNEL:
             return Channel.read(ReadDataStream(BytesIO(body)))
         elif op == Opcode.STATISTICS:
-            self.expected_messages = Statistics.read(ReadDataStream(BytesIO(body))).message_count
+            statistics = Statistics.read(ReadDataStream(BytesIO(body)))
+            self.stated, self.expected_messages = statistics.channel_message_counts, statistics.message_count
         return None
+
+
+def _filled(data: memoryview) -> bool:
+    """Return whether records of a chunk fill the bytes exactly."""
+    at = 0
+    while at + HEAD.size <= len(data):
+        op, length = HEAD.unpack_from(data, at)
+        if op not in INSIDE:
+            return False
+        at += HEAD.size + length
+    return at == len(data)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 
-from recordings import FLOAT64, SECOND, T0, TWIST, Row, twist, write_mcap, write_payloads, yaw
+from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.mcap_log import McapLog
 
@@ -90,8 +90,8 @@ def test_chunks_without_a_wanted_message_are_not_looked_at(tmp_path: Path) -> No
     assert at > file.stat().st_size / 2
     np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(500.0))
     assert log.findings() == ()
-    assert len(log.read({"/imu": ["header.stamp"]})["/imu"].received_ns) < 500
-    assert [finding.code for finding in log.findings()] == ["DAMAGED"]
+    log.read({"/imu": ["header.stamp"]})
+    assert [finding.code for finding in log.findings()] == ["CHECKSUM"]
 
 
 @pytest.mark.parametrize("what", ["place", "time"])
@@ -189,9 +189,15 @@ def test_a_file_without_its_index_has_lost_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("damaged", [0, 3])  # the first chunk holds the definitions
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
-def test_a_flipped_bit_costs_one_chunk(tmp_path: Path, compression: CompressionType, damaged: int) -> None:
+def test_a_destroyed_chunk_costs_only_its_own_messages(
+    tmp_path: Path, compression: CompressionType, damaged: int
+) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 8192)
-    bent_in(file, damaged)
+    chunk = chunks_of(file)[damaged]
+    bent = bytearray(file.read_bytes())
+    middle = chunk.chunk_start_offset + chunk.chunk_length // 2
+    bent[middle : middle + 400] = b"\xff" * 400  # longer than any message
+    file.write_bytes(bent)
     log = McapLog(file)
 
     x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
@@ -204,6 +210,101 @@ def test_a_flipped_bit_costs_one_chunk(tmp_path: Path, compression: CompressionT
     lost = sorted(set(range(1000)) - set(x.astype(int)))
     assert 5 < len(lost) < 100
     assert lost == list(range(lost[0], lost[-1] + 1))
+
+
+@pytest.mark.parametrize("damaged", [0, 3])
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_chunk_with_a_wrong_checksum_is_read_and_reported(
+    tmp_path: Path, compression: CompressionType, damaged: int
+) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 8192)
+    at = chunks_of(file)[damaged].chunk_start_offset + 9 + 8 + 8 + 8  # opcode and length, two times, size
+    bent = bytearray(file.read_bytes())
+    bent[at] ^= 1
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    (finding,) = log.findings()
+
+    np.testing.assert_array_equal(x, np.arange(1000.0))
+    assert (finding.code, finding.lost_data) == ("CHECKSUM", True)
+    assert finding.text.startswith("the checksum of 1 chunks (logged between 2020-09-13T12:2")
+    assert finding.text.endswith("is wrong, but all messages could be read: values may be altered")
+
+
+def with_data_checksum(file: Path) -> Path:
+    """Write an unchunked file that states the checksum of its data."""
+    with file.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False, enable_data_crcs=True)
+        writer.start()
+        numbers = [
+            writer.register_channel(topic, "cdr", writer.register_schema(*FLOAT64)) for topic in ("/heading", "/depth")
+        ]
+        for k in range(50):
+            data = b"\0\1\0\0" + struct.pack("<d", float(k))
+            writer.add_message(numbers[k % 2], T0 + k * SECOND, data, T0 + k * SECOND)
+        writer.finish()
+    return file
+
+
+def test_an_altered_value_in_data_without_chunks_is_reported(tmp_path: Path) -> None:
+    file = with_data_checksum(tmp_path / "a.mcap")
+    assert McapLog(file).findings() == ()
+    file.write_bytes(file.read_bytes().replace(struct.pack("<d", 20.0), struct.pack("<d", 20.5)))
+    log = McapLog(file)
+
+    assert 20.5 in log.read({"/heading": ["data"]})["/heading"].columns["data"]
+    (finding,) = log.findings()
+    assert (finding.code, finding.lost_data) == ("CHECKSUM", True)
+    assert finding.text == ("the checksum of the data is wrong, but all messages could be read: values may be altered")
+
+
+@pytest.mark.parametrize("alteration", ["opcode", "channel"])
+def test_messages_that_the_statistics_count_and_the_data_lack_are_reported(tmp_path: Path, alteration: str) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.NONE, False)
+    bent = bytearray(file.read_bytes())
+    head = b"\x05" + struct.pack("<QH", 22 + len(ROS2.serialize_cdr(message(TWIST, {}), TWIST)), 1)
+    at = bent.index(head, len(bent) // 2)
+    at, value = (at, 0x7F) if alteration == "opcode" else (at + 9, 2)
+    bent[at] = value
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 999
+    finding = next(finding for finding in log.findings() if finding.code == "DAMAGED")
+    more = "" if alteration == "opcode" else " and 1 are not in the file's statistics"
+    assert finding.text == f"1 of 2000 messages in the file's statistics are missing{more}"
+    assert finding.lost_data
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("statistics", [True, False])
+@pytest.mark.parametrize("damaged", [True, False])
+def test_a_summary_that_repeats_channels_without_schemas_hides_no_type(
+    tmp_path: Path, chunked: bool, statistics: bool, damaged: bool
+) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, use_chunking=chunked, repeat_schemas=False, use_statistics=statistics, chunk_size=100)
+        writer.start()
+        for k, topic in enumerate(("/heading", "/depth")):  # the second schema is in a later chunk than the first
+            number = writer.register_channel(topic, "cdr", writer.register_schema(*FLOAT64))
+            for i in range(10):
+                writer.add_message(number, T0 + k + i, b"\0\1\0\0" + struct.pack("<d", float(i)), T0 + k + i)
+        writer.finish()
+    if damaged:  # the end of the index
+        file.write_bytes(file.read_bytes()[:-3])
+    log = McapLog(file)
+
+    assert [(topic.name, topic.type, topic.count) for topic in log.topics()] == [
+        ("/heading", "std_msgs/msg/Float64", 10),
+        ("/depth", "std_msgs/msg/Float64", 10),
+    ]
+    read = log.read({"/heading": ["data"], "/depth": ["data"]})
+    for topic in ("/heading", "/depth"):
+        np.testing.assert_array_equal(read[topic].columns["data"], np.arange(10.0))
+    assert not any(finding.lost_data for finding in log.findings())
 
 
 def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -> None:
