@@ -10,8 +10,10 @@ from pathlib import Path
 
 from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_topics, decoder_of
 from usbldr.io.findings import Finding
-from usbldr.io.formats.bag_records import BagScan, Connection
-from usbldr.io.formats.decompression import unknown_compression_text
+from usbldr.io.formats.bag_fields import Connection
+from usbldr.io.formats.bag_records import BagScan
+from usbldr.io.formats.counts import count_findings, lost_messages
+from usbldr.io.formats.decompression import unread_text
 from usbldr.io.reader import Records, TopicInfo, utc
 
 
@@ -29,8 +31,8 @@ class BagLog:
         return tuple(stream.info() for stream in self._scan[0].values())
 
     @cached_property
-    def _scan(self) -> tuple[dict[TopicType, Stream], BagScan]:
-        """Return the stream of each (topic, type), and the finished scan."""
+    def _scan(self) -> tuple[dict[TopicType, Stream], dict[int, Stream], BagScan]:
+        """Return the stream of each (topic, type) and of each connection, and the finished scan."""
         streams: dict[TopicType, Stream] = {}
         connections: dict[int, Stream] = {}
         with self.path.open("rb") as file:
@@ -44,7 +46,7 @@ class BagLog:
                     connections[record.number] = streams[key]
                 elif record.connection in connections:
                     connections[record.connection].add_messages(1, record.time_ns, record.time_ns)
-        return streams, scan
+        return streams, connections, scan
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; if a topic has several types, the one with most messages."""
@@ -62,24 +64,33 @@ class BagLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the bag."""
-        streams, scan = self._scan
+        streams, connections, scan = self._scan
         findings: list[Finding] = []
         last = max((stream.last_ns for stream in streams.values() if stream.last_ns is not None), default=None)
         until = f", the last of {utc(last)}" if last is not None else ""
-        readable = f"{scan.messages} messages could be read{until}"
+        stated = scan.stated
+        total = f" of {scan.in_index.total()}" if scan.in_index else ""
+        readable = f"{scan.messages}{total} messages could be read"
+        lost = lost_messages(stated, scan.found)
         if not scan.complete:
-            text = f"the bag is truncated or damaged at byte {scan.broken_at} of {scan.size}: {readable}"
-            findings.append(
-                Finding(
-                    "TRUNCATED", text, lost_data=scan.expected_messages == 0 or scan.messages < scan.expected_messages
-                )
-            )
+            where = scan.size if scan.broken_at is None else scan.broken_at
+            text = f"the bag is truncated or damaged at byte {where} of {scan.size}: {readable}{until}"
+            findings.append(Finding("TRUNCATED", text, lost_data=bool(lost) or not scan.all_chunks_found))
         elif not scan.indexed:
-            text = f"the bag was never closed, its index is missing; {readable} (rosbag reindex repairs it)"
+            text = f"the bag was never closed, its index is missing; {readable}{until} (rosbag reindex repairs it)"
             findings.append(Finding("UNINDEXED", text))
         if scan.lost_chunks:
-            total = f" of {scan.expected_messages}" if scan.expected_messages else ""
-            damaged = f"{scan.lost_chunks} chunks are damaged{unknown_compression_text(scan.unknown)}"
-            text = f"{damaged}: {scan.messages}{total} messages could be read"
+            text = f"{scan.lost_chunks} chunks are damaged{unread_text(scan.unknown, scan.oversized)}: {readable}"
+            findings.append(Finding("DAMAGED", text, lost_data=True))
+        elif scan.complete and scan.broken_at is not None:
+            text = f"the bag is damaged at byte {scan.broken_at} of {scan.size}: {readable}"
+            findings.append(Finding("DAMAGED", text, lost_data=lost > 0))
+        elif scan.complete and stated:
+            findings += count_findings("the bag's index", stated, scan.found)
+        if scan.contradictions:
+            text = f"{scan.contradictions} connections are defined again as another topic or type; the first is used"
+            findings.append(Finding("DAMAGED", text, lost_data=True))
+        if nowhere := sum(count for number, count in scan.found.items() if number not in connections):
+            text = f"{nowhere} messages belong to a connection that the bag does not define; left out"
             findings.append(Finding("DAMAGED", text, lost_data=True))
         return (*findings, *self._unfit.values())

@@ -4,72 +4,31 @@ http://wiki.ros.org/Bags/Format/2.0
 """
 
 import struct
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
-from typing import NamedTuple, TypeAlias
 
 from usbldr.filters.errors import LogError
+from usbldr.io.formats.bag_fields import (
+    TIME,
+    WORD,
+    BagMessage,
+    Connection,
+    CutError,
+    Fields,
+    Record,
+    number_of,
+    op_of,
+    read_connection,
+    read_fields,
+)
 from usbldr.io.formats.decompression import DAMAGE, Decompressor
+from usbldr.io.limits import TooLargeError, UnpackingBudget
 
 MAGIC = b"#ROSBAG V2.0\n"
-MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7  # op codes
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7  # op codes
 COMPRESSIONS: Mapping[bytes, str] = {b"none": "", b"bz2": "bz2", b"lz4": "lz4"}
-WORD = struct.Struct("<I")
-TIME = struct.Struct("<II")
-
-
-class CutError(Exception):
-    """The bytes end inside a record, or are not a record."""
-
-
-class Connection(NamedTuple):
-    """A publisher of messages of one topic and type."""
-
-    number: int
-    topic: str
-    type: str
-    definition: bytes
-
-
-class BagMessage(NamedTuple):
-    """One message; its bytes are valid until the next record is read."""
-
-    connection: int
-    time_ns: int  # log time
-    data: memoryview
-
-
-Record: TypeAlias = Connection | BagMessage
-Fields: TypeAlias = Mapping[bytes, bytes]
-
-
-def _fields(header: bytes) -> Fields:
-    """Return the fields of a record's header; raise CutError if it is not valid."""
-    fields: dict[bytes, bytes] = {}
-    at = 0
-    while at < len(header):
-        if at + 4 > len(header):
-            raise CutError
-        (length,) = WORD.unpack_from(header, at)
-        name, equals, value = header[at + 4 : at + 4 + length].partition(b"=")
-        if not equals or at + 4 + length > len(header):
-            raise CutError
-        fields[name] = value
-        at += 4 + length
-    return fields
-
-
-def _op(fields: Fields) -> int:
-    return (fields.get(b"op") or b"\0")[0]
-
-
-def _number(fields: Fields, name: bytes, size: int) -> int:
-    """Return an unsigned number of a header; raise CutError if it is missing or has another size."""
-    value = fields.get(name, b"")
-    if len(value) != size:
-        raise CutError
-    return int.from_bytes(value, "little")
 
 
 @dataclass(slots=True)
@@ -79,15 +38,41 @@ class BagScan:
     file: BufferedReader
     size: int
     indexed: bool = False  # the bag was closed
-    complete: bool = False  # the end of the file is the end of a record
+    complete: bool = False  # the end of the file is the end of a record, and of the index if the bag was closed
     messages: int = 0
-    expected_messages: int = 0  # number of messages according to the bag's index
+    found: Counter[int] = field(default_factory=Counter[int])  # number of messages by connection
+    in_chunks: Counter[int] = field(default_factory=Counter[int])  # the same according to the index after each chunk
+    in_index: Counter[int] = field(default_factory=Counter[int])  # the same according to the bag's index
     good_until: int = len(MAGIC)  # byte after the last complete record
     broken_at: int | None = None  # first byte of the first damaged record
-    lost_chunks: int = 0
+    unread_chunks: int = 0
+    contradictions: int = 0  # connections that are defined again, as another topic or type
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
+    oversized: bool = False  # lost chunks are beyond the limit of a chunk
     _index_at: int = 0
-    _unpacker: Decompressor = field(default_factory=Decompressor)
+    _chunk_count: int = 0  # number of chunks according to the bag's header
+    _places: set[int] = field(default_factory=set[int])  # of chunks according to the bag's index
+    _reached: set[int] = field(default_factory=set[int])  # places of chunks that were found
+    _connections: dict[int, Connection] = field(default_factory=dict[int, Connection])
+    _unpacker: Decompressor = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._unpacker = Decompressor(UnpackingBudget(self.file.name, self.size))
+
+    @property
+    def stated(self) -> Counter[int]:
+        """Return the number of messages by connection that the bag states."""
+        return self.in_chunks | self.in_index  # the larger of both
+
+    @property
+    def lost_chunks(self) -> int:
+        """Return how many chunks were not found or could not be read."""
+        return self.unread_chunks + len(self._places - self._reached)
+
+    @property
+    def all_chunks_found(self) -> bool:
+        """Return whether the bag was closed and all its chunks are there, if not their index."""
+        return self.indexed and len(self._reached) >= self._chunk_count
 
     def __iter__(self) -> Iterator[Record]:
         """Yield connections and messages in the order of the bag.
@@ -101,35 +86,61 @@ class BagScan:
                 yield from self._records()
                 self.complete = True
             except CutError:
-                self.broken_at = self.good_until if self.broken_at is None else self.broken_at
+                self._broken()
                 chunks = self._chunks_by_index() if chunks is None else chunks
                 next_chunk = min(
                     (at for at in [*chunks, self._index_at] if self.good_until < at < self.size), default=None
                 )
                 if next_chunk is None:
                     return
-                self.lost_chunks += 1
                 self.good_until = next_chunk
+        self.complete = not self.indexed or len(self._places) >= self._chunk_count
+
+    def _broken(self) -> None:
+        self.broken_at = self.good_until if self.broken_at is None else self.broken_at
 
     def _records(self) -> Iterator[Record]:
         while word := self.file.read(WORD.size):
-            fields = _fields(self._exactly(self._length(word)))
+            if not any(word):
+                self._skip_zeros()
+                continue
+            fields = read_fields(self._exactly(self._length(word)))
             length = self._length(self.file.read(WORD.size))
-            op = _op(fields)
+            op = op_of(fields)
             if op == CHUNK:
                 yield from self._chunk(fields, length)
+                self._reached.add(self.good_until)
             else:
-                data = self._exactly(length)
-                if op == BAG_HEADER:
-                    self._look_at_header(fields)
-                elif op == CHUNK_INFO:
-                    self.expected_messages += sum(struct.unpack(f"<{length // 4}I", data[: length // 4 * 4])[1::2])
-                elif op in (CONNECTION, MESSAGE):
-                    yield self._record(op, fields, memoryview(data))
+                yield from self._outside(op, fields, self._exactly(length))
             self.good_until = self.file.tell()
+
+    def _outside(self, op: int, fields: Fields, data: bytes) -> Iterator[Record]:
+        """Take a record that is not a chunk; yield it if it is a connection or a message."""
+        if op == BAG_HEADER:
+            self._look_at_header(fields)
+        elif op == INDEX:
+            self.in_chunks[number_of(fields, b"conn", 4)] += number_of(fields, b"count", 4)
+        elif op == CHUNK_INFO:
+            self._places.add(number_of(fields, b"chunk_pos", 8))
+            for connection, count in struct.iter_unpack("<2I", data[: len(data) // 8 * 8]):
+                self.in_index[connection] += count
+        elif op in (CONNECTION, MESSAGE):
+            yield from self._record(op, fields, memoryview(data))
+
+    def _skip_zeros(self) -> None:
+        """Go to the next byte that is not zero: a crash or a file system left zeros."""
+        self._broken()
+        self.file.seek(self.good_until)
+        while block := self.file.read(1 << 16):
+            if rest := block.lstrip(b"\0"):
+                self.good_until += len(block) - len(rest)
+                break
+            self.good_until += len(block)
+        self.file.seek(self.good_until)
 
     def _look_at_header(self, fields: Fields) -> None:
         self._index_at = int.from_bytes(fields.get(b"index_pos", b""), "little")
+        self._chunk_count = int.from_bytes(fields.get(b"chunk_count", b""), "little")
         self.indexed = self._index_at != 0
         if fields.get(b"encryptor"):
             raise LogError(f"{self.file.name}: the bag is encrypted; decrypt it first (rosbag decrypt)")
@@ -149,21 +160,24 @@ class BagScan:
         """Yield the records of a chunk; of a truncated one, the complete records."""
         packed = self.file.read(min(length, self.size))
         whole = len(packed) == length
-        sound = True
         try:
-            yield from self._inside(self._unpacked(fields, packed))
+            data = self._unpacked(fields, packed)
+            sound = len(data) == number_of(fields, b"size", 4)
+            yield from self._inside(data)
+        except TooLargeError:
+            sound, self.oversized = False, True
         except (CutError, *DAMAGE):
             sound = False
         if not whole:
             raise CutError
-        self.lost_chunks += not sound
+        self.unread_chunks += not sound
 
     def _unpacked(self, fields: Fields, packed: bytes) -> memoryview:
         name = fields.get(b"compression", b"")
         if name not in COMPRESSIONS:
             self.unknown.add(name.decode(errors="replace"))
             raise CutError
-        return self._unpacker.unpack(COMPRESSIONS[name], memoryview(packed), _number(fields, b"size", 4))
+        return self._unpacker.unpack(COMPRESSIONS[name], memoryview(packed), number_of(fields, b"size", 4))
 
     def _inside(self, data: memoryview) -> Iterator[Record]:
         at, end = 0, len(data)
@@ -173,22 +187,23 @@ class BagScan:
             at = body + self._length(data[body - WORD.size : body])
             if at > end:
                 raise CutError
-            fields = _fields(bytes(data[head : body - WORD.size]))
-            if _op(fields) in (CONNECTION, MESSAGE):
-                yield self._record(_op(fields), fields, data[body:at])
+            fields = read_fields(bytes(data[head : body - WORD.size]))
+            if op_of(fields) in (CONNECTION, MESSAGE):
+                yield from self._record(op_of(fields), fields, data[body:at])
 
-    def _record(self, op: int, fields: Fields, data: memoryview) -> Record:
-        number = _number(fields, b"conn", 4)
+    def _record(self, op: int, fields: Fields, data: memoryview) -> Iterator[Record]:
+        number = number_of(fields, b"conn", 4)
         if op == MESSAGE:
             seconds, nanoseconds = TIME.unpack(fields.get(b"time", b"").ljust(TIME.size, b"\0")[: TIME.size])
             self.messages += 1
-            return BagMessage(number, seconds * 1_000_000_000 + nanoseconds, data)
-        info = _fields(bytes(data))
-        try:
-            name = (info.get(b"topic") or fields[b"topic"]).decode()
-            return Connection(number, name, info[b"type"].decode(), info[b"message_definition"])
-        except (KeyError, UnicodeDecodeError) as err:
-            raise CutError from err
+            self.found[number] += 1
+            yield BagMessage(number, seconds * 1_000_000_000 + nanoseconds, data)
+            return
+        connection = read_connection(number, fields, data)
+        if self._connections.setdefault(number, connection) == connection:
+            yield connection
+        else:
+            self.contradictions += 1
 
     def _chunks_by_index(self) -> list[int]:
         """Return the offsets of the chunks in the index, as far as it can be read."""
@@ -197,10 +212,10 @@ class BagScan:
             self.file.seek(self._index_at)
             try:
                 while word := self.file.read(WORD.size):
-                    fields = _fields(self._exactly(self._length(word)))
+                    fields = read_fields(self._exactly(self._length(word)))
                     self._exactly(self._length(self.file.read(WORD.size)))
-                    if _op(fields) == CHUNK_INFO:
-                        places.append(_number(fields, b"chunk_pos", 8))
+                    if op_of(fields) == CHUNK_INFO:
+                        places.append(number_of(fields, b"chunk_pos", 8))
             except CutError:
                 pass
         return places

@@ -7,12 +7,14 @@ checksum, and no memory.
 import struct
 import zlib
 from io import BufferedReader
+from pathlib import Path
 from typing import NamedTuple
 
 from mcap.exceptions import McapError
 
 from usbldr.io.formats import decompression
 from usbldr.io.formats.decompression import Decompressor
+from usbldr.io.limits import TooLargeError, UnpackingBudget
 
 HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 CHUNK = struct.Struct("<QQQII")  # first and last log time, decompressed size, checksum, length of compression's name
@@ -31,6 +33,7 @@ class Chunk(NamedTuple):
     sound: bool  # it has the stated size and, if one is stated, the stated checksum
     altered: bool  # it has the stated size, but another checksum
     compression: str
+    oversized: bool = False  # it is beyond the limit of a chunk
 
 
 class ChunkReader:
@@ -39,7 +42,7 @@ class ChunkReader:
     def __init__(self, file: BufferedReader) -> None:
         self._file = file
         self._raw = bytearray()
-        self._unpacker = Decompressor()
+        self._unpacker = Decompressor(UnpackingBudget(file.name, Path(file.name).stat().st_size))
 
     def read(self, length: int, left: int) -> Chunk:
         """Read the record of a chunk, of which at most ``left`` bytes exist; raise one of DAMAGE for its head."""
@@ -53,6 +56,8 @@ class ChunkReader:
             return nothing
         try:
             data = self._unpacker.unpack(compression, raw[packed_at:], size)
+        except TooLargeError:
+            return nothing._replace(oversized=True)
         except DAMAGE:
             return nothing
         complete = whole and len(data) == size

@@ -25,7 +25,7 @@ from usbldr.io.decoding.decoders import StreamMessage as Payload
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
 from usbldr.io.formats.counts import count_findings
-from usbldr.io.formats.decompression import unknown_compression_text
+from usbldr.io.formats.decompression import unread_text
 from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index, with_schemas
 from usbldr.io.formats.mcap_records import McapMessage, McapScan
 from usbldr.io.reader import Records, TopicInfo, utc
@@ -168,7 +168,7 @@ def _losses(scan: McapScan, span: str, channels: set[int]) -> list[Finding]:
     if scan.lost_chunks:
         total = f" of {scan.expected_messages}" if scan.expected_messages is not None else ""
         text = (
-            f"{len(scan.lost_chunks)} chunks are damaged{unknown_compression_text(scan.unknown)} "
+            f"{len(scan.lost_chunks)} chunks are damaged{unread_text(scan.unknown, scan.oversized)} "
             f"({_logged(scan.lost_chunks)}): {scan.messages}{total} messages could be read"
         )
         findings.append(Finding("DAMAGED", text, lost_data=True))

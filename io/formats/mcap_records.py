@@ -54,6 +54,7 @@ class McapScan:
     good_until: int = len(MAGIC)  # byte after the last complete record
     broken_at: int | None = None  # first byte of the first damaged record
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
+    oversized: bool = False  # lost chunks are beyond the limit of a chunk
     lost_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # log times from, to
     altered_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # read despite their checksum
     altered_data: bool = False  # the data as a whole have another checksum than the file states
@@ -139,6 +140,7 @@ class McapScan:
             raise CutError
         if not sound:
             self.unknown |= {chunk.compression} - set(COMPRESSIONS)
+            self.oversized |= chunk.oversized
             self.lost_chunks.append(times)
 
     def _inside(self, data: memoryview, times: tuple[int, int] = (0, LATEST)) -> Iterator[Record]:

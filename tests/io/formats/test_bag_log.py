@@ -1,5 +1,6 @@
 """ROS 1 bags as rosbags and rosbag write them, and as crashes leave them."""
 
+import bz2
 import struct
 from pathlib import Path
 
@@ -94,6 +95,109 @@ def test_a_flipped_bit_costs_one_chunk(tmp_path: Path) -> None:
     assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("DAMAGED", True)]
     assert 400 < len(x) < 500
     assert set(x) < set(np.arange(500.0))
+
+
+def with_index_at(bag: bytes, shift: int) -> bytes:
+    """Return a bag whose index is further back than its header says."""
+    at = bag.index(b"index_pos=") + len(b"index_pos=")
+    (place,) = struct.unpack_from("<Q", bag, at)
+    return bag[:at] + struct.pack("<Q", place + shift) + bag[at + 8 :]
+
+
+@pytest.mark.parametrize("left", [0, 0.5])
+def test_a_chunk_that_decompresses_to_less_than_stated_is_lost_data(tmp_path: Path, left: float) -> None:
+    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in range(100)]
+    whole = write_bag(tmp_path / "a.bag", rows, "bz2").read_bytes()
+    at = whole.index(b"BZh")
+    (length,) = struct.unpack_from("<I", whole, at - 4)
+    inside = bz2.decompress(whole[at : at + length])
+    packed = bz2.compress(inside[: round(len(inside) * left)])
+    bag = whole[: at - 4] + struct.pack("<I", len(packed)) + packed + whole[at + length :]
+    (tmp_path / "b.bag").write_bytes(with_index_at(bag, len(packed) - length))
+    log = BagLog(tmp_path / "b.bag")
+
+    x = log.read({"/dvl": ["twist.linear.x"]})["/dvl"].columns["twist.linear.x"]
+
+    np.testing.assert_array_equal(x, np.arange(len(x)))
+    assert len(x) < 60
+    (finding,) = log.findings()
+    assert finding.text == f"1 chunks are damaged: {len(x)} of 100 messages could be read"
+    assert finding.lost_data
+
+
+def record_ends(bag: bytes) -> list[tuple[int, int]]:
+    """Return where each record of a bag ends, and its op code."""
+    ends: list[tuple[int, int]] = []
+    at = 13
+    while at < len(bag):
+        (header,) = struct.unpack_from("<I", bag, at)
+        op = bag[bag.index(b"\x04\0\0\0op=", at) + 7]
+        (data,) = struct.unpack_from("<I", bag, at + 4 + header)
+        at += 8 + header + data
+        ends.append((at, op))
+    return ends
+
+
+def test_a_bag_cut_between_two_records_is_truncated(tmp_path: Path) -> None:
+    whole = write_bag(tmp_path / "a.bag", [twist(T0 + k, float(k), 0.0) for k in range(3)], chunk_size=1).read_bytes()
+    ends = record_ends(whole)
+    assert [op for _, op in ends].count(5) == 3  # a chunk for each message
+    found: list[tuple[int, bool]] = []
+    for end, _ in ends[:-1]:
+        (tmp_path / "b.bag").write_bytes(whole[:end])
+        log = BagLog(tmp_path / "b.bag")
+
+        (finding,) = log.findings()
+        assert finding.text.startswith(f"the bag is truncated or damaged at byte {end} of {end}: ")
+        found.append((sum(topic.count for topic in log.topics()), finding.lost_data))
+
+    assert found[:7] == [(0, True), (1, True), (1, True), (2, True), (2, True), (3, False), (3, False)]
+    assert set(found[7:]) == {(3, False)}
+
+
+@pytest.mark.parametrize("shift", [0, 49])  # the header says that the index is at the zeros, or behind them
+def test_zeros_before_the_index_lose_nothing(tmp_path: Path, shift: int) -> None:
+    whole = write_bag(tmp_path / "a.bag", many(), chunk_size=4096).read_bytes()
+    (at,) = struct.unpack_from("<Q", whole, whole.index(b"index_pos=") + len(b"index_pos="))
+    (tmp_path / "b.bag").write_bytes(with_index_at(whole[:at] + bytes(49) + whole[at:], shift))
+    log = BagLog(tmp_path / "b.bag")
+
+    np.testing.assert_array_equal(log.read(TWIST_X)["/dvl"].columns["twist.linear.x"], np.arange(500.0))
+    (finding,) = log.findings()
+    assert finding.text == f"the bag is damaged at byte {at} of {len(whole) + 49}: 1000 of 1000 messages could be read"
+    assert (finding.code, finding.level) == ("DAMAGED", "warning")
+
+
+@pytest.mark.parametrize("alteration", ["op", "connection"])
+def test_messages_that_the_index_counts_and_the_chunks_lack_are_reported(tmp_path: Path, alteration: str) -> None:
+    bent = bytearray(write_bag(tmp_path / "a.bag", many(), chunk_size=4096).read_bytes())
+    connection, op = b"\x09\0\0\0conn=\0\0\0\0", b"\x04\0\0\0op=\x02"
+    message = bent.index(connection + op if connection + op in bent else op + connection, len(bent) // 2)
+    if alteration == "op":
+        bent[bent.index(op, message - 20) + 7] = 0x42
+    else:
+        bent[bent.index(connection, message - 20) + 9] = 7
+    (tmp_path / "b.bag").write_bytes(bent)
+    log = BagLog(tmp_path / "b.bag")
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 499
+    finding, *more = log.findings()
+    surplus = "" if alteration == "op" else " and 1 are not in the bag's index"
+    assert finding.text == f"1 of 1000 messages in the bag's index are missing{surplus}"
+    assert finding.lost_data
+    assert len(more) == (alteration == "connection")
+
+
+def test_a_topic_that_is_spelt_in_two_ways_is_reported_and_no_second_topic(tmp_path: Path) -> None:
+    whole = write_bag(tmp_path / "a.bag", many()).read_bytes()
+    again = whole.rindex(b"topic=/imu")
+    (tmp_path / "b.bag").write_bytes(whole[: again + 7] + b"k" + whole[again + 8 :])
+    log = BagLog(tmp_path / "b.bag")
+
+    assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 500, "/imu": 500}
+    (finding,) = log.findings()
+    assert finding.text == "1 connections are defined again as another topic or type; the first is used"
+    assert finding.lost_data
 
 
 def test_an_unknown_compression_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,55 @@
+"""Limits on what a log may cost to read, against files made or damaged to exhaust memory or time.
+
+Each is far above what recordings of vehicles need. The environment variable USBLDR_LIMITS, or the option --limits of
+the commands, multiplies all of them: USBLDR_LIMITS=10. docs/broken_files.md lists them.
+"""
+
+import os
+from pathlib import Path
+
+from usbldr.filters.errors import LogError, UsageError
+
+VARIABLE = "USBLDR_LIMITS"
+CHUNK_BYTES = 1 << 27  # [bytes] of one chunk or message, decompressed: 16 chunks of the largest usual size
+UNPACKED_BYTES = 1 << 28  # [bytes] that any log may decompress to: a second or two
+UNPACKED_RATIO = 100  # [bytes per byte] that a log may decompress to beyond that; navigation logs reach 10
+RAISE = "--limits 10 raises the limits tenfold"
+
+
+def factor() -> float:
+    """Return the factor on all limits; raise UsageError if the variable is not a positive number."""
+    text = os.environ.get(VARIABLE, "1")
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise UsageError(f"{VARIABLE} (--limits) is {text}, not a positive number")
+    return value
+
+
+def limit(usual: int) -> int:
+    """Return a limit times the factor."""
+    return round(usual * factor())
+
+
+class TooLargeError(ValueError):
+    """A part of a file is larger than a limit."""
+
+
+class UnpackingBudget:
+    """The bytes to which a log may still decompress."""
+
+    def __init__(self, path: Path | str, size: int) -> None:
+        """Take the log and its size in bytes."""
+        self._path = path
+        self._whole = limit(UNPACKED_BYTES + UNPACKED_RATIO * size)
+        self._left = self._whole
+        self.chunk_bytes = limit(CHUNK_BYTES)
+
+    def take(self, count: int) -> None:
+        """Take bytes of the budget; raise LogError if it is exhausted."""
+        self._left -= count
+        if self._left < 0:
+            text = f"decompresses to more than {self._whole >> 20} MB, too much for its size; {RAISE}"
+            raise LogError(text, path=self._path)
