@@ -10,10 +10,18 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Truth, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain
-from usbldr.io.formats.csv_text import column, nanoseconds, numbers, read_texts, seconds
+from usbldr.io.formats.csv_text import (
+    ParsedColumn,
+    column,
+    cut_findings,
+    nanoseconds,
+    numbers,
+    read_texts,
+    row_findings,
+    seconds,
+)
 from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.provenance import ChosenBy, Convention, Provenance
-from usbldr.io.reader import Nanoseconds
 from usbldr.io.settings.sensor_sections import TruthSection
 
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
@@ -60,14 +68,16 @@ def read_truth_file(
     Skipped rows are not parsed; they are NaN. Raises LogError for a missing column, a broken number or
     an unknown plane; UsageError if the columns are unnamed.
     """
-    texts = read_texts(file)
+    read_table = read_texts(file)
+    texts = read_table.columns
     columns, frame = _columns(file, texts, section)
     row_count = len(texts[columns["x"]])
     rows = range(min(section.skip_rows, row_count), row_count)
     cells = {key: texts[name][rows.start :] for key, name in columns.items()}
-    time_ns = _times(file, cells, columns, start_ns, rows)
-    x, y = (numbers(cells[axis], columns[axis], file, rows) for axis in "xy")
-    sd = numbers(cells["sd_m"], columns["sd_m"], file, rows) if "sd_m" in cells else np.full(len(x), np.nan)
+    lines = read_table.lines[rows.start :]
+    time_ns = _times(cells, columns, start_ns).checked(file, lines)
+    x, y = (numbers(cells[axis], columns[axis]).checked(file, lines) for axis in "xy")
+    sd = numbers(cells["sd_m"], columns["sd_m"]).checked(file, lines) if "sd_m" in cells else np.full(len(x), np.nan)
     east, north = _on_plane(file, frame, x, y, origin)
     columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
     frame_by = columns_by if section.columns is None or section.frame else "default"
@@ -77,9 +87,11 @@ def read_truth_file(
     read = {"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd}
     fill = {"time_ns": 0, "east_m": np.nan, "north_m": np.nan, "sd_m": np.nan}
     table = pd.DataFrame({name: np.insert(read[name], 0, [fill[name]] * rows.start) for name in read})
+    findings = [*row_findings(file, read_table, read_table.left_out), *cut_findings(file, read_table)]
     if section.columns is None and section.frame not in (None, frame):
         text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns are {frame}'
-        table.attrs[FINDINGS] = (Finding("KEY-UNUSED", text),)
+        findings.append(Finding("KEY-UNUSED", text))
+    table.attrs[FINDINGS] = tuple(findings)
     return table, Provenance(file.name, "file", chosen_by, tuple(chosen), row_count, len(rows))
 
 
@@ -105,14 +117,12 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
     )
 
 
-def _times(
-    file: Path, cells: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int, rows: Sequence[int]
-) -> Nanoseconds:
+def _times(cells: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int) -> ParsedColumn:
     if "time_ns" in columns:
-        return nanoseconds(cells["time_ns"], columns["time_ns"], file, rows)
+        return nanoseconds(cells["time_ns"], columns["time_ns"])
     key = "time_unix_s" if "time_unix_s" in columns else "time_s"
-    times = seconds(cells[key], columns[key], file, rows)
-    return times if key == "time_unix_s" else times + start_ns
+    times = seconds(cells[key], columns[key])
+    return times if key == "time_unix_s" else times._replace(values=times.values + start_ns)
 
 
 def _on_plane(file: Path, frame: str, x: Vector, y: Vector, origin: Origin | None) -> tuple[Vector, Vector]:

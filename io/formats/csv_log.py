@@ -14,11 +14,23 @@ import numpy as np
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, plain, sheet_of
-from usbldr.io.formats.csv_text import nanoseconds, numbers, raw_header, read_texts, seconds, text_files
+from usbldr.io.formats.csv_text import (
+    ParsedColumn,
+    TextTable,
+    cut_findings,
+    listed,
+    nanoseconds,
+    numbers,
+    raw_header,
+    read_texts,
+    row_findings,
+    seconds,
+    text_files,
+)
 from usbldr.io.messages.registry import FRAMES
-from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+from usbldr.io.reader import Records, TopicInfo
 
-UNFIT = "its columns match no sensor; name them with the key columns in the sensor's section of usbldr.toml"
+ADVICE = "name them with the key columns in the sensor's section of usbldr.toml"
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 
@@ -47,7 +59,8 @@ class CsvLog:
     def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = ()) -> None:
         self.path = path
         self._configured = tuple(configured)
-        self._read: dict[Path, Mapping[str, Sequence[str]]] = {}
+        self._read: dict[Path, TextTable] = {}
+        self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
 
     @property
     def format(self) -> str:
@@ -75,7 +88,7 @@ class CsvLog:
         header = tuple(raw_header(file))
         if "sensor" not in map(plain, header):
             return {"/" + file.stem.replace("__", "/"): CsvSource(file, header)}
-        sensors = dict.fromkeys(self._texts(file)["sensor"])
+        sensors = dict.fromkeys(self._table(file).columns["sensor"])
         return {"/" + sensor.lstrip("/"): CsvSource(file, header, sensor) for sensor in sensors if sensor}
 
     @cached_property
@@ -106,7 +119,7 @@ class CsvLog:
     def _recognised(self, topic: str, source: CsvSource) -> Sheet | None:
         if source.sensor is None:
             return sheet_of(source.file.stem, source.header)
-        texts = self._texts(source.file)
+        texts = self._table(source.file).columns
         rows = self._rows(source)
         filled = [name for name in texts if name == "time_ns" or any(texts[name][row] for row in rows)]
         return sheet_of(source.sensor.replace("/", "__"), filled)
@@ -118,53 +131,82 @@ class CsvLog:
     def _info(self, topic: str, source: CsvSource) -> TopicInfo:
         sheet = self._sheets[topic]
         if sheet is None:
-            return TopicInfo(topic, "", "csv", 0, None, None, problem=UNFIT)
+            problem = f"its columns match no sensor ({listed(source.header)}); {ADVICE}"
+            return TopicInfo(topic, "", "csv", 0, None, None, problem=problem)
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
-        times, problem = np.empty(0, dtype=np.int64), f"{source.file.name} {sheet.problem}"
-        if sheet.received is not None:
-            try:
-                times, problem = self._times(source, sheet.received), ""
-            except LogError as err:
-                problem = str(err)
+        if sheet.received is None:
+            problem = f"{source.file.name} {sheet.problem}"
+            return TopicInfo(topic, sheet.type, "csv", 0, None, None, fields, problem)
+        times, faults = self._times(source, sheet.received)
+        lines = self._lines(source)
+        times = np.delete(times, list(faults))
+        problem = "" if len(times) or not faults else self._only_faults(topic, source, lines, faults)
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
         return TopicInfo(topic, sheet.type, "csv", len(times), first, last, fields, problem)
 
-    def _texts(self, file: Path) -> Mapping[str, Sequence[str]]:
+    def _only_faults(self, topic: str, source: CsvSource, lines: Sequence[int], faults: Mapping[int, str]) -> str:
+        """Keep the faults of a topic without one good row; return the first."""
+        self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
+        row = min(faults)
+        return f"{source.file}: line {lines[row]}: {faults[row]}"
+
+    def _table(self, file: Path) -> TextTable:
         if file not in self._read:
             self._read[file] = read_texts(file)
         return self._read[file]
 
     def _rows(self, source: CsvSource) -> Sequence[int]:
-        texts = self._texts(source.file)
+        table = self._table(source.file)
         if source.sensor is None:
-            return range(len(next(iter(texts.values()), ())))
-        return [row for row, sensor in enumerate(texts["sensor"]) if sensor == source.sensor]
+            return range(len(table.lines))
+        return [row for row, sensor in enumerate(table.columns["sensor"]) if sensor == source.sensor]
 
-    def _times(self, source: CsvSource, clock: TimeColumn) -> Nanoseconds:
-        texts, rows = self._texts(source.file)[clock.column], self._rows(source)
+    def _lines(self, source: CsvSource) -> Sequence[int]:
+        lines = self._table(source.file).lines
+        return [lines[row] for row in self._rows(source)]
+
+    def _cells(self, source: CsvSource, name: str) -> Sequence[str]:
+        texts = self._table(source.file).columns[name]
+        return texts if source.sensor is None else [texts[row] for row in self._rows(source)]
+
+    def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
         read = seconds if clock.in_seconds else nanoseconds
-        return read([texts[row] for row in rows], clock.column, source.file, rows)
+        return read(self._cells(source, clock.column), clock.column)
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Read the wanted columns."""
+        """Read the wanted columns; rows with an invalid cell in one of them are left out."""
         return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         source, sheet = self._sources[topic], self._sheets[topic]
         if sheet is None or sheet.received is None:
-            raise LogError(f"{topic} cannot be read: {UNFIT}", path=self.path)
+            raise LogError(f"{topic} cannot be read: its columns match no sensor; {ADVICE}", path=self.path)
         received = self._times(source, sheet.received)
         columns = {path: self._column(source, sheet, path) for path in paths}
-        order = np.argsort(received, kind="stable")
-        return Records(received[order], {path: column[order] for path, column in columns.items()})
+        faults: dict[int, str] = {}
+        for parsed in (received, *columns.values()):
+            faults = {**parsed.faults, **faults}
+        lines = self._lines(source)
+        if faults and len(faults) == len(lines):
+            raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
+        self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
+        good = np.delete(np.arange(len(lines)), list(faults))
+        order = good[np.argsort(received.values[good], kind="stable")]
+        return Records(received.values[order], {path: parsed.values[order] for path, parsed in columns.items()})
 
-    def _column(self, source: CsvSource, sheet: Sheet, path: str) -> Column:
+    def _column(self, source: CsvSource, sheet: Sheet, path: str) -> ParsedColumn:
         if path == "header.stamp" and sheet.stamp:
             return self._times(source, sheet.stamp)
-        name, rows = sheet.columns[path], self._rows(source)
-        texts = [self._texts(source.file)[name][row] for row in rows]
-        return np.array(texts) if path in WORDS else numbers(texts, name, source.file, rows)
+        name = sheet.columns[path]
+        cells = self._cells(source, name)
+        return ParsedColumn(np.array(cells), {}) if path in WORDS else numbers(cells, name)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Report nothing: what cannot be read here is an error."""
-        return ()
+        """Report the rows that are left out."""
+        found: list[Finding] = []
+        for topic, source in self._sources.items():
+            if self._left_out.get(topic):
+                found += row_findings(source.file, self._table(source.file), self._left_out[topic], topic)
+        for file, table in self._read.items():
+            found += [*row_findings(file, table, table.left_out), *cut_findings(file, table)]
+        return tuple(found)

@@ -1,31 +1,38 @@
-"""The texts of CSV files as columns: names, integer nanoseconds and numbers; errors name the line."""
+"""The texts of CSV files as columns: names, integer nanoseconds and numbers; faults name the line."""
 
 import codecs
+import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-import pandas as pd
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.types import Vector
+from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain_names
-from usbldr.io.reader import Nanoseconds
+from usbldr.io.formats.files import opened, text_lines
+from usbldr.io.reader import Column
 
 SECOND = Decimal(1_000_000_000)
 MAX_TIME_NS = 1 << 62  # in 2116
+MAX_NAMES = 20  # of names in a sentence
+MAX_CHARACTERS = 60  # of a name or a cell in a sentence
+WORDS = {"": "nan", "true": "1", "false": "0"}
+Number = TypeVar("Number", int, float)
 
 
 def text_files(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder that look like CSV, by name."""
     for file in sorted(folder.iterdir()):
         if file.is_file() and not file.name.startswith(".") and file.suffix not in (".toml", ".md", ".json"):
-            with file.open("rb") as opened:
-                if looks_like_csv(opened.read(4096)):
-                    yield file
+            with opened(file) as content:
+                head = content.read(4096)
+            if looks_like_csv(head):
+                yield file
 
 
 def looks_like_csv(head: bytes) -> bool:
@@ -57,65 +64,131 @@ def _with_point(cell: str) -> str:
 
 def raw_header(file: Path) -> list[str]:
     """Return a file's column names as written."""
-    line = _header_line(file)
+    line = next(text_lines(file), "")
     return [name.strip() for name in line.split(_separator(line))]
 
 
-def _header_line(file: Path) -> str:
-    try:
-        with file.open(encoding="utf-8-sig", errors="replace") as lines:
-            return lines.readline()
-    except OSError as err:
-        raise LogError(f"cannot be read ({err.strerror})", path=file) from err
+class TextTable(NamedTuple):
+    """The cells of a file as stripped text."""
+
+    columns: Mapping[str, Sequence[str]]  # by plain names
+    lines: Sequence[int]  # line of each row
+    left_out: Mapping[int, str]  # line -> why it is not a row
+    cut_line: int = 0  # last line, if it has no line end and may be cut; 0: it has
 
 
-def read_texts(file: Path) -> Mapping[str, Sequence[str]]:
-    """Return all columns of a CSV file as stripped text, by plain names; raise LogError if it is not CSV."""
-    header, separator = plain_names(raw_header(file)), _separator(_header_line(file))
+def read_texts(file: Path) -> TextTable:
+    """Return all cells of a CSV file; raise LogError if a column is there twice.
+
+    A row with too few or too many cells is left out, and so is the last line if it has no line end.
+    """
+    lines = text_lines(file)
+    first = next(lines, "")
+    separator = _separator(first)
+    header = plain_names([name.strip() for name in first.split(separator)])
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
-        raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {', '.join(header)})", path=file)
-    try:
-        table = pd.read_csv(
-            file, sep=separator, header=0, names=header, dtype=str, keep_default_na=False, index_col=False
-        )
-    except (ValueError, UnicodeDecodeError) as err:
-        raise LogError(f"is not a CSV file ({' '.join(str(err).split())})", path=file) from err
-    texts = {name: [str(text).strip() for text in table[name]] for name in header}
-    return texts if separator == "," else {name: [_with_point(cell) for cell in cells] for name, cells in texts.items()}
+        raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
+    rows: list[Sequence[str]] = []
+    numbered: list[int] = []
+    left_out: dict[int, str] = {}
+    cut = 0
+    for number, line in enumerate(lines, start=2):
+        if not line.strip():
+            continue
+        cut = 0 if line.endswith("\n") else number
+        cells = _cells(line, separator)
+        if len(cells) > len(header) and not any(cells[len(header) :]):
+            cells = cells[: len(header)]  # separators at the end of the line
+        if cut:
+            continue
+        if line.count('"') % 2:
+            left_out[number] = "a quotation mark is missing"
+            continue
+        if len(cells) != len(header):
+            left_out[number] = f"it has {len(cells)} cells, the first line {len(header)}"
+            continue
+        rows.append(cells)
+        numbered.append(number)
+    columns = zip(*rows, strict=True) if rows else [()] * len(header)
+    texts: dict[str, Sequence[str]] = dict(zip(header, columns, strict=True))
+    if separator != ",":
+        texts = {name: [_with_point(cell) for cell in cells] for name, cells in texts.items()}
+    return TextTable(texts, numbered, left_out, cut)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if '"' in line:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as text, the first of many."""
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    return ", ".join(name[:MAX_CHARACTERS] for name in names[:MAX_NAMES]) + more
 
 
 def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequence[str]:
     """Return one column; raise LogError with the header if it is missing."""
     if name not in texts:
-        raise LogError(f"has no column {name} (its columns: {', '.join(texts)})", path=file)
+        raise LogError(f"has no column {name} (its columns: {listed(list(texts))})", path=file)
     return texts[name]
 
 
-def nanoseconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
-    """Return a column of integer nanoseconds, never through float; ``rows`` (None: all) are their rows."""
-    times: list[int] = []
-    for i, text in enumerate(texts):
-        try:
-            times.append(_in_range(int(text)))
-        except (ValueError, OverflowError) as err:
-            raise _fault(texts, i, name, file, rows, "a whole number of nanoseconds") from err
-    return np.array(times, dtype=np.int64)
+class ParsedColumn(NamedTuple):
+    """The values of a column."""
+
+    values: Column  # (n,)
+    faults: Mapping[int, str]  # row -> what is wrong with its cell; its value means nothing
+
+    def checked(self, file: Path, lines: Sequence[int]) -> Column:
+        """Return the values; raise LogError with the line of the first fault. ``lines``: those of the rows."""
+        for row, text in self.faults.items():
+            raise LogError(f"line {lines[row]}: {text}", path=file)
+        return self.values
 
 
-def seconds(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Nanoseconds:
+def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of integer nanoseconds, never through float."""
+    return _parsed(texts, name, lambda text: _in_range(int(text)), 0, "a whole number of nanoseconds")
+
+
+def seconds(texts: Sequence[str], name: str) -> ParsedColumn:
     """Return a column of seconds with decimals, or of dates and times, as nanoseconds.
 
     Exact: 1474477150.374442 is not representable in float64.
     """
-    times: list[int] = []
-    for i, text in enumerate(texts):
+
+    def exact(text: str) -> int:
+        return _in_range(_iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * SECOND).to_integral_value()))
+
+    return _parsed(texts, name, exact, 0, "a number of seconds")
+
+
+def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0."""
+
+    def number(text: str) -> float:
+        return float(WORDS.get(text.lower(), text))
+
+    return _parsed(texts, name, number, float("nan"), "a number")
+
+
+def _parsed(
+    texts: Sequence[str], name: str, parse: Callable[[str], Number], unknown: Number, what: str
+) -> ParsedColumn:
+    values: list[Number] = []
+    faults: dict[int, str] = {}
+    for row, text in enumerate(texts):
         try:
-            exact = _iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * SECOND).to_integral_value())
-            times.append(_in_range(exact))
-        except (InvalidOperation, ValueError, OverflowError) as err:
-            raise _fault(texts, i, name, file, rows, "a number of seconds") from err
-    return np.array(times, dtype=np.int64)
+            if "_" in text:  # which Python takes for part of a number
+                raise ValueError
+            values.append(parse(text))
+        except (InvalidOperation, ValueError, OverflowError):
+            values.append(unknown)
+            faults[row] = f'{name} is "{text[:MAX_CHARACTERS]}", not {what}'
+    return ParsedColumn(np.array(values, dtype=np.int64 if isinstance(unknown, int) else np.float64), faults)
 
 
 def _in_range(time_ns: int) -> int:
@@ -137,25 +210,28 @@ def _iso_ns(text: str) -> int:
     return int(moment.timestamp()) * 1_000_000_000 + int((fraction or "").ljust(9, "0"))
 
 
-def numbers(texts: Sequence[str], name: str, file: Path, rows: Sequence[int] | None = None) -> Vector:
-    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0."""
-    words = {"": "nan", "true": "1", "false": "0"}
-    values = [words.get(text.lower(), text) for text in texts]
-    try:
-        return np.array([float(value) for value in values], dtype=np.float64)
-    except ValueError as err:
-        i = next(i for i, value in enumerate(values) if not _is_number(value))
-        raise _fault(texts, i, name, file, rows, "a number") from err
-
-
-def _fault(texts: Sequence[str], i: int, name: str, file: Path, rows: Sequence[int] | None, what: str) -> LogError:
-    line = (i if rows is None else rows[i]) + 2
-    return LogError(f'{file}: line {line}: {name} is "{texts[i]}", not {what}')
-
-
 def _is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:
         return False
     return True
+
+
+def row_findings(file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "") -> list[Finding]:
+    """Report the rows of a table that are left out (line -> why), and its cut line."""
+    findings: list[Finding] = []
+    if left_out:
+        first, *others = sorted(left_out)
+        more = f"; so are lines {listed(list(map(str, others)))}" if others else ""
+        text = f"{file.name}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
+        findings.append(Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=True))
+    return findings
+
+
+def cut_findings(file: Path, table: TextTable) -> list[Finding]:
+    """Report that the last line has no line end."""
+    if not table.cut_line:
+        return []
+    text = f"{file.name}: line {table.cut_line}, the last, has no line end and is left out: it may be cut"
+    return [Finding("TRUNCATED", f"{text}; append a line end if it is whole", lost_data=True)]

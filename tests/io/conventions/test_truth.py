@@ -56,13 +56,13 @@ def test_decimal_seconds_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
 def test_skipped_rows_need_hold_no_numbers_and_lines_still_count_from_the_top(tmp_path: Path) -> None:
     file = tmp_path / "t.csv"
     rows = ["timestamp,x,y", "s,m,m", "1600000000.1,1,2", "1600000001.1,3,4"]
-    file.write_text("\n".join(rows), encoding="utf-8")
+    file.write_text("\n".join([*rows, ""]), encoding="utf-8")
     request = Request(truth=str(file))
 
     log = dive(tmp_path, NED_FILE + "skip_rows = 1", request=request)
     with pytest.raises(LogError, match=r"t\.csv: no truth row is left of 3 \(skip_rows = 9\)"):
         dive(tmp_path, NED_FILE + "skip_rows = 9", request=request)
-    file.write_text("\n".join([*rows[:3], "1600000001.1,east,4"]), encoding="utf-8")
+    file.write_text("\n".join([*rows[:3], "1600000001.1,east,4", ""]), encoding="utf-8")
     with pytest.raises(LogError, match=r't\.csv: line 4: x is "east", not a number'):
         dive(tmp_path, NED_FILE + "skip_rows = 1", request=request)
 

@@ -73,40 +73,91 @@ def test_a_missing_column_is_an_error_that_lists_the_header(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("time_ns,heading_deg\n1,2\n1.5e3,4", 'line 3: time_ns is "1.5e3", not a whole number of nanoseconds'),
-        ("time_ns,heading_deg\n,2", 'line 2: time_ns is "", not a whole number of nanoseconds'),
-        ("time_ns,heading_deg\n99999999999999999999,2", "not a whole number of nanoseconds"),
-        pytest.param("time_ns,heading_deg\n" + "9" * 5000 + ",2", "not a whole number of nanoseconds", id="endless"),
-    ],
+    ("cell", "shown"),
+    [("1.5e3", "1.5e3"), ("", ""), ("9" * 20, "9" * 20), ("9" * 5000, "9" * 60), ("1_0", "1_0")],
+    ids=["exponent", "empty", "late", "endless", "underscore"],
 )
-def test_a_broken_time_is_an_error_with_its_line(tmp_path: Path, text: str, sentence: str) -> None:
-    folder = write_csv(tmp_path / "dive", compass=text)
+def test_a_row_with_a_broken_time_is_left_out_and_named_by_its_line(tmp_path: Path, cell: str, shown: str) -> None:
+    folder = write_csv(tmp_path / "dive", compass=f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6")
 
-    with pytest.raises(LogError) as fault:
-        read_log(folder)
+    log = read_log(folder)
 
-    assert str(fault.value).endswith(sentence)
+    assert list(log.tables["compass"]["heading_deg"]) == [2, 6]
+    (finding,) = [finding for finding in log.findings if finding.lost_data]
+    assert finding.text == (
+        f'compass.csv: 1 of 3 rows are left out: line 4: time_ns is "{shown}", not a whole number of nanoseconds'
+    )
+    assert finding.topic == "/compass"
 
 
 @pytest.mark.parametrize("when", ["1e30", "1e15", "nan"])
-def test_seconds_beyond_all_calendars_are_an_error_with_their_line(tmp_path: Path, when: str) -> None:
+def test_seconds_beyond_all_calendars_are_left_out_and_named_by_their_line(tmp_path: Path, when: str) -> None:
     folder = write_csv(tmp_path / "dive", compass=f"when,hdg\n1,2\n{when},4")
     columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
     (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
 
-    with pytest.raises(LogError, match=f'line 3: when is "{when}", not a number of seconds'):
-        read_log(folder)
+    (finding,) = [finding for finding in read_log(folder).findings if finding.lost_data]
+
+    assert finding.text.endswith(f'line 3: when is "{when}", not a number of seconds')
 
 
-def test_a_broken_number_is_an_error_with_its_line(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2\n2,north")
+def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
+    rows = "".join(f"{T0 + k},{k}\n" for k in range(100))
+    bad = rows.replace(f"{T0 + 7},7", f"{T0 + 7},north").replace(f"{T0 + 50},50", f"{T0 + 50},5O")
+    bad = bad.replace(f"{T0 + 90},90", f"{T0 + 90}").replace(f"{T0 + 91},91", f"{T0 + 91},91,5")
+    bad = bad.replace(f"{T0 + 92},92", f'{T0 + 92},"92').replace(f"{T0 + 93},93", f"{T0 + 93},93,,")
+    log = read_log(write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n" + bad))
+
+    heading = log.tables["compass"]["heading_deg"].to_numpy()
+    texts = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
+
+    np.testing.assert_array_equal(heading, [float(k) for k in range(100) if k not in (7, 50, 90, 91, 92)])
+    assert texts == [
+        'compass.csv: 2 of 100 rows are left out: line 9: heading_deg is "north", not a number; so are lines 52',
+        "compass.csv: 3 of 100 rows are left out: line 92: it has 1 cells, the first line 2; so are lines 93, 94",
+    ]
+
+
+def test_without_one_good_row_the_first_fault_is_the_error(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,south\n2,north")
 
     with pytest.raises(LogError) as fault:
         read_log(folder)
 
-    assert str(fault.value) == f'{folder / "compass.csv"}: line 3: heading_deg is "north", not a number'
+    assert str(fault.value) == f'{folder / "compass.csv"}: line 2: heading_deg is "south", not a number'
+
+
+def test_a_csv_file_cut_anywhere_is_never_silently_wrong(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    east, north = rng.normal(0, 100, (2, 12))
+    lines = [f"{T0 + k * 1_000_000_000},{east[k]:.10f},{north[k]:.10f}\n" for k in range(12)]
+    whole = "time_ns,east_m,north_m\n" + "".join(lines)
+    file = tmp_path / "usbl.csv"
+    borders = {whole.index("\n") + 1 + sum(map(len, lines[:k])) for k in range(13)}  # there nothing shows
+
+    for end in range(len(whole)):
+        file.write_text(whole[:end], encoding="utf-8")
+        try:
+            log = read_log(file)
+        except LogError:
+            continue
+        assert log.tables["usbl"]["east_m"].isin(np.round(east, 10)).all(), f"cut at {end}"
+        assert log.tables["usbl"]["north_m"].isin(np.round(north, 10)).all(), f"cut at {end}"
+        assert end in borders or any(finding.lost_data for finding in log.findings), f"cut at {end}"
+
+
+def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
+    (tmp_path / "compass.csv").write_text("time_ns,heading_deg\n1,2\n2,3\n3,44", encoding="utf-8")
+
+    log = read_log(tmp_path / "compass.csv")
+
+    assert list(log.tables["compass"]["heading_deg"]) == [2, 3]
+    (finding,) = [finding for finding in log.findings if finding.lost_data]
+    assert (finding.code, finding.text) == (
+        "TRUNCATED",
+        "compass.csv: line 4, the last, has no line end and is left out: it may be cut; "
+        "append a line end if it is whole",
+    )
 
 
 @pytest.mark.parametrize(
@@ -117,7 +168,7 @@ def test_a_broken_number_is_an_error_with_its_line(tmp_path: Path) -> None:
     ],
 )
 def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) -> None:
-    (tmp_path / "dvl.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "dvl.csv").write_text(text + "\n", encoding="utf-8")
 
     dvl = read_log(tmp_path / "dvl.csv").tables["dvl"]
 
