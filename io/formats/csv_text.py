@@ -21,6 +21,7 @@ SECOND = Decimal(1_000_000_000)
 MAX_TIME_NS = 1 << 62  # in 2116
 MAX_NAMES = 20  # of names in a sentence
 MAX_CHARACTERS = 60  # of a name or a cell in a sentence
+BLANKS = " \t\v\f\xa0"  # that may surround a cell
 WORDS = {"": "nan", "true": "1", "false": "0"}
 Number = TypeVar("Number", int, float)
 
@@ -120,7 +121,8 @@ def read_texts(file: Path) -> TextTable:
 def _cells(line: str, separator: str) -> list[str]:
     if '"' in line:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
-    return [cell.strip() for cell in line.split(separator)]
+    cells = line.rstrip("\r\n").split(separator)
+    return [cell.strip() for cell in cells] if any(blank in line for blank in BLANKS) else cells
 
 
 def listed(names: Sequence[str]) -> str:
