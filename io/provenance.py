@@ -78,6 +78,7 @@ class Provenance:
     conventions: tuple[Convention, ...]
     messages: int  # in the file
     used: int
+    geodetic: bool = False  # its positions are known by latitude and longitude
 
     def convention(self, key: str) -> Convention:
         """Return the sensor's own convention of that key, NO_CONVENTION if there is none."""

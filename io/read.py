@@ -324,7 +324,7 @@ def _kind(source: TruthSource, request: Request, configuration: Configuration) -
 def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) -> Provenance:
     used = int(table["valid"].sum()) if "valid" in table else len(table)
     topic = choice.topic
-    return Provenance(topic.name, topic.type, choice.chosen_by, made.conventions, topic.count, used)
+    return Provenance(topic.name, topic.type, choice.chosen_by, made.conventions, topic.count, used, made.geodetic)
 
 
 def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:

@@ -15,6 +15,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.noise import robust_sd
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
+from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 
 LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond
@@ -33,6 +34,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     Raises LogError without a usable DVL or compass record, UsageError if the rates do not fit together.
     """
     every = _epochs_per_slow(fast_hz, slow_hz)
+    log = headings_on_plane(log)
     t_d, dvl, sd_d = _dvl(log)
     t_c, yaw, sd_c = _compass(log)
     fixes = _fixes(log)

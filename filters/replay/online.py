@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.estimators.protocol import Step
-from usbldr.filters.frames import heading_deg, rotated
+from usbldr.filters.frames import convergence_rad, heading_deg, rotated
 from usbldr.filters.models.calibration import AUTO, layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
@@ -36,7 +36,7 @@ class OnlineEstimate:
     time_s: float
     position_m: Vector  # (2,) east, north
     position_cov_m2: Array  # (2, 2)
-    heading_deg: float  # clockwise from true north, 0 to 360
+    heading_deg: float  # clockwise from the north of the headings that it was given, 0 to 360
     velocity_mps: Vector  # (2,) starboard, forward
     states: Mapping[str, float]  # all n by name, as in Trajectory: yaw psi in radians counter-clockwise
     cov: Array  # (n, n) of the states in that order
@@ -49,9 +49,18 @@ class OnlineFilter:
     parameters, as soon as it has both. Measurements up to then are kept for the start and return None. Any later
     measurement may be late: the filter goes back to its time, as far as 10 s, and runs forward again. Times are seconds
     from any zero of yours. A call that raises leaves the filter as it was.
+
+    Headings count from the north of the plane of the fixes. With ``origin_lat_deg``, the latitude of its origin, they
+    count from true north where the vehicle is, and the meridians converge.
     """
 
-    def __init__(self, method: str, parameters: Parameters, settings: FilterSettings = FilterSettings()) -> None:
+    def __init__(
+        self,
+        method: str,
+        parameters: Parameters,
+        settings: FilterSettings = FilterSettings(),
+        origin_lat_deg: float | None = None,
+    ) -> None:
         """Raise UsageError for a method that is no filter and for settings that need the whole dive or do not fit."""
         if not method_named(method).is_filter:
             raise UsageError(f"{method} is no filter (filters: {methods_that(lambda m: m.is_filter)})")
@@ -60,7 +69,10 @@ class OnlineFilter:
                 "smoothing and calibrate = auto need the whole dive: leave smoothing out, and name the errors to "
                 "estimate"
             )
+        if origin_lat_deg is not None and not abs(origin_lat_deg) < 90:
+            raise UsageError(f"origin_lat_deg = {origin_lat_deg:g} must lie between -90 and 90 degrees")
         self.method, self.parameters, self.settings = method, parameters, settings
+        self._origin_lat_deg = origin_lat_deg
         self._layout = layout_for(parameters.calibrate)
         motion = VehicleMotion(self._layout, parameters.process, parameters.errors)
         self._estimator = make_estimator(method_named(method), motion, settings, parameters.calibrate)
@@ -82,7 +94,7 @@ class OnlineFilter:
         mean, cov = running.estimate.mean, running.estimate.cov
         states = dict(zip(self._layout.names, mean.tolist(), strict=True))
         velocity = np.array([states["u"], states["v"]])
-        heading = float(heading_deg(np.array(states["psi"])))
+        heading = float(heading_deg(np.array(states["psi"] - self._north_rad(mean[POSITION]))))
         place = np.ix_(POSITION, POSITION)
         return OnlineEstimate(running.steps[-1].t1_s, mean[POSITION], cov[place], heading, velocity, states, cov)
 
@@ -105,12 +117,13 @@ class OnlineFilter:
         return Update.combined(updates)._replace(axis="velocity")
 
     def heading(self, time_s: float, heading_deg: float, sd_deg: float) -> Update | None:
-        """Take a heading in degrees clockwise from true north."""
+        """Take a heading in degrees clockwise from north (see the class)."""
         _require("heading", (time_s, heading_deg), sd_deg)
         yaw_rad, sd_rad = -math.radians(heading_deg), math.radians(sd_deg)
         if self._running is None:
             self._yaw = (yaw_rad, sd_rad)
             return self._start_as_stated(time_s)
+        yaw_rad += self._north_rad(self._running.estimate.mean[POSITION])
         measured = self._sensors.compass(self._count, time_s, np.array([yaw_rad]), sd_rad)
         return self._advance(time_s, (measured,))[0]
 
@@ -140,10 +153,15 @@ class OnlineFilter:
         """Start at a position, if heading and velocity are known."""
         if self._yaw is None or self._mps is None:
             return
-        prior = prior_at(position_m, sd_m, self._yaw, self._mps, self.parameters, self._layout)
+        yaw = (self._yaw[0] + self._north_rad(position_m), self._yaw[1])
+        prior = prior_at(position_m, sd_m, yaw, self._mps, self.parameters, self._layout)
         self._running = RunningFilter(self._estimator, prior, self.settings.seed)
         self._running.advance(Step(0, time_s, time_s, ()))
         self._count = 1
+
+    def _north_rad(self, position_m: Vector) -> float:
+        """Return the yaw on the plane of the north that headings count from at a position (2,)."""
+        return 0.0 if self._origin_lat_deg is None else float(convergence_rad(self._origin_lat_deg, position_m))
 
     def _require_start(self) -> RunningFilter:
         if self._running is None:

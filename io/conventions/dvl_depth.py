@@ -4,7 +4,7 @@ An error of a sensor that the configuration states is subtracted here. Angles ar
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -47,6 +47,7 @@ class ConvertedTable:
     table: pd.DataFrame  # in order of arrival
     conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...]
+    geodetic: bool = False  # its positions are known by latitude and longitude
 
 
 def chosen_convention(
@@ -247,4 +248,4 @@ def _refuse(value: str | None, key: str, what: str, raw: RawRecords) -> None:
 
 def keep_valid(made: ConvertedTable, good: Mask) -> ConvertedTable:
     """Leave out the records that are not good."""
-    return ConvertedTable(made.table[good].reset_index(drop=True), made.conventions, made.findings)
+    return replace(made, table=made.table[good].reset_index(drop=True))

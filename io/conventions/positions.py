@@ -1,5 +1,6 @@
 """Positions of any kind as east and north on the local plane; GPS fixes as a whole table."""
 
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -139,7 +140,8 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
     times = times_of(raw, section.time, section.latency_s)
     chosen = [Convention("frame", frame, frame_by), sd_chosen]
-    return keep_valid(converted_table(raw, times, columns, chosen, [*findings, *invalid]), good)
+    made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
+    return keep_valid(replace(made, geodetic=frame == "latlon"), good)
 
 
 def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:

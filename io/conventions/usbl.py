@@ -7,7 +7,7 @@ compass; the filter treats both as independent, and `reference_covariance` adds 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
+from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.positions import off_plane_causes, on_plane
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl_covariance import (
@@ -76,7 +77,12 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     else:
         fixes = _by_position(raw, section, origin, end, drop)
     findings += [*more, *unused, *fixes.findings, *_unused(raw, section, kind, fixes), *(end.findings if end else ())]
-    if kind != "latlon" and not (end and end.geodetic) and origin is not None and origin.source != "[map]":
+    if (
+        kind != "latlon"
+        and not (end and end.plane_lat_deg is not None)
+        and origin is not None
+        and origin.source != "[map]"
+    ):
         text = (
             f"the map origin is not stated; assumed at the {origin.source} (state origin_lat_deg and "
             "origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) if fixes are relative "
@@ -100,7 +106,9 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     }
     chosen = [*target, Convention("kind", kind, kind_by), *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
-    return keep_valid(converted_table(raw, times, columns, chosen, [*findings, *invalid]), good)
+    made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
+    from_geodetic_end = end is not None and end.plane_lat_deg is not None and fixes.relative_to_reference
+    return keep_valid(replace(made, geodetic=kind == "latlon" or from_geodetic_end), good)
 
 
 def _by_latitude(raw: RawRecords, origin: Origin | None, drop_m: Vector) -> PlacedFixes:
@@ -213,6 +221,8 @@ def _scaled(section: UsblSection) -> list[Convention]:
 def _from_end(end: UsblReference, frame: str, fixes: PlacedFixes) -> PlacedFixes:
     """Put offsets onto the known end; the vehicle's own head measures where the beacon is from it."""
     away = end.sign * fixes.position_m
+    at_head_m = end.place_m + (away if end.sign < 0 else 0.0)
+    away = on_plane_north(away, at_head_m, end.plane_lat_deg)
     causes = {**fixes.causes, **end.causes}
     if frame == "body":
         causes["without a heading at their time"] = ~np.isfinite(end.carrier_heading.heading_deg)

@@ -16,6 +16,7 @@ from usbldr.io.conventions import positions
 from usbldr.io.conventions.compass import OF_HEAD
 from usbldr.io.conventions.compass import compass as compass_records
 from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.timestamps import sorted_by_time
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_plane
@@ -81,7 +82,8 @@ class UsblReference:
     carrier_heading: CarrierHeading
     arm_m: Array  # (n, 2) from a ship's antenna to its head
     sign: float  # 1: the offset points from here to the vehicle; -1: the vehicle's head measures the offset to here
-    geodetic: bool  # known by latitude and longitude, so that its place on the plane is certain
+    # latitude of the plane's origin if the place is known by latitude and longitude, so that it is certain; else None
+    plane_lat_deg: float | None
     conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...] = ()
     causes: Mapping[str, Mask] = field(default_factory=dict[str, Mask])  # by cause which fixes cannot be placed
@@ -138,15 +140,16 @@ def _beacon(beacon: Beacon, turning: CarrierHeading, origin: Origin | None) -> U
         carrier_heading=turning,
         arm_m=np.zeros((count, 2)),
         sign=-1.0,
-        geodetic=beacon.lat_deg is not None,
+        plane_lat_deg=_plane_lat_deg(beacon.lat_deg is not None, origin),
         conventions=_place_conventions("beacon", east, north),
     )
 
 
 def _fixed(head: Head, turning: CarrierHeading, origin: Origin | None) -> UsblReference:
-    antenna, arm = np.array(_place(head, origin)), _arm(head, turning)
+    east, north = antenna = np.array(_place(head, origin))
+    plane_lat_deg = _plane_lat_deg(head.lat_deg is not None, origin)
+    arm = _arm(head, turning, antenna, plane_lat_deg)
     place = antenna + arm
-    east, north = antenna
     return UsblReference(
         place_m=place,
         sd_m=np.full(len(place), head.sd_m or 0.0),
@@ -154,7 +157,7 @@ def _fixed(head: Head, turning: CarrierHeading, origin: Origin | None) -> UsblRe
         carrier_heading=turning,
         arm_m=arm,
         sign=1.0,
-        geodetic=head.lat_deg is not None,
+        plane_lat_deg=plane_lat_deg,
         conventions=(*_place_conventions("head", east, north), *turning.conventions),
         findings=turning.findings,
     )
@@ -165,7 +168,8 @@ def _ship(
 ) -> UsblReference:
     made = positions.gps(ship, GpsSection(), origin)
     there = time_series(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s)
-    arm = _arm(head, turning)
+    plane_lat_deg = _plane_lat_deg("lat_deg" in ship.layout.required, origin)
+    arm = _arm(head, turning, there[:, :2], plane_lat_deg)
     place = there[:, :2] + arm
     recorded = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
     sd = recorded if head.sd_m is None else np.full(len(place), head.sd_m)
@@ -189,18 +193,24 @@ def _ship(
         carrier_heading=turning,
         arm_m=arm,
         sign=1.0,
-        geodetic="lat_deg" in ship.layout.required,
+        plane_lat_deg=plane_lat_deg,
         causes=causes,
         conventions=(*chosen, *turning.conventions),
         findings=(*made.findings, *turning.findings),
     )
 
 
-def _arm(head: Head, turning: CarrierHeading) -> Array:
+def _plane_lat_deg(geodetic: bool, origin: Origin | None) -> float | None:
+    return origin.lat_deg if geodetic and origin is not None else None
+
+
+def _arm(head: Head, turning: CarrierHeading, antenna_m: Array, plane_lat_deg: float | None) -> Array:
+    """Return the lever arm from the antenna (n, 2) or (2,) to the head, east and north, (n, 2)."""
     count = len(turning.heading_deg)
     if not any(head.lever_arm_m[:2]):
         return np.zeros((count, 2))
-    return rotated_clockwise(np.tile(head.lever_arm_m[:2], (count, 1)), turning.heading_deg)
+    arm_m = rotated_clockwise(np.tile(head.lever_arm_m[:2], (count, 1)), turning.heading_deg)
+    return on_plane_north(arm_m, antenna_m, plane_lat_deg)
 
 
 def _turning(

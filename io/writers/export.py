@@ -17,6 +17,7 @@ from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, ProcessNoise, SensorErrors
 from usbldr.filters.types import Truth
+from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.inputs import refuse_inputs
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
@@ -68,7 +69,7 @@ def export(
     form = log_format_of(out, stated)
     _refuse_own(log, out, configuration_place(out, form), read)
     latencies = _latencies(log)
-    written = _restamped(_with_truth(log), latencies)
+    written = _restamped(_with_truth(_on_plane(log)), latencies)
     configuration = _configuration(log, written, conventions_of(written, form, exported=True), latencies)
 
     def make(target: Path) -> None:
@@ -90,6 +91,11 @@ def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
 
 def _latencies(log: Log) -> dict[str, float]:
     return {role: latency for role in ROLES if (latency := log.settings.section(role).latency_s)}
+
+
+def _on_plane(log: Log) -> Log:
+    """Turn headings to the plane's north if the fixes are written on it; positions of a GPS stay latitudes."""
+    return headings_on_plane(log) if "usbl" in log.tables else log
 
 
 def _with_truth(log: Log) -> Log:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from usbldr.filters.frames import convergence_rad
 from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 
 ORIGIN = Origin(39.718033330, 2.587106667, "[map]")
@@ -29,3 +30,15 @@ def test_there_and_back_is_a_centimetre_over_five_kilometres() -> None:
     back = to_plane(ORIGIN, lat, lon)
 
     np.testing.assert_allclose(back, [east, north], atol=0.01)
+
+
+@pytest.mark.parametrize("lat_deg", [0.0, 45.0, -33.0, 80.0])
+def test_true_north_on_the_plane_is_the_way_a_point_moves_with_its_latitude(lat_deg: float) -> None:
+    place_m = np.array([[20e3, 0.0], [20e3, 15e3], [-30e3, -20e3], [0.0, 10e3]])
+    origin, step_deg = Origin(lat_deg, 7.0, "[map]"), 1e-4
+    lat, lon = to_geodetic(origin, *place_m.T)
+
+    south, north = (np.column_stack(to_plane(origin, lat + step, lon)) for step in (-step_deg, step_deg))
+    east, along = (north - south).T
+
+    np.testing.assert_allclose(convergence_rad(lat_deg, place_m), np.arctan2(-east, along), atol=1e-6)

@@ -298,3 +298,22 @@ def test_an_offset_from_a_moving_ship_that_is_sent_again_is_one_fix(tmp_path: Pa
 
     assert log.tables["usbl"]["time_s"].tolist() == list(range(0, 60, 3))
     assert codes(log)["USBL-REPEATED"].startswith("/usbl: 40 of 60 fixes repeat the previous one")
+
+
+@pytest.mark.parametrize("bow", [False, True])
+def test_offsets_from_a_ship_count_from_true_north_where_the_ship_is(tmp_path: Path, bow: bool) -> None:
+    """Half a kilometre north of a ship that is 20 km east of the origin lies on the ship's own meridian."""
+    ship_lat, ship_lon, _ = pymap3d.enu2geodetic(20e3, 0.0, 0.0, 70.0, 7.0, 0.0)
+    north_m, sine = 500.0, math.sin(math.radians(ship_lat))
+    meridian_m = 6378137.0 * (1 - 0.00669437999014) / (1 - 0.00669437999014 * sine**2) ** 1.5
+    lat = ship_lat + math.degrees(north_m / meridian_m)
+    expected = pymap3d.geodetic2enu(lat, ship_lon, 0.0, 70.0, 7.0, 0.0)[:2]
+    rows = [fix(T0 + k * SECOND, ship_lat, ship_lon, topic="/ship/fix") for k in range(3)]
+    rows += [gyro(T0 + k * SECOND, 0.0) for k in range(3)]
+    toml = "[map]\norigin_lat_deg = 70.0\norigin_lon_deg = 7.0\n" + ON_SHIP.removeprefix(MAP) % ""
+    toml += 'frame = "body"\naxes = "SFU"' if bow else ""
+
+    log = logged(tmp_path, [*rows, point(T0 + SECOND, 0.0, north_m)], toml)
+
+    assert places(log)[0] == pytest.approx(expected, abs=0.02)  # 4.3 m without
+    assert log.provenance["usbl"].geodetic
