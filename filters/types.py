@@ -43,9 +43,9 @@ class Timeline:
     yaw_rad: Vector  # (K,) psi, unwrapped over the whole log; NaN: no record in its interval
     yaw_count: Indices  # (K,)
     yaw_sd_rad: Vector  # (K,) one record's 1-sigma
-    # (K, 2) starboard, forward for dead reckoning: interpolated across short gaps, constant across longer ones
+    # (K, 2) starboard, forward for dead reckoning: interpolated across short gaps, the usual velocity in longer ones
     dr_mps: Array
-    dr_yaw_rad: Vector  # (K,) as dr_mps
+    dr_yaw_rad: Vector  # (K,) likewise, but constant in longer gaps
     fix_time_s: Vector  # (F,) time of validity, ascending
     fix_received_s: Vector  # (F,) when it reached the vehicle
     fix_m: Array  # (F, 2) east, north

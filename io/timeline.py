@@ -2,7 +2,8 @@
 
 Epochs are at k / fast rate seconds. An epoch carries a DVL or compass measurement only from the records of its own
 interval, so that each record is used once: a slow DVL leaves epochs without a measurement.
-Only dead reckoning uses interpolated values, and a USBL fix keeps its own time.
+Only dead reckoning uses interpolated values, and in a long gap of the DVL the usual velocity (usual_velocity.py).
+A USBL fix keeps its own time.
 """
 
 import math
@@ -13,12 +14,12 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.noise import robust_sd
+from usbldr.filters.models.usual_velocity import LONGEST_GAP_S, VelocityHistory
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 
-LONGEST_GAP_S = 3.0  # dead reckoning interpolates across gaps up to this, and holds the last value beyond
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
 MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9  # so that epochs can be counted
@@ -63,7 +64,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         yaw_rad=yaw_mean[:, 0],
         yaw_count=yaw_count,
         yaw_sd_rad=_filled(np.sqrt(yaw_mean[:, 1])),
-        dr_mps=_interpolated(time_s, t_d, dvl),
+        dr_mps=_reckoned_mps(time_s, t_d, dvl, log.parameters.process.velocity_mps),
         dr_yaw_rad=_interpolated(time_s, t_c, yaw[:, None])[:, 0],
         fix_time_s=t_f,
         fix_received_s=fixes["received_s"].to_numpy(dtype=float),
@@ -103,7 +104,7 @@ def with_dvl_clock(log: Log, timeline: Timeline, clock_s: float) -> Timeline:
         dvl_mps=mean[:, :2],
         dvl_count=dvl_count,
         dvl_sd_mps=_filled(np.sqrt(mean[:, 2])),
-        dr_mps=_interpolated(timeline.time_s, t, dvl),
+        dr_mps=_reckoned_mps(timeline.time_s, t, dvl, log.parameters.process.velocity_mps),
     )
 
 
@@ -191,6 +192,20 @@ def _averages(group: Indices, values: Array, count: int) -> tuple[Indices, Array
 def _filled(sd: Vector) -> Vector:
     """Give epochs without a record the median sigma, so that no value is NaN."""
     return np.where(np.isnan(sd), np.nanmedian(sd), sd)
+
+
+def _reckoned_mps(time_s: Vector, t: Vector, mps: Array, walk_mps: float) -> Array:
+    """Return velocities (n, 2) at the epochs: interpolated, and relaxing to the usual one in long gaps."""
+    reckoned, history = _interpolated(time_s, t, mps), VelocityHistory.of(t, mps)
+    gaps = np.flatnonzero(np.diff(t, append=np.inf) > LONGEST_GAP_S)
+    for row in gaps.tolist():
+        begins_s = float(t[row]) + LONGEST_GAP_S
+        ends_s = float(t[row + 1]) if row + 1 < len(t) else np.inf
+        inside = slice(*np.searchsorted(time_s, (begins_s, ends_s), side="right").tolist())
+        if (usual := history.in_gap(np.nextafter(begins_s, np.inf), walk_mps)) is not None:
+            left = usual.remaining(time_s[inside, None] - begins_s)
+            reckoned[inside] = usual.mean_mps + (mps[row] - usual.mean_mps) * left
+    return reckoned
 
 
 def _interpolated(time_s: Vector, t: Vector, values: Array) -> Array:

@@ -1,15 +1,15 @@
 """The motion of the vehicle between two epochs: eq. (4) of the paper, corrected, in three parts.
 
 psi += r dt/2; x += (u cos psi - v sin psi) dt, y += (u sin psi + v cos psi) dt; psi += r dt/2. The two half turns are
-linear and exact; only the displacement is nonlinear, and only in psi. u, v and r are random walks. Of the calibration
-states the correlated error of the USBL decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias is a
-random walk, and the others are constant. Each part is the *increment* of a few rows, so that a moment transform handles
-those rows alone.
+linear and exact; only the displacement is nonlinear, and only in psi. u, v and r are random walks; in a gap of the DVL
+u and v relax to their usual values (usual_velocity.py). Of the calibration states the correlated error of the USBL
+decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias is a random walk, and the others are
+constant. Each part is the *increment* of a few rows, so that a moment transform handles those rows alone.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from usbldr.filters.models.parameters import ProcessNoise, SensorErrors
 from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.models.usual_velocity import VelocityHistory
 from usbldr.filters.types import Array, Vector
 
 
@@ -87,20 +88,21 @@ class PositionIncrement:
 
 @dataclass(frozen=True, slots=True)
 class GaussMarkovIncrement:
-    """c *= factor, for neighbouring rows: a first-order Gauss-Markov process without its noise."""
+    """c = mean + factor (c - mean), for k neighbouring rows: a first-order Gauss-Markov process without its noise."""
 
     linear: tuple[int, ...]
-    factor: float
+    factor: Vector  # (k,)
+    mean: Vector  # (k,)
     rows: slice | None = None
     nonlinear: tuple[int, ...] = ()
 
     def predict(self, x: Array) -> Array:
-        """Return the decay (factor - 1) c, (k, N)."""
-        return (self.factor - 1) * x[list(self.linear)]
+        """Return the decay (factor - 1) (c - mean), (k, N)."""
+        return (self.factor - 1)[:, None] * (x[list(self.linear)] - self.mean[:, None])
 
     def jacobian(self, x: Array) -> Array:
-        """Return (factor - 1) I, (k, k, 1)."""
-        return (self.factor - 1) * np.eye(len(self.linear))[:, :, None]
+        """Return factor - 1 on the diagonal, (k, k, 1)."""
+        return np.diag(self.factor - 1)[:, :, None]
 
     def residual(self, a: Array, b: Array) -> Array:
         """Return the difference."""
@@ -114,25 +116,31 @@ class VehicleMotion:
     layout: StateLayout
     process: ProcessNoise
     errors: SensorErrors = SensorErrors()
+    history: VelocityHistory = field(default_factory=VelocityHistory)  # of the DVL
 
     def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, StateFunction]]:
-        """Yield half the turn, the displacement, half the turn; then the decay of the USBL's correlated error."""
+        """Yield half the turn, the displacement, half the turn; then the decay of velocity and of the USBL's error."""
         dt_s = t1_s - t0_s
         psi, u, v, r, x, y = self.layout.rows("psi", "u", "v", "r", "x", "y")
         half_turn = (slice(psi, psi + 1), YawIncrement(r, dt_s / 2))
         yield half_turn
         yield slice(x, y + 1), PositionIncrement((psi,), (u, v), dt_s)
         yield half_turn
+        if usual := self.history.in_gap(t0_s, self.process.velocity_mps):
+            yield slice(u, v + 1), GaussMarkovIncrement((u, v), usual.remaining(dt_s), usual.mean_mps)
         if bias := self.layout.existing("usbl_bias_east", "usbl_bias_north"):
-            yield slice(bias[0], bias[-1] + 1), GaussMarkovIncrement(bias, math.exp(-dt_s / self.errors.usbl_bias_s))
+            factor = np.full(2, math.exp(-dt_s / self.errors.usbl_bias_s))
+            yield slice(bias[0], bias[-1] + 1), GaussMarkovIncrement(bias, factor, np.zeros(2))
 
     def noise(self, t0_s: float, t1_s: float) -> Vector:
-        """Return the variances of the random walks over the step, and of the correlated error, (n,)."""
+        """Return the variances that the random walks and the Gauss-Markov processes add over the step, (n,)."""
         q, errors, dt_s = self.process, self.errors, t1_s - t0_s
         position_m = q.position_m if self.layout.existing("dvl_scale") else math.hypot(q.position_m, q.uncalibrated_m)
         per_second = {"psi": q.yaw_rad, "u": q.velocity_mps, "v": q.velocity_mps, "r": q.turn_rate_radps}
         per_second |= {"x": position_m, "y": position_m, "heading_bias": errors.heading_walk_rad}
         variance = np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names]) * dt_s
+        if usual := self.history.in_gap(t0_s, q.velocity_mps):
+            variance[list(self.layout.rows("u", "v"))] = usual.added_variance(dt_s)
         bias = list(self.layout.existing("usbl_bias_east", "usbl_bias_north"))
         variance[bias] = -math.expm1(-2 * dt_s / errors.usbl_bias_s) * errors.usbl_bias_m**2
         return variance

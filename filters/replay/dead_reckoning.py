@@ -7,6 +7,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
+from usbldr.filters.models.usual_velocity import VelocityHistory
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
 
 LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
@@ -87,6 +88,12 @@ def start_sensitivity(
         of_fixes = {"usbl_bias_east": (-1.0, 0.0), "usbl_bias_north": (0.0, -1.0), "usbl_latency": V}
         derivative += np.column_stack([of_fixes.get(name, np.zeros(2)) for name in names])
     return derivative
+
+
+def velocity_history(timeline: Timeline) -> VelocityHistory:
+    """Return the DVL's records at their epochs, as the filters use them."""
+    rows = timeline.dvl_count > 0
+    return VelocityHistory.of(timeline.time_s[rows], timeline.dvl_mps[rows])
 
 
 def displacement_m(timeline: Timeline) -> Array:

@@ -20,6 +20,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.states import POSITION
+from usbldr.filters.models.usual_velocity import VelocityHistory
 from usbldr.filters.replay.dead_reckoning import LEAST_START_SD_M
 from usbldr.filters.replay.methods import FilterSettings, method_named, methods_that
 from usbldr.filters.replay.prior import prior_at
@@ -74,7 +75,8 @@ class OnlineFilter:
         self.method, self.parameters, self.settings = method, parameters, settings
         self._origin_lat_deg = origin_lat_deg
         self._layout = layout_for(parameters.calibrate)
-        motion = VehicleMotion(self._layout, parameters.process, parameters.errors)
+        self._history = VelocityHistory()  # since the start
+        motion = VehicleMotion(self._layout, parameters.process, parameters.errors, self._history)
         self._estimator = make_estimator(method_named(method), motion, settings, parameters.calibrate)
         self._sensors = VehicleSensors(parameters, self._layout)
         self._running: RunningFilter | None = None
@@ -114,6 +116,7 @@ class OnlineFilter:
             self._mps = mps
             return self._start_as_stated(time_s)
         updates = self._advance(time_s, tuple(self._sensors.dvl(self._count, time_s, mps, sd_mps)))
+        self._history.add(time_s, mps)
         return Update.combined(updates)._replace(axis="velocity")
 
     def heading(self, time_s: float, heading_deg: float, sd_deg: float) -> Update | None:

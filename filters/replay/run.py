@@ -19,7 +19,7 @@ from usbldr.filters.evaluation.whiteness import whiteness, whiteness_warning
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.replay.dead_reckoning import Anchor
+from usbldr.filters.replay.dead_reckoning import Anchor, velocity_history
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, discarded_fixes
 from usbldr.filters.replay.methods import (
     FilterSettings,
@@ -71,7 +71,7 @@ def _run(
     progress: Callable[[int, int], None],
 ) -> Trajectory:
     layout = layout_for(parameters.calibrate)
-    motion = VehicleMotion(layout, parameters.process, parameters.errors)
+    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(timeline))
     name, estimator = method.name, make_estimator(method, motion, settings, parameters.calibrate)
     began = time.perf_counter()
     count = len(timeline.time_s)

@@ -83,18 +83,30 @@ def test_dead_reckoning_interpolates_across_short_gaps_only() -> None:
 
     at = {round(float(s), 1): float(v) for s, v in zip(line.time_s, line.dr_mps[:, 1], strict=True)}
     assert [at[1.0], at[2.0], at[4.0], at[5.0]] == pytest.approx([2.0, 3.0, 5.0, 6.0])  # gaps of 2 s and 3 s: lines
-    assert [at[5.2], at[7.0], at[8.8]] == [6.0, 6.0, 6.0]  # 4 s: the last one is held
+    assert [at[5.2], at[7.0], at[8.0]] == [6.0, 6.0, 6.0]  # 4 s: the last one, which is held for 3 s
     assert at[9.4] == pytest.approx(2.0)
     assert Outage("dvl", 5.0, 9.0) in line.outages
     assert line.dvl_count.sum() == 5
 
 
-def test_before_the_first_record_the_first_is_held_and_after_the_last_the_last() -> None:
+def test_before_the_first_record_the_first_is_held_and_after_the_last_the_last_for_three_seconds() -> None:
     line = timeline(log(dvl=dvl_table([4.0, 5.0], forward=[2.0, 3.0]), compass=compass_table(grid(12))))
 
     assert line.dr_mps[0].tolist() == [0.0, 2.0]
-    assert line.dr_mps[-1].tolist() == [0.0, 3.0]
+    assert line.dr_mps[40].tolist() == [0.0, 3.0]
     assert [o for o in line.outages if o.sensor == "dvl"] == [Outage("dvl", 0.0, 4.0), Outage("dvl", 5.0, 12.0)]
+
+
+def test_in_a_long_gap_dead_reckoning_returns_to_the_mean_of_the_records_before_it() -> None:
+    t = np.concatenate([grid(99.8), grid(100, 1) + 900])
+    forward = np.where(t < 500, np.where(np.arange(len(t)) % 2, 1.3, 0.7), 5.0)
+    line = timeline(log(dvl=dvl_table(t, forward=forward), compass=compass_table(grid(1000))))
+
+    inside = line.dr_mps[(line.time_s > 99.8) & (line.time_s < 900), 1]
+    assert inside[0] == 1.3
+    assert (np.diff(inside) <= 0).all()
+    assert inside[-1] == pytest.approx(1.0, abs=1e-3)
+    assert line.dr_mps[-1, 1] == 5.0
 
 
 def test_invalid_records_are_neither_measured_nor_interpolated() -> None:

@@ -36,7 +36,7 @@ class Walk:
     """x *= PULL a second, and a random walk."""
 
     def parts(self, t0_s: float, t1_s: float) -> Iterator:
-        yield slice(0, 1), GaussMarkovIncrement((0,), PULL)
+        yield slice(0, 1), GaussMarkovIncrement((0,), np.array([PULL]), np.zeros(1))
 
     def noise(self, t0_s: float, t1_s: float):
         return np.array([Q * (t1_s - t0_s)])

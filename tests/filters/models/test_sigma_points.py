@@ -24,7 +24,9 @@ FUNCTIONS = {
     "dvl with a scale": sensors.dvl_models(layout_for(("scale",)), (0.0, 0.0, 0.0))[1],
     "erring compass": sensors.compass_model(ERRING),
     "biased compass": sensors.compass_model(layout_for(("heading",))),
-    "correlated error": GaussMarkovIncrement(ERRING.rows("usbl_bias_east", "usbl_bias_north"), 0.8),
+    "correlated error": GaussMarkovIncrement(
+        ERRING.rows("usbl_bias_east", "usbl_bias_north"), np.array([0.8, 0.6]), np.array([0.0, 0.3])
+    ),
     "late fix with a correlated error": UsblFix(ERRING, -0.3, (0.4, -1.1, 0.2)),
     "fix of the epoch": UsblFix(LAYOUT, 0.0),
     "fix of some time ago": UsblFix(LAYOUT, -1.7),

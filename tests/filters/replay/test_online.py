@@ -80,6 +80,22 @@ def test_with_one_record_per_epoch_the_track_is_that_of_replay_to_the_last_bit(m
         assert told == [(u.outcome, u.nis, u.innovation) for u in track.updates if u.sensor == sensor]
 
 
+@pytest.mark.parametrize("method", FILTERS)
+def test_in_a_gap_of_the_dvl_the_velocity_relaxes_as_in_replay(method: str) -> None:
+    line = one_record_per_epoch()
+    gap = (line.time_s > 20) & (line.time_s < 30)
+    line = replace(line, dvl_count=np.where(gap, 0, line.dvl_count))
+    track, online = run(method, line, STARTED, SETTINGS), started(method, line, STARTED)
+
+    means = [[*online.estimate.states.values()]]
+    for k in range(1, len(line.time_s)):
+        if not taken(online, line, k):
+            online.predict(float(line.time_s[k]))
+        means.append([*online.estimate.states.values()])
+
+    np.testing.assert_array_equal(means, track.mean)
+
+
 @pytest.mark.parametrize("method", ["adf", "ekf"])
 def test_record_by_record_a_dive_with_late_fixes_is_known_as_well_as_in_replay(method: str) -> None:
     log = simulated_log(replace(find_scenario("lawnmower"), duration_s=200.0), 2)
