@@ -71,6 +71,7 @@ class Truth:
     kind: str  # "gps", "slam", "simulated" or "other": printed beside every error
     source: str  # topic or file
     max_gap_s: float = 30.0  # no errors are evaluated inside longer gaps
+    lever_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its antenna: starboard, forward, up of the reference point
 
 
 OUTCOMES = ("used", "down-weighted", "rejected")  # of an update, from good to bad

@@ -18,7 +18,7 @@ ALIGNMENTS: Mapping[str, str] = {
 
 
 class Alignment(NamedTuple):
-    """What was done to a track: p -> R(rotation) p + shift + R(yaw) lever, east and north."""
+    """What was done to a track: p -> R(rotation) (p + R(yaw) lever) + shift, east and north."""
 
     name: str = "none"  # of ALIGNMENTS
     rotation_rad: float = 0.0  # counter-clockwise about up
@@ -33,7 +33,12 @@ class Alignment(NamedTuple):
     def points(self, position_m: Array, yaw_rad: Vector | None = None) -> Array:
         """Move points, (T, 2), of a vehicle at these yaws, (T,); without them there is no lever arm."""
         moved = position_m @ self.matrix.T + np.array(self.shift_m)
-        return moved if yaw_rad is None else moved + rotated(yaw_rad, np.array(self.lever_m))
+        return moved if yaw_rad is None else moved + rotated(yaw_rad + self.rotation_rad, np.array(self.lever_m))
+
+    def after(self, first: "Alignment") -> "Alignment":
+        """Return this alignment of a track that the lever arm of another one has moved before."""
+        starboard, forward = np.add(self.lever_m, first.lever_m).tolist()
+        return self._replace(lever_m=(starboard, forward))
 
     def covariances(self, cov_m2: Array) -> Array:
         """Turn covariances, (T, 2, 2), with the track."""
@@ -42,13 +47,15 @@ class Alignment(NamedTuple):
     @property
     def sentence(self) -> str:
         """Describe the alignment with its numbers."""
-        text = ALIGNMENTS[self.name]
-        if self.name == "none":
-            return text
+        text, lever_m = ALIGNMENTS[self.name], np.array(self.lever_m)
+        arm = f"{lever_m[0]:+.3f} m starboard, {lever_m[1]:+.3f} m forward"
         if self.name == "body":
-            return f"{text} ({self.lever_m[0]:+.3f} m starboard, {self.lever_m[1]:+.3f} m forward)"
+            return f"{text} ({arm})"
+        stated = f"; moved to the point of the truth ({arm})" if lever_m.any() else ""
+        if self.name == "none":
+            return text + stated
         turned = f"turned {np.degrees(-self.rotation_rad):+.3f} deg clockwise, " if self.name == "rigid" else ""
-        return f"{text} ({turned}shifted {self.shift_m[0]:+.3f} m east, {self.shift_m[1]:+.3f} m north)"
+        return f"{text} ({turned}shifted {self.shift_m[0]:+.3f} m east, {self.shift_m[1]:+.3f} m north){stated}"
 
 
 def fit_alignment(

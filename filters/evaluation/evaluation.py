@@ -7,7 +7,7 @@ pick 0.4 Hz of the track. Times outside the truth, or inside one of its longer g
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.evaluation.alignment import fit_alignment
+from usbldr.filters.evaluation.alignment import Alignment, fit_alignment
 from usbldr.filters.evaluation.consistency import consistency, fix_updates, sensor_updates, with_truth
 from usbldr.filters.evaluation.error_report import WHOLE_LOG, ErrorReport, Matching, Window
 from usbldr.filters.evaluation.metrics import (
@@ -89,7 +89,11 @@ def evaluate(
     first_row = int(np.argmin(in_windows(row_s, aid)))
     yaw = trajectory.state("psi")
     scored_yaw = None if yaw is None else yaw[scored]
-    alignment = fit_alignment(align, track_m[first], row_m[first_row], track_m[scored], truth_m, scored_yaw)
+    own = Alignment(lever_m=truth.lever_m[:2])  # from the reference point to that of the truth
+    moved_m = own.points(track_m, yaw)
+    alignment = fit_alignment(align, moved_m[first], row_m[first_row], moved_m[scored], truth_m, scored_yaw)
+    if yaw is not None:
+        alignment = alignment.after(own)
     estimate_m = alignment.points(track_m[scored], scored_yaw)
     error_m = estimate_m - truth_m
     truth_sd_m = np.nan_to_num(np.interp(time_s, row_s, truth.sd_m[rows]))
@@ -110,6 +114,8 @@ def evaluate(
     nees, sigma_shares = compared or (None, None)
 
     warnings = _warnings(matching, truth)
+    if yaw is None and any(truth.lever_m[:2]):
+        warnings += ("raw fixes have no heading, so the lever arm of the truth is not taken off their errors",)
     if align == "first" and t[first] - row_s[first_row] > LATE_FIRST_S:
         late_s = t[first] - row_s[first_row]
         warnings += (

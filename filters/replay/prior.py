@@ -121,4 +121,7 @@ def find_anchor(where: str, timeline: Timeline, parameters: Parameters, truth: T
         return None
     inside = truth.time_s >= 0
     first = int(inside.argmax()) if inside.any() else 0
-    return Anchor(truth.position_m[first], max(0.0, float(truth.time_s[first])), "the first row of the truth")
+    time_s = max(0.0, float(truth.time_s[first]))
+    yaw = float(np.interp(time_s, timeline.time_s, timeline.dr_yaw_rad))
+    arm_m = rotated(yaw, np.array(truth.lever_m[:2]))
+    return Anchor(truth.position_m[first] - arm_m, time_s, "the first row of the truth")

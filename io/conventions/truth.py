@@ -56,6 +56,7 @@ def truth_from_table(
         kind=kind,
         source=source,
         max_gap_s=section.max_gap_s,
+        lever_m=section.lever_arm_m,
     )
     return truth, findings
 

@@ -86,6 +86,7 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     "gps.noise.sd_m": "noise = { kind = 'contamination', sd_m = V }",
     **dict.fromkeys(("depth.surface_pa", "depth.latency_s", "truth.max_gap_s"), ""),
     "truth.skip_rows": "file = 'truth.csv'",
+    "truth.lever_arm_m": "lever_arm_m = [0, V, 0]",
     **dict.fromkeys(("process.position_m", "process.heading_deg", "process.velocity_mps"), ""),
     **dict.fromkeys(("process.turn_rate_dps", "process.uncalibrated_m"), ""),
     **dict.fromkeys(("calibrate.scale_sd", "calibrate.mount_sd_deg", "calibrate.heading_sd_deg"), ALL_STATES),

@@ -41,6 +41,7 @@ noise = { kind = "gaussian" }
 file = "slam.csv"
 kind = "slam"
 max_gap_s = 4.5
+lever_arm_m = [0.25, -0.5, 1.0]
 columns = { time_ns = "t", x = "x", y = "y", sd_m = "sd" }
 frame = "NED"
 [process]
@@ -99,7 +100,8 @@ def assert_same(back: Log, log: Log) -> None:
         pd.testing.assert_frame_equal(other, table, rtol=1e-13, atol=1e-12)
     assert (back.truth is None) == (log.truth is None)
     if log.truth is not None and back.truth is not None:
-        assert (back.truth.kind, back.truth.max_gap_s) == (log.truth.kind, log.truth.max_gap_s)
+        told = [(truth.kind, truth.max_gap_s, truth.lever_m) for truth in (back.truth, log.truth)]
+        assert told[0] == told[1]
         np.testing.assert_array_equal(back.truth.position_m, log.truth.position_m)
         np.testing.assert_array_equal(back.truth.sd_m, log.truth.sd_m)
         np.testing.assert_allclose(back.truth.time_s, log.truth.time_s, rtol=0, atol=1e-10)

@@ -171,6 +171,18 @@ def test_no_rotation_of_the_track_beats_the_rigid_fit() -> None:
 
 
 def test_body_finds_the_lever_arm_between_the_point_of_the_track_and_that_of_the_truth() -> None:
+    track, antenna = turning_track()
+
+    report = evaluate(track, antenna, align="body")
+
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
+    assert report.alignment.lever_m == pytest.approx((0.5, 2.0))
+    assert "+0.500 m starboard, +2.000 m forward" in report.alignment.sentence
+    with pytest.raises(LogError, match="--align body needs the heading"):
+        evaluate(track_of(SECONDS, track.position_m), antenna, align="body")
+
+
+def turning_track() -> tuple[Trajectory, Truth]:
     """The truth's antenna is 2 m ahead and 0.5 m to starboard of the tracked point, by hand at each heading."""
     rng = np.random.default_rng(6)
     heading = np.linspace(0.0, 2 * math.pi, 101)  # clockwise from north
@@ -179,14 +191,51 @@ def test_body_finds_the_lever_arm_between_the_point_of_the_track_and_that_of_the
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
     mean = np.column_stack([-heading, track_m])
     track = Trajectory("ckf", ("psi", "x", "y"), SECONDS, mean, None)
+    return track, truth_of(SECONDS, track_m + 2.0 * ahead + 0.5 * starboard)
 
-    report = evaluate(track, truth_of(SECONDS, track_m + 2.0 * ahead + 0.5 * starboard), align="body")
+
+@pytest.mark.parametrize("align", ["none", "first", "rigid"])
+def test_a_stated_lever_arm_of_the_truth_leaves_no_error(align: str) -> None:
+    track, antenna = turning_track()
+
+    report = evaluate(track, dataclasses.replace(antenna, lever_m=(0.5, 2.0, -1.0)), align=align)
+
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
+    assert report.alignment.shift_m == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert "the point of the truth (+0.500 m starboard, +2.000 m forward)" in report.alignment.sentence
+    np.testing.assert_allclose(report.alignment.points(track.position_m, track.state("psi")), antenna.position_m)
+
+
+def test_rigid_turns_the_lever_arm_of_the_truth_with_the_track() -> None:
+    """The track's whole world is turned by 30 degrees, its headings too."""
+    track, antenna = turning_track()
+    c, s = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
+    mean = np.column_stack([track.mean[:, 0] - math.radians(30.0), track.position_m @ np.array([[c, -s], [s, c]])])
+
+    turned = dataclasses.replace(track, mean=mean)
+    report = evaluate(turned, dataclasses.replace(antenna, lever_m=(0.5, 2.0, -1.0)), align="rigid")
+
+    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
+    assert report.alignment.rotation_rad == pytest.approx(math.radians(30.0))
+
+
+def test_body_finds_what_the_stated_lever_arm_of_the_truth_lacks_and_tells_the_sum() -> None:
+    track, antenna = turning_track()
+
+    report = evaluate(track, dataclasses.replace(antenna, lever_m=(0.5, 1.5, 0.0)), align="body")
 
     assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
     assert report.alignment.lever_m == pytest.approx((0.5, 2.0))
-    assert "+0.500 m starboard, +2.000 m forward" in report.alignment.sentence
-    with pytest.raises(LogError, match="--align body needs the heading"):
-        evaluate(track_of(SECONDS, track_m), truth_of(SECONDS, track_m), align="body")
+
+
+def test_raw_fixes_cannot_be_moved_to_the_point_of_the_truth_and_that_is_told() -> None:
+    track, antenna = turning_track()
+    raw = track_of(SECONDS, track.position_m, name="usbl")
+
+    report = evaluate(raw, dataclasses.replace(antenna, lever_m=(0.5, 2.0, 0.0)))
+
+    assert report.horizontal.mean_m == pytest.approx(math.hypot(0.5, 2.0))
+    assert "lever arm of the truth" in report.warnings[-1]
 
 
 def test_an_unknown_alignment_or_one_that_cannot_be_fitted_is_a_sentence() -> None:

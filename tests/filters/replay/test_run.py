@@ -1,6 +1,7 @@
 """The driver: which measurement enters which step, and what comes out at the end."""
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import find_anchor, prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Timeline, Truth
 from weaving import Faults, weaving_dive
 
 
@@ -159,6 +160,17 @@ def test_a_transponder_beside_the_reference_point_shifts_neither_the_start_nor_a
         assert anchor is not None
         assert same is not None
         np.testing.assert_allclose(same.position_m, anchor.position_m, atol=1e-9)
+
+
+def test_the_truths_own_lever_arm_does_not_shift_an_anchor_on_it() -> None:
+    """At the first row the bow points east: 2 m ahead is 2 m east, 1 m to starboard is 1 m south."""
+    line = five_hz(np.tile([0.0, 1.0], (50, 1)), np.full(50, -math.pi / 2), np.empty(0), np.empty((0, 2)))
+    rows = Truth(np.array([3.0]), np.array([[12.0, 4.0]]), np.array([np.nan]), "gps", "gps", lever_m=(1.0, 2.0, 0.0))
+
+    anchor = find_anchor("first-truth", line, Parameters(), rows)
+
+    assert anchor is not None
+    np.testing.assert_allclose(anchor.position_m, [10.0, 5.0])
 
 
 @pytest.mark.parametrize(
