@@ -11,10 +11,11 @@ parallel, each with its own belief:
 - relocated: the vehicle is at the fixes, further away than the filter thought possible.
 
 Weights are products of predictive likelihoods (D. Reid, "An algorithm for tracking multiple targets", IEEE Trans.
-Automatic Control 24(6), 1979, doi:10.1109/TAC.1979.1102177). An outlier is followed by another of its cluster with
-probability exp(-dt / outlier_cluster_s), so fixes that agree for long are inliers. The estimate is the mean of the
-leading hypothesis, which another replaces only with clear odds; its covariance includes all hypotheses. Metres,
-seconds, the states of the filter.
+Automatic Control 24(6), 1979, doi:10.1109/TAC.1979.1102177). Clusters last for seconds, few for a minute, so
+fixes that agree for long are inliers. The rejecting hypothesis is kept for some time after the track has followed its
+fixes: if the cluster ends after all, the track returns at once. The estimate is the mean of the leading hypothesis,
+which another replaces only with clear odds; its covariance includes all hypotheses. Metres, seconds, the states of the
+filter.
 """
 
 import math
@@ -58,6 +59,7 @@ class Hypothesis(NamedTuple):
     belief: Any  # of the wrapped filter
     estimate: Estimate
     log_weight: float  # normalised over the hypotheses
+    since_s: float = math.nan  # first fix that a rejecting one takes for an outlier
 
 
 class Ambiguity(NamedTuple):
@@ -88,6 +90,8 @@ class MultiHypothesisFilter:
     motion: MotionModel
     outlier_noise: Contamination = Contamination()  # share and scale of outliers
     outlier_cluster_s: float = 3.0  # mean duration of a cluster of outliers
+    long_cluster_s: float = 60.0  # mean duration of a few clusters: a leg beside a wall that reflects
+    long_cluster_share: float = 1e-4  # so few that no decision waits for them, but the way back is remembered
     relocation_probability: float = 0.05  # of a drift that dead reckoning missed, after a long outage
     long_outage_s: float = 60.0  # in a shorter outage the probability of relocation is proportionally smaller
     decision_odds: float = 20.0  # for a new leader that moves the track: strong evidence by Kass and Raftery
@@ -113,10 +117,7 @@ class MultiHypothesisFilter:
         ]
         outage_s = step.t1_s - belief.last_fix_s
         ambiguity = belief.ambiguity or Ambiguity(step.t1_s, outage_s, step.t1_s)
-        cluster_continues = math.exp(-outage_s / self.outlier_cluster_s)
-        hypotheses = self._reweighted(
-            belief.hypotheses, likelihoods, cluster_continues, ambiguity.accepting, step, make_rng
-        )
+        hypotheses = self._reweighted(belief, likelihoods, ambiguity.accepting, step, make_rng)
         relocation_probability = self.relocation_probability * min(1.0, outage_s / self.long_outage_s)
         if new := self._new_hypotheses(belief.hypotheses, likelihoods, relocation_probability, step, make_rng):
             ambiguity = ambiguity._replace(
@@ -140,11 +141,7 @@ class MultiHypothesisFilter:
         if len(hypotheses) > 1:
             return MultiHypothesisBelief(tuple(hypotheses), ambiguity, step.t1_s, reacquisitions)
         last = hypotheses[0]
-        if ambiguity.jump_m or (last.kind == "resumed" and ambiguity.refused >= MIN_CLUSTER_FIXES):
-            reacquisitions = (
-                *reacquisitions,
-                Reacquisition(*ambiguity[:-1], accepted=last.kind in ambiguity.accepting),
-            )
+        reacquisitions = _with_outcome(reacquisitions, ambiguity, last, "resumed")
         return MultiHypothesisBelief((last._replace(kind="nominal", log_weight=0.0),), None, step.t1_s, reacquisitions)
 
     def estimate(self, belief: MultiHypothesisBelief) -> Estimate:
@@ -154,12 +151,8 @@ class MultiHypothesisFilter:
         the leader's own covariance: its noise model already allows for outliers.
         """
         reacquisitions, leader = belief.reacquisitions, belief.hypotheses[0]
-        if (
-            belief.ambiguity is not None
-            and leader.kind == "rejecting"
-            and belief.ambiguity.refused >= MIN_CLUSTER_FIXES
-        ):  # the outcome if no more fixes came
-            reacquisitions = (*reacquisitions, Reacquisition(*belief.ambiguity[:-1], accepted=False))
+        if belief.ambiguity is not None:  # the outcome if no more fixes came
+            reacquisitions = _with_outcome(reacquisitions, belief.ambiguity, leader, "rejecting")
         first = leader.estimate._replace(reacquisitions=reacquisitions)
         ahead = math.exp(leader.log_weight) > 1 - 1 / self.decision_odds
         if belief.ambiguity is None or (ahead and belief.ambiguity.accepting == ("nominal",)):
@@ -170,26 +163,36 @@ class MultiHypothesisFilter:
             cov += math.exp(hypothesis.log_weight) * (hypothesis.estimate.cov + np.outer(offset, offset))
         return first._replace(cov=cov)
 
+    def _survival(self, time_s: float) -> float:
+        """Return the probability that a cluster of outliers lasts for longer."""
+        share = self.long_cluster_share
+        return (1 - share) * math.exp(-time_s / self.outlier_cluster_s) + share * math.exp(
+            -time_s / self.long_cluster_s
+        )
+
     def _reweighted(
         self,
-        hypotheses: Sequence[Hypothesis],
+        belief: MultiHypothesisBelief,
         likelihoods: Sequence[HypothesisLikelihoods],
-        cluster_continues: float,
         accepting: Sequence[str],
         step: Step,
         make_rng: MakeRng,
     ) -> list[Hypothesis]:
         """Return the hypotheses after the fixes, reweighted, in their order, then those that resume.
 
-        For a rejecting hypothesis a fix belongs to the cluster with probability ``cluster_continues``, and then has the
-        likelihood that an accepting hypothesis gives it; otherwise the cluster has ended and a branch resumes.
+        For a rejecting hypothesis the cluster continues with some probability, and then a fix has the likelihood that
+        an accepting hypothesis gives it; otherwise the cluster has ended and a branch resumes.
         """
-        both = list(zip(hypotheses, likelihoods, strict=True))
-        log_cluster = max((one.inlier for hypothesis, one in both if hypothesis.kind in accepting), default=-math.inf)
+        both = list(zip(belief.hypotheses, likelihoods, strict=True))
+        log_cluster = max(
+            (one.if_accepted for hypothesis, one in both if hypothesis.kind in accepting), default=-math.inf
+        )
         after: list[Hypothesis] = []
         resumed: list[Hypothesis] = []
         for hypothesis, one in both:
             if hypothesis.kind == "rejecting":
+                lasted_s, lasts_s = belief.last_fix_s - hypothesis.since_s, step.t1_s - hypothesis.since_s
+                cluster_continues = self._survival(lasts_s) / self._survival(lasted_s)
                 log_rejecting = float(np.logaddexp(_log(cluster_continues) + log_cluster, one.outlier))
                 after.append(
                     self._stepped_rejecting(
@@ -229,7 +232,9 @@ class MultiHypothesisFilter:
             return []
         new: list[Hypothesis] = []
         if leader.kind != "rejecting":
-            rejecting = leader._replace(kind="rejecting", log_weight=leader.log_weight + likelihood.outlier)
+            rejecting = leader._replace(
+                kind="rejecting", log_weight=leader.log_weight + likelihood.outlier, since_s=step.t1_s
+            )
             new.append(self._stepped_rejecting(rejecting, step, make_rng))
         if far:
             mean, cov = leader.estimate.mean, leader.estimate.cov.copy()
@@ -286,6 +291,15 @@ class MultiHypothesisFilter:
 
     def _predicted(self, estimate: Estimate, step: Step) -> GaussianBank:
         return predict(replicate(estimate.mean, estimate.cov, 1), self.motion, linearised, step.t0_s, step.t1_s)
+
+
+def _with_outcome(
+    before: tuple[Reacquisition, ...], ambiguity: Ambiguity, last: Hypothesis, refusing: str
+) -> tuple[Reacquisition, ...]:
+    """Return the outcome of the ambiguity after those before, if fixes moved the track or a cluster was refused."""
+    if not ambiguity.jump_m and not (last.kind == refusing and ambiguity.refused >= MIN_CLUSTER_FIXES):
+        return before
+    return (*before, Reacquisition(*ambiguity[:-1], accepted=last.kind in ambiguity.accepting))
 
 
 def _agree(a: Hypothesis, b: Hypothesis) -> bool:

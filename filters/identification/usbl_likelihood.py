@@ -16,9 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection, equal_weights
+from usbldr.filters.estimators.gaussian_bank import Projection
 from usbldr.filters.estimators.mode_updates import collapse
 from usbldr.filters.frames import rotated
+from usbldr.filters.identification import clusters
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Parameters
@@ -37,6 +38,7 @@ from usbldr.filters.types import Array, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 LEVER, CLOCK = "dvl-lever", "dvl-clock"
+UNKNOWN_DIRECTION = 0.5  # fixed: variance of each axis of a unit vector in any direction
 CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
 KEYS: Mapping[str, tuple[str, ...]] = {
     "scale": STATES["scale"],
@@ -54,7 +56,8 @@ REPORTED: Mapping[str, ReportedQuantity] = {
     "dvl_clock": ReportedQuantity("dvl_clock_s", "s", 1.0),
 }
 BIAS_STATES = STATES["usbl-bias"]
-PASS_STATES = ("x", "y", *BIAS_STATES, *(name for names in KEYS.values() for name in names))
+OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, see clusters.py
+PASS_STATES = ("x", "y", *BIAS_STATES, *(name for names in KEYS.values() for name in names), *OFFSET_STATES)
 
 
 class Member(NamedTuple):
@@ -99,11 +102,11 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     z = np.stack([log.residual_m for log in logs], axis=2)
     mean, cov = _start(timeline, members)
     n, N = mean.shape
-    bank = GaussianBank(mean, cov, equal_weights(N))
-    fade, added = _between_fixes(timeline, members)
-    noise = BankNoise(
-        [member.parameters.usbl for member in members], [member.parameters.usbl_sd_scale for member in members]
-    )
+    bank = clusters.both_hypotheses(mean, cov)
+    group = np.tile(group, 2)
+    fade, added = (np.tile(each, 2) for each in _between_fixes(timeline, members))
+    dt_s = np.diff(timeline.fix_time_s[: len(z)], prepend=0.0)
+    noise = BankNoise([m.parameters.usbl for m in members] * 2, [m.parameters.usbl_sd_scale for m in members] * 2)
     total, bias = np.zeros(N), [PASS_STATES.index(name) for name in BIAS_STATES]
     for f in range(len(z)):
         mean, cov = bank.mean.copy(), bank.cov.copy()
@@ -111,7 +114,7 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
         cov[bias] *= fade[f]
         cov[:, bias] *= fade[f]
         cov[range(n), range(n)] += added[f]
-        bank = bank._replace(mean=mean, cov=cov)
+        bank = clusters.mixed(bank._replace(mean=mean, cov=cov), dt_s[f])
         modes = noise.modes(timeline.fix_cov_m2[f])
         for axes in modes.blocks():
             h = H[f, axes][:, :, group]
@@ -122,7 +125,9 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
                 cross,
             )
             bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
+            bank, log_l = clusters.reweighted(bank, log_l)
             total += log_l
+    bank = clusters.members(bank)
     sd = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
     return FixLikelihoods(
         total, dict(zip(PASS_STATES, bank.mean, strict=True)), dict(zip(PASS_STATES, sd, strict=True))
@@ -147,7 +152,7 @@ def _linearised(timeline: Timeline, parameters: Parameters, latency_s: float, cl
     lever_m = np.array(parameters.usbl_lever_m[:2]) - np.array(parameters.dvl_lever_m[:2])
     reckoned_m = interpolate(line, moved_m - clock_s * by_clock, valid_s) + V_at * latency_s
     H = drift_at
-    for names in (("x", "y"), BIAS_STATES):
+    for names in (("x", "y"), BIAS_STATES, OFFSET_STATES):
         for axis, name in enumerate(names):
             H[:, axis, PASS_STATES.index(name)] = 1.0
     H[:, :, PASS_STATES.index("usbl_latency")] = -V_at
@@ -201,14 +206,20 @@ def _between_fixes(timeline: Timeline, members: Sequence[Member]) -> tuple[Array
     """Return the decay of the correlated error from fix to fix, (F, N), and the process noise, (F, n, N)."""
     t = timeline.fix_time_s[:MAX_FIXES]
     dt_s = np.maximum(np.diff(t, prepend=0.0), 0.0)[:, None]
-    dvl_rows = np.flatnonzero(timeline.dvl_count)
-    edges_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
-    spacing_s = np.diff(edges_s)
-    R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
-    accumulated = [np.append(0.0, np.cumsum(each)) for each in (R * spacing_s**2, spacing_s**3 / 3)]
-    noise_m2, gap_s3 = (np.diff(np.interp(t, edges_s, column), prepend=0.0)[:, None] for column in accumulated)
     every = [member.parameters for member in members]
     process, errors = [p.process for p in every], [p.errors for p in every]
+
+    dvl_rows = np.flatnonzero(timeline.dvl_count)
+    dvl_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
+    spacing_s = np.diff(dvl_s)
+    R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
+    noise_m2, gap_s3 = _between(t, dvl_s, R * spacing_s**2), _between(t, dvl_s, spacing_s**3 / 3)
+
+    yaw_s = timeline.time_s[timeline.yaw_count > 0]
+    moved_m2 = np.sum(np.diff(interpolate(timeline, displacement_m(timeline), yaw_s), axis=0) ** 2, axis=1)
+    # a random walk of the turn rate q, interpolated over s seconds: the integral of yaw has the variance q^2 s^5 / 120
+    turned = np.minimum(process[0].turn_rate_radps ** 2 * np.diff(yaw_s) ** 3 / 120, UNKNOWN_DIRECTION)
+    noise_m2 += _between(t, yaw_s, moved_m2 * turned)
     # of the modes, what grows with R: records that contamination stands for do not enter dead reckoning
     dvl = BankNoise([p.dvl for p in every], [p.dvl_sd_scale for p in every])
     variance_factor = (dvl.probabilities * dvl.gain).sum(axis=0)
@@ -225,3 +236,9 @@ def _between_fixes(timeline: Timeline, members: Sequence[Member]) -> tuple[Array
     for name in BIAS_STATES:
         added[:, PASS_STATES.index(name)] = (1 - fade**2) * c0**2
     return fade, added
+
+
+def _between(t: Vector, edges_s: Vector, gained: Vector) -> Array:
+    """Return what is gained from each time to the next, (F, 1), of a quantity that grows linearly between edges."""
+    total = np.interp(t, edges_s, np.append(0.0, np.cumsum(gained)))
+    return np.diff(total, prepend=0.0)[:, None]

@@ -117,6 +117,16 @@ def test_no_cluster_at_the_end_of_an_outage_captures_the_track(count: int, off_m
     assert OUTAGE[1] < one.resolved_s <= OUTAGE[1] + count + 2
 
 
+def test_a_track_that_followed_a_long_cluster_returns_with_its_end() -> None:
+    """Fixes that agree for 40 s are followed; those after them agree with the track before, so both were outliers."""
+    line, truth = dive(1, 40, 50.0)
+
+    result = replayed("adf", line, truth, UNCERTAIN)
+
+    assert result.error_m[result.after(20)].max() > 40
+    assert result.error_m[result.after(46)].max() < 3
+
+
 def test_without_hypotheses_such_clusters_capture_the_track() -> None:
     """Otherwise the test above could not fail."""
     for off_m in (20.0, 50.0, 200.0):

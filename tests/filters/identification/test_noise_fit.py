@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from usbldr.filters.identification import clusters
 from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
@@ -121,7 +122,8 @@ def test_the_walk_of_a_vehicle_that_rests_first_is_that_of_its_motion() -> None:
     assert found == pytest.approx(0.05 * math.sqrt(2 / 3), rel=0.15)  # in the mean square
 
 
-def test_fixes_at_rest_are_as_likely_as_their_joint_normal_density() -> None:
+def test_fixes_at_rest_are_as_likely_as_their_joint_normal_density(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clusters, "BETWEEN_S", math.inf)
     line = replace(parked(count=20), dvl_sd_mps=np.zeros(4 * 20 * 5 + 1))
     calm = ProcessNoise(position_m=0.1, velocity_mps=0.0)
     stated = replace(PLAIN, process=calm)
@@ -240,3 +242,31 @@ def test_what_all_fixes_share_and_the_walk_of_dead_reckoning_never_shrink() -> N
 
     assert found.process.position_m == given.process.position_m
     assert found.errors.usbl_bias_m == given.errors.usbl_bias_m
+
+
+def test_false_fixes_in_a_row_are_not_taken_for_noise() -> None:
+    """A minute of fixes from elsewhere, in a dive of 400 s."""
+    line = weaving_dive(Faults())
+    there = (line.fix_time_s >= 200) & (line.fix_time_s < 260)
+    given = replace(PLAIN, usbl=Contamination())
+    right, found = (
+        usbl_noise(replace(line, fix_m=line.fix_m + np.outer(off, [25.0, -20.0])), given)
+        for off in (np.zeros(len(there)), there)
+    )
+
+    assert found.process.position_m < 2 * right.process.position_m
+    assert found.errors.usbl_bias_m < 2 * right.errors.usbl_bias_m
+    assert found.usbl_sd_scale == pytest.approx(right.usbl_sd_scale, rel=0.1)
+
+
+def test_a_minute_without_headings_leaves_the_direction_open() -> None:
+    """Dead reckoning of this weaving dive is then wrong by tens of metres."""
+    line = weaving_dive(Faults())
+    missing = (line.time_s >= 200) & (line.time_s < 260)
+    kept = np.flatnonzero(~missing)
+    yaw = np.interp(line.time_s, line.time_s[kept], line.dr_yaw_rad[kept])
+    gap = replace(line, dr_yaw_rad=yaw, yaw_count=np.where(missing, 0, line.yaw_count))
+
+    right, found = usbl_noise(line, PLAIN), usbl_noise(gap, PLAIN)
+
+    assert found.process.position_m < 3 * right.process.position_m

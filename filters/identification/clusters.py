@@ -1,0 +1,86 @@
+"""Switch between correct fixes and fixes that share a false offset, in a pass over all fixes.
+
+Echoes or a second beacon give false fixes in a row, all with one offset. A pass without this model would take them for
+drift of dead reckoning. Each of N members therefore has two hypotheses, without and with an offset, which a Markov
+chain mixes before each fix: H. Blom and Y. Bar-Shalom, "The interacting multiple model algorithm for systems with
+Markovian switching coefficients", IEEE Trans. Automatic Control 33(8), 1988, doi:10.1109/9.1299. Metres and seconds.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.estimators.gaussian_bank import GaussianBank
+from usbldr.filters.types import Array, Vector
+
+OFFSET_SD_M = 30.0  # each axis, by judgement: echoes lie metres to tens of metres away
+CLUSTER_S = 60.0  # mean duration, by judgement: the likelihood of a longer cluster falls slowly
+BETWEEN_S = 3600.0  # mean time between clusters, by judgement: they are rarer than single outliers
+
+
+class _Mixture(NamedTuple):
+    """The part of one hypothesis that comes from another."""
+
+    weight: Vector  # (N,)
+    mean: Array  # (n, N)
+    cov: Array  # (n, n, N)
+
+
+def both_hypotheses(mean: Array, cov: Array) -> GaussianBank:
+    """Return N members, mean (n, N) and covariance (n, n, N), as 2 N: first without an offset, then with one."""
+    weight = np.repeat([1.0, np.finfo(float).tiny], mean.shape[1])
+    return GaussianBank(np.tile(mean, 2), np.tile(cov, 2), np.log(weight))
+
+
+def mixed(bank: GaussianBank, dt_s: float) -> GaussianBank:
+    """Return the 2 N hypotheses after ``dt_s`` of switching; the last two states are the offset, east and north."""
+    begins, ends = -np.expm1(-dt_s / BETWEEN_S), -np.expm1(-dt_s / CLUSTER_S)
+    right, false = (
+        _Mixture(np.exp(weight), mean, cov)
+        for weight, mean, cov in zip(
+            np.split(bank.log_weight, 2), np.split(bank.mean, 2, axis=1), np.split(bank.cov, 2, axis=2), strict=True
+        )
+    )
+    begun, ended = right.cov.copy(), _Mixture(false.weight * ends, false.mean.copy(), false.cov.copy())
+    begun[[-2, -1], [-2, -1]] += OFFSET_SD_M**2
+    ended.mean[-2:] = 0.0
+    ended.cov[-2:] = 0.0
+    ended.cov[:, -2:] = 0.0
+    parts = (
+        _merged(right._replace(weight=right.weight * (1 - begins)), ended),
+        _merged(_Mixture(right.weight * begins, right.mean, begun), false._replace(weight=false.weight * (1 - ends))),
+    )
+    return GaussianBank(
+        np.concatenate([part.mean for part in parts], axis=1),
+        np.concatenate([part.cov for part in parts], axis=2),
+        np.log(np.concatenate([part.weight for part in parts])),
+    )
+
+
+def reweighted(bank: GaussianBank, log_likelihood: Vector) -> tuple[GaussianBank, Vector]:
+    """Return the 2 N hypotheses weighted by their likelihoods (2 N,), and the log likelihoods of the members (N,)."""
+    joint = bank.log_weight + log_likelihood
+    total = np.logaddexp(*np.split(joint, 2))
+    return bank._replace(log_weight=joint - np.tile(total, 2)), total
+
+
+def members(bank: GaussianBank) -> GaussianBank:
+    """Return the N members, each the Gaussian of its two hypotheses."""
+    weight = np.exp(bank.log_weight)
+    merged = _merged(
+        *(
+            _Mixture(*part)
+            for part in zip(
+                np.split(weight, 2), np.split(bank.mean, 2, axis=1), np.split(bank.cov, 2, axis=2), strict=True
+            )
+        )
+    )
+    return GaussianBank(merged.mean, merged.cov, np.log(merged.weight))
+
+
+def _merged(a: _Mixture, b: _Mixture) -> _Mixture:
+    """Return the Gaussian with the mean and covariance of both parts."""
+    weight = np.maximum(a.weight + b.weight, np.finfo(float).tiny)
+    p, q = a.weight / weight, b.weight / weight
+    apart = a.mean - b.mean
+    return _Mixture(weight, p * a.mean + q * b.mean, p * a.cov + q * b.cov + p * q * apart[:, None] * apart)
