@@ -84,9 +84,8 @@ def start_sensitivity(
     mean: Vector = interpolate(timeline, drift, time_s[:count]).mean(axis=0)
     derivative = -mean.reshape(len(names), 2).T
     if of_usbl:
-        V = interpolate(timeline, velocity_mps(timeline), time_s[:count]).mean(axis=0)
-        of_fixes = {"usbl_bias_east": (-1.0, 0.0), "usbl_bias_north": (0.0, -1.0), "usbl_latency": V}
-        derivative += np.column_stack([of_fixes.get(name, np.zeros(2)) for name in names])
+        V: Vector = interpolate(timeline, velocity_mps(timeline), time_s[:count]).mean(axis=0)
+        derivative += fix_sensitivity(V, names)
     return derivative
 
 
@@ -94,6 +93,15 @@ def velocity_history(timeline: Timeline) -> VelocityHistory:
     """Return the DVL's records at their epochs, as the filters use them."""
     rows = timeline.dvl_count > 0
     return VelocityHistory.of(timeline.time_s[rows], timeline.dvl_mps[rows])
+
+
+def fix_sensitivity(V_mps: Vector, names: Sequence[str]) -> Array:
+    """Return the derivative of the position that a USBL fix gives, by each state, (2, n): x = z - c + latency V.
+
+    ``V_mps`` (2,) is the velocity east and north.
+    """
+    of_fixes = {"usbl_bias_east": (-1.0, 0.0), "usbl_bias_north": (0.0, -1.0), "usbl_latency": V_mps}
+    return np.column_stack([of_fixes.get(name, np.zeros(2)) for name in names])
 
 
 def displacement_m(timeline: Timeline) -> Array:

@@ -21,7 +21,7 @@ from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.states import POSITION
 from usbldr.filters.models.usual_velocity import VelocityHistory
-from usbldr.filters.replay.dead_reckoning import LEAST_START_SD_M
+from usbldr.filters.replay.dead_reckoning import LEAST_START_SD_M, fix_sensitivity
 from usbldr.filters.replay.methods import FilterSettings, method_named, methods_that
 from usbldr.filters.replay.prior import prior_at
 from usbldr.filters.replay.run import SINGULAR_TEXT, make_estimator
@@ -144,7 +144,7 @@ class OnlineFilter:
             return self._advance(time_s, (measured,))[0]
         if self._yaw is not None and p.start is None:
             position_m = fix_m - rotated(self._yaw[0], np.array(p.usbl_lever_m[:2]))
-            self._start(time_s, position_m, max(LEAST_START_SD_M, math.sqrt(cov.diagonal().max())))
+            self._start(time_s, position_m, max(LEAST_START_SD_M, math.sqrt(cov.diagonal().max())), of_usbl=True)
         return None
 
     def _start_as_stated(self, time_s: float) -> None:
@@ -152,12 +152,15 @@ class OnlineFilter:
         if start is not None:
             self._start(time_s, np.array([start.east_m, start.north_m]), start.sd_m)
 
-    def _start(self, time_s: float, position_m: Vector, sd_m: float) -> None:
-        """Start at a position, if heading and velocity are known."""
+    def _start(self, time_s: float, position_m: Vector, sd_m: float, of_usbl: bool = False) -> None:
+        """Start at a position, stated or of a fix, if heading and velocity are known."""
         if self._yaw is None or self._mps is None:
             return
         yaw = (self._yaw[0] + self._north_rad(position_m), self._yaw[1])
-        prior = prior_at(position_m, sd_m, yaw, self._mps, self.parameters, self._layout)
+        carried = np.zeros((2, len(self._layout)))
+        if of_usbl:
+            carried = fix_sensitivity(rotated(yaw[0], self._mps), self._layout.names)
+        prior = prior_at(position_m, sd_m, yaw, self._mps, self.parameters, self._layout, carried)
         self._running = RunningFilter(self._estimator, prior, self.settings.seed)
         self._running.advance(Step(0, time_s, time_s, ()))
         self._count = 1

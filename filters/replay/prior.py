@@ -44,13 +44,7 @@ def prior(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> Pr
         walked_m2 = float(motion.noise(0.0, max(0.0, float(fixes.time_s[0])))[layout.index("x")])
         position_sd_m = math.sqrt(position_sd_m**2 + walked_m2)
     yaw = (float(timeline.dr_yaw_rad[0]), float(timeline.yaw_sd_rad[0]))
-    mean, P = prior_at(position, position_sd_m, yaw, timeline.dr_mps[0], parameters, layout)
-    position_rows = list(layout.rows("x", "y"))
-    cross = carried @ P
-    P[position_rows] += cross
-    P[:, position_rows] += cross.T
-    P[np.ix_(position_rows, position_rows)] += cross @ carried.T
-    return Prior(mean, P)
+    return prior_at(position, position_sd_m, yaw, timeline.dr_mps[0], parameters, layout, carried)
 
 
 def prior_at(
@@ -60,8 +54,12 @@ def prior_at(
     mps: Vector,
     parameters: Parameters,
     layout: StateLayout,
+    carried: Array,
 ) -> Prior:
-    """Return the belief at a position (2,), with a reading of yaw and its sigma in radians, and of velocity (2,)."""
+    """Return the belief at a position (2,), with a reading of yaw and its sigma in radians, and of velocity (2,).
+
+    ``carried`` (2, n) is the derivative of the position by each state: what its fixes and dead reckoning share.
+    """
     start = parameters.start or UNKNOWN_START
     yaw_rad, yaw_sd_rad = yaw
     known: dict[str, tuple[float, float]] = {
@@ -81,6 +79,11 @@ def prior_at(
         psi, rows, share = layout.index("psi"), list(errors), np.array(list(errors.values()))
         P[psi, psi] = yaw_sd_rad**2 + share**2 @ sd[rows] ** 2
         P[psi, rows] = P[rows, psi] = -share * sd[rows] ** 2
+    position_rows = list(layout.rows("x", "y"))
+    cross = carried @ P
+    P[position_rows] += cross
+    P[:, position_rows] += cross.T
+    P[np.ix_(position_rows, position_rows)] += cross @ carried.T
     return Prior(mean, P)
 
 

@@ -206,6 +206,19 @@ def test_it_starts_at_the_first_fix_after_a_heading_and_a_velocity() -> None:
     np.testing.assert_allclose(online.estimate.position_m, [13.0, 20.0], atol=1e-9)
 
 
+def test_the_start_shares_the_error_and_the_latency_of_its_fix() -> None:
+    """x = z - c + latency V: the sum of position and shared error is known to 3 m, whatever the error is."""
+    online = OnlineFilter("ekf", Parameters(calibrate=("latency", "usbl-bias"), usbl=Gaussian()))
+    online.heading(0.0, 90.0, 1.0)
+    online.velocity(0.0, 0.0, 1.5, 0.02)
+    online.fix(0.0, 10.0, 20.0, COV_M2)
+
+    errors = Parameters().errors
+    shared_m2 = 9.0 + errors.usbl_bias_m**2
+    late_m2 = 1.5**2 * errors.latency_s**2
+    np.testing.assert_allclose(online.estimate.position_cov_m2, np.diag([shared_m2 + late_m2, shared_m2]), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("method", "parameters", "settings", "text"),
     [
