@@ -160,7 +160,7 @@ def _without_spikes(records: Records, deviation: Vector, unit: str) -> Judged:
 def _without_jumps(records: Records) -> Judged:
     """Turn the headings beside the longest stretch to fit it; the compass has one constant error then."""
     heading_deg = records.values[:, 0]
-    jump_deg = heading_jumps_deg(records.time_s, heading_deg)
+    jump_deg = np.abs(heading_jumps_deg(records.time_s, heading_deg))
     if not jump_deg.any():
         return records, []
     time_s, size = _worst(records, jump_deg)

@@ -22,7 +22,6 @@ SPIKE_RATIO = 10.0  # [-] deviation over the usual one: 6.7 sigma of normal nois
 NOISE_RATIO = 5.0  # [-] usual deviations that noise adds to the change between two records: 3.4 sigma of one
 MIN_SPIKE_DEG = 5.0  # smaller ones do little harm
 MIN_SPIKE_MPS = 0.5  # [m/s] likewise
-JUMP_RECORDS = 5  # before and after a jump, from which the turn that goes on there is known
 MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 
@@ -44,25 +43,28 @@ def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:
 
 
 def heading_jumps_deg(time_s: Vector, heading_deg: Vector) -> Vector:
-    """Return how far each heading (n,) is from the one before, degrees (n,), 0 if a vehicle can turn so fast."""
-    turn = np.append(np.zeros(min(len(heading_deg), 1)), _turns_deg(heading_deg))
-    usual = float(np.median(turn)) if len(turn) else 0.0
+    """Return by how much the heading jumps to each record and stays there, degrees (n,), 0 if a vehicle can turn so.
+
+    A jump is the difference of the medians after and before, less the turn that goes on there: a record that is off
+    alone is none.
+    """
+    turn = wrapped(np.diff(heading_deg, prepend=heading_deg[:1]), 180.0)
+    usual = float(np.median(np.abs(turn))) if len(turn) else 0.0
     possible = np.maximum(max(MIN_SPIKE_DEG, SPIKE_RATIO * usual), MAX_TURN_DPS * np.diff(time_s, prepend=time_s[:1]))
-    return np.where(turn > possible, turn, 0.0)
+    half, continuous, jumps = _window(time_s) // 2, np.cumsum(turn), np.zeros_like(turn)
+    for k in np.flatnonzero(np.abs(turn) > possible):
+        around = np.arange(max(0, k - half), min(len(turn), k + half))
+        straight = continuous[around] - np.median(turn[around]) * around
+        step = wrapped(np.median(straight[around >= k]) - np.median(straight[around < k]), 180.0)
+        jumps[k] = step if abs(step) > possible[k] else 0.0
+    return jumps
 
 
 def without_heading_jumps(time_s: Vector, heading_deg: Vector) -> Vector:
-    """Return the headings (n,), degrees, without their jumps: the longest stretch stays, others are turned to fit.
-
-    A jump is the difference of the records around it, less the turn that goes on there.
-    """
-    at = np.flatnonzero(heading_jumps_deg(time_s, heading_deg))
-    turn = wrapped(np.diff(heading_deg, prepend=heading_deg[:1]), 180.0)
-    turn[at] -= [np.median(turn[max(0, k - JUMP_RECORDS) : k + JUMP_RECORDS + 1]) for k in at]
-    steps = np.zeros_like(turn)
-    steps[at] = turn[at]
+    """Return the headings (n,), degrees, without their jumps: the longest stretch stays, others are turned to fit."""
+    steps = heading_jumps_deg(time_s, heading_deg)
     offset = np.cumsum(steps)
-    edges = [0, *at.tolist(), len(offset)]
+    edges = [0, *np.flatnonzero(steps).tolist(), len(offset)]
     durations_s = [time_s[end - 1] - time_s[first] for first, end in pairwise(edges)]
     kept = edges[int(np.argmax(durations_s))]
     return (heading_deg - (offset - offset[kept])) % 360.0

@@ -144,6 +144,19 @@ def test_one_wrong_heading_and_a_burst_are_left_out(dive: Log, size_deg: float, 
     assert lost(log) == {"compass": times(log, "compass")[wrong].tolist()}
 
 
+@pytest.mark.parametrize("size_deg", [3.0, 6.0, 8.0, 9.0, 9.5, 10.0, 12.0, 45.0, 120.0, 180.0])
+def test_a_wrong_heading_of_any_size_changes_no_other(dive: Log, size_deg: float) -> None:
+    """About 90 deg/s, one of both changes may look possible and the other not."""
+    for at in range(400, 8900, 500):
+        wrong = np.arange(len(times(dive, "compass"))) == at
+        left = without_implausible(turned(dive, wrong, size_deg)).tables["compass"]
+        was = dive.tables["compass"][~wrong].set_index("time_s")["heading_deg"]
+
+        assert "SPIKES" in found(turned(dive, wrong, size_deg)) or size_deg < 12
+        now = left.set_index("time_s")["heading_deg"].reindex(was.index)
+        pd.testing.assert_series_equal(now, was)
+
+
 def test_spikes_of_the_compass_are_left_out_and_no_other_heading(dive: Log) -> None:
     rng = np.random.default_rng(2)
     wrong = rng.random(len(times(dive, "compass"))) < 0.02
