@@ -24,6 +24,7 @@ import numpy as np
 from usbldr.filters.identification.identification import (
     DR_WALK_NAME,
     ErrorEstimate,
+    Explanation,
     Identification,
     NoiseChange,
     SensorErrorEvidence,
@@ -139,11 +140,35 @@ def _identification(given: Parameters, choice: _Choice) -> Identification:
             key,
             _log_odds(key, choice.score),
             key in present,
-            tuple(_estimate(name, found, row) for name in names) if key in present else (),
+            _estimates((key,), found, row) if key in present else (),
         )
-        for key, names in KEYS.items()
+        for key in KEYS
     )
-    return Identification(replace(parameters, calibrate=kept), evidence, _noise_changes(given, parameters))
+    parameters = replace(parameters, calibrate=kept)
+    return Identification(parameters, evidence, _noise_changes(given, parameters), _explanations(choice))
+
+
+def _explanations(choice: _Choice) -> tuple[Explanation, ...]:
+    """Return the best subset, then those within log 20 of it that have another meaning.
+
+    A subset with an error more or less than a better one says of the others the same: `_log_odds` judges that error.
+    """
+    score = choice.score
+    taken: list[int] = []
+    for row in map(int, np.argsort(-score)):
+        if score[row] - score.max() < LOG_PRIOR_ODDS:
+            break
+        if not any(SUBSETS[row] <= SUBSETS[other] or SUBSETS[row] >= SUBSETS[other] for other in taken):
+            taken.append(row)
+    found: list[Explanation] = []
+    for row in taken:
+        keys = tuple(key for key in KEYS if key in SUBSETS[row])
+        found.append(Explanation(keys, float(score[row] - score.max()), _estimates(keys, choice.found, row)))
+    return tuple(found)
+
+
+def _estimates(keys: Sequence[str], found: FixLikelihoods, row: int) -> tuple[ErrorEstimate, ...]:
+    return tuple(_estimate(name, found, row) for key in keys for name in KEYS[key])
 
 
 def _estimate(state: str, found: FixLikelihoods, row: int) -> ErrorEstimate:

@@ -1,5 +1,6 @@
 """What a log itself says of a run: the parameters to run with, and the reasons for them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,6 +27,14 @@ class SensorErrorEvidence(NamedTuple):
     estimates: tuple[ErrorEstimate, ...]  # empty if it does not exist
 
 
+class Explanation(NamedTuple):
+    """A set of sensor errors that explains a log."""
+
+    keys: tuple[str, ...]  # of usbl_likelihood.KEYS; empty: no sensor has an error
+    log_odds: float  # against the best explanation, so at most 0
+    estimates: tuple[ErrorEstimate, ...]
+
+
 class NoiseChange(NamedTuple):
     """A number of the noise that was estimated from the log, see noise_fit.py."""
 
@@ -41,6 +50,18 @@ class Identification:
     parameters: Parameters
     evidence: tuple[SensorErrorEvidence, ...] = ()
     noise_changes: tuple[NoiseChange, ...] = ()
+    explanations: tuple[Explanation, ...] = ()  # the best, then rivals that the log cannot exclude
+
+    @property
+    def estimates(self) -> Mapping[str, ErrorEstimate]:
+        """Return the numbers of every sensor error that exists, by name."""
+        return {estimate.name: estimate for one in self.evidence for estimate in one.estimates}
+
+    @property
+    def contested(self) -> frozenset[str]:
+        """Return the keys of the errors that not every explanation contains."""
+        sets = [set(one.keys) for one in self.explanations]
+        return frozenset(key for one in sets for key in one if not all(key in other for other in sets))
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -1,21 +1,22 @@
-"""Check DVL, heading and fixes against each other: conventions, mounting, delays, scale, outliers. Uses no truth.
+"""Check DVL, heading and fixes against each other: conventions, mounting, sensor errors, noise. Uses no truth.
 
 GPS decides one thing only: which of two mirror images the map is. Angles are degrees clockwise.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-import numpy as np
-
-from usbldr.filters.frames import wrapped
-from usbldr.filters.identification.dr_usbl_fit import GROSS_SIGMAS, SEGMENT_S, DrUsblFit, fit_sensor_errors
+from usbldr.filters.errors import LogError
+from usbldr.filters.frames import rotated, wrapped
+from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.identification import Identification
 from usbldr.filters.types import Timeline
+from usbldr.io.doctor.fix_noise import fix_noise_findings
 from usbldr.io.doctor.gross_errors import (
     clock_offset_findings,
     correct_clock_offset,
     correct_velocity_unit,
-    delay_text,
     heading_unit_findings,
     velocity_unit_findings,
 )
@@ -24,10 +25,11 @@ from usbldr.io.doctor.interpretations import (
     Interpretation,
     InterpretationResult,
     compare_interpretations,
-    reinterpret,
+    flipped,
     topic_of,
 )
 from usbldr.io.doctor.message_evidence import message_evidence
+from usbldr.io.doctor.sensor_errors import log_odds_text, sensor_error_findings
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -51,7 +53,15 @@ class CrossCheck:
 
     findings: tuple[Finding, ...]
     result: InterpretationResult | None = None  # None: too few fixes
-    calibration: DrUsblFit | None = None  # by the best interpretation; None: not observable
+    identification: Identification | None = None  # by the best interpretation
+
+
+class HeadingOffset(NamedTuple):
+    """How far dead reckoning is to be rotated to fit the fixes, in degrees clockwise."""
+
+    offset_deg: float
+    sd_deg: float
+    significant: bool
 
 
 def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEvidence] = ()) -> CrossCheck:
@@ -61,18 +71,39 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         text = "too few fixes within valid dead reckoning to check the conventions"
         return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
-    found = _fit_findings(log, timeline, result)
-    calibration = fit_sensor_errors(reinterpret(log, timeline, result.best.flips), result.best.fit.rotation_rad)
-    late_s = clock_offset_s + (calibration.latency_s if calibration is not None else result.best.fit.latency_s)
-    found += clock_offset_findings(log, late_s) if clock_offset_s else ()
-    found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
-    if calibration is None or not result.heading_sense_known:
-        return CrossCheck(tuple(found), result)
-    if not clock_offset_s:
-        found += _delays(log, calibration)
-    found += [*_scale(log, calibration), *_fix_noise_findings(log, timeline, calibration)]
-    scale, latency_s = unit_ratio * (1 + calibration.scale) - 1, late_s if clock_offset_s else calibration.latency_s
-    return CrossCheck(tuple(found), result, replace(calibration, scale=scale, latency_s=latency_s))
+    line = _by_best_interpretation(log, timeline, result)
+    identification = _identified(log, line, result)
+    findings = _fit_findings(log, timeline, result, identification)
+    late_s = clock_offset_s + result.best.fit.latency_s
+    if identification is not None:
+        latency = identification.estimates.get("usbl_latency_s")
+        late_s = clock_offset_s + (latency.value if latency else 0.0)
+    findings += clock_offset_findings(log, late_s) if clock_offset_s else ()
+    findings += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
+    if identification is not None:
+        findings += sensor_error_findings(log, identification, clock_known=not clock_offset_s)
+        findings += fix_noise_findings(log, line, identification)
+    return CrossCheck(tuple(findings), result, identification)
+
+
+def _by_best_interpretation(log: Log, timeline: Timeline, result: InterpretationResult) -> Timeline:
+    """Return the timeline as it should be read, and without a rotation too large for the identification."""
+    line = flipped(log, timeline, result.best.flips)
+    if not _is_gross_rotation(result):
+        return line
+    rotation_rad = result.best.fit.rotation_rad
+    if _offset_is_stated(log):
+        return replace(line, dr_yaw_rad=line.dr_yaw_rad + rotation_rad)
+    return replace(line, dr_mps=rotated(rotation_rad, line.dr_mps))
+
+
+def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Identification | None:
+    """Return what the log settles about sensor errors and noise; None without a start."""
+    *_, mirrored = result.best.flips
+    try:
+        return identify(line, replace(log.parameters, aid=(), start=None if mirrored else log.parameters.start))
+    except LogError:
+        return None
 
 
 def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
@@ -96,8 +127,10 @@ def _corrected(
     return unit_ratio, *correct_clock_offset(log, timeline, result, sources)
 
 
-def _fit_findings(log: Log, timeline: Timeline, result: InterpretationResult) -> list[Finding]:
-    found = [*convention_findings(log, result), *_heading_offset_findings(log, result)]
+def _fit_findings(
+    log: Log, timeline: Timeline, result: InterpretationResult, identification: Identification | None = None
+) -> list[Finding]:
+    found = [*convention_findings(log, result), *_heading_offset_findings(log, result, identification)]
     return [*found, *heading_unit_findings(log, timeline, result)]
 
 
@@ -152,18 +185,28 @@ def _interpretation_text(
     )
 
 
-def _heading_offset_findings(log: Log, result: InterpretationResult) -> list[Finding]:
-    best, offset, sd = result.best, result.best.offset_deg, result.offset_sd_deg
+def _heading_offset_findings(
+    log: Log, result: InterpretationResult, identification: Identification | None
+) -> list[Finding]:
+    best = result.best
+    offset, sd, far = heading_offset(result, identification)
     if not result.heading_sense_known or not sd < THRESHOLDS.max_offset_sd_deg:
         return []
     settings = log.settings
     mount, bias = settings.dvl.mount_deg, settings.compass.bias_deg
-    stated = mount != 0 or bias != 0
+    stated = _offset_is_stated(log)
     code = "HEADING-BIAS" if stated else "DVL-MOUNT"
-    far = heading_offset_is_significant(result)
     topic = topic_of(log, "compass" if stated else "dvl")
     by = "" if best == result.as_read and result.observable else f", with {best.description}"
-    text = f"{topic}: rotating dead reckoning by {offset:+.1f} deg (clockwise, ±{max(sd, 0.1):.1f}) fits the fixes{by}"
+    odds = ""
+    if (
+        identification is not None
+        and "heading" not in identification.contested
+        and "heading_bias_deg" in (identification.estimates)
+    ):
+        odds = f", {log_odds_text(identification, 'heading')}"
+    turn = f"{offset:+.1f} deg (clockwise, ±{max(sd, 0.1):.1f}{odds})"
+    text = f"{topic}: rotating dead reckoning by {turn} fits the fixes{by}"
     if far:
         text += (
             f"; state mount_deg = {wrapped(mount + offset, 180.0):.1f} under [dvl] if the DVL is mounted so, or "
@@ -172,79 +215,31 @@ def _heading_offset_findings(log: Log, result: InterpretationResult) -> list[Fin
     return [Finding(code if far else "HEADING-CHECKED", text, topic, None, offset, "deg")]
 
 
-def latency_is_significant(c: DrUsblFit) -> bool:
-    """Tell whether the latency of the fixes is significant."""
-    return abs(c.latency_s) > max(THRESHOLDS.min_latency_s, THRESHOLDS.significance_sigmas * c.latency_sd_s)
+def _offset_is_stated(log: Log) -> bool:
+    return log.settings.dvl.mount_deg != 0 or log.settings.compass.bias_deg != 0
 
 
-def scale_is_significant(c: DrUsblFit) -> bool:
-    """Tell whether the scale error of the DVL is significant."""
-    return abs(c.scale) > max(THRESHOLDS.min_scale_error, THRESHOLDS.significance_sigmas * c.scale_sd)
+def _is_gross_rotation(result: InterpretationResult) -> bool:
+    return heading_offset(result, None).significant and abs(result.best.offset_deg) > THRESHOLDS.max_identified_turn_deg
 
 
-def heading_offset_is_significant(result: InterpretationResult) -> bool:
-    """Tell whether the rotation of DVL and heading against the fixes is significant."""
-    observable = result.heading_sense_known and result.offset_sd_deg < THRESHOLDS.max_offset_sd_deg
-    return observable and abs(result.best.offset_deg) > max(
-        THRESHOLDS.min_offset_deg, THRESHOLDS.offset_sigmas * result.offset_sd_deg
-    )
+def heading_offset(result: InterpretationResult, identification: Identification | None) -> HeadingOffset:
+    """Return the rotation of DVL and heading against the fixes, and whether it is significant.
 
-
-def _delays(log: Log, c: DrUsblFit) -> list[Finding]:
-    found: list[Finding] = []
-    usbl, compass = topic_of(log, "usbl"), topic_of(log, "compass")
-    if latency_is_significant(c):
-        stated = log.settings.usbl.latency_s
-        side = "before" if c.latency_s > 0 else "after"
-        text = (
-            f"{usbl}: fixes fit best if valid {abs(c.latency_s):.2f} s {side} their stamps "
-            f"(±{c.latency_sd_s:.2f} s, by the DVL's clock); if that clock is right, state "
-            f"latency_s = {stated + c.latency_s:.2f} under [usbl]; a transponder mounted forward or aft looks the "
-            "same (lever_arm_m)"
-        )
-        found.append(Finding("USBL-LATENCY", text, usbl, None, c.latency_s, "s"))
-    least_s = max(THRESHOLDS.min_heading_delay_s, THRESHOLDS.significance_sigmas * c.heading_delay_sd_s)
-    better = c.sd_m < THRESHOLDS.max_delayed_residual_ratio * c.sd_without_delay_m
-    if abs(c.heading_delay_s) > least_s and better:
-        text = (
-            f"{compass}: stamps are {delay_text(c.heading_delay_s)} those that fit DVL and fixes best "
-            f"(±{c.heading_delay_sd_s:.2f} s): a delay, or a DVL mounted forward or aft (lever_arm_m under [dvl]); "
-            "part of it may be the fixes' latency"
-        )
-        found.append(Finding("HEADING-DELAY", text, compass, None, c.heading_delay_s, "s"))
-    return found
-
-
-def _scale(log: Log, c: DrUsblFit) -> list[Finding]:
-    if not scale_is_significant(c):
-        return []
-    dvl = topic_of(log, "dvl")
-    text = (
-        f"{dvl}: distance travelled differs by {100 * c.scale:+.1f} % from the fixes (±{100 * c.scale_sd:.1f} %); "
-        f"if the fixes are right, state scale_error = {c.scale:.3f} under [dvl]"
-    )
-    return [Finding("DVL-SCALE", text, dvl, None, 100 * c.scale, "%")]
-
-
-def _fix_noise_findings(log: Log, timeline: Timeline, c: DrUsblFit) -> list[Finding]:
-    found: list[Finding] = []
-    usbl = topic_of(log, "usbl")
-    outliers = c.outlier_rows[c.residual_m[c.outlier_rows] > THRESHOLDS.min_outlier_m]
-    if len(outliers):
-        worst = int(outliers[np.argmax(c.residual_m[outliers])])
-        time_s, worst_m = float(timeline.fix_time_s[worst]), float(c.residual_m[worst])
-        far_m = max(GROSS_SIGMAS * c.sd_m, THRESHOLDS.min_outlier_m)
-        text = (
-            f"{usbl}: {len(outliers)} of {len(c.residual_m)} fixes are gross outliers, more than {far_m:.1f} m from "
-            f"dead reckoning fitted to the others (worst: {worst_m:.1f} m at {time_s:.1f} s); "
-            "use a robust noise family (the default) or a gate"
-        )
-        found.append(Finding("USBL-OUTLIERS", text, usbl, time_s, worst_m, "m"))
-    stated_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)))
-    if not 1 / THRESHOLDS.noise_ratio < c.sd_m / stated_m < THRESHOLDS.noise_ratio:
-        text = (
-            f"{usbl}: fixes scatter by {c.sd_m:.2f} m per axis within {SEGMENT_S:.0f} s, but their stated sd is "
-            f"{stated_m:.2f} m; slower errors are not included"
-        )
-        found.append(Finding("USBL-NOISE", text, usbl, None, c.sd_m, "m"))
-    return found
+    A small one is significant if the log has evidence for it beside other sensor errors; without an identification, by
+    its sigma.
+    """
+    offset, sd = result.best.offset_deg, result.offset_sd_deg
+    observable = result.heading_sense_known and sd < THRESHOLDS.max_offset_sd_deg
+    significant = observable and abs(offset) > max(THRESHOLDS.min_offset_deg, THRESHOLDS.offset_sigmas * sd)
+    if identification is None:
+        return HeadingOffset(offset, sd, significant)
+    gross = significant and abs(offset) > THRESHOLDS.max_identified_turn_deg
+    bias = identification.estimates.get("heading_bias_deg")
+    if "heading" in identification.contested:
+        return HeadingOffset(offset, sd, significant)
+    if bias is None:
+        return HeadingOffset(offset, sd, gross)
+    offset = (offset if gross else 0.0) - bias.value
+    significant = result.heading_sense_known and abs(offset) > THRESHOLDS.min_bias_deg
+    return HeadingOffset(offset, bias.sd, significant)

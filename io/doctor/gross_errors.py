@@ -11,7 +11,6 @@ import numpy as np
 from usbldr.filters.identification.dr_usbl_fit import (
     dead_reckoned,
     fit_rotation,
-    fit_sensor_errors,
     fix_points,
     segment_numbers,
 )
@@ -54,10 +53,8 @@ def correct_velocity_unit(
     standstill_m = fit_rotation(replace(timeline, dr_mps=np.zeros_like(timeline.dr_mps)), group).rms_m
     ratio, slower = dr_m / fix_m, _with_velocity_divided(timeline, dr_m / fix_m)
     corrected = compare_interpretations(log, slower, sources)
-    if corrected is not None and (
-        c := fit_sensor_errors(reinterpret(log, slower, corrected.best.flips), corrected.best.fit.rotation_rad)
-    ):
-        ratio, slower = ratio * (1 + c.scale), _with_velocity_divided(slower, 1 + c.scale)
+    if corrected is not None and (scale := corrected.best.fit.scale) > 0:
+        ratio, slower = ratio * scale, _with_velocity_divided(slower, scale)
         corrected = compare_interpretations(log, slower, sources)
     if corrected is None or corrected.best.residual_m > THRESHOLDS.gross_residual_ratio * min(
         result.best.residual_m, standstill_m

@@ -152,7 +152,14 @@ def compare_interpretations(
 
 
 def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
-    """Return the timeline by another interpretation of the same records (fixes up to a shift)."""
+    """Return the timeline of the reference point by another interpretation of the records (fixes up to a shift)."""
+    line = flipped(log, timeline, flips)
+    velocity, fixes = _at_reference_point(log, timeline, line.dr_mps, line.dr_yaw_rad, line.fix_m)
+    return replace(line, dr_mps=velocity, fix_m=fixes)
+
+
+def flipped(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
+    """Return the timeline by another interpretation; DVL and transponder stay where they are."""
     settings = log.settings
     dvl, yaw, world = flips
     u, v = timeline.dr_mps.T
@@ -163,9 +170,8 @@ def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) ->
     psi = timeline.dr_yaw_rad
     if yaw:  # heading' = 90 - heading, with bias and declination on the same side as before
         psi = -psi - np.radians(90.0 + 2 * _heading_correction_deg(log))
-    fixes = timeline.fix_m[:, ::-1] if world else timeline.fix_m
-    velocity, fixes = _at_reference_point(log, timeline, np.column_stack([u, v]), psi, fixes)
-    return replace(timeline, dr_mps=velocity, dr_yaw_rad=psi, fix_m=fixes)
+    line = replace(timeline, dr_mps=np.column_stack([u, v]), dr_yaw_rad=psi)
+    return replace(line, fix_m=line.fix_m[:, ::-1], fix_cov_m2=line.fix_cov_m2[:, ::-1, ::-1]) if world else line
 
 
 def _at_reference_point(

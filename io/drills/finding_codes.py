@@ -6,6 +6,7 @@ from usbldr.io.drills.drill import Drill
 from usbldr.io.drills.fault_text import Fault
 
 FALSE_FIXES = ("USBL-OUTLIERS",)
+LATE_FIXES = ("USBL-LATENCY", "CLOCK-OFFSET", "LEVER-OR-LATENCY")
 FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
     "usbl": FALSE_FIXES,
     "compass": ("SPIKES", "HEADING-JUMP"),
@@ -16,16 +17,16 @@ NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT")},
     "bias": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP"), "usbl": FALSE_FIXES},
     "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS")},
-    "lever": {"dvl": ("HEADING-DELAY",), "usbl": ("USBL-LATENCY",)},
-    "scatter": {"usbl": ("USBL-NOISE",)},
+    "lever": {"dvl": ("DVL-LEVER", "LEVER-OR-LATENCY"), "usbl": ("DVL-LEVER", "LEVER-OR-LATENCY")},
+    "scatter": {"usbl": ("USBL-NOISE", *FALSE_FIXES)},
     "spike": FALSE_RECORDS,
     "outlier": FALSE_RECORDS,
     "cluster": {"usbl": FALSE_FIXES},
     "stuck": {"usbl": ("USBL-REPEATED", *FALSE_FIXES), "compass": ("STUCK",), "dvl": ("STUCK",)},
     "zero": {"dvl": ("DVL-ZERO",)},
     "drop": {"dvl": ("OUTAGE", "LOST-LOCK"), "compass": ("OUTAGE",), "usbl": ("OUTAGE",)},
-    "latency": {"usbl": ("USBL-LATENCY", "CLOCK-OFFSET"), "compass": ("HEADING-DELAY",), "dvl": ("HEADING-DELAY",)},
-    "clock": {"usbl": ("USBL-LATENCY", "CLOCK-OFFSET"), "compass": ("HEADING-DELAY",), "dvl": ("HEADING-DELAY",)},
+    "latency": {"usbl": LATE_FIXES, "compass": ("DVL-CLOCK", "CLOCK-OFFSET"), "dvl": ("DVL-CLOCK", "CLOCK-OFFSET")},
+    "clock": {"usbl": LATE_FIXES, "compass": ("DVL-CLOCK", "CLOCK-OFFSET"), "dvl": ("DVL-CLOCK", "CLOCK-OFFSET")},
 }
 """By kind and sensor; docs/findings.md explains each code."""
 UNNAMED = ("thin",)  # fewer records are no fault of a record

@@ -1,5 +1,8 @@
 """Dead reckoning held against fixes: what was put into the sensors has to come out."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,11 +10,15 @@ from timelines import HZ, five_hz
 from usbldr.filters.identification.dr_usbl_fit import (
     SEGMENT_S,
     fit_rotation,
-    fit_sensor_errors,
     jackknife_rotation_sd_rad,
+    residuals_m,
     segment_numbers,
+    without_errors,
 )
+from usbldr.filters.identification.identification import ErrorEstimate, Identification, SensorErrorEvidence
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Array, Outage, Timeline, Vector
+from weaving import SD_M, Faults, weaving_dive
 
 
 def heading_rad(t: Vector) -> Vector:
@@ -36,7 +43,6 @@ def dive(
     mount_deg: float = 0.0,
     scale: float = 0.0,
     latency_s: float = 0.0,
-    heading_delay_s: float = 0.0,
     fix_sd_m: float = 0.3,
     swell: float = 0.0,
     length_s: float = 900.0,
@@ -50,7 +56,7 @@ def dive(
     dvl = (1 + scale) * speed_mps(t, swell)[:, None] * bow
     fix_t = np.arange(3.0, length_s - 3.0)
     fixes = truth_m(fix_t - latency_s, swell) + rng.normal(0, fix_sd_m, (len(fix_t), 2)) + [40.0, -7.0]
-    yaw = -heading_rad(t - heading_delay_s)
+    yaw = -heading_rad(t)
     return five_hz(dvl, yaw, fix_t, fixes, yaw_sd_rad=0.005, fix_sd_m=fix_sd_m, outages=outages)
 
 
@@ -76,70 +82,92 @@ def test_a_tenth_of_gross_fixes_does_not_move_the_turn() -> None:
     assert np.degrees(-turn.rotation_rad) == pytest.approx(-75.0, abs=1.0)
 
 
-def test_calibration_finds_turn_scale_and_latency_within_their_sigmas() -> None:
-    found = fit_sensor_errors(dive(mount_deg=3.0, scale=0.02, latency_s=1.4))
+def test_the_scale_is_that_of_the_dvl_whatever_its_mount() -> None:
+    line = dive(mount_deg=30.0, scale=0.2)
 
-    assert found is not None
-    for name, value, sd in (
-        ("rotation_rad", -np.radians(3.0), found.rotation_sd_rad),
-        ("scale", 0.02, found.scale_sd),
-        ("latency_s", 1.4, found.latency_sd_s),
-    ):
-        assert abs(getattr(found, name) - value) < 4 * sd, name
-    assert found.scale_sd < 0.01
-    assert found.latency_sd_s < 0.2
-    assert found.sd_m == pytest.approx(0.3, rel=0.15)
+    turn = fit_rotation(line, segment_numbers(line, line.fix_time_s, SEGMENT_S))
+
+    assert turn.scale == pytest.approx(1.2, abs=0.01)
 
 
-def test_the_sigmas_of_a_log_of_five_stretches_are_its_jackknife_over_these() -> None:
-    line = dive(length_s=600.0)
-    stretch = segment_numbers(line, line.fix_time_s, SEGMENT_S)
+def test_a_vehicle_at_rest_has_no_scale() -> None:
+    line = dive()
+    still = replace(line, dr_mps=np.zeros_like(line.dr_mps))
 
-    found = fit_sensor_errors(line)
-    without_one = [fit_sensor_errors(line.with_fixes(stretch != k)) for k in range(5)]
-
-    assert found is not None
-    for name, sd in (
-        ("rotation_rad", found.rotation_sd_rad),
-        ("scale", found.scale_sd),
-        ("latency_s", found.latency_sd_s),
-    ):
-        off = [getattr(one, name) - getattr(found, name) for one in without_one]
-        assert sd == pytest.approx(np.sqrt(4 * np.mean(np.square(off))), rel=0.01), name
+    assert np.isnan(fit_rotation(still, segment_numbers(still, still.fix_time_s)).scale)
 
 
-@pytest.mark.parametrize("delay_s", [-0.8, 0.8])
-def test_calibration_finds_a_heading_that_is_stamped_late_or_early(delay_s: float) -> None:
-    found = fit_sensor_errors(dive(heading_delay_s=delay_s, fix_sd_m=0.02, swell=0.7))
-
-    assert found is not None
-    assert found.heading_delay_s == pytest.approx(delay_s, abs=max(0.1, 4 * found.heading_delay_sd_s))
-    assert found.sd_m < 0.5 * found.sd_without_delay_m
-    assert not len(found.outlier_rows)
-
-
-def test_at_constant_speed_a_late_heading_is_not_told_from_a_late_fix() -> None:
-    found = fit_sensor_errors(dive(heading_delay_s=0.8))
-
-    assert found is not None
-    assert np.isnan(found.heading_delay_sd_s)
-    assert found.latency_s == pytest.approx(-0.8, abs=4 * found.latency_sd_s)
+ERRORS = {
+    "dvl_scale": 0.02,
+    "heading_bias_deg": 4.0,
+    "deviation_sin_deg": 3.0,
+    "deviation_cos_deg": -2.0,
+    "usbl_latency_s": 1.4,
+}
 
 
-def test_gross_fixes_are_found_one_by_one() -> None:
+def test_dead_reckoning_freed_of_its_errors_leaves_the_noise_of_the_fixes() -> None:
+    line = weaving_dive(Faults(**ERRORS))
+    found = identified(ERRORS)
+
+    freed = residuals_m(without_errors(line, found))
+    raw = residuals_m(line)
+
+    assert np.sqrt(np.mean(freed**2) / 2) == pytest.approx(SD_M, rel=0.1)
+    assert np.mean(raw**2) > 4 * np.mean(freed**2)
+
+
+def test_dead_reckoning_freed_of_its_heading_bias_need_not_be_rotated() -> None:
+    line = without_errors(weaving_dive(Faults(**ERRORS)), identified(ERRORS))
+
+    turn = fit_rotation(line, segment_numbers(line, line.fix_time_s))
+
+    assert np.degrees(turn.rotation_rad) == pytest.approx(0.0, abs=0.3)
+
+
+@pytest.mark.parametrize("name", sorted(ERRORS.keys() - {"heading_bias_deg"}))
+def test_each_error_counts_in_what_is_left(name: str) -> None:
+    line = weaving_dive(Faults(**ERRORS))
+
+    left = residuals_m(without_errors(line, identified(ERRORS | {name: 5 * ERRORS[name]})))
+
+    assert np.sqrt(np.mean(left**2) / 2) > 1.2 * SD_M
+
+
+def test_lever_arm_and_clock_of_the_dvl_are_taken_off_too() -> None:
+    """The DVL is 3 m ahead of the transponder and stamped 1 s late."""
+    line, t = dive(fix_sd_m=0.02, swell=0.7), np.arange(3.0, 897.0)
+    heading = np.interp(t, line.time_s, -line.dr_yaw_rad)
+    behind = line.fix_m - 3.0 * np.column_stack([np.sin(heading), np.cos(heading)])
+    late = np.interp(line.time_s - 1.0, line.time_s, line.dr_mps[:, 1])
+    seen = replace(line, fix_m=behind, dr_mps=np.column_stack([line.dr_mps[:, 0], late]))
+    found = identified({"dvl_clock_s": 1.0})
+    found = replace(found, parameters=replace(found.parameters, dvl_lever_m=(0.0, 3.0, 0.0)))
+
+    assert np.sqrt(np.mean(residuals_m(without_errors(seen, found)) ** 2)) < 0.1
+    assert np.sqrt(np.mean(residuals_m(seen) ** 2)) > 0.5
+
+
+def identified(errors: Mapping[str, float]) -> Identification:
+    estimates = tuple(ErrorEstimate(name, value, 0.1) for name, value in errors.items())
+    return Identification(Parameters(), (SensorErrorEvidence("all", 9.0, True, estimates),))
+
+
+def test_gross_fixes_stand_out_one_by_one() -> None:
     line = dive()
     gross = np.array([7, 100, 101, 640])
     line.fix_m[gross] += np.array([9.0, -4.0])
 
-    found = fit_sensor_errors(line)
+    left = residuals_m(line)
 
-    assert found is not None
-    assert found.outlier_rows.tolist() == gross.tolist()
-    assert np.nanmax(found.residual_m) == pytest.approx(np.hypot(9, 4), abs=1.5)
+    assert np.flatnonzero(left > 4.0).tolist() == gross.tolist()
+    assert left[gross] == pytest.approx(np.hypot(9, 4), abs=1.5)
 
 
-def test_a_short_log_claims_nothing() -> None:
-    assert fit_sensor_errors(dive(length_s=100.0)) is None
+def test_fixes_during_an_outage_have_no_residual() -> None:
+    line = dive(outages=(Outage("dvl", 0.0, 900.0),))
+
+    assert np.isnan(residuals_m(line)).all()
 
 
 def test_an_outage_of_the_dvl_cuts_the_log_and_its_fixes_do_not_count() -> None:

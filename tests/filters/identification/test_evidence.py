@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.evidence import SUBSETS, _row, identify
+from usbldr.filters.identification.evidence import SUBSETS, _Choice, _explanations, _row, identify
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.usbl_likelihood import CLOCK, KEYS, LEVER
+from usbldr.filters.identification.usbl_likelihood import CLOCK, KEYS, LEVER, REPORTED, FixLikelihoods, Member
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.replay.run import run
@@ -132,3 +132,28 @@ def test_the_truth_has_no_part_and_the_same_log_gives_the_same() -> None:
     other = replace(line, gps_time_s=line.time_s, gps_m=np.full((len(line.time_s), 2), 1e4))
 
     assert identify(line, ASSUMED) == identify(line, ASSUMED) == identify(other, ASSUMED)
+
+
+def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
+    score = np.full(len(SUBSETS), -50.0)
+    for keys, value in (
+        (["scale", "latency"], 0.0),
+        (["latency"], -0.5),  # says the same, but for the scale
+        (["scale", "latency", CLOCK], -1.0),
+        (["scale", LEVER], -2.0),
+        (["scale", LEVER, "heading"], -2.5),  # a rival already has its lever arm
+        ([CLOCK], -3.1),  # log 20 is 2.996
+    ):
+        score[SUBSETS.index(frozenset(keys))] = value
+    rows = {name: np.arange(len(SUBSETS), dtype=float) for name in REPORTED}
+    choice = _Choice(Member(ASSUMED, frozenset()), 0, score, FixLikelihoods(score, rows, rows))
+
+    best, rival = _explanations(choice)
+
+    assert (best.keys, best.log_odds) == (("scale", "latency"), 0.0)
+    assert (rival.keys, rival.log_odds) == (("scale", LEVER), -2.0)
+    assert [one.name for one in rival.estimates] == ["dvl_scale", "dvl_lever_starboard_m", "dvl_lever_forward_m"]
+    assert rival.estimates[0].value == SUBSETS.index(frozenset(["scale", LEVER]))
+    found = Identification(ASSUMED, explanations=(best, rival))
+    assert found.contested == {"latency", LEVER}
+    assert Identification(ASSUMED, explanations=(best,)).contested == set()

@@ -438,7 +438,7 @@ def test_the_clock_that_no_driver_explains_is_the_wrong_one(
 
     assert ill["CLOCK-OFFSET"]["topic"] == topic
     assert f"state latency_s = {ahead_s:.2f} under [{section}]" in ill["CLOCK-OFFSET"]["text"]
-    assert {"CLOCK-OFFSET", "DVL-MOUNT", "HEADING-DELAY"}.isdisjoint(cured)
+    assert {"CLOCK-OFFSET", "DVL-MOUNT", "DVL-CLOCK"}.isdisjoint(cured)
 
 
 @pytest.mark.parametrize(("first", "second", "sign"), [("x", "y", -1.0), ("y", "x", 1.0)])
@@ -463,7 +463,7 @@ def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
     assert "[DVL-" not in cured
 
 
-def test_a_transponder_ahead_passes_for_a_latency_until_its_lever_arm_is_stated(tmp_path: Path) -> None:
+def test_a_transponder_ahead_is_a_lever_arm_and_no_latency_until_it_is_stated(tmp_path: Path) -> None:
     rows = curved_dive(gps=True)
     yaws = [(r[0], 2 * np.arctan2(r[3]["orientation.z"], r[3]["orientation.w"])) for r in rows if r[1] == "/imu"]
     stamps, angles = np.array([t for t, _ in yaws]), np.unwrap([angle for _, angle in yaws])
@@ -480,8 +480,15 @@ def test_a_transponder_ahead_passes_for_a_latency_until_its_lever_arm_is_stated(
 
     ill, cured = findings(log), findings(log, "--config", str(cure))
 
-    assert "lever_arm_m" in ill["USBL-LATENCY"]["text"]
-    assert {"USBL-LATENCY", "HEADING-DELAY"}.isdisjoint(cured)
+    run("init", log)
+
+    assert ill["DVL-LEVER"]["worst"] == pytest.approx(3.0, abs=0.3)
+    proposed = re.search(r"^# lever_arm_m = (\[.*\])", (tmp_path / "dive.usbldr.toml").read_text(), re.MULTILINE)
+    assert proposed
+    assert json.loads(proposed[1]) == pytest.approx([0.0, -3.0, 0.0], abs=0.3)  # DVL minus transponder
+    sensor_errors = {"USBL-LATENCY", "DVL-LEVER", "DVL-CLOCK", "DVL-SCALE", "LEVER-OR-LATENCY", "RIVAL-EXPLANATIONS"}
+    assert set(ill) & sensor_errors == {"DVL-LEVER"}
+    assert not set(cured) & sensor_errors
 
 
 def test_a_magnetic_heading_is_found_as_a_turn_that_the_declination_takes_off(tmp_path: Path) -> None:

@@ -1,0 +1,167 @@
+"""The lines of DVL, compass and USBL in a drafted configuration: conventions, sensor errors, noise.
+
+A sensor error for which the log has evidence is proposed as a comment, except the rotation of DVL and heading: replay
+would find it again, and calibration is better than an estimate from one dive.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+
+from usbldr.filters.frames import wrapped
+from usbldr.filters.identification.identification import Identification
+from usbldr.filters.identification.usbl_likelihood import CLOCK, LEVER
+from usbldr.io.conventions.timestamps import LOG_TIME
+from usbldr.io.doctor.cross_check import heading_offset
+from usbldr.io.doctor.doctor import Examination
+from usbldr.io.doctor.gross_errors import unit_or_scale_key
+from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value
+from usbldr.io.doctor.sensor_errors import log_odds_text, stated_lever_m, stated_scale
+from usbldr.io.log import Log
+from usbldr.io.provenance import chosen_by_text, convention_text
+
+ConfigLine: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
+SD_KEYS = ("sd_mps", "sd_deg", "sd_m", "sd_rel", "covariance")
+MEASURE_IT = "starboard, forward, up: measure it on the vehicle"
+
+
+def dvl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
+    """Return the lines of [dvl] after its topic."""
+    check = examination.sensor_check
+    result, found = (check.result, check.identification) if check else (None, None)
+    velocity_ratio = next((d.worst for d in examination.findings if d.code == "DVL-UNIT"), None)
+    key, key_value = unit_or_scale_key(log, velocity_ratio) if velocity_ratio is not None else ("", "")
+    unit = recorded_line(log, "dvl", "unit")
+    if key == "unit":
+        unit = (f"unit = {key_value}", "CHECK: estimated from the distances between fixes")
+    lines = [_convention(log, result, "dvl", "axes"), unit, _mount(result, found)]
+    if velocity_ratio is not None and key != "unit":
+        why = f"CHECK: velocities are {velocity_ratio:.3g} times those between fixes"
+        lines.append((f"{key} = {key_value}" if key else "# unit = ?", why))
+    elif found and (scale := found.estimates.get("dvl_scale")):
+        why = f"fitted to the fixes, ±{scale.sd:.3f} ({log_odds_text(found, 'scale')}); calibrate it before use"
+        lines.append((f"# scale_error = {stated_scale(log, scale.value):.3f}", why))
+    else:
+        lines.append(("scale_error = 0.0", _no_evidence(found, "scale")))
+    timeline = examination.timeline
+    lines.append(_sd("dvl", "sd_mps", log, 0.0 if timeline is None else float(np.median(timeline.dvl_sd_mps))))
+    lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", f"{MEASURE_IT}; {_no_evidence(found, LEVER)}"))
+    if found and (ahead := found.estimates.get("dvl_lever_forward_m")):
+        starboard = found.estimates["dvl_lever_starboard_m"]
+        sigmas = f"±{starboard.sd:.2f}, ±{ahead.sd:.2f} against the transponder"
+        lines[-1] = (
+            f"# lever_arm_m = {stated_lever_m(found)}",
+            f"{sigmas} ({log_odds_text(found, LEVER)}); {MEASURE_IT}",
+        )
+    if found and (clock := found.estimates.get("dvl_clock_s")):
+        late_s = log.settings.dvl.latency_s + clock.value
+        why = f"fitted to compass and fixes, ±{clock.sd:.2f} ({log_odds_text(found, CLOCK)}); if the compass is right"
+        lines.append((f"# latency_s = {late_s:.2f}", why))
+    return [line for line in lines if line[0]]
+
+
+def _mount(result: InterpretationResult | None, found: Identification | None) -> ConfigLine:
+    if result is None or not result.heading_sense_known:
+        return "mount_deg = 0.0", "not observable"
+    offset_deg, sd_deg, significant = heading_offset(result, found)
+    if significant:
+        why = f"fitted to the fixes, ±{max(sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
+        return f"mount_deg = {wrapped(offset_deg, 180.0):.1f}", why
+    return "mount_deg = 0.0", f"fitted to the fixes: {offset_deg:+.1f} deg, ±{sd_deg:.1f}: not significant"
+
+
+def _no_evidence(found: Identification | None, key: str) -> str:
+    return f"no evidence for another ({log_odds_text(found, key)})" if found else "not observable"
+
+
+def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
+    """Return the lines of [compass] after its topic."""
+    result = examination.sensor_check.result if examination.sensor_check else None
+    unit = recorded_line(log, "compass", "unit")
+    if in_radians(examination):
+        unit = (
+            'unit = "rad"',
+            f"by the fixes, instead of deg ({chosen_by_text(log.convention('compass', 'unit'))})",
+        )
+    lines = [_convention(log, result, "compass", "convention"), unit]
+    lines.append(("bias_deg = 0.0", "the log does not distinguish it from mount_deg"))
+    lines += _deviation(examination.sensor_check.identification if examination.sensor_check else None)
+    declination = log.convention("compass", "declination_deg")
+    if declination.value:
+        lines.append(('declination_deg = "auto"', convention_text(declination)))
+    else:
+        lines.append(("# declination_deg = 0.0", "needed if the heading is magnetic; unknown from the log"))
+    lines.append(_sd("compass", "sd_deg", log, float(np.nanmedian(log.tables["compass"]["sd_deg"]))))
+    topic = log.provenance["compass"].topic
+    offset = [d for d in examination.findings if d.code == "CLOCK-OFFSET" and d.topic == topic]
+    if offset and offset[0].worst is not None:
+        headless = log.convention("compass", "time").value == LOG_TIME
+        why = "as the DVL's delay" + (": it has no stamps" if headless else "; only if both have the same delay")
+        lines.append((f"{'' if headless else '# '}latency_s = {-offset[0].worst:.3f}", why))
+    return [line for line in lines if line[0]]
+
+
+def _deviation(found: Identification | None) -> list[ConfigLine]:
+    names = ("deviation_sin_deg", "deviation_cos_deg")
+    if found is None or not set(names) <= set(found.estimates):
+        return []
+    odds = log_odds_text(found, "deviation")
+    return [
+        (
+            f"# {name} = {found.estimates[name].value:z.2f}",
+            f"fitted to the fixes, ±{found.estimates[name].sd:.2f} ({odds})",
+        )
+        for name in names
+    ]
+
+
+def in_radians(examination: Examination) -> bool:
+    """Tell whether headings were read as degrees, but are radians."""
+    return any(d.code == "HEADING-RADIANS" for d in examination.findings)
+
+
+def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
+    """Return the lines of [usbl] after its topic."""
+    check = examination.sensor_check
+    result, found = (check.result, check.identification) if check else (None, None)
+    lines = [recorded_line(log, "usbl", "kind")]
+    if recorded_value(log, "usbl", "frame"):
+        lines.append(_convention(log, result, "usbl", "frame"))
+        lines.append(recorded_line(log, "usbl", "relative_to"))
+        if lines[-1][0]:
+            lines.append(("# head = { lat_deg = 0.0, lon_deg = 0.0, depth_m = 0.0 }", "if fixes count from a head"))
+    stated_m = float(np.sqrt(np.median(log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].mean(axis=1))))
+    lines.append(_sd("usbl", "sd_m", log, stated_m))
+    if found:
+        why = "scatter of the fixes over their stated sd, outliers and slower errors not included"
+        lines.append((f"# sd_scale = {found.parameters.usbl_sd_scale:.2g}", why))
+    if found and (latency := found.estimates.get("usbl_latency_s")):
+        fitted = f"fitted to dead reckoning, ±{latency.sd:.2f} ({log_odds_text(found, 'latency')})"
+        why = f"{fitted}; only if the clocks of DVL and compass are right"
+        lines.append((f"# latency_s = {log.settings.usbl.latency_s + latency.value:.2f}", why))
+    else:
+        lines.append(("latency_s = 0.0", _no_evidence(found, "latency")))
+    lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", MEASURE_IT))
+    lines.append(('noise = { kind = "contamination" }', "default: 5 % of the fixes are off by 10 m"))
+    return [line for line in lines if line[0]]
+
+
+def _convention(log: Log, result: InterpretationResult | None, role: str, key: str) -> ConfigLine:
+    """Return a convention as it should be: as it was read, unless another fits the fixes better."""
+    value, who = recorded_value(log, role, key), chosen_by_text(log.convention(role, key))
+    if result is None or not value:
+        return recorded_line(log, role, key)
+    best = {"axes": result.best.axes, "convention": result.best.convention, "frame": result.best.frame}[key]
+    return f'{key} = "{best}"', who if best == value else f"by the fixes, instead of {value} ({who})"
+
+
+def recorded_line(log: Log, role: str, key: str) -> ConfigLine:
+    """Return a convention as the records were read, empty if each has its own."""
+    value = recorded_value(log, role, key)
+    return (f'{key} = "{value}"', chosen_by_text(log.convention(role, key))) if value else ("", "")
+
+
+def _sd(role: str, key: str, log: Log, value: float) -> ConfigLine:
+    """Return a sensor's noise as a comment: without the key, replay uses the same."""
+    why = next((convention_text(c) for c in log.provenance[role].conventions if c.key in SD_KEYS and not c.of), "")
+    return (f"# {key} = {value:.3g}" if value > 0 else "", why)

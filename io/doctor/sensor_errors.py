@@ -1,0 +1,159 @@
+"""Findings on the sensor errors for which the log has evidence, and on rival explanations of the same fixes.
+
+evidence.py finds both. Log odds are natural logarithms: 0 is undecided, and 3 are odds of 20 to 1. Angles are degrees
+clockwise. All errors are relative: the log cannot show which of two sensors is wrong.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification
+from usbldr.filters.identification.usbl_likelihood import CLOCK, LEVER
+from usbldr.io.doctor.interpretations import topic_of
+from usbldr.io.doctor.thresholds import THRESHOLDS
+from usbldr.io.findings import Finding
+from usbldr.io.log import Log
+
+
+def sensor_error_findings(log: Log, found: Identification, clock_known: bool = True) -> list[Finding]:
+    """Report each error that exists by every explanation and is large enough to matter, then what is contested.
+
+    The heading bias has findings of its own. Without ``clock_known`` the latency is part of a clock's offset.
+    """
+    makers = {"scale": _scale, "deviation": _deviation, CLOCK: _clock, LEVER: _lever}
+    makers |= {"latency": _latency} if clock_known else {}
+    findings = [one for key, make in makers.items() if key not in found.contested for one in make(log, found)]
+    if found.contested:
+        code = "LEVER-OR-LATENCY" if found.contested <= {LEVER, "latency"} else "RIVAL-EXPLANATIONS"
+        texts = "; or ".join(explanation_text(one) for one in found.explanations)
+        findings.append(Finding(code, f"explanations that the log does not decide between: {texts}"))
+    return findings
+
+
+def explanation_text(one: Explanation) -> str:
+    """Return the errors of an explanation in words, with its log odds against the best."""
+    value = {estimate.name: estimate for estimate in one.estimates}
+    errors = " and ".join(error_text(key, value) for key in one.keys) or "no error"
+    return errors + (f" (log odds {one.log_odds:+.1f} against the first)" if one.log_odds else "")
+
+
+def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
+    """Return an error of usbl_likelihood.KEYS in words, each number with its sigma."""
+
+    def number(name: str, factor: float = 1.0, digits: int = 2) -> str:
+        return f"{factor * value[name].value:z.{digits}f} ± {abs(factor) * value[name].sd:.{digits}f}"
+
+    def time(name: str) -> tuple[str, bool]:
+        late = value[name].value > 0
+        return number(name, 1.0 if late else -1.0), late
+
+    if key == "scale":
+        return f"the DVL reads {number('dvl_scale', 100.0, 1)} % too much"
+    if key == "heading":
+        return f"headings are {number('heading_bias_deg', 1.0, 1)} deg too large"
+    if key == "deviation":
+        sine, cosine = number("deviation_sin_deg", 1.0, 1), number("deviation_cos_deg", 1.0, 1)
+        return f"the compass has a deviation of ({sine}) sin H + ({cosine}) cos H deg at heading H"
+    if key == "latency":
+        seconds, late = time("usbl_latency_s")
+        return f"fixes were valid {seconds} s {'before' if late else 'after'} their stamps, by DVL and compass"
+    if key == LEVER:
+        forward, starboard = number("dvl_lever_forward_m"), number("dvl_lever_starboard_m")
+        ahead = f"{forward} m further ahead and {starboard} m further to starboard"
+        return f"the DVL is {ahead} of the transponder than stated"
+    seconds, late = time("dvl_clock_s")
+    return f"stamps of the DVL are {seconds} s {'late' if late else 'early'} against those of the compass"
+
+
+def log_odds_text(found: Identification, key: str) -> str:
+    """Return the evidence for an error."""
+    return f"log odds {next(one.log_odds for one in found.evidence if one.key == key):+.1f}"
+
+
+def stated_lever_m(found: Identification) -> str:
+    """Return the lever arm of the DVL that the log has evidence for, as in a configuration."""
+    return "[" + ", ".join(f"{metres:z.2f}" for metres in found.parameters.dvl_lever_m) + "]"
+
+
+def _finding(code: str, log: Log, found: Identification, key: str, role: str, worst: float, advice: str) -> Finding:
+    topic, unit = topic_of(log, role), {"scale": "%", LEVER: "m", "deviation": "deg"}.get(key, "s")
+    text = f"{topic}: {error_text(key, found.estimates)} ({log_odds_text(found, key)}); {advice}"
+    return Finding(code, text, topic, None, worst, unit)
+
+
+def _scale(log: Log, found: Identification) -> list[Finding]:
+    scale = found.estimates.get("dvl_scale")
+    if scale is None or abs(scale.value) < THRESHOLDS.min_scale_error:
+        return []
+    advice = f"if the fixes are right, state scale_error = {stated_scale(log, scale.value):.3f} under [dvl]"
+    return [_finding("DVL-SCALE", log, found, "scale", "dvl", 100 * scale.value, advice)]
+
+
+def stated_scale(log: Log, scale: float) -> float:
+    """Return the scale error to state: relative errors multiply."""
+    return (1 + log.settings.dvl.scale_error) * (1 + scale) - 1
+
+
+def _deviation(log: Log, found: Identification) -> list[Finding]:
+    names = ("deviation_sin_deg", "deviation_cos_deg")
+    if not set(names) <= set(found.estimates):
+        return []
+    sine, cosine = (found.estimates[name].value for name in names)
+    if np.hypot(sine, cosine) < THRESHOLDS.min_bias_deg:
+        return []
+    advice = "state deviation_sin_deg and deviation_cos_deg under [compass], or compensate the compass"
+    worst = float(np.hypot(sine, cosine))
+    return [_finding("COMPASS-DEVIATION", log, found, "deviation", "compass", worst, advice)]
+
+
+def _latency(log: Log, found: Identification) -> list[Finding]:
+    latency = found.estimates.get("usbl_latency_s")
+    if latency is None or abs(latency.value) < THRESHOLDS.min_latency_s:
+        return []
+    stated = log.settings.usbl.latency_s + latency.value
+    side = "early" if latency.value > 0 else "late"
+    rival = (
+        f"or the fixes' stamps are right, and those of DVL and compass {side}: then "
+        f"latency_s = {-latency.value:.2f} under both [dvl] and [compass]"
+    )
+    advice = f"state latency_s = {stated:.2f} under [usbl], {rival}{_arrival_text(log, latency)}"
+    return [_finding("USBL-LATENCY", log, found, "latency", "usbl", latency.value, advice)]
+
+
+def _arrival_text(log: Log, latency: ErrorEstimate) -> str:
+    """Return what the arrival of fixes excludes: none can arrive before it is valid."""
+    table = log.tables["usbl"]
+    delays_s = (table["received_s"] - table["time_s"]).dropna().to_numpy(dtype=float)
+    delay_s = float(np.median(delays_s)) if len(delays_s) else np.inf
+    early_s = -latency.value - delay_s
+    if early_s < THRESHOLDS.significance_sigmas * latency.sd:
+        return ""
+    return (
+        f"; fixes arrive {delay_s:.2f} s after their stamps (median), so that, unless a lever arm is wrong, DVL and "
+        f"compass are late by {early_s:.2f} s at least"
+    )
+
+
+def _lever(log: Log, found: Identification) -> list[Finding]:
+    names = ("dvl_lever_starboard_m", "dvl_lever_forward_m")
+    if not set(names) <= set(found.estimates):
+        return []
+    length_m = math.hypot(*(found.estimates[name].value for name in names))
+    if length_m < THRESHOLDS.min_lever_m:
+        return []
+    advice = (
+        f"state lever_arm_m = {stated_lever_m(found)} under [dvl], or the opposite change under [usbl]: only their "
+        "difference is observable"
+    )
+    return [_finding("DVL-LEVER", log, found, LEVER, "dvl", length_m, advice)]
+
+
+def _clock(log: Log, found: Identification) -> list[Finding]:
+    clock = found.estimates.get("dvl_clock_s")
+    if clock is None or abs(clock.value) < THRESHOLDS.max_clock_difference_s:
+        return []
+    dvl_s, compass_s = log.settings.dvl.latency_s + clock.value, log.settings.compass.latency_s - clock.value
+    advice = f"state latency_s = {dvl_s:.2f} under [dvl] or {compass_s:.2f} under [compass]"
+    return [_finding("DVL-CLOCK", log, found, CLOCK, "dvl", clock.value, advice)]

@@ -1,0 +1,138 @@
+"""What the doctor says of sensor errors: numbers as identified, and rivals instead of a guess."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.identification.identification import (
+    ErrorEstimate,
+    Explanation,
+    Identification,
+    SensorErrorEvidence,
+)
+from usbldr.filters.models.parameters import Parameters
+from usbldr.io.conventions.implausible import without_implausible
+from usbldr.io.doctor.doctor import examine_log
+from usbldr.io.doctor.sensor_errors import sensor_error_findings
+from usbldr.io.drills.drill import Drill, damaged
+from usbldr.io.drills.fault_text import fault_of
+from usbldr.io.findings import Finding
+from usbldr.io.log import Log
+from usbldr.io.opening import Request
+from usbldr.io.session import open_log
+
+NUMBERS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "scale": {"dvl_scale": (0.05, 0.004)},
+    "heading": {"heading_bias_deg": (3.0, 0.2)},
+    "deviation": {"deviation_sin_deg": (3.0, 0.2), "deviation_cos_deg": (-1.0, 0.3)},
+    "latency": {"usbl_latency_s": (-2.6, 0.1)},
+    "dvl-lever": {"dvl_lever_starboard_m": (-0.2, 0.1), "dvl_lever_forward_m": (2.0, 0.15)},
+    "dvl-clock": {"dvl_clock_s": (1.0, 0.2)},
+}
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return open_log("turns", Request(configuration="none"))
+
+
+def explanation(*keys: str, log_odds: float = 0.0, times: float = 1.0) -> Explanation:
+    numbers = [(name, *number) for key in keys for name, number in NUMBERS[key].items()]
+    return Explanation(keys, log_odds, tuple(ErrorEstimate(name, times * v, sd) for name, v, sd in numbers))
+
+
+def identification(*explanations: Explanation, exist: tuple[str, ...] = ()) -> Identification:
+    """Say that the errors of the first explanation exist, or those named."""
+    value = {one.name: one for explained in explanations for one in explained.estimates}
+    evidence = tuple(
+        SensorErrorEvidence(key, 13.0, True, tuple(value[name] for name in NUMBERS[key]))
+        for key in exist or explanations[0].keys
+    )
+    return Identification(Parameters(dvl_lever_m=(-0.2, 2.0, 0.0)), evidence, (), explanations)
+
+
+def told(log: Log, found: Identification) -> Mapping[str, Finding]:
+    return {one.code: one for one in sensor_error_findings(log, found)}
+
+
+@pytest.mark.parametrize(
+    ("key", "code", "words"),
+    [
+        ("scale", "DVL-SCALE", ("5.0 ± 0.4 %", "scale_error = 0.050 under [dvl]")),
+        ("deviation", "COMPASS-DEVIATION", ("(3.0 ± 0.2) sin H + (-1.0 ± 0.3) cos H",)),
+        ("latency", "USBL-LATENCY", ("2.60 ± 0.10 s after", "latency_s = -2.60 under [usbl]")),
+        ("dvl-lever", "DVL-LEVER", ("2.00 ± 0.15 m", "lever_arm_m = [-0.20, 2.00, 0.00] under [dvl]")),
+        ("dvl-clock", "DVL-CLOCK", ("1.00 ± 0.20 s late", "1.00 under [dvl] or -1.00 under [compass]")),
+    ],
+)
+def test_an_error_is_told_with_its_sigma_its_evidence_and_the_key_that_removes_it(
+    log: Log, key: str, code: str, words: tuple[str, ...]
+) -> None:
+    found = told(log, identification(explanation(key)))
+
+    assert set(found) == {code}
+    assert "log odds +13.0" in found[code].text
+    for word in words:
+        assert word in found[code].text
+
+
+@pytest.mark.parametrize("key", sorted(NUMBERS))
+def test_an_error_too_small_to_matter_is_not_told(log: Log, key: str) -> None:
+    assert not told(log, identification(explanation(key, times=0.09)))
+
+
+def test_a_lever_arm_or_a_latency_is_one_finding_with_both_numbers(log: Log) -> None:
+    rivals = explanation("latency"), explanation("dvl-lever", log_odds=-1.1)
+
+    found = told(log, identification(*rivals, exist=("latency", "dvl-lever")))
+
+    assert set(found) == {"LEVER-OR-LATENCY"}
+    assert "2.60 ± 0.10 s after" in found["LEVER-OR-LATENCY"].text
+    assert "2.00 ± 0.15 m further ahead" in found["LEVER-OR-LATENCY"].text
+    assert "log odds -1.1 against the first" in found["LEVER-OR-LATENCY"].text
+
+
+def test_only_what_every_explanation_contains_has_a_finding_of_its_own(log: Log) -> None:
+    rivals = explanation("scale", "dvl-clock"), explanation("scale", "deviation", log_odds=-2.0)
+
+    found = told(log, identification(*rivals))
+
+    assert set(found) == {"DVL-SCALE", "RIVAL-EXPLANATIONS"}
+    assert "stamps of the DVL are 1.00 ± 0.20 s late" in found["RIVAL-EXPLANATIONS"].text
+
+
+@pytest.mark.parametrize(("delay_s", "late_s"), [(2.0, "0.60"), (2.4, None), (3.0, None), (np.nan, None)])
+def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass_are_late(
+    log: Log, delay_s: float, late_s: str | None
+) -> None:
+    """They are valid 2.6 s after their stamps, known to 0.1 s: four sigma are 0.4 s."""
+    table = log.tables["usbl"]
+    arriving = replace(log, tables={**log.tables, "usbl": table.assign(received_s=table["time_s"] + delay_s)})
+
+    text = told(arriving, identification(explanation("latency")))["USBL-LATENCY"].text
+
+    assert (f"DVL and compass are late by {late_s} s at least" in text) == (late_s is not None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fault", "code", "worst"),
+    [
+        ("lever", "dvl:2m", "DVL-LEVER", 2.0),
+        ("clock", "dvl:1.5s", "DVL-CLOCK", 1.5),
+        ("latency", "usbl:2s", "USBL-LATENCY", 2.0),
+        ("bias", "compass:3deg", "DVL-MOUNT", -3.0),
+    ],
+)
+def test_the_doctor_names_the_error_of_a_dive_and_no_other(
+    log: Log, kind: str, fault: str, code: str, worst: float
+) -> None:
+    usual = {one.code for one in examine_log(log).findings}
+
+    found = examine_log(without_implausible(damaged(log, Drill("one", (fault_of(kind, fault),)), 0))).findings
+
+    named = [one for one in found if one.code not in usual]
+    assert [one.code for one in named] == [code]
+    assert named[0].worst == pytest.approx(worst, abs=0.6)
+    assert usual == {"CONVENTION-CHECKED", "HEADING-CHECKED"}
