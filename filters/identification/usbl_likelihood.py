@@ -34,7 +34,7 @@ from usbldr.filters.replay.dead_reckoning import (
     velocity_mps,
 )
 from usbldr.filters.replay.prior import starting_fixes
-from usbldr.filters.types import Array, Timeline, Vector
+from usbldr.filters.types import Array, Mask, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 LEVER, CLOCK = "dvl-lever", "dvl-clock"
@@ -107,6 +107,7 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     fade, added = (np.tile(each, 2) for each in _between_fixes(timeline, members))
     dt_s = np.diff(timeline.fix_time_s[: len(z)], prepend=0.0)
     noise = BankNoise([m.parameters.usbl for m in members] * 2, [m.parameters.usbl_sd_scale for m in members] * 2)
+    counted = _dead_reckoned(timeline)
     total, bias = np.zeros(N), [PASS_STATES.index(name) for name in BIAS_STATES]
     for f in range(len(z)):
         mean, cov = bank.mean.copy(), bank.cov.copy()
@@ -126,7 +127,7 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
             )
             bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
             bank, log_l = clusters.reweighted(bank, log_l)
-            total += log_l
+            total += counted[f] * log_l
     bank = clusters.members(bank)
     sd = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
     return FixLikelihoods(
@@ -200,6 +201,13 @@ def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]
     mean = np.zeros_like(sd)
     mean[:2] = position[:, None]
     return mean, np.einsum("ik,km,jk->ijm", T, sd**2, T)
+
+
+def _dead_reckoned(timeline: Timeline) -> Mask:
+    """Return which fixes have dead reckoning: in an outage of DVL or compass the vehicle's motion looks like noise."""
+    t = timeline.fix_time_s[:MAX_FIXES]
+    silent = [(t > gap.start_s) & (t <= gap.end_s) for gap in timeline.outages if gap.sensor in ("dvl", "compass")]
+    return ~np.any([np.zeros(len(t), dtype=np.bool_), *silent], axis=0)
 
 
 def _between_fixes(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Outage, Timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
@@ -270,3 +270,18 @@ def test_a_minute_without_headings_leaves_the_direction_open() -> None:
     right, found = usbl_noise(line, PLAIN), usbl_noise(gap, PLAIN)
 
     assert found.process.position_m < 3 * right.process.position_m
+
+
+def test_what_a_vehicle_does_while_its_dvl_is_silent_is_no_noise_of_the_fixes() -> None:
+    """It weaves on for minutes, and dead reckoning goes straight on."""
+    line = weaving_dive(Faults())
+    silent = line.time_s > 150
+    lost = replace(
+        line,
+        dvl_count=np.where(silent, 0, line.dvl_count),
+        dr_mps=np.where(silent[:, None], line.dr_mps[750], line.dr_mps),
+        outages=(Outage("dvl", 150.0, float(line.time_s[-1])),),
+    )
+    first = line.with_fixes(line.fix_time_s <= 150)
+
+    assert usbl_noise(lost, PLAIN) == usbl_noise(first, PLAIN)
