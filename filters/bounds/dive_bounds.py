@@ -96,6 +96,8 @@ def true_states(simulated: SimulatedDive, layout: StateLayout, time_s: Vector) -
         "usbl_latency": late.latency_s + late.clock_offset_s - dvl.timing.latency_s - dvl.timing.clock_offset_s,
         "usbl_bias_east": 0.0,
         "usbl_bias_north": 0.0,
+        "current_east": scenario.current_mps[0],
+        "current_north": scenario.current_mps[1],
     }
     columns = [
         np.interp(time_s, truth.time_s, over_time[name]) if name in over_time else np.full(len(time_s), constant[name])

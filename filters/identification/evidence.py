@@ -134,7 +134,8 @@ def _identification(given: Parameters, choice: _Choice) -> Identification:
         parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
     if CLOCK in present:
         parameters = replace(parameters, dvl_clock_s=given.dvl_clock_s + float(found.mean["dvl_clock"][row]))
-    kept = tuple(key for key in STATES if key in present or key == "usbl-bias")
+    always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
+    kept = tuple(key for key in STATES if key in present | always)
     evidence = tuple(
         SensorErrorEvidence(
             key,

@@ -56,8 +56,10 @@ REPORTED: Mapping[str, ReportedQuantity] = {
     "dvl_clock": ReportedQuantity("dvl_clock_s", "s", 1.0),
 }
 BIAS_STATES = STATES["usbl-bias"]
+CURRENT_STATES = STATES["current"]
 OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, see clusters.py
-PASS_STATES = ("x", "y", *BIAS_STATES, *(name for names in KEYS.values() for name in names), *OFFSET_STATES)
+ERROR_STATES = tuple(name for names in KEYS.values() for name in names)
+PASS_STATES = ("x", "y", *BIAS_STATES, *CURRENT_STATES, *ERROR_STATES, *OFFSET_STATES)
 
 
 class Member(NamedTuple):
@@ -194,7 +196,8 @@ def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)
     for column, member in enumerate(members):
         known = prior_sds(member.parameters)
-        for name in (*BIAS_STATES, *(name for key in member.present for name in KEYS[key])):
+        always = BIAS_STATES + (CURRENT_STATES if first.water_track else ())
+        for name in (*always, *(name for key in member.present for name in KEYS[key])):
             sd[PASS_STATES.index(name), column] = known[name]
     T = np.eye(len(PASS_STATES))
     T[:2] += carried

@@ -3,8 +3,8 @@
 psi += r dt/2; x += (u cos psi - v sin psi) dt, y += (u sin psi + v cos psi) dt; psi += r dt/2. The two half turns are
 linear and exact; only the displacement is nonlinear, and only in psi. u, v and r are random walks; in a gap of the DVL
 u and v relax to their usual values (usual_velocity.py). Of the calibration states the correlated error of the USBL
-decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias is a random walk, and the others are
-constant. Each part is the *increment* of a few rows, so that a moment transform handles those rows alone.
+decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias and the current are random walks, and the
+others are constant. Each part is the *increment* of a few rows, so that a moment transform handles those rows alone.
 """
 
 import math
@@ -138,6 +138,7 @@ class VehicleMotion:
         position_m = q.position_m if self.layout.existing("dvl_scale") else math.hypot(q.position_m, q.uncalibrated_m)
         per_second = {"psi": q.yaw_rad, "u": q.velocity_mps, "v": q.velocity_mps, "r": q.turn_rate_radps}
         per_second |= {"x": position_m, "y": position_m, "heading_bias": errors.heading_walk_rad}
+        per_second |= {"current_east": errors.current_walk_mps, "current_north": errors.current_walk_mps}
         variance = np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names]) * dt_s
         if usual := self.history.in_gap(t0_s, q.velocity_mps):
             variance[list(self.layout.rows("u", "v"))] = usual.added_variance(dt_s)

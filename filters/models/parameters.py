@@ -100,6 +100,20 @@ class SensorErrors:
     ] = 0.5
     # time constant of the correlated error; by judgement: it changes with bearing and range, over a leg of minutes
     usbl_bias_s: Annotated[float, Quantity("usbl_bias_time_s", SECONDS)] = 120.0
+    # of each axis: tidal streams and rivers are often half a metre per second
+    current_mps: Annotated[
+        float,
+        Quantity("current_sd_mps", SD["mps"]),
+        SensorError(
+            "current",
+            {
+                "current_east": ReportedQuantity("current_east_mps", "mps", 1.0),
+                "current_north": ReportedQuantity("current_north_mps", "mps", 1.0),
+            },
+        ),
+    ] = 0.5
+    # [m/s/√s] 0.1 m/s after an hour, as a tide turns within six
+    current_walk_mps: Annotated[float, Quantity("current_walk_mps", SPREAD["mps"])] = 0.0017
     # of each axis of the lever arm from the transponder to the DVL: vehicles are 1 to 5 m long; 0: it is as stated
     dvl_lever_m: Annotated[float, Quantity("dvl_lever_sd_m", SPREAD["m"])] = 2.0
     # of the DVL's clock against the compass: clocks that nobody synchronised differ by about a second; 0: it is right
@@ -144,6 +158,7 @@ class Parameters:
     errors: SensorErrors = SensorErrors()
     gps: NoiseFamily = Contamination()  # of fixes in the windows of aid
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
+    water_track: bool = False  # the DVL measures the velocity through the water: identification adds the current
     aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and not truth
     dvl_clock_s: float = 0.0  # stamps of the DVL minus the times at which they were true
     dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL

@@ -82,7 +82,8 @@ class BodyVelocity:
     """One axis of a DVL: z = (1 + s) (u' cos a + v' sin a), a = d for starboard, d + 90 deg for forward.
 
     u' = u - forward r and v' = v + starboard r at a DVL off the reference point; s is its scale error, d the angle of
-    its axes in the body.
+    its axes in the body. Through the water, the current (c_E, c_N) is missing: u' is less by c_E cos psi + c_N sin psi,
+    v' by -c_E sin psi + c_N cos psi.
     """
 
     velocity_rows: tuple[int, int]  # u, v
@@ -91,17 +92,20 @@ class BodyVelocity:
     arm_m: tuple[float, float] = (0.0, 0.0)  # starboard, forward of the reference point
     scale_row: int | None = None
     mount_row: int | None = None
+    psi_row: int = 0
+    current_rows: tuple[int, ...] = ()  # c_E and c_N, or none
     rows: slice | None = None
 
     @property
     def nonlinear(self) -> tuple[int, ...]:
-        """Nonlinear in scale and angle, if they are states."""
-        return tuple(row for row in (self.scale_row, self.mount_row) if row is not None)
+        """Nonlinear in yaw if the current is a state, and in scale and angle if they are."""
+        psi = (self.psi_row,) if self.current_rows else ()
+        return psi + tuple(row for row in (self.scale_row, self.mount_row) if row is not None)
 
     @property
     def linear(self) -> tuple[int, ...]:
-        """Linear in velocity and turn rate."""
-        return (*self.velocity_rows, self.rate_row)
+        """Linear in velocity, turn rate and current."""
+        return (*self.velocity_rows, self.rate_row, *self.current_rows)
 
     def predict(self, x: Array) -> Array:
         """Return the velocity that the DVL reads, m/s, (1, N)."""
@@ -110,15 +114,20 @@ class BodyVelocity:
         return (gain * (along * u + across * v))[None]
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives by scale and angle if they are states, then by u, v and r, (1, 3 to 5, N)."""
+        """Return the derivatives by the states of ``nonlinear`` and ``linear``, (1, 3 to 8, N)."""
         gain, along, across = self._gain_and_axis(x)
         starboard, forward = self.arm_m
         by_state: list[Array | float] = [gain * along, gain * across, gain * (starboard * across - forward * along)]
-        if self.nonlinear:
+        if self.scale_row is not None or self.mount_row is not None:
             u, v = self._velocity(x)
             by_angle = gain * (along * v - across * u)
             by_state[:0] = [by_angle] if self.mount_row is not None else []
             by_state[:0] = [along * u + across * v] if self.scale_row is not None else []
+        if self.current_rows:
+            c, s = np.cos(x[self.psi_row]), np.sin(x[self.psi_row])
+            to_starboard, ahead = self._current(x)
+            by_state[:0] = [gain * (across * to_starboard - along * ahead)]
+            by_state += [gain * (across * s - along * c), -gain * (along * s + across * c)]
         J = np.empty((1, len(by_state), x.shape[1]))
         for column, derivative in enumerate(by_state):
             J[0, column] = derivative
@@ -132,7 +141,16 @@ class BodyVelocity:
         """Return u' and v', (N,) each."""
         (u, v), r = self.velocity_rows, x[self.rate_row]
         starboard, forward = self.arm_m
-        return x[u] - forward * r, x[v] + starboard * r
+        to_starboard, ahead = self._current(x)
+        return x[u] - forward * r - to_starboard, x[v] + starboard * r - ahead
+
+    def _current(self, x: Array) -> tuple[Array, Array]:
+        """Return the current to starboard and ahead, (N,) or (1,) each."""
+        if not self.current_rows:
+            return np.zeros(1), np.zeros(1)
+        c, s = np.cos(x[self.psi_row]), np.sin(x[self.psi_row])
+        east, north = x[list(self.current_rows)]
+        return east * c + north * s, north * c - east * s
 
     def _gain_and_axis(self, x: Array) -> tuple[Array, Array, Array]:
         """Return 1 + s, cos a and sin a, (N,) or (1,) each."""
@@ -301,10 +319,11 @@ def dvl_models(layout: StateLayout, lever_m: LeverArm) -> tuple[StateFunction, S
     """Return the models of a DVL's starboard and forward velocity."""
     u, v, r = layout.rows("u", "v", "r")
     scale, mount = (next(iter(layout.existing(name)), None) for name in ("dvl_scale", "dvl_mount"))
-    arm_m = lever_m[:2]
-    if not any(arm_m) and mount is None:
+    arm_m, current = lever_m[:2], layout.existing("current_east", "current_north")
+    if not any(arm_m) and mount is None and not current:
         return (
             (DirectState(u), DirectState(v)) if scale is None else (ScaledVelocity(scale, u), ScaledVelocity(scale, v))
         )
-    starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount) for axis in (0, 1))
+    psi = layout.index("psi")
+    starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount, psi, current) for axis in (0, 1))
     return starboard, forward

@@ -124,6 +124,8 @@ def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
         "heading_bias": -turned_V,
         "deviation_sin": -np.sin(yaw)[:, None] * turned_V,
         "deviation_cos": -np.cos(yaw)[:, None] * turned_V,
+        "current_east": np.tile([1.0, 0.0], (len(V), 1)),
+        "current_north": np.tile([0.0, 1.0], (len(V), 1)),
     }
     return [by_state.get(name, np.zeros_like(V)) for name in names]
 

@@ -127,11 +127,13 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     chosen.append(
         Convention("mount_deg", section.mount_deg, "configuration" if section.mount_deg else "default", "deg")
     )
+    if section.track == "water":
+        chosen.append(Convention("track", section.track, "configuration"))
     starboard, forward = rotated(-np.radians(section.mount_deg), instrument[:2].T).T
 
     if section.min_good_beams is not None and "good_beams" not in raw.values:
         raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
-    causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams)
+    causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams, section.track == "water")
     free = section.unit is None or unit_by == "column names"
     own = IN_MILLIMETRES if unit_by == "column names" else ""
     valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))

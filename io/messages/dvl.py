@@ -100,15 +100,19 @@ DVL = (  # a driver's messages rank before twists made from them, those with a v
     ),  # holoocean_interfaces
 )
 
-BEAM, EARTH, WATER = 0, 3, 2  # of coordinate_mode; of velocity_mode and velocity_reference
+BEAM, EARTH = 0, 3  # of coordinate_mode
+BOTTOM, WATER = 1, 2  # of velocity_mode and velocity_reference
 TOO_FAST = "faster than 20 m/s"
 NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
 
 
-def dvl_causes(raw: RawRecords, speed_mps: Vector, least_beams: int | None) -> dict[str, Mask]:
+def dvl_causes(
+    raw: RawRecords, speed_mps: Vector, least_beams: int | None, through_water: bool = False
+) -> dict[str, Mask]:
     """Return by cause which DVL records (n,) are invalid, according to their message type.
 
-    ``speed_mps`` = |v|; ``least_beams`` None: three if any record states its good beams.
+    ``speed_mps`` = |v|; ``least_beams`` None: three if any record states its good beams; ``through_water``: bottom
+    track is invalid instead of water track.
     """
     x, y, z = (raw.number(axis) for axis in "xyz")
     causes = {"not a number": ~(np.isfinite(x) & np.isfinite(y))}
@@ -124,7 +128,10 @@ def dvl_causes(raw: RawRecords, speed_mps: Vector, least_beams: int | None) -> d
     if least_beams is not None or np.any(beams > 0):
         least = 3 if least_beams is None else least_beams
         causes[f"fewer than {least} good beams"] = beams < least
-    causes["water track"] = raw.number("mode") == WATER
+    if through_water:
+        causes["bottom track"] = raw.number("mode") == BOTTOM
+    else:
+        causes["water track"] = raw.number("mode") == WATER
     beams_valid = raw.number("beams_valid")
     if np.any(beams_valid == 1):
         causes["beam velocities flagged invalid"] = beams_valid == 0
@@ -151,6 +158,8 @@ def dvl_advice(causes: dict[str, Mask], free: bool, columns: str) -> str:
 
     ``free``: the unit is not stated; ``columns``: what has to be stated with it.
     """
+    if np.mean(causes.get("water track", 0)) > 0.5:
+        return '; to use velocities through the water and to estimate the current, state track = "water" under [dvl]'
     if any(np.any(causes[f"in {where} coordinates"]) for where in ("beam", "earth")):
         return NO_COORDINATES
     fast = np.mean(causes[TOO_FAST]) > 0.5 and free

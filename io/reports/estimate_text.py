@@ -20,8 +20,8 @@ NOISE_WORDS: Mapping[str, tuple[str, float, str]] = {
 
 
 def in_unit(unit: str) -> tuple[float, str]:
-    """Return the factor and the unit in which an error is shown: a ratio in percent."""
-    return (1.0, unit) if unit else (100.0, "%")
+    """Return the factor and the unit in which an error is shown: a ratio in percent, and m/s for "mps"."""
+    return (1.0, "m/s" if unit == "mps" else unit) if unit else (100.0, "%")
 
 
 def with_sigma(value: float, sd: float) -> str:

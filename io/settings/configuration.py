@@ -54,6 +54,7 @@ def parameters(configuration: Configuration) -> Parameters:
         usbl=noise_family_of(configuration.usbl.noise, default.usbl, "usbl"),
         gps=noise_family_of(configuration.gps.noise, default.gps, "gps"),
         dvl_lever_m=configuration.dvl.lever_arm_m,
+        water_track=configuration.dvl.track == "water",
         usbl_lever_m=configuration.usbl.lever_arm_m,
         gps_lever_m=configuration.gps.lever_arm_m,
         start=start_of(start) if start else None,

@@ -68,6 +68,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     assumed_sound_speed_mps: SoundSpeed | None = None
     sd_mps: SdSpeed | Literal["message"] | None = None
     sd_scale: Factor = 1.0
+    track: Literal["bottom", "water"] = "bottom"
     min_good_beams: Annotated[int, Meta(ge=0, le=100)] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None

@@ -19,6 +19,8 @@ class Faults(NamedTuple):
     deviation_sin_deg: float = 0.0
     deviation_cos_deg: float = 0.0
     usbl_latency_s: float = 0.0
+    current_east_mps: float = 0.0  # which a DVL does not see through the water
+    current_north_mps: float = 0.0
 
 
 def weaving_dive(
@@ -39,6 +41,9 @@ def weaving_dive(
 
     t = np.arange(seconds * HZ + 1) / HZ
     H, f, s = (np.interp(t, fine_s, value) for value in (heading_deg, forward, starboard))
+    sin, cos = np.sin(np.radians(H)), np.cos(np.radians(H))
+    f = f - faults.current_east_mps * sin - faults.current_north_mps * cos
+    s = s - faults.current_east_mps * cos + faults.current_north_mps * sin
     mount = np.radians(faults.dvl_mount_deg)  # the DVL's bow points to starboard of the vehicle's
     seen_forward = (1 + faults.dvl_scale) * (f * np.cos(mount) + s * np.sin(mount))
     seen_starboard = (1 + faults.dvl_scale) * (s * np.cos(mount) - f * np.sin(mount))

@@ -26,7 +26,7 @@ PLAUSIBLE += [1e4, -1e4, 1e6, -1e6, 1e7]
 
 FIXED = "head = { east_m = 1.0, north_m = 2.0, heading_deg = 10.0 }"
 SHIP = "topic = '/ship/fix', heading_topic = '/ship/imu'"
-ALL_STATES = "states = ['scale', 'misalignment', 'heading', 'deviation', 'latency', 'usbl-bias']"
+ALL_STATES = "states = ['scale', 'misalignment', 'heading', 'deviation', 'latency', 'usbl-bias', 'current']"
 STATES_OF = {"pf": ALL_STATES.replace(" 'heading', 'deviation',", "")}  # it samples the yaw
 START = "east_m = 0\nnorth_m = 0\nsd_m = 1"
 KEYS = {  # key -> lines that let it act; V is its value, for a key inside a table or an array
@@ -92,6 +92,7 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     **dict.fromkeys(("calibrate.scale_sd", "calibrate.mount_sd_deg", "calibrate.heading_sd_deg"), ALL_STATES),
     **dict.fromkeys(("calibrate.heading_walk_deg", "calibrate.deviation_sd_deg"), ALL_STATES),
     **dict.fromkeys(("calibrate.latency_sd_s", "calibrate.usbl_bias_sd_m", "calibrate.usbl_bias_time_s"), ALL_STATES),
+    **dict.fromkeys(("calibrate.current_sd_mps", "calibrate.current_walk_mps"), ALL_STATES),
     **dict.fromkeys(("calibrate.dvl_lever_sd_m", "calibrate.dvl_clock_sd_s"), ""),
     "start.east_m": "north_m = 0\nsd_m = 1",
     "start.north_m": "east_m = 0\nsd_m = 1",

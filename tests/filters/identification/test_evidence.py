@@ -49,6 +49,15 @@ def test_one_fault_is_found_and_no_other(faults: Faults, key: str, value: tuple[
     assert one.log_odds > 3
 
 
+def test_with_a_dvl_through_the_water_the_current_is_always_a_state_and_no_evidence_of_an_error() -> None:
+    line = weaving_dive(Faults(dvl_scale=0.03, current_east_mps=0.3, current_north_mps=-0.2))
+
+    found = identify(line, replace(ASSUMED, water_track=True))
+
+    assert existing(found) == {"scale"}
+    assert found.parameters.calibrate == ("scale", "usbl-bias", "current")
+
+
 def test_two_faults_are_both_found_and_the_track_is_better_by_them() -> None:
     line = weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0))
     clean = run("adf", weaving_dive(Faults()), ASSUMED)

@@ -10,6 +10,7 @@ from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, estim
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
+from usbldr.filters.models.sensors import dvl_models
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import run
@@ -33,6 +34,7 @@ CASES = {
     "heading": Faults(heading_bias_deg=4.0),
     "deviation": Faults(deviation_sin_deg=3.0, deviation_cos_deg=2.0),
     "latency": Faults(usbl_latency_s=0.5),
+    "current": Faults(current_east_mps=0.2, current_north_mps=0.3),
 }
 
 
@@ -46,6 +48,31 @@ def test_what_a_sensor_reads_too_much_is_found_with_its_sign_and_unit(key: str) 
     for name, (value, sd) in told.items():
         assert abs(value - getattr(faults, name)) < 4 * sd
         assert 0 < sd < getattr(faults, name) / 5
+
+
+@pytest.mark.parametrize("method", [name for name, method in METHODS.items() if method.is_filter])
+def test_every_filter_estimates_the_current(method: str) -> None:
+    told = read_back(method, weaving_dive(Faults(current_east_mps=0.3, current_north_mps=-0.2)), "current")
+
+    assert told["current_east_mps"][0] == pytest.approx(0.3, abs=0.02)
+    assert told["current_north_mps"][0] == pytest.approx(-0.2, abs=0.02)
+
+
+def test_the_current_is_a_random_walk_and_the_dvl_through_water_lacks_it() -> None:
+    errors = SensorErrors(current_walk_mps=0.01)
+    layout = layout_for(("scale", "misalignment", "current"))
+    x = np.zeros((len(layout), 1))
+    for name, value in {"psi": np.radians(-30.0), "v": 1.0, "current_east": 0.4, "current_north": 0.1}.items():
+        x[layout.index(name)] = value
+    x[layout.index("dvl_scale")] = 0.1
+
+    starboard, forward = (model.predict(x).item() for model in dvl_models(layout, (0.0, 0.0, 0.0)))
+
+    ahead, to_starboard = 0.4 * 0.5 + 0.1 * np.sqrt(0.75), 0.4 * np.sqrt(0.75) - 0.1 * 0.5  # heading 30 degrees
+    assert (starboard, forward) == pytest.approx((-1.1 * to_starboard, 1.1 * (1.0 - ahead)))
+    noise = VehicleMotion(layout, ProcessNoise(), errors).noise(3.0, 7.0)
+    rows = layout.rows("current_east", "current_north")
+    np.testing.assert_allclose(noise[list(rows)], 4 * 0.01**2)
 
 
 @pytest.mark.parametrize("method", [name for name, method in METHODS.items() if method.is_filter and name != "pf"])

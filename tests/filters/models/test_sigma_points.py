@@ -21,6 +21,7 @@ FUNCTIONS = {
     "dvl on a lever": sensors.dvl_models(LAYOUT, (0.4, -1.1, 0.2))[0],
     "erring dvl, starboard": STARBOARD,
     "erring dvl, forward": FORWARD,
+    "dvl through the water": sensors.dvl_models(layout_for(("current",)), (0.0, 0.0, 0.0))[1],
     "dvl with a scale": sensors.dvl_models(layout_for(("scale",)), (0.0, 0.0, 0.0))[1],
     "erring compass": sensors.compass_model(ERRING),
     "biased compass": sensors.compass_model(layout_for(("heading",))),
@@ -41,7 +42,7 @@ def function(request):
 
 
 def random_gaussian(rng: np.random.Generator, n: int = len(ERRING)) -> tuple[np.ndarray, np.ndarray]:
-    root = rng.normal(size=(n, n)) * 0.05  # angles stay well within half a turn
+    root = rng.normal(size=(n, n)) * 0.03  # angles stay well within half a turn
     return rng.normal(size=n), root @ root.T + 0.01 * np.eye(n)
 
 

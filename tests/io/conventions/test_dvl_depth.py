@@ -260,6 +260,19 @@ def test_min_good_beams_without_such_a_field_is_refused(tmp_path: Path) -> None:
     assert str(fault.value) == f"{tmp_path / 'usbldr.toml'}: [dvl] min_good_beams: /dvl ({kind}) has no such field"
 
 
+def test_with_water_track_bottom_track_is_not_used_and_without_it_the_key_is_named(tmp_path: Path) -> None:
+    rows = [marine(T0 + k * SECOND, velocity_mode=mode) for k, mode in enumerate((2, 1, 2))]
+
+    log = logged(tmp_path, rows, '[dvl]\ntrack = "water"')
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False, True]
+    assert "1 bottom track" in codes(log)["DVL-INVALID"]
+    assert Convention("track", "water", "configuration") in log.provenance["dvl"].conventions
+    assert log.parameters.water_track
+    with pytest.raises(LogError, match=r'2 water track; to use .* state track = "water" under \[dvl\]'):
+        logged(tmp_path, [rows[0], rows[2]])
+
+
 def water_linked(time_ns: int, valid: bool = True, kind: str = DVL, more: Mapping[str, Any] | None = None) -> Row:
     values = {"header.stamp": time_ns, "velocity.x": 1.0, "velocity.y": 0.5, "velocity_valid": valid, "fom": 0.03}
     return time_ns, "/dvl/data", kind, {**values, **(more or {})}
