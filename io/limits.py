@@ -13,6 +13,8 @@ VARIABLE = "USBLDR_LIMITS"
 CHUNK_BYTES = 1 << 27  # [bytes] of one chunk or message, decompressed: 16 chunks of the largest usual size
 UNPACKED_BYTES = 1 << 28  # [bytes] that any log may decompress to: a second or two
 UNPACKED_RATIO = 100  # [bytes per byte] that a log may decompress to beyond that; navigation logs reach 10
+RECORDS = 1_000_000  # [records] that any log may hold in compressed chunks: a few seconds
+RECORD_BYTES = 4  # [bytes] of the log for each further record; compressed messages need ten and more
 RAISE = "--limits 10 raises the limits tenfold"
 
 
@@ -38,16 +40,23 @@ class TooLargeError(ValueError):
 
 
 class UnpackingBudget:
-    """The bytes to which a log may still decompress."""
+    """The bytes to which a log may still decompress, and the records that it may still hold."""
 
     def __init__(self, path: Path | str, size: int) -> None:
         """Take the log and its size in bytes."""
         self._path = path
         self._whole = limit(UNPACKED_BYTES + UNPACKED_RATIO * size)
         self._left = self._whole
+        self._records = limit(RECORDS + size // RECORD_BYTES)
         self.chunk_bytes = limit(CHUNK_BYTES)
 
-    def take(self, count: int) -> None:
+    def take_record(self) -> None:
+        """Take one record of the budget; raise LogError if it is exhausted."""
+        self._records -= 1
+        if self._records < 0:
+            raise LogError(f"holds too many records for its size; {RAISE}", path=self._path)
+
+    def take_bytes(self, count: int) -> None:
         """Take bytes of the budget; raise LogError if it is exhausted."""
         self._left -= count
         if self._left < 0:

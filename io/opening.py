@@ -10,6 +10,7 @@ from typing import cast
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
 from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.files import opened
 from usbldr.io.formats.joined import JoinedLog, LogPart
 from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.messages.roles import ROLES
@@ -76,8 +77,11 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     The clock offset of a file under [[file]] is subtracted from its times; the log itself may be one of them.
     Raises LogError for what cannot be read, UsageError for an invalid configuration.
     """
-    if not path.exists():
-        raise LogError("no such file or folder", path=path)
+    try:
+        if not path.exists():
+            raise LogError("no such file or folder", path=path)
+    except OSError as err:  # a name that is too long, a folder that may not be entered
+        raise LogError(f"cannot be read ({err.strerror})", path=path) from err
     stated = configuration_of(path, request)
     configuration = stated.settings
     folder = path.resolve().parent
@@ -120,5 +124,5 @@ def _sha256(path: Path) -> str:
     if path.is_dir():
         files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix != ".toml"]
         return hashlib.sha256("\n".join(_sha256(file) for file in files).encode()).hexdigest()
-    with path.open("rb") as file:
+    with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

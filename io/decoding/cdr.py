@@ -15,9 +15,10 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, decode_one_by_one
+from usbldr.io.decoding.columns import TYPE_FIELDS, DecodedRows, DefinitionError, Extractor, decode_one_by_one
 from usbldr.io.decoding.definitions import Types, ros2_name
 from usbldr.io.decoding.ros_byte_layout import TIMES, decode_by_layout
+from usbldr.io.limits import RAISE, limit
 
 
 class RosDecoder:
@@ -29,9 +30,32 @@ class RosDecoder:
         self._name = ros2_name(name)
         self._definitions = dict(types)
         try:
+            self._refuse_endless(self._name, {}, set())
             self.fields = tuple(self._paths(self._name))
-        except (KeyError, RecursionError) as err:
+        except RecursionError as err:
+            raise DefinitionError("it is nested too deeply") from err
+        except KeyError as err:
             raise DefinitionError(" ".join(str(err).split())[:80]) from err
+
+    def _refuse_endless(self, name: str, counted: dict[str, int], within: set[str]) -> int:
+        """Return the number of fields below a type; raise DefinitionError if it contains itself, or has too many.
+
+        ``counted``: numbers of other types; ``within``: the types that this one is part of.
+        """
+        if name in within:
+            raise DefinitionError(f"{name} contains itself")
+        if name not in counted:
+            total = 0
+            for _, (kind, what) in self._definitions[name][1]:
+                element, times = ((kind, what), 1) if kind in (Nodetype.BASE, Nodetype.NAME) else what
+                inside = element[0] is Nodetype.NAME and element[1] not in TIMES
+                below = self._refuse_endless(str(element[1]), counted, within | {name}) if inside else 1
+                loops = kind is Nodetype.ARRAY and (inside or element[1][0] == "string")
+                total += below * max(1, times) if loops else below
+            counted[name] = total
+        if counted[name] > limit(TYPE_FIELDS):
+            raise DefinitionError(f"{name} has more than {limit(TYPE_FIELDS)} fields; {RAISE}")
+        return counted[name]
 
     @cached_property
     def _store(self) -> Typestore:
@@ -94,7 +118,9 @@ def _read(
 ) -> RosDecoder:
     try:
         types = types_of(definition.decode())
-    except (TypesysError, UnicodeDecodeError, KeyError, RecursionError) as err:
+    except RecursionError as err:
+        raise DefinitionError("it is nested too deeply") from err
+    except (TypesysError, UnicodeDecodeError, KeyError) as err:
         raise DefinitionError(" ".join(str(err).split())[:80]) from err
     return RosDecoder(name, types, encoding)
 

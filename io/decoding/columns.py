@@ -1,19 +1,37 @@
 """From the bytes of messages to columns: what the decoders of all encodings share."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import Column
 
 Extractor: TypeAlias = Callable[[bytes], tuple[Any, ...] | None]
 """From a message's bytes to the values at some field paths; to None if the bytes do not match the definition."""
+TYPE_FIELDS = 20_000  # [fields] of a type, those of types in it counted each time; 36 x 36 covariances fit
 
 
 class DefinitionError(ValueError):
     """The text of a message definition is invalid."""
+
+
+Leaf = TypeVar("Leaf")
+
+
+def limited(fields: Iterable[tuple[str, Leaf | None]]) -> dict[str, Leaf]:
+    """Return the fields of a type by path, without those that only hold others (None).
+
+    Raises DefinitionError if there are too many.
+    """
+    most = limit(TYPE_FIELDS)
+    found = list(islice(fields, most + 1))
+    if len(found) > most:
+        raise DefinitionError(f"it has more than {most} fields; {RAISE}")
+    return {path: leaf for path, leaf in found if leaf is not None}
 
 
 class DecodedRows(NamedTuple):

@@ -3,6 +3,7 @@
 A folder of the user's holds .msg files as ROS packages do: PACKAGE/msg/TYPE.msg.
 """
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -11,11 +12,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.known_messages import KNOWN
+from usbldr.io.limits import RAISE, limit
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 Types: TypeAlias = Mapping[str, Any]  # rosbags': type name -> (constants, ((field, description), ...))
+FOLDER_ENTRIES = 50_000  # [files and folders] below a folder of definitions; all of ROS has 20,000
+MESSAGE_FILE_BYTES = 1 << 16  # [bytes] of a .msg file; the longest of ROS has 20 kB
 WRITTEN = ("marine_acoustic_msgs/msg/Dvl", "dvl_msgs/msg/DVLBeam", "dvl_msgs/msg/DVL")
 
 
@@ -50,7 +54,7 @@ def with_folders(folders: Sequence[str]) -> Definitions:
 
     texts: dict[str, Sequence[str]] = dict(KNOWN)
     for folder in map(Path, folders):
-        files = sorted(folder.resolve().rglob("*.msg"))
+        files = sorted(_message_files(folder))
         if not files:
             what = "holds no .msg file" if folder.is_dir() else "no such folder"
             raise UsageError(f"--msg-path {folder}: {what}; expected PACKAGE/msg/TYPE.msg")
@@ -58,11 +62,24 @@ def with_folders(folders: Sequence[str]) -> Definitions:
             package = file.parent.parent if file.parent.name == "msg" else file.parent
             name = f"{package.name}/msg/{file.stem}"
             try:
+                if not file.is_file() or file.stat().st_size > limit(MESSAGE_FILE_BYTES):  # a pipe would block
+                    raise UsageError(f"is no file of at most {limit(MESSAGE_FILE_BYTES) >> 10} kB; {RAISE}", path=file)
                 texts[name] = (file.read_text(encoding="utf-8"), *texts.get(name, ()))
                 parsed(texts[name][0], name)
-            except (TypesysError, UnicodeDecodeError, OSError) as err:
+            except (TypesysError, UnicodeDecodeError, OSError, RecursionError) as err:
                 raise UsageError(f"is not a message definition ({' '.join(str(err).split())[:80]})", path=file) from err
     return Definitions(texts)
+
+
+def _message_files(folder: Path) -> Iterator[Path]:
+    """Yield the .msg files below a folder, links to folders not followed; raise UsageError if it holds too much."""
+    left = limit(FOLDER_ENTRIES)
+    for place, folders, names in os.walk(folder.resolve()):
+        left -= len(folders) + len(names)
+        if left < 0:
+            many = f"holds more than {limit(FOLDER_ENTRIES)} files and folders"
+            raise UsageError(f"--msg-path {folder}: {many}; name the folder of the packages, or {RAISE}")
+        yield from (Path(place) / name for name in names if name.endswith(".msg"))
 
 
 def parsed(text: str, name: str) -> dict[str, Any]:

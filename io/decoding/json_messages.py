@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 
-from usbldr.io.decoding.columns import DefinitionError, Extractor
+from usbldr.io.decoding.columns import DefinitionError, Extractor, limited
 
 LeafType: TypeAlias = Literal["number", "text", "time"]
 Schema: TypeAlias = Mapping[str, Any]
@@ -30,12 +30,14 @@ class JsonDecoder:
         """Read the schema; raise DefinitionError if that fails. The name does not matter to JSON."""
         try:
             schema = json.loads(definition)
+        except RecursionError as err:
+            raise DefinitionError("it is nested too deeply") from err
         except ValueError as err:
             raise DefinitionError(str(err)[:80]) from err
         if not isinstance(schema, dict):
             raise DefinitionError("a JSON schema is an object")
         whole = cast("Schema", schema)
-        self._kinds = dict(_leaves(whole, whole))
+        self._kinds = limited(_leaves(whole, whole))
         self.fields = tuple(self._kinds)
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
@@ -82,16 +84,21 @@ def _both(one: Schema, other: Schema) -> Schema:
     return {"properties": {name: _both(_part(fields, name), _part(more, name)) for name in (*fields, *more)}}
 
 
-def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> Iterator[tuple[str, LeafType]]:
-    """Yield the fields below an object by path, an array of numbers by its name; of objects in an array the first's."""
+def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> Iterator[tuple[str, LeafType | None]]:
+    """Yield the fields below an object by path, None for an object; an array of numbers by its name.
+
+    Of objects in an array those of the first.
+    """
     for name, stated in _part(schema, "properties").items():
         path, inner = f"{prefix}{name}", _resolved(stated, whole)
         items = _resolved(inner.get("items"), whole)
         if _time_names(_part(inner, "properties")) or inner.get("format") == "date-time":
             yield path, "time"
         elif level < LEVELS and "properties" in inner:
+            yield path, None
             yield from _leaves(inner, whole, f"{path}.", level + 1)
         elif level < LEVELS and "properties" in items:
+            yield path, None
             yield from _leaves(items, whole, f"{path}.0.", level + 1)
         elif (kind := _kind(items or inner)) is not None:
             yield path, kind

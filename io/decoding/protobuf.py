@@ -13,7 +13,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 
-from usbldr.io.decoding.columns import DefinitionError, Extractor
+from usbldr.io.decoding.columns import DefinitionError, Extractor, limited
 
 TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
 LEVELS = 8  # of messages in messages; definitions may be recursive
@@ -27,10 +27,10 @@ class ProtobufDecoder:
         try:
             pool = _pool(FileDescriptorSet.FromString(definition))
             descriptor = pool.FindMessageTypeByName(name)
-        except (DecodeError, TypeError, KeyError, ValueError) as err:
+        except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as err:
             raise DefinitionError(" ".join(str(err).split())[:80]) from err
         self._class = GetMessageClass(descriptor)
-        self._kinds = dict(_leaves(descriptor))
+        self._kinds = limited(_leaves(descriptor))
         self.fields = tuple(self._kinds)
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
@@ -62,8 +62,8 @@ def _pool(files: FileDescriptorSet) -> DescriptorPool:
     return pool
 
 
-def _leaves(descriptor: Descriptor, prefix: str = "", level: int = 0) -> Iterator[tuple[str, FieldDescriptor]]:
-    """Yield the fields below a message by path; of repeated messages those of the first."""
+def _leaves(descriptor: Descriptor, prefix: str = "", level: int = 0) -> Iterator[tuple[str, FieldDescriptor | None]]:
+    """Yield the fields below a message by path, None for a message; of repeated messages those of the first."""
     for field in descriptor.fields:
         path, inner = prefix + field.name, field.message_type
         if inner is None:
@@ -72,6 +72,7 @@ def _leaves(descriptor: Descriptor, prefix: str = "", level: int = 0) -> Iterato
         elif inner.full_name in TIMES and not field.is_repeated:
             yield path, field
         elif level < LEVELS and not inner.GetOptions().map_entry:
+            yield path, None
             yield from _leaves(inner, f"{path}.0." if field.is_repeated else f"{path}.", level + 1)
 
 

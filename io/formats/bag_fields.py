@@ -53,8 +53,8 @@ def read_fields(header: bytes) -> Fields:
 
 
 def op_of(fields: Fields) -> int:
-    """Return what a record is, 0 if its header does not say so."""
-    return (fields.get(b"op") or b"\0")[0]
+    """Return what a record is; raise CutError if its header does not say so."""
+    return number_of(fields, b"op", 1)
 
 
 def number_of(fields: Fields, name: bytes, size: int) -> int:

@@ -8,12 +8,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_topics, decoder_of
+from usbldr.io.decoding.decoder_set import DecoderSet
+from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_topics
 from usbldr.io.findings import Finding
 from usbldr.io.formats.bag_fields import Connection
 from usbldr.io.formats.bag_records import BagScan
 from usbldr.io.formats.counts import count_findings, lost_messages
 from usbldr.io.formats.decompression import unread_text
+from usbldr.io.formats.files import opened
 from usbldr.io.reader import Records, TopicInfo, utc
 
 
@@ -35,13 +37,15 @@ class BagLog:
         """Return the stream of each (topic, type) and of each connection, and the finished scan."""
         streams: dict[TopicType, Stream] = {}
         connections: dict[int, Stream] = {}
-        with self.path.open("rb") as file:
+        decoders = DecoderSet(self.path)
+        with opened(self.path) as file:
             scan = BagScan(file, self.path.stat().st_size)
             for record in scan:
                 if isinstance(record, Connection):
                     key = (record.topic, record.type)
                     if key not in streams:
-                        decoder = decoder_of(record.type, record.definition, "ros1", "ros1msg")
+                        decoders.add_topic()
+                        decoder = decoders.of(record.type, record.definition, "ros1", "ros1msg")
                         streams[key] = Stream(*key, "ros1", decoder)
                     connections[record.number] = streams[key]
                 elif record.connection in connections:
@@ -55,7 +59,7 @@ class BagLog:
 
     def _messages(self) -> Iterator[StreamMessage]:
         connections: dict[int, TopicType] = {}
-        with self.path.open("rb") as file:
+        with opened(self.path) as file:
             for record in BagScan(file, self.path.stat().st_size):
                 if isinstance(record, Connection):
                     connections[record.number] = (record.topic, record.type)

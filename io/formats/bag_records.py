@@ -54,10 +54,12 @@ class BagScan:
     _places: set[int] = field(default_factory=set[int])  # of chunks according to the bag's index
     _reached: set[int] = field(default_factory=set[int])  # places of chunks that were found
     _connections: dict[int, Connection] = field(default_factory=dict[int, Connection])
+    _budget: UnpackingBudget = field(init=False)
     _unpacker: Decompressor = field(init=False)
 
     def __post_init__(self) -> None:
-        self._unpacker = Decompressor(UnpackingBudget(self.file.name, self.size))
+        self._budget = UnpackingBudget(self.file.name, self.size)
+        self._unpacker = Decompressor(self._budget)
 
     @property
     def stated(self) -> Counter[int]:
@@ -182,6 +184,7 @@ class BagScan:
     def _inside(self, data: memoryview) -> Iterator[Record]:
         at, end = 0, len(data)
         while at < end:
+            self._budget.take_record()
             head = at + WORD.size
             body = head + self._length(data[at:head]) + WORD.size
             at = body + self._length(data[body - WORD.size : body])

@@ -8,30 +8,33 @@ those of some navigation types (known_messages).
 import sqlite3
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from shutil import copy
 from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
-import zstandard
-
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
     Stream,
     StreamMessage,
     TopicType,
     decode_topics,
-    decoder_of,
     decoder_without_definition,
 )
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
+from usbldr.io.formats.decompression import DAMAGE, unpacked_message
+from usbldr.io.formats.files import opened
+from usbldr.io.limits import CHUNK_BYTES, RAISE, TooLargeError, UnpackingBudget, limit
 from usbldr.io.reader import Records, TopicInfo
 
 WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
 ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no CDR begins like this
+
+VIEWS = "SELECT 1 FROM sqlite_master WHERE name IN ('messages', 'topics') AND type != 'table'"
 
 
 class Db3Log:
@@ -42,8 +45,10 @@ class Db3Log:
     def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
         self.path = path
         self._known = known
+        self._decoders = DecoderSet(path)
         self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may recover the rest"
         self._unfit: dict[str, Finding] = {}
+        self._oversized = False  # messages are beyond the limit
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
@@ -58,6 +63,11 @@ class Db3Log:
             address = f"file:{quote(str(Path(merged.name) / self.path.name))}"
         try:
             with closing(sqlite3.connect(address, uri=True)) as database:
+                database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(limit(CHUNK_BYTES), (1 << 31) - 1))
+                if database.execute(VIEWS).fetchone():  # a view may have any number of rows
+                    raise LogError(
+                        "is a sqlite3 file, but not a rosbag2 recording (messages is no table)", path=self.path
+                    )
                 yield database
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # damaged cells are of any type
             why = " ".join(str(err).split())
@@ -76,7 +86,7 @@ class Db3Log:
         """Return a temporary copy of the file and its journal, in which sqlite3 may merge them."""
         if self._journal is None:
             return None
-        with self._journal.open("rb") as journal:
+        with opened(self._journal) as journal:
             if journal.read(len(WAL)) != WAL:
                 return None
         folder = TemporaryDirectory(prefix="usbldr-")
@@ -86,7 +96,7 @@ class Db3Log:
 
     def _refuse_cut(self) -> None:
         """Raise LogError if the file is shorter than its header states; sqlite3 would read zeros for the rest."""
-        with self.path.open("rb") as file:
+        with opened(self.path) as file:
             head = file.read(32)
         size, page, pages = self.path.stat().st_size, int.from_bytes(head[16:18]), int.from_bytes(head[28:32])
         page = 65536 if page == 1 else page
@@ -114,6 +124,7 @@ class Db3Log:
             query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
             counts = {int(number): (int(n), int(t0), int(t1)) for number, n, t0, t1 in database.execute(query)}
         for number, key, encoding in self._listed:
+            self._decoders.add_topic()
             count, first, last = counts.get(number, (0, None, None))
             decoder = self._decoder(number, key[1], encoding, definitions)
             streams[key] = Stream(*key, encoding, decoder, count, first, last)
@@ -126,13 +137,28 @@ class Db3Log:
             return f"encoding {encoding} is not supported, only cdr"
         if type_name in definitions:
             language, text = definitions[type_name]
-            return decoder_of(type_name, text.encode(), encoding, language)
+            return self._decoders.of(type_name, text.encode(), encoding, language)
         return decoder_without_definition(type_name, self._known, self._samples(number))
 
     def _samples(self, number: int) -> list[bytes]:
         with self._open() as database:
             rows = database.execute("SELECT data FROM messages WHERE topic_id = ? LIMIT 5", (number,)).fetchall()
-        return [_unpacked(data) for (data,) in rows]
+        budget = self._budget()
+        return [self._unpacked(data, budget) for (data,) in rows]
+
+    def _unpacked(self, data: object, budget: UnpackingBudget) -> bytes:
+        """Return a payload, b"" if it is not one or does not decompress; that fits no definition and is counted so."""
+        if not isinstance(data, bytes):
+            return b""
+        if not data.startswith(ZSTD):
+            return data
+        try:
+            return unpacked_message(data, budget)
+        except TooLargeError:
+            self._oversized = True
+        except DAMAGE:
+            pass
+        return b""
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; if a topic has several types, the one with most messages."""
@@ -144,16 +170,22 @@ class Db3Log:
         numbers = [number for number, key in self._keys.items() if key[0] in wanted]
         marks = ", ".join("?" * len(numbers))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # in any order
+        budget = self._budget()
         with self._open() as database:
             for number, time_ns, data in database.execute(query, numbers):
-                yield self._keys[number], int(time_ns), _unpacked(data)
+                yield self._keys[number], int(time_ns), self._unpacked(data, budget)
+
+    def _budget(self) -> UnpackingBudget:
+        return UnpackingBudget(self.path, self.path.stat().st_size)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
-        return (*self._journal_findings(), *self._unfit.values())
+        large = f"messages decompress to more than {limit(CHUNK_BYTES) / 1e6:.3g} MB each and are left out ({RAISE})"
+        oversized = [Finding("DAMAGED", large, lost_data=True)] if self._oversized else []
+        return (*self._journal_findings(), *oversized, *self._unfit.values())
 
     def _journal_findings(self) -> list[Finding]:
-        with self.path.open("rb") as file:
+        with opened(self.path) as file:
             journaled = file.read(20)[18:] == b"\2\2"
         journal = f"{self.path.name}-wal"
         if self._merged is not None:
@@ -173,20 +205,3 @@ def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:
         return {}
     rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
     return {str(kind): (str(language), str(text)) for kind, language, text in rows if text}
-
-
-@cache
-def _zstd() -> zstandard.ZstdDecompressor:
-    return zstandard.ZstdDecompressor()
-
-
-def _unpacked(data: object) -> bytes:
-    """Return a payload, b"" if it is not one or does not decompress; that matches no definition and is counted so."""
-    if not isinstance(data, bytes):
-        return b""
-    if not data.startswith(ZSTD):
-        return data
-    try:
-        return _zstd().decompressobj().decompress(data)
-    except zstandard.ZstdError:
-        return b""

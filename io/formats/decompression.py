@@ -41,7 +41,7 @@ class Decompressor:
         for piece in _pieces(compression, packed, size):
             into[got : got + len(piece)] = piece  # a ValueError if it is too long
             got += len(piece)
-        self._budget.take(got)
+        self._budget.take_bytes(got)
         return into[:got]
 
 
@@ -54,7 +54,7 @@ def unpacked_message(packed: bytes, budget: UnpackingBudget) -> bytes:
         got += len(piece)
         if got > budget.chunk_bytes:
             raise TooLargeError
-    budget.take(got)
+    budget.take_bytes(got)
     return b"".join(pieces)
 
 
@@ -81,5 +81,5 @@ def unread_text(compressions: Iterable[str], oversized: bool) -> str:
     """Return why chunks may not have been read besides damage: their size, or unknown compressions with sound names."""
     words = sorted(name for name in compressions if name.isalnum() and name.isascii() and len(name) < 16)
     unknown = f" or use an unknown compression ({', '.join(words)})" if words else ""
-    large = f" or decompress to more than {limit(CHUNK_BYTES) >> 20} MB each ({RAISE})" if oversized else ""
+    large = f" or decompress to more than {limit(CHUNK_BYTES) / 1e6:.3g} MB each ({RAISE})" if oversized else ""
     return unknown + large

@@ -5,10 +5,15 @@ from pathlib import Path
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.formats.files import opened
 from usbldr.io.reader import Reader
 
+CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
 UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"#ROSBAG V1": "a ROS 1 bag of an old version; convert it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
+    b"\x89MCAP0\n": f"an MCAP file whose {CONVERTED}",
+    b"\x89MCAP0\r\r\n": f"an MCAP file whose {CONVERTED}",
+    b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
     b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
     b"\x1f\x8b": "compressed with gzip; unpack it first (gunzip)",
@@ -70,18 +75,18 @@ does not define to its reader, which is imported only then; to None if it is of 
 
 def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     """Return the reader that fits; raise LogError for a missing, empty or unknown file."""
-    if not path.exists():
-        raise LogError("no such file or folder", path=path)
     head = b""
     try:
+        if not path.exists():
+            raise LogError("no such file or folder", path=path)
         if not path.is_dir():
-            with path.open("rb") as file:
+            with opened(path) as file:
                 head = file.read(4096)
-        for opened in FORMATS.values():
-            if (reader := opened(path, head, known)) is not None:
+        for reader_of in FORMATS.values():
+            if (reader := reader_of(path, head, known)) is not None:
                 return reader
-    except PermissionError as err:
-        raise LogError(f"cannot be read ({err.strerror})", path=path) from err
+    except OSError as err:
+        raise LogError(f"cannot be read ({err.strerror or err})", path=path) from err
     *others, last = FORMATS
     accepted = f"{', '.join(others)} and {last}"
     if path.is_dir():

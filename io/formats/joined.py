@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.io.decoding.definitions import ros2_name
 from usbldr.io.findings import Finding
+from usbldr.io.formats.counts import count_findings
 from usbldr.io.messages.registry import STAMPS
 from usbldr.io.reader import Column, Reader, Records, TopicInfo
 
@@ -28,6 +29,7 @@ class JoinedLog:
     format: str
     parts: tuple[LogPart, ...]
     joining_findings: tuple[Finding, ...] = ()  # findings of the parts together
+    stated_messages: int | None = None  # number of messages that the parts should hold together
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics of all parts."""
@@ -56,7 +58,11 @@ class JoinedLog:
             for part in self.parts
             for finding in part.reader.findings()
         ]
-        return (*self.joining_findings, *own)
+        counted: list[Finding] = []
+        if self.stated_messages is not None and not any(finding.lost_data for finding in own):
+            found = sum(topic.count for topic in self.topics())
+            counted = count_findings("metadata.yaml", {"": self.stated_messages}, {"": found})
+        return (*self.joining_findings, *counted, *own)
 
 
 def _key(topic: TopicInfo) -> tuple[str, str]:

@@ -42,7 +42,8 @@ class ChunkReader:
     def __init__(self, file: BufferedReader) -> None:
         self._file = file
         self._raw = bytearray()
-        self._unpacker = Decompressor(UnpackingBudget(file.name, Path(file.name).stat().st_size))
+        self.budget = UnpackingBudget(file.name, Path(file.name).stat().st_size)
+        self._unpacker = Decompressor(self.budget)
 
     def read(self, length: int, left: int) -> Chunk:
         """Read the record of a chunk, of which at most ``left`` bytes exist; raise one of DAMAGE for its head."""

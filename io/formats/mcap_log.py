@@ -11,13 +11,13 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
+from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
     Stream,
     TopicType,
     chosen_streams,
     decode_topics,
-    decoder_of,
     decoder_without_definition,
     json_decoder,
 )
@@ -26,6 +26,7 @@ from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
 from usbldr.io.formats.counts import count_findings
 from usbldr.io.formats.decompression import unread_text
+from usbldr.io.formats.files import opened
 from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index, with_schemas
 from usbldr.io.formats.mcap_records import McapMessage, McapScan
 from usbldr.io.reader import Records, TopicInfo, utc
@@ -39,6 +40,7 @@ class McapLog:
     def __init__(self, path: Path, known: Definitions = SHIPPED) -> None:
         self.path = path
         self._definitions = known
+        self._decoders = DecoderSet(path)
         self._unfit: dict[str, Finding] = {}
         self._last_scan: McapScan | None = None  # None: the file was read by its index
         self._schemas: dict[int, Schema] = {}
@@ -47,7 +49,7 @@ class McapLog:
 
     @cached_property
     def _index(self) -> Index:
-        with self.path.open("rb") as file:
+        with opened(self.path) as file:
             index = read_index(file)
             if index.channel_summaries is None or not index.absent_schemas:
                 return index
@@ -87,7 +89,7 @@ class McapLog:
     def _by_index(self, wanted: set[TopicType]) -> Iterator[Payload]:
         """Yield the wanted messages of a file that agrees with its index."""
         keys = {number: key for number, key in self._keys.items() if key in wanted}
-        with self.path.open("rb") as file:
+        with opened(self.path) as file:
             for channel, time_ns, data in indexed_messages(file, self._index, keys.keys()):
                 yield keys[channel], time_ns, data
 
@@ -97,7 +99,7 @@ class McapLog:
         Schemas and channels from the index come first: if the first chunk is damaged, the others can
         still be read. A channel whose schema the index lacks waits for its first message.
         """
-        with self.path.open("rb") as file:
+        with opened(self.path) as file:
             self._last_scan = McapScan(file, self.path.stat().st_size, self._index.chunks)
             absent, channels = self._index.absent_schemas, self._index.channels
             waiting = {number: channel for number, channel in channels.items() if channel.schema_id in absent}
@@ -118,6 +120,7 @@ class McapLog:
         schema = self._schemas.get(record.schema_id)
         key = (record.topic, schema.name if schema else "")
         if key not in self._known:
+            self._decoders.add_topic()
             self._known[key] = Stream(*key, record.message_encoding, self._decoder(record, schema))
         self._keys[record.id] = key
 
@@ -128,8 +131,8 @@ class McapLog:
                 return decoder_without_definition(schema.name, self._definitions, self._samples(channel.id))
             if schema is not None and encoding == "json" and schema.name:
                 return json_decoder(schema.name, self._samples(channel.id))
-            return decoder_of(schema.name if schema else "", b"", encoding, "")
-        decoder = decoder_of(schema.name, schema.data, encoding, schema.encoding)
+            return self._decoders.of(schema.name if schema else "", b"", encoding, "")
+        decoder = self._decoders.of(schema.name, schema.data, encoding, schema.encoding)
         if encoding == "json" and not isinstance(decoder, str) and not decoder.fields:  # any object is allowed
             return json_decoder(schema.name, self._samples(channel.id))
         return decoder
@@ -139,7 +142,7 @@ class McapLog:
         if self._index.channel_summaries is None:
             return []
         try:
-            with self.path.open("rb") as file:
+            with opened(self.path) as file:
                 return [bytes(data) for _, _, data in islice(indexed_messages(file, self._index, {channel}), 5)]
         except IndexMismatchError:
             return []

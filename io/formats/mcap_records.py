@@ -13,6 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
 from usbldr.io.formats.mcap_chunks import COMPRESSIONS, DAMAGE, HEAD, ChunkReader
+from usbldr.io.limits import UnpackingBudget
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -130,10 +131,10 @@ class McapScan:
         times = (chunk.first_ns, chunk.last_ns)
         try:
             if not chunk.altered:
-                yield from self._inside(chunk.data)
+                yield from self._inside(chunk.data, chunks.budget)
             elif sound := _filled(chunk.data):
                 self.altered_chunks.append(times)
-                yield from self._inside(chunk.data, times)
+                yield from self._inside(chunk.data, chunks.budget, times)
         except DAMAGE:
             sound = False
         if not chunk.whole:
@@ -143,12 +144,15 @@ class McapScan:
             self.oversized |= chunk.oversized
             self.lost_chunks.append(times)
 
-    def _inside(self, data: memoryview, times: tuple[int, int] = (0, LATEST)) -> Iterator[Record]:
+    def _inside(
+        self, data: memoryview, budget: UnpackingBudget, times: tuple[int, int] = (0, LATEST)
+    ) -> Iterator[Record]:
         at, end = 0, len(data)
         while at < end:
             op, length = HEAD.unpack_from(data, at)
+            budget.take_record()
             body, at = at + HEAD.size, at + HEAD.size + length
-            if at > end:
+            if at > end or not op:
                 raise CutError
             record = self._record(op, data[body:at], times)
             if record is not None:

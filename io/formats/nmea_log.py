@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from usbldr.filters.errors import LogError
 from usbldr.io.decoding.nmea_sentences import SENTENCE, SentenceSet, find_sentences, undecoded_findings
 from usbldr.io.findings import Finding
+from usbldr.io.formats.files import text_lines
 from usbldr.io.reader import Reader, Records, TopicInfo
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
@@ -41,11 +41,7 @@ class NmeaFile:
 
     @cached_property
     def _sentences(self) -> SentenceSet:
-        try:
-            with self.path.open(encoding="utf-8", errors="replace") as lines:
-                return find_sentences(self.path.name, lines)
-        except OSError as err:
-            raise LogError(f"cannot be read ({err.strerror})", path=self.path) from err
+        return find_sentences(self.path.name, text_lines(self.path))
 
     @cached_property
     def _topics(self) -> Mapping[str, tuple[str, TopicInfo]]:

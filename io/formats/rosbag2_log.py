@@ -1,16 +1,22 @@
 """rosbag2 recordings: a folder of .db3 or .mcap parts with or without its metadata.yaml, or a .db3 file alone."""
 
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
+from usbldr.io.formats.files import opened
 from usbldr.io.formats.joined import JoinedLog, LogPart
+from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import Reader
 
 STORAGES = (".db3", ".mcap")
+METADATA_BYTES = 1 << 19  # [bytes] of metadata.yaml; 500 topics with their settings have half of it
+METADATA_DEPTH = 50  # [levels] of lists and tables in metadata.yaml; recorders write five
+PARTS_DEPTH = 3  # fixed: the level of the names of parts in metadata.yaml
 PACKED = (".db3.zstd", ".mcap.zstd")
 
 
@@ -26,18 +32,23 @@ def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
     if not path.is_dir():
         return _reader(path, known)
     parts = _parts(path)
-    named = _named(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else []
+    metadata = _metadata(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else Metadata()
     findings: list[Finding] = []
-    if named:
+    if metadata.parts:
+        named = list(dict.fromkeys(metadata.parts))
         files, findings = _found(path, [path / name for name in named], parts)
+        if len(named) < len(metadata.parts):
+            findings.append(Finding("PART-TWICE", "metadata.yaml names a part more than once; it is read once"))
     else:
         files, findings = _numbered(path, parts), _gaps(parts)
-    return JoinedLog(path, "rosbag2 folder", tuple(LogPart(_reader(file, known)) for file in files), tuple(findings))
+    stated = metadata.messages if len(files) == len(set(metadata.parts)) else None  # missing parts are reported
+    opened_parts = tuple(LogPart(_reader(file, known)) for file in files)
+    return JoinedLog(path, "rosbag2 folder", opened_parts, tuple(findings), stated)
 
 
 def _reader(file: Path, known: Definitions) -> Reader:
-    with file.open("rb") as opened:
-        head = opened.read(16)
+    with opened(file) as part:
+        head = part.read(16)
     if head.startswith(b"\x89MCAP0\r\n"):
         from usbldr.io.formats.mcap_log import McapLog
 
@@ -55,16 +66,55 @@ def _parts(folder: Path) -> list[Path]:
     return sorted(files, key=lambda file: [int(s) if s.isdecimal() else s for s in re.split(r"(\d+)", file.name)])
 
 
-def _named(metadata: Path) -> list[str]:
+class Metadata(NamedTuple):
+    """What metadata.yaml says of a recording."""
+
+    parts: Sequence[str] = ()  # names of files
+    messages: int | None = None  # number of messages
+
+
+def _metadata(file: Path) -> Metadata:
+    """Return what metadata.yaml says; nothing if it is damaged, or not as recorders write it."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
+    with opened(file) as content:
+        text = content.read(limit(METADATA_BYTES) + 1)
+    if len(text) > limit(METADATA_BYTES):
+        raise LogError(f"is longer than {limit(METADATA_BYTES) >> 10} kB; {RAISE}", path=file)
     try:
-        content: Any = cast("Any", YAML(typ="safe")).load(metadata.read_text(encoding="utf-8"))
-        names: list[object] = list(content["rosbag2_bagfile_information"]["relative_file_paths"] or [])
-    except (YAMLError, KeyError, TypeError, UnicodeDecodeError):
-        return []  # treated as absent: the files in the folder are read
-    return [Path(str(name)).name for name in names]  # early rosbag2 wrote the folder before each
+        return _read_events(cast("Any", YAML(typ="safe")).parse(text))
+    except (YAMLError, ValueError, RecursionError):
+        return Metadata()  # treated as absent: the files in the folder are read
+
+
+def _read_events(events: Iterable[Any]) -> Metadata:
+    """Return what the events of a YAML parser say; event by event, aliases cannot multiply.
+
+    Raises ValueError if it is not as recorders write it.
+    """
+    from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, ScalarEvent, SequenceStartEvent
+
+    depth, key, is_key = 0, "", False
+    parts: list[str] | None = None
+    messages: int | None = None
+    for event in events:
+        if isinstance(event, AliasEvent) or depth > METADATA_DEPTH:
+            raise ValueError
+        if depth == PARTS_DEPTH and isinstance(event, ScalarEvent) and key == "relative_file_paths":
+            parts = [*(parts or []), Path(str(event.value)).name]  # early rosbag2 wrote the folder before each
+        if depth == PARTS_DEPTH - 1:  # keys and values by turns
+            is_key = not is_key if isinstance(event, (ScalarEvent, CollectionStartEvent)) else is_key
+            if isinstance(event, ScalarEvent) and is_key:
+                key = str(event.value)
+            elif isinstance(event, ScalarEvent) and key == "message_count":
+                messages = int(event.value)
+            elif isinstance(event, SequenceStartEvent) and key == "relative_file_paths":
+                parts = []
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+    if parts is None:
+        raise ValueError
+    return Metadata(parts, messages)
 
 
 def _found(folder: Path, named: list[Path], parts: list[Path]) -> tuple[list[Path], list[Finding]]:

@@ -6,6 +6,7 @@ Configurations, scenarios and baselines are all checked here.
 import difflib
 import math
 import re
+import stat
 import tomllib
 import typing
 from pathlib import Path
@@ -15,6 +16,10 @@ import msgspec
 from msgspec import Struct
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.limits import RAISE, limit
+
+SETTINGS_BYTES = 1 << 20  # [bytes] of a configuration; one that states every key has 10 kB
+DEEP_KEY = re.compile(r"(?:\.[ \t]*[\w\"'-]+[ \t]*){100}")  # a key of 100 parts; ours have four
 
 Form = TypeVar("Form")
 
@@ -22,6 +27,10 @@ Form = TypeVar("Form")
 def read_text(file: Path) -> str:
     """Return a file's text; raise UsageError if it cannot be read."""
     try:
+        if not stat.S_ISREG(file.stat().st_mode):  # a pipe would be waited for forever
+            raise UsageError(f"{file}: cannot be read (it is no file)")
+        if file.stat().st_size > limit(SETTINGS_BYTES):
+            raise UsageError(f"{file}: is longer than {limit(SETTINGS_BYTES) >> 10} kB; {RAISE}")
         return file.read_text(encoding="utf-8")
     except OSError as err:
         raise UsageError(f"{file}: cannot be read ({err.strerror})") from err
@@ -31,10 +40,15 @@ def read_text(file: Path) -> str:
 
 def read_document(file: Path) -> dict[str, object]:
     """Return a TOML file's content, unchecked; raise UsageError if it is not TOML."""
+    text = read_text(file)
+    if DEEP_KEY.search(text):  # the time to read one grows with the square of its length
+        raise UsageError(f"{file}: is not valid TOML (it is nested too deeply)")
     try:
-        return tomllib.loads(read_text(file))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as err:
         raise UsageError(f"{file}: is not valid TOML ({err})") from err
+    except RecursionError as err:
+        raise UsageError(f"{file}: is not valid TOML (it is nested too deeply)") from err
 
 
 def checked(value: object, form: type[Form], where: object, key: str = "") -> Form:

@@ -1,5 +1,6 @@
 """The options of every command that reads a log: configuration, topics, truth."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,14 +19,27 @@ ROLE_HELP = {
 }
 
 
+def _raise_limits(_ctx: click.Context, _option: click.Parameter, factor: str | None) -> None:
+    """Keep the factor where readers look for it, those of other processes, too."""
+    if factor is not None:
+        os.environ["USBLDR_LIMITS"] = factor
+
+
 def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --config, one option for each sensor, --truth, --with and --msg-path."""
+    """Add --config, one option for each sensor, --truth, --with, --msg-path and --limits."""
     options = (
         click.option("--config", metavar="FILE", help='Configuration file; "none" ignores the one beside LOG.'),
         *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
         click.option("--truth", metavar="FILE|TOPIC", help='Reference track; "none" for no scoring.'),
         click.option("--with", "joined", metavar="FILE", multiple=True, help="Additional file of the same dive."),
         click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg definitions that LOG lacks."),
+        click.option(
+            "--limits",
+            metavar="FACTOR",
+            callback=_raise_limits,
+            expose_value=False,
+            help="Multiply the limits on what reading LOG may cost.",
+        ),
     )
     for option in reversed(options):
         command = option(command)

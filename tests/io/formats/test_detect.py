@@ -8,6 +8,7 @@ from recordings import short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 
+CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
 FORMATS = "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), text files of NMEA sentences and CSV folders"
 
 
@@ -35,6 +36,9 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"\x28\xb5\x2f\xfdrest", "is compressed with zstd; unpack it first (zstd -d)"),
         (b"\x1f\x8brest", "is compressed with gzip; unpack it first (gunzip)"),
         (b"PK\x03\x04rest", "is a zip archive; unpack it first (unzip)"),
+        (b"\x89MCAP0\nrest", "is an MCAP file whose " + CONVERTED),
+        (b"\x89MCAP0\r\r\nrest", "is an MCAP file whose " + CONVERTED),
+        (b"#ROSBAG V2.0\r\nrest", "is a ROS 1 bag whose " + CONVERTED),
         (b"\x7f\x7frest", "is a PD0 file as ADCPs write it; convert it to CSV or a bag first"),
     ],
 )  # fmt: skip

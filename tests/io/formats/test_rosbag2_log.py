@@ -2,6 +2,7 @@
 
 import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -233,3 +234,27 @@ def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
 
     sentence = "is a sqlite3 file, but not a rosbag2 recording (no such table: messages)"
     assert str(fault.value) == f"{tmp_path / 'a.db3'}: {sentence}"
+
+
+def test_a_part_that_is_named_twice_is_read_once(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    metadata = folder / "metadata.yaml"
+    text = metadata.read_text(encoding="utf-8")
+    metadata.write_text(text.replace("  - a.db3\n", "  - a.db3\n  - a.db3\n", 1), encoding="utf-8")
+    assert metadata.read_text(encoding="utf-8") != text
+    log = open_log(folder)
+
+    assert sum(topic.count for topic in log.topics()) == 33
+    (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
+    assert (finding.code, finding.level) == ("PART-TWICE", "warning")
+
+
+def test_messages_that_metadata_counts_and_the_parts_lack_are_reported(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
+        database.execute("DELETE FROM messages WHERE id = 7")
+    log = open_log(folder)
+
+    (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
+    assert finding.text == "1 of 33 messages in metadata.yaml are missing"
+    assert finding.lost_data

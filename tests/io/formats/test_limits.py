@@ -1,0 +1,308 @@
+"""Files made to exhaust memory or time: each is refused in one sentence, at once and without the memory.
+
+The files are small: the limits are lowered to a hundredth, as --limits 0.01 does.
+"""
+
+import bz2
+import json
+import os
+import sqlite3
+import struct
+import time
+import tracemalloc
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
+import pytest
+import zstandard
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from mcap.writer import Writer
+
+from recordings import FLOAT64, T0, TWIST, short_dive, write_mcap, write_rosbag2
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.decoding.decoders import decoder_of
+from usbldr.io.findings import Finding
+from usbldr.io.formats.detect import open_log
+from usbldr.io.limits import VARIABLE, factor
+from usbldr.io.opening import Request
+from usbldr.io.read import read_log
+from usbldr.io.settings.validation import read_document
+
+MB = 1 << 20
+CHUNK = 1_300_000  # [bytes] within the lowered limit of a chunk, 1.3 MB
+
+
+def bz2_of(size: int) -> bytes:
+    return bz2.compress(bytes(size))
+
+
+def lz4_of(size: int) -> bytes:
+    return bytes(lz4.frame.compress(bytes(size)))
+
+
+def zstd_of(size: int) -> bytes:
+    return zstandard.ZstdCompressor(19).compress(bytes(size))
+
+
+def in_mcap(file: Path, compression: str, chunks: list[tuple[int, bytes]]) -> Path:
+    """Write chunks with the size that each states."""
+    magic = b"\x89MCAP0\r\n"
+
+    def record(op: int, body: bytes) -> bytes:
+        return struct.pack("<BQ", op, len(body)) + body
+
+    name = compression.encode()
+    inside = b"".join(
+        record(6, struct.pack("<QQQII", 0, 1, size, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed)
+        for size, packed in chunks
+    )
+    file.write_bytes(magic + record(1, bytes(8)) + inside + record(15, bytes(4)) + record(2, bytes(20)) + magic)
+    return file
+
+
+def in_bag(file: Path, compression: str, chunks: list[tuple[int, bytes]]) -> Path:
+    def field(name: bytes, value: bytes) -> bytes:
+        return struct.pack("<I", len(name) + 1 + len(value)) + name + b"=" + value
+
+    def record(header: bytes, data: bytes) -> bytes:
+        return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+
+    head = record(field(b"op", b"\3") + field(b"index_pos", bytes(8)), b"")
+    inside = b"".join(
+        record(
+            field(b"op", b"\5") + field(b"compression", compression.encode()) + field(b"size", struct.pack("<I", size)),
+            packed,
+        )
+        for size, packed in chunks
+    )
+    file.write_bytes(b"#ROSBAG V2.0\n" + head + inside)
+    return file
+
+
+def in_db3(file: Path, payloads: list[bytes], columns: str = "topic_id, timestamp, data") -> Path:
+    with closing(sqlite3.connect(file)) as database, database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)")
+        database.execute(f"CREATE TABLE messages(id INTEGER PRIMARY KEY, {columns})")
+        database.execute("INSERT INTO topics VALUES (1, '/dvl', ?, 'cdr')", (TWIST,))
+        rows = [(T0 + k, payload) for k, payload in enumerate(payloads)]
+        database.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", rows)
+    return file
+
+
+BOMBS: dict[str, Callable[[Path], Path]] = {
+    "bag bz2, one chunk": lambda d: in_bag(d / "a", "bz2", [(0xFFFFFFFF, bz2_of(20 * MB))]),
+    "bag bz2, a chunk larger than stated": lambda d: in_bag(d / "a", "bz2", [(1000, bz2_of(20 * MB))]),
+    "bag bz2, many chunks": lambda d: in_bag(d / "a", "bz2", [(CHUNK, bz2_of(CHUNK))] * 1000),
+    "bag lz4, many chunks": lambda d: in_bag(d / "a", "lz4", [(CHUNK, lz4_of(CHUNK))] * 1000),
+    "mcap zstd, one chunk": lambda d: in_mcap(d / "a", "zstd", [(20 * MB, zstd_of(20 * MB))]),
+    "mcap zstd, a chunk larger than stated": lambda d: in_mcap(d / "a", "zstd", [(1000, zstd_of(20 * MB))]),
+    "mcap zstd, many chunks": lambda d: in_mcap(d / "a", "zstd", [(CHUNK, zstd_of(CHUNK))] * 1000),
+    "mcap lz4, many chunks": lambda d: in_mcap(d / "a", "lz4", [(CHUNK, lz4_of(CHUNK))] * 1000),
+    "mcap zstd, many records": lambda d: in_mcap(
+        d / "a", "zstd", [(930_000, zstandard.compress((b"\x05" + struct.pack("<Q", 22) + bytes(22)) * 30_000))] * 9
+    ),
+    "db3 zstd, many messages": lambda d: in_db3(d / "a", [zstd_of(CHUNK)] * 1000),
+    "db3 zstd, one message": lambda d: in_db3(d / "a", [zstd_of(20 * MB)]),
+}
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_what_decompresses_to_too_much_is_refused_or_left_out_and_said(
+    tmp_path: Path, bomb: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = BOMBS[bomb](tmp_path)
+    monkeypatch.setenv(VARIABLE, "0.01")
+    tracemalloc.start()
+    begun = time.process_time()
+    findings: tuple[Finding, ...] = ()
+    sentence = ""
+    try:
+        log = open_log(file)
+        log.topics()
+        findings = log.findings()
+    except LogError as fault:
+        sentence = str(fault)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+
+    assert peak < 12 * MB
+    assert time.process_time() - begun < 10
+    if "many" in bomb:
+        assert sentence.endswith(" for its size; --limits 10 raises the limits tenfold")
+    else:
+        assert any(finding.lost_data for finding in findings)
+
+
+def test_the_limits_are_raised_by_a_factor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_mcap(tmp_path / "a.mcap", short_dive() * 60)
+    monkeypatch.setenv(VARIABLE, "0.0015")  # a chunk of 0.2 MB
+    log = open_log(file)
+    log.read({"/dvl": ["header.stamp"]})
+    (finding,) = log.findings()
+    assert "chunks are damaged or decompress to more than 0.201 MB each (--limits 10 raises the limits" in finding.text
+
+    monkeypatch.setenv(VARIABLE, "0.01")
+    log = open_log(file)
+    assert len(log.read({"/dvl": ["header.stamp"]})["/dvl"].received_ns) == 660
+    assert log.findings() == ()
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "much"])
+def test_a_factor_that_is_no_positive_number_is_an_error(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    monkeypatch.setenv(VARIABLE, text)
+
+    with pytest.raises(UsageError, match=f"is {text}, not a positive number"):
+        factor()
+
+
+def test_a_view_in_place_of_messages_is_refused(tmp_path: Path) -> None:
+    file = in_db3(tmp_path / "a.db3", [])
+    with closing(sqlite3.connect(file)) as database, database:
+        database.execute("DROP TABLE messages")
+        endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT 1, i, x'00' FROM n"
+        database.execute(f"CREATE VIEW messages(topic_id, timestamp, data) AS {endless}")
+
+    with pytest.raises(LogError, match="messages is no table"):
+        open_log(file).topics()
+
+
+def nested(levels: int, twice: bool) -> str:
+    """Return a type in a type in a type, each once or twice."""
+    lines = "a/B{0} x\n" + "a/B{0} y\n" * twice
+    parts = [lines.format(0), *(f"MSG: a/B{k}\n" + lines.format(k + 1) for k in range(levels))]
+    return ("=" * 80 + "\n").join([*parts, f"MSG: a/B{levels}\nfloat64 v\n"])
+
+
+def recursive_protobuf() -> bytes:
+    file = FileDescriptorProto(name="a.proto", syntax="proto3")
+    message = file.message_type.add(name="A")
+    for k in range(20):
+        message.field.add(name=f"f{k}", number=k + 1, type=11, type_name=".A", label=1)  # pyright: ignore
+    return FileDescriptorSet(file=[file]).SerializeToString()
+
+
+HUGE_ARRAY = f"a/B[2000000000] x\n{'=' * 80}\nMSG: a/B\nint8 v"
+RECURSIVE_JSON = json.dumps(
+    {"properties": {f"p{k}": {"$ref": "#/definitions/x"} for k in range(10)}}
+    | {"definitions": {"x": {"properties": {f"p{k}": {"$ref": "#/definitions/x"} for k in range(10)}}}}
+).encode()
+ENDLESS: dict[str, tuple[str, bytes, str]] = {
+    "a/msg/A contains itself": ("ros2msg", b"a/A x", "cdr"),
+    "a/msg/A contains itself ": ("ros2msg", b"a/A[] x", "cdr"),
+    "a/msg/B25 has more than 20000 fields": ("ros2msg", nested(40, True).encode(), "cdr"),
+    "it is nested too deeply": ("ros2msg", nested(3000, False).encode(), "cdr"),
+    "a/msg/A has more than 20000 fields": (
+        "ros2msg",
+        f"a/B[2000000000] x\n{'=' * 80}\nMSG: a/B\nint8 v".encode(),
+        "cdr",
+    ),
+    "it is nested too deeply ": ("jsonschema", b'{"a":' * 100_000, "json"),
+    "it has more than 20000 fields": ("jsonschema", RECURSIVE_JSON, "json"),
+    "it has more than 20000 fields ": ("protobuf", recursive_protobuf(), "protobuf"),
+}
+
+
+@pytest.mark.parametrize("sentence", ENDLESS)
+def test_a_definition_without_end_is_named(sentence: str) -> None:
+    language, definition, encoding = ENDLESS[sentence]
+    name = "A" if encoding == "protobuf" else "a/A"
+
+    problem = decoder_of(name, definition, encoding, language)
+
+    assert isinstance(problem, str)
+    assert problem.startswith(f"the definition of its type {name} is not valid ({sentence.strip()}")
+
+
+@pytest.mark.parametrize(("factor_text", "what"), [("0.01", "has more than 20 topics"), ("0.0001", "more than 0 kB")])
+def test_too_many_topics_or_definitions_are_refused(
+    tmp_path: Path, factor_text: str, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = 21 if "topics" in what else 0
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for k in range(max(1, count)):
+            text = FLOAT64[2] if count else "".join(f"float64 f{i}\n" for i in range(20)).encode()
+            schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", text)
+            channel = writer.register_channel(f"/t{k}", "cdr", schema)
+            writer.add_message(channel, T0 + k, b"\0\1\0\0" + bytes(8), T0 + k)
+        writer.finish()
+    monkeypatch.setenv(VARIABLE, factor_text)
+
+    if count:
+        with pytest.raises(LogError, match=what):
+            open_log(file).topics()
+    else:
+        monkeypatch.setattr("usbldr.io.decoding.decoder_set.TOPICS", 1 << 20)
+        assert what in open_log(file).topics()[0].problem
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.nmea"])
+def test_a_line_without_end_is_refused(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "time_ns,heading_deg\n1," if name == "a.csv" else "$HEHDT,1.0,T\n" * 9 + "$HEHDT,"
+    (tmp_path / name).write_text(text + "9" * 20_000 + "\n", encoding="utf-8")
+    monkeypatch.setenv(VARIABLE, "0.01")
+
+    with pytest.raises(LogError, match=r"line \d+ is longer than 10486 characters, too long for a log"):
+        open_log(tmp_path / name).topics()
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Path:
+    os.mkfifo(tmp_path / "pipe.msg")
+    return tmp_path / "pipe.msg"
+
+
+def test_a_pipe_is_not_waited_for(pipe: Path, tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", short_dive())
+    with pytest.raises(LogError, match="is neither a file nor a folder"):
+        read_log(pipe)
+    with pytest.raises(UsageError, match="is no file of at most"):
+        read_log(file, Request(msg_path=(str(tmp_path),)))
+    with pytest.raises(LogError, match="is neither a file nor a folder"):
+        read_log(file, Request(joined=(str(pipe),)))
+    with pytest.raises(UsbldrError):
+        read_log(file, Request(configuration=str(pipe)))
+
+
+def test_a_folder_of_definitions_that_holds_everything_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "link").symlink_to("/")
+    file = write_mcap(tmp_path / "a.mcap", short_dive())
+    monkeypatch.setenv(VARIABLE, "0.01")
+
+    with pytest.raises(UsageError, match="holds more than 500 files and folders; name the folder of the packages"):
+        read_log(file, Request(msg_path=(str(tmp_path / "link"),)))
+
+
+def test_a_file_that_cannot_be_read_is_one_sentence() -> None:
+    with pytest.raises(LogError, match=r"^/proc/self/mem: cannot be read \(Input/output error\)$"):
+        open_log(Path("/proc/self/mem"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a0: &a0 [x, x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n" for k in range(1, 12))
+        + "rosbag2_bagfile_information:\n  relative_file_paths: *a11\n",
+        "a: " + "[" * 20_000,
+    ],
+    ids=["aliases", "depth"],
+)  # fmt: skip
+def test_metadata_that_multiplies_is_not_used(tmp_path: Path, text: str) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    (folder / "metadata.yaml").write_text(text, encoding="utf-8")
+
+    assert sum(topic.count for topic in open_log(folder).topics()) == 33
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a" + ".a" * 100_000 + " = 1"], ids=["lists", "keys"])
+def test_a_configuration_that_is_nested_too_deeply_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "usbldr.toml").write_text(text, encoding="utf-8")
+
+    with pytest.raises(UsageError, match="nested too deeply"):
+        read_document(tmp_path / "usbldr.toml")
