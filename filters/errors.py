@@ -5,6 +5,24 @@ The sentence says which file or topic, what is wrong, and what to do.
 
 from pathlib import Path
 
+MAX_SENTENCE = 2000  # [characters] of a sentence; beyond, nobody reads it
+
+
+def printable(text: str) -> str:
+    """Return a text without control characters: each is spelt out, as \\x1b, so that none reaches a terminal."""
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
+
+
+def sentence(text: str) -> str:
+    """Return a sentence without control characters, its middle left out if it is endless."""
+    text = printable(text)
+    if len(text) <= MAX_SENTENCE:
+        return text
+    half = MAX_SENTENCE // 2
+    return f"{text[:half]} ... ({len(text) - 2 * half} characters left out) ... {text[-half:]}"
+
 
 class UsbldrError(Exception):
     """A fault that the user is told in one sentence, without a traceback."""
@@ -13,12 +31,12 @@ class UsbldrError(Exception):
 
     def __init__(self, text: str, *, path: Path | str | None = None, topic: str = "") -> None:
         """Take the sentence, without the file or folder that it begins with, and the topic that is at fault."""
-        super().__init__(text)
-        self.text, self.path, self.topic = text, path, topic
+        self.text, self.path, self.topic = sentence(text), path, topic
+        super().__init__(self.text)
 
     def __str__(self) -> str:
         """Return the sentence as a user gets it."""
-        return self.text if self.path is None else f"{self.path}: {self.text}"
+        return self.text if self.path is None else f"{printable(str(self.path))}: {self.text}"
 
     def text_beside(self, path: Path) -> str:
         """Return the sentence for a place that has already named ``path``."""

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+from usbldr.filters.errors import sentence
+
 Level: TypeAlias = Literal["error", "warning", "info"]
 
 FINDING_LEVELS: Mapping[str, Level] = {
@@ -50,3 +52,4 @@ class Finding:
     def __post_init__(self) -> None:
         level = "error" if self.lost_data else FINDING_LEVELS.get(self.code, "warning")
         object.__setattr__(self, "level", level)
+        object.__setattr__(self, "text", sentence(self.text))

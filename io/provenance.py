@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias
 
+from usbldr.filters.errors import sentence
+
 ChosenBy: TypeAlias = Literal[
     "configuration", "option", "type", "frame_id", "column names", "values", "records", "data", "model", "default"
 ]
@@ -63,6 +65,10 @@ class Convention:
     unit: str = ""
     note: str = ""  # details for people: a frame_id, a model, how many records
     of: str = ""  # "": the sensor itself; else what it counts from: "ship", "head"
+
+    def __post_init__(self) -> None:
+        """Keep control characters of names in the log from terminals."""
+        object.__setattr__(self, "note", sentence(self.note))
 
 
 NO_CONVENTION = Convention("", "", "default")

@@ -4,6 +4,7 @@ A field path is the name that `rostopic echo -p` gives, with dots throughout: "h
 "twist.covariance.0". A new format is one class with these methods and one line in detect.FORMATS.
 """
 
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,10 +14,12 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from usbldr.filters.errors import printable, sentence
 from usbldr.io.findings import Finding
 
 Nanoseconds: TypeAlias = NDArray[np.int64]  # (n,) since 1970, never through float64
 Column: TypeAlias = NDArray[Any]  # (n,) int64, float64, bool or str, as the message has it
+MAX_NAME = 250  # [characters] of a topic or type as users see it
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +34,10 @@ class TopicInfo:
     last_ns: int | None
     fields: tuple[str, ...] = ()  # field paths, an array by its bare name
     problem: str = ""  # why its messages cannot be read; reported only if the topic is wanted
+
+    def __post_init__(self) -> None:
+        """Keep the problem to one sentence."""
+        object.__setattr__(self, "problem", sentence(self.problem))
 
     @property
     def span_s(self) -> float:
@@ -80,6 +87,14 @@ class Reader(Protocol):
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in the data read so far."""
         ...
+
+
+def name_of(text: str) -> str:
+    """Return a topic or type as users see it: without control characters, and shortened if it is endless."""
+    text = printable(text)
+    if len(text) <= MAX_NAME:
+        return text
+    return f"{text[:MAX_NAME]}...{zlib.crc32(text.encode(errors='replace')):08x}"  # long names stay different
 
 
 def utc(time_ns: int) -> str:

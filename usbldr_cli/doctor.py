@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import CheckError
+from usbldr.filters.errors import CheckError, printable
 from usbldr_cli.options.log_options import log_options, read_request
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def doctor(log: str, as_json: bool, **selection: Any) -> int:
 
 
 def _text(found: "Examination") -> str:
-    lines = [f"{found.path}: {found.format}", f"configuration: {found.configuration or 'none'}", ""]
+    lines = [f"{printable(str(found.path))}: {found.format}", f"configuration: {found.configuration or 'none'}", ""]
     lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.findings]
     counts = {level: sum(d.level == level for d in found.findings) for level in ("error", "warning", "info")}
     total = ", ".join(

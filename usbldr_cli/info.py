@@ -48,6 +48,7 @@ def _survey(log: str, request: "Request") -> "Survey":
 
 
 def _text(found: "Survey", all_topics: bool) -> str:
+    from usbldr.filters.errors import printable
     from usbldr.io.provenance import convention_text
     from usbldr.io.reader import utc
 
@@ -71,7 +72,7 @@ def _text(found: "Survey", all_topics: bool) -> str:
         lines += ["", f"cannot be replayed as is: {found.fault}"]
     elif not found.roles:
         lines += ["", "no topic is a sensor that usbldr knows"]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _truth(log: "Log") -> list[str]:

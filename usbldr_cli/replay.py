@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, UsageError, printable
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import log_options, request_and_inputs
 from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
@@ -90,7 +90,7 @@ def replay(
     log = open_log(selection["log"], request, choices.seed)
     lost = [finding.text for finding in log.findings if finding.lost_data]
     for finding in log.findings:
-        click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
+        click.echo(f"usbldr: {printable(log.path.name)}: {finding.text} [{finding.code}]", err=True)
     if strict and lost:
         raise LogError(lost[0])
     require(log, chosen.sensors)
@@ -101,7 +101,7 @@ def replay(
     found = resolve(log, dive_timeline, method, settings)
     warnings = convention_warnings(log, dive_timeline)
     for finding in warnings:
-        click.echo(f"usbldr: {log.path.name}: {finding.text} [{finding.code}]", err=True)
+        click.echo(f"usbldr: {printable(log.path.name)}: {finding.text} [{finding.code}]", err=True)
     log = replace(log, findings=(*log.findings, *warnings))
     if write_calibration is not None:
         _refuse_without_errors(chosen, found)

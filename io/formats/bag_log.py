@@ -16,7 +16,7 @@ from usbldr.io.formats.bag_records import BagScan
 from usbldr.io.formats.counts import count_findings, lost_messages
 from usbldr.io.formats.decompression import unread_text
 from usbldr.io.formats.files import opened
-from usbldr.io.reader import Records, TopicInfo, utc
+from usbldr.io.reader import Records, TopicInfo, name_of, utc
 
 
 class BagLog:
@@ -42,7 +42,7 @@ class BagLog:
             scan = BagScan(file, self.path.stat().st_size)
             for record in scan:
                 if isinstance(record, Connection):
-                    key = (record.topic, record.type)
+                    key = (name_of(record.topic), name_of(record.type))
                     if key not in streams:
                         decoders.add_topic()
                         decoder = decoders.of(record.type, record.definition, "ros1", "ros1msg")
@@ -62,7 +62,7 @@ class BagLog:
         with opened(self.path) as file:
             for record in BagScan(file, self.path.stat().st_size):
                 if isinstance(record, Connection):
-                    connections[record.number] = (record.topic, record.type)
+                    connections[record.number] = (name_of(record.topic), name_of(record.type))
                 elif record.connection in connections:
                     yield connections[record.connection], record.time_ns, record.data
 

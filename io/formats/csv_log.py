@@ -28,7 +28,7 @@ from usbldr.io.formats.csv_text import (
     text_files,
 )
 from usbldr.io.messages.registry import FRAMES
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.reader import Records, TopicInfo, name_of
 
 ADVICE = "name them with the key columns in the sensor's section of usbldr.toml"
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
@@ -87,9 +87,9 @@ class CsvLog:
     def _topics_of(self, file: Path) -> Mapping[str, CsvSource]:
         header = tuple(raw_header(file))
         if "sensor" not in map(plain, header):
-            return {"/" + file.stem.replace("__", "/"): CsvSource(file, header)}
+            return {"/" + name_of(file.stem.replace("__", "/")): CsvSource(file, header)}
         sensors = dict.fromkeys(self._table(file).columns["sensor"])
-        return {"/" + sensor.lstrip("/"): CsvSource(file, header, sensor) for sensor in sensors if sensor}
+        return {"/" + name_of(sensor.lstrip("/")): CsvSource(file, header, sensor) for sensor in sensors if sensor}
 
     @cached_property
     def _sheets(self) -> Mapping[str, Sheet | None]:

@@ -29,7 +29,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.formats.decompression import DAMAGE, unpacked_message
 from usbldr.io.formats.files import opened
 from usbldr.io.limits import CHUNK_BYTES, RAISE, TooLargeError, UnpackingBudget, limit
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.reader import Records, TopicInfo, name_of
 
 WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
 ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no CDR begins like this
@@ -114,7 +114,10 @@ class Db3Log:
             have = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
             encoding = "serialization_format" if "serialization_format" in have else "'cdr'"  # the first rosbag2
             rows = database.execute(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
-        return [(int(number), (str(name), str(kind)), str(how or "cdr")) for number, name, kind, how in rows]
+        return [
+            (int(number), (name_of(str(name)), name_of(str(kind))), str(how or "cdr"))
+            for number, name, kind, how in rows
+        ]
 
     @cached_property
     def _streams(self) -> dict[TopicType, Stream]:

@@ -29,7 +29,7 @@ from usbldr.io.formats.decompression import unread_text
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index, with_schemas
 from usbldr.io.formats.mcap_records import McapMessage, McapScan
-from usbldr.io.reader import Records, TopicInfo, utc
+from usbldr.io.reader import Records, TopicInfo, name_of, utc
 
 
 class McapLog:
@@ -118,7 +118,7 @@ class McapLog:
             self._schemas[record.id] = record
             return
         schema = self._schemas.get(record.schema_id)
-        key = (record.topic, schema.name if schema else "")
+        key = (name_of(record.topic), name_of(schema.name) if schema else "")
         if key not in self._known:
             self._decoders.add_topic()
             self._known[key] = Stream(*key, record.message_encoding, self._decoder(record, schema))

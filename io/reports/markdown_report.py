@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from usbldr.filters.errors import printable
 from usbldr.io.provenance import convention_text
 from usbldr.io.reader import utc
 from usbldr.io.reports.report_json import Run
@@ -24,7 +25,7 @@ Picture = tuple[str, str]  # file name, caption
 def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     """Write report.md, which links to the figures beside it."""
     parts = [
-        f"# {run.label} on {run.log.path.name}",
+        f"# {plain(run.label)} on {plain(run.log.path.name)}",
         f"**{run.verdict}.**",
         labelled(context(run)),
     ]
@@ -37,12 +38,12 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     if run.without_fixes:
         parts += ["## Fixes left out", LEAVE_ONE_OUT_NOTE, markdown_table(leave_one_out_table(run))]
     if run.warnings:
-        parts += ["## Warnings", _bullets(run.warnings)]
+        parts += ["## Warnings", _bullets([plain(warning) for warning in run.warnings])]
     if pictures:
         parts += ["## Figures", *(f"{caption}:\n\n![{caption}]({name})" for name, caption in pictures)]
     parts += ["## How the log was read", _sensors(run)]
     if run.log.findings:
-        parts += ["## Findings", _bullets([f"`{finding.code}` {finding.text}" for finding in run.log.findings])]
+        parts += ["## Findings", _bullets([f"`{finding.code}` {plain(finding.text)}" for finding in run.log.findings])]
     parts += ["## How to read this", _bullets(_definitions(run))]
     (folder / "report.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
@@ -51,7 +52,7 @@ def _sensors(run: Run) -> str:
     rows = tuple(
         (
             role,
-            f"`{p.topic}`",
+            f"`{p.topic.replace('`', '')}`",
             p.type,
             f"{p.used} of {p.messages}",
             p.chosen_by,
@@ -90,14 +91,19 @@ def _definitions(run: Run) -> list[str]:
 def markdown_table(table: Table, numbers: bool = True) -> str:
     """Return a table as Markdown, with columns of numbers to the right."""
     rows = [(table.title, *table.heads), *table.rows]
-    lines = [[cell.replace("|", r"\|").replace("*", r"\*") for cell in row] for row in rows]
+    lines = [[plain(cell).replace("|", r"\|").replace("*", r"\*") for cell in row] for row in rows]
     lines.insert(1, ["---", *("---:" if numbers else "---" for _ in table.heads)])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+def plain(text: str) -> str:
+    """Return a text that shows as it is: names in a log may hold HTML, links, or characters that steer a terminal."""
+    return printable(text).replace("<", "&lt;").replace("](", r"]\(")
+
+
 def labelled(lines: Sequence[tuple[str, str]]) -> str:
     """Return labelled sentences as a list."""
-    return _bullets([f"**{label}**: {text}" for label, text in lines])
+    return _bullets([f"**{label}**: {plain(text)}" for label, text in lines])
 
 
 def _bullets(lines: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from usbldr.filters.errors import printable
 from usbldr.filters.evaluation.consistency import EXPECTED_COVERAGE, FixUpdates, SensorUpdates, consistency_text
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
@@ -38,7 +39,7 @@ class Table(NamedTuple):
 def context(run: Run) -> list[tuple[str, str]]:
     """Return what every number depends on: log, truth and its coverage, order of fixes, alignment."""
     length_s = float(run.timeline.time_s[-1])
-    lines = [("log", f"{run.log.path.name} ({run.log.format}), {length_s:.0f} s")]
+    lines = [("log", f"{printable(run.log.path.name)} ({run.log.format}), {length_s:.0f} s")]
     if run.configuration is not None and run.log.configuration is not None:
         lines.append(("settings", run.log.configuration.name))
     windows = run.identification.parameters.aid

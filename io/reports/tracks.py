@@ -11,6 +11,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.errors import printable
 from usbldr.filters.evaluation.consistency import sigmas
 from usbldr.filters.frames import heading_deg
 from usbldr.filters.models.calibration import estimated_errors
@@ -113,13 +114,13 @@ def write_kml(path: Path, name: str, trajectory: Trajectory, truth: Truth | None
     if truth is not None:
         lines.append((f"truth ({truth.kind})", "ff000000", _truth_lines(truth, origin)))
     placemarks = "".join(
-        f"<Placemark><name>{escape(label)}</name><Style><LineStyle><color>{colour}</color><width>2</width></LineStyle>"
+        f"<Placemark><name>{escape(printable(label))}</name><Style><LineStyle><color>{colour}</color><width>2</width></LineStyle>"
         f"</Style><MultiGeometry>{''.join(_kml_line(line) for line in parts)}</MultiGeometry></Placemark>\n"
         for label, colour, parts in lines
     )
     path.write_text(
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
-        f"<name>{escape(name)}</name>\n{placemarks}</Document></kml>\n",
+        f"<name>{escape(printable(name))}</name>\n{placemarks}</Document></kml>\n",
         encoding="utf-8",
     )
 
