@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import pandas as pd
@@ -24,6 +25,9 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 """Columns of each sensor's table; float64 but for ``valid`` (bool); sorted by time_s; NaN = unknown."""
 
 
+MAX_UNREAD = 3  # [topics] that a sentence names
+
+
 @dataclass(frozen=True, slots=True)
 class Log:
     """One dive. Tables have the COLUMNS of their sensor; a sensor that is absent has no table."""
@@ -41,6 +45,7 @@ class Log:
     settings: Configuration = Configuration()  # its content
     findings: tuple[Finding, ...] = ()
     raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if requested
+    unread: Mapping[str, str] = field(default_factory=dict[str, str])  # topic -> why it cannot be read
 
     def convention(self, role: str, key: str) -> Convention:
         """Return by which convention a sensor was read, NO_CONVENTION if unknown."""
@@ -50,7 +55,8 @@ class Log:
 def missing_sensor_text(log: Log, role: str) -> str:
     """Return a sentence that a log has no records of a sensor, which sensors it has, and how to add one."""
     have = ", ".join(log.tables) or "none"
+    unread = "".join(f"; {topic} cannot be read: {why}" for topic, why in islice(log.unread.items(), MAX_UNREAD))
     return (
         f"no {role} data (sensors in this log: {have}); name its topic by --{role} TOPIC, "
-        "or add the file that holds it by --with FILE"
+        f"or add the file that holds it by --with FILE{unread}"
     )

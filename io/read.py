@@ -137,6 +137,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         configuration=opened.file,
         settings=configuration,
         findings=(*reader.findings(), *roles.findings, *shifted, *findings),
+        unread={topic.name: topic.problem for topic in topics if topic.problem},
         raws={} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES},
     )
     return without_implausible(log)

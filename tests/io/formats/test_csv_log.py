@@ -34,9 +34,7 @@ def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> Non
     }
     assert topics["/dvl"].count == 2
     assert (topics["/dvl"].first_ns, topics["/dvl"].last_ns) == (T0 + 5, T0 + 7)
-    assert topics["/events"].problem == (
-        "its columns match no sensor (when, what); name them with the key columns in the sensor's section of usbldr.toml"
-    )
+    assert topics["/events"].problem.startswith("its columns match no sensor (when, what); name them")
 
 
 def test_columns_come_in_order_of_arrival_and_to_the_nanosecond(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from recordings import SECOND, T0, Row, short_dive, twist, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
+from usbldr.io.read import read_log, require
 
 TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
 
@@ -258,3 +259,12 @@ def test_messages_that_metadata_counts_and_the_parts_lack_are_reported(tmp_path:
     (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
     assert finding.text == "1 of 33 messages in metadata.yaml are missing"
     assert finding.lost_data
+
+
+def test_an_encoding_that_is_not_read_is_named_if_its_sensor_is_missing(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
+        database.execute("UPDATE topics SET serialization_format = 'wrong' WHERE name = '/dvl'")
+
+    with pytest.raises(LogError, match=r"no dvl data .*; /dvl cannot be read: encoding wrong is not supported, only"):
+        require(read_log(folder), ["dvl"])
