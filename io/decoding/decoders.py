@@ -13,9 +13,11 @@ from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, 
 from usbldr.io.decoding.definitions import Definitions
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.findings import Finding
-from usbldr.io.reader import Nanoseconds, Records, TopicInfo
+from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 TopicType: TypeAlias = tuple[str, str]  # topic and type
+BATCH_MESSAGES = 1 << 14  # [messages] decoded at once: enough for the speed of NumPy
+BATCH_BYTES = 1 << 24  # [bytes] the same, of large messages
 StreamMessage: TypeAlias = tuple[
     TopicType, int, bytes | memoryview
 ]  # and log time, ns since 1970; payload, valid until the next
@@ -132,24 +134,64 @@ def decode_topics(
 
     ``messages`` may hold more than is wanted; only the payloads of the wanted topics are stored.
     """
-    chosen = {key: _decoder(log, streams[key]) for key in chosen_streams(streams, wanted)}
-    collected = {key: (list[int](), list[bytes]()) for key in chosen}  # log times, payloads
+    chosen = {key: _Batches(_decoder(log, streams[key]), wanted[key[0]]) for key in chosen_streams(streams, wanted)}
     for key, time_ns, data in messages:
-        rows = collected.get(key)
-        if rows is not None:
-            rows[0].append(time_ns)
-            rows[1].append(bytes(data))
+        batches = chosen.get(key)
+        if batches is not None:
+            batches.add(time_ns, data)
     records: dict[str, Records] = {}
     unfit: dict[str, Finding] = {}
-    for key, decoder in chosen.items():
-        paths = wanted[key[0]]
-        times, payloads = collected.pop(key)
-        read = concatenated(_pieces(decoder, payloads, paths), paths)
+    for key, batches in chosen.items():
+        records[key[0]] = batches.records()
+        if batches.unfit:
+            unfit[key[0]] = _unfit(streams[key], batches)
+    return records, unfit
+
+
+class _Batches:
+    """The messages of a topic, decoded a batch at a time, so that their bytes need not be kept."""
+
+    def __init__(self, decoder: Decoder, paths: Sequence[str]) -> None:
+        self._decoder, self._paths = decoder, tuple(dict.fromkeys(paths))
+        self._times, self._payloads, self._size = list[int](), list[bytes](), 0
+        self._received = list[Nanoseconds]()
+        self._columns: dict[str, list[Column]] = {path: [] for path in paths}
+        self.unfit = 0  # number of messages that do not match their definition
+        self.unfit_heads: set[int] = set()  # the second bytes of those
+
+    def add(self, time_ns: int, data: bytes | memoryview) -> None:
+        """Add a message with its log time."""
+        self._times.append(time_ns)
+        self._payloads.append(bytes(data))
+        self._size += len(data)
+        if self._size > BATCH_BYTES or len(self._times) >= BATCH_MESSAGES:
+            self._decode()
+
+    def _decode(self) -> None:
+        times, payloads = np.array(self._times, dtype=np.int64), self._payloads
+        self._times, self._payloads, self._size = [], [], 0
+        read = concatenated(_pieces(self._decoder, payloads, self._paths), self._paths)
         if len(read.rows) < len(times):
             missing = np.delete(np.arange(len(times)), read.rows).tolist()
-            unfit[key[0]] = _unfit(streams[key], [payloads[row] for row in missing])
-        records[key[0]] = _in_order(np.array(times, dtype=np.int64), read)
-    return records, unfit
+            self.unfit += len(missing)
+            self.unfit_heads |= {p[1] for p in map(payloads.__getitem__, missing) if len(p) > 1 and p[0] == 0}
+        if len(read.rows):
+            order = np.argsort(read.rows)
+            self._received.append(times[read.rows[order]])
+            for path in self._paths:
+                self._columns[path].append(read.columns[path][order])
+
+    def records(self) -> Records:
+        """Return the messages in the order of log time, and those of equal time in the order of the file."""
+        self._decode()
+        received = np.concatenate([np.empty(0, dtype=np.int64), *self._received])
+        in_order = bool(np.all(received[1:] >= received[:-1]))
+        order = None if in_order else np.argsort(received, kind="stable")
+        columns: dict[str, Column] = {}
+        for path in self._paths:  # one after the other: only one of them is in memory twice
+            whole = np.concatenate(self._columns.pop(path, []) or [np.empty(0)])
+            columns[path] = whole if order is None else whole[order]
+        return Records(received if order is None else received[order], columns)
 
 
 def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -> Sequence[DecodedRows]:
@@ -162,12 +204,12 @@ FOREIGN_CDR: Mapping[int, str] = {2: "PL_CDR", 3: "PL_CDR", **dict.fromkeys((6, 
 """Encodings other than plain CDR by the second byte of a message (OMG DDS-XTypes 1.3, 7.6.3.1.2)."""
 
 
-def _unfit(stream: Stream, payloads: Sequence[bytes]) -> Finding:
+def _unfit(stream: Stream, batches: _Batches) -> Finding:
     """Report that messages did not match their definition, and whether another encoding is the reason."""
-    heads = {payload[1] for payload in payloads if len(payload) > 1 and payload[0] == 0}
-    foreign = sorted({FOREIGN_CDR[head] for head in heads if head in FOREIGN_CDR}) if stream.encoding == "cdr" else []
+    heads = batches.unfit_heads & FOREIGN_CDR.keys() if stream.encoding == "cdr" else set[int]()
+    foreign = sorted({FOREIGN_CDR[head] for head in heads})
     why = f": they are in {' and '.join(foreign)}, not plain CDR" if foreign else ""
-    text = f"{stream.topic}: {len(payloads)} messages do not match their definition in the file{why}"
+    text = f"{stream.topic}: {batches.unfit} messages do not match their definition in the file{why}"
     return Finding("UNDECODED", text, stream.topic, lost_data=True)
 
 
@@ -175,10 +217,3 @@ def _decoder(log: Path, stream: Stream) -> Decoder:
     if isinstance(stream.decoder, str):
         raise LogError(f"{stream.topic} cannot be read: {stream.decoder}", path=log)
     return stream.decoder
-
-
-def _in_order(received_ns: Nanoseconds, read: DecodedRows) -> Records:
-    """Return the rows in the order of log time, and rows of equal time in the order of the file."""
-    order = np.lexsort((read.rows, received_ns[read.rows]))
-    columns = {path: column[order] for path, column in read.columns.items()}
-    return Records(received_ns[read.rows[order]], columns)

@@ -5,9 +5,11 @@ message is found without reading the others. The index is used as long as it agr
 and with the messages themselves.
 """
 
+import struct
+import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from io import BufferedReader
+from io import SEEK_END, BufferedReader
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -23,6 +25,11 @@ Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the messag
 MESSAGE = np.dtype(
     [("op", "u1"), ("size", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("time_ns", "<u8"), ("publish_ns", "<u8")]
 )
+
+
+FOOTER = struct.Struct("<BQQQI")  # opcode, length, places of summary and its offsets, checksum from there to here
+CHECKSUM_BYTES = 4  # fixed by the format
+MAGIC = b"\x89MCAP0\r\n"
 
 
 class IndexMismatchError(Exception):
@@ -56,7 +63,9 @@ class Index:
 def read_index(file: BufferedReader) -> Index:
     """Read the index; it is empty if the file has none, or an invalid one."""
     try:
-        summary = make_reader(file).get_summary()
+        sound = _summary_is_sound(file)
+        file.seek(0)
+        summary = make_reader(file).get_summary() if sound else None
     except (*DAMAGE, OSError):  # an OSError: the file is shorter than a footer
         summary = None
     if summary is None:
@@ -77,6 +86,17 @@ def read_index(file: BufferedReader) -> Index:
     if summaries is not None and not _agrees(summaries, summary):
         summaries = None
     return Index(summary.schemas, summary.channels, chunks, inside, summaries)
+
+
+def _summary_is_sound(file: BufferedReader) -> bool:
+    """Return whether the summary has the checksum that the footer states, or none is stated."""
+    file.seek(-FOOTER.size - len(MAGIC), SEEK_END)
+    end = file.tell() + FOOTER.size - CHECKSUM_BYTES
+    _, _, start, _, checksum = FOOTER.unpack(file.read(FOOTER.size))
+    if not checksum or not 0 < start < end:
+        return not checksum
+    file.seek(start)
+    return zlib.crc32(file.read(end - start)) == checksum
 
 
 def with_schemas(index: Index, records: Iterable[object]) -> Index:

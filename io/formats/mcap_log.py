@@ -117,6 +117,8 @@ class McapLog:
         if isinstance(record, Schema):
             self._schemas[record.id] = record
             return
+        if record.id in self._keys:  # repeated, in a damaged summary perhaps otherwise
+            return
         schema = self._schemas.get(record.schema_id)
         key = (name_of(record.topic), name_of(schema.name) if schema else "")
         if key not in self._known:

@@ -99,16 +99,17 @@ def _read_events(events: Iterable[Any]) -> Metadata:
     parts: list[str] | None = None
     messages: int | None = None
     for event in events:
+        value = str(getattr(event, "value", ""))
         if isinstance(event, AliasEvent) or depth > METADATA_DEPTH:
             raise ValueError
         if depth == PARTS_DEPTH and isinstance(event, ScalarEvent) and key == "relative_file_paths":
-            parts = [*(parts or []), Path(str(event.value)).name]  # early rosbag2 wrote the folder before each
+            parts = [*(parts or []), Path(value).name]  # early rosbag2 wrote the folder before each
         if depth == PARTS_DEPTH - 1:  # keys and values by turns
             is_key = not is_key if isinstance(event, (ScalarEvent, CollectionStartEvent)) else is_key
             if isinstance(event, ScalarEvent) and is_key:
-                key = str(event.value)
+                key = value
             elif isinstance(event, ScalarEvent) and key == "message_count":
-                messages = int(event.value)
+                messages = int(value)
             elif isinstance(event, SequenceStartEvent) and key == "relative_file_paths":
                 parts = []
         depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)

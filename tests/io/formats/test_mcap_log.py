@@ -94,6 +94,15 @@ def test_chunks_without_a_wanted_message_are_not_looked_at(tmp_path: Path) -> No
     assert [finding.code for finding in log.findings()] == ["CHECKSUM"]
 
 
+def test_a_summary_with_a_wrong_checksum_is_not_used(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 4096)
+    whole = file.read_bytes()
+    at = whole.rindex(b"/dvl")  # in the summary; the data are compressed
+    file.write_bytes(whole[:at] + b"/dvk" + whole[at + 4 :])
+
+    assert {topic.name: topic.count for topic in McapLog(file).topics()} == {"/dvl": 1000, "/imu": 1000}
+
+
 @pytest.mark.parametrize("what", ["place", "time"])
 def test_a_wrong_index_is_not_used(tmp_path: Path, what: str) -> None:
     file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
