@@ -85,11 +85,11 @@ FORMATS: Mapping[str, Format] = {
     "mcap uncompressed": Format(
         lambda d: write_mcap(d / "a.mcap", dive(), CompressionType.NONE, True, 4096), True, True
     ),
-    "mcap unchunked": Format(lambda d: write_mcap(d / "a.mcap", dive(), CompressionType.NONE, False)),
+    "mcap unchunked": Format(lambda d: write_mcap(d / "a.mcap", dive(), CompressionType.NONE, False), False, True),
     "mcap unchunked, checksum": Format(lambda d: with_data_checksum(d / "a.mcap"), True, True),
-    "bag": Format(lambda d: write_bag(d / "a.bag", dive(), "none", 4096)),
-    "bag bz2": Format(lambda d: write_bag(d / "a.bag", dive(), "bz2", 4096)),
-    "bag lz4": Format(lambda d: write_bag(d / "a.bag", dive(), "lz4", 4096)),
+    "bag": Format(lambda d: write_bag(d / "a.bag", dive(), "none", 4096), False, True),
+    "bag bz2": Format(lambda d: write_bag(d / "a.bag", dive(), "bz2", 4096), True, True),
+    "bag lz4": Format(lambda d: write_bag(d / "a.bag", dive(), "lz4", 4096), False, True),
     "rosbag2": Format(lambda d: write_rosbag2(d / "a", dive()) / "a.db3"),
     "csv": Format(csv_file),
 }
