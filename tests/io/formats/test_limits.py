@@ -3,7 +3,6 @@
 The files are small: the limits are lowered to a hundredth, as --limits 0.01 does.
 """
 
-import bz2
 import json
 import os
 import sqlite3
@@ -14,13 +13,13 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import pytest
 import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from mcap.writer import Writer
 
-from recordings import FLOAT64, T0, TWIST, short_dive, write_mcap, write_rosbag2
+from recordings import FLOAT64, T0, short_dive, write_mcap, write_rosbag2
+from speed.bombs import bz2_of, in_bag, in_db3, in_mcap, lz4_of, zstd_of
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.decoders import decoder_of
 from usbldr.io.findings import Finding
@@ -32,63 +31,6 @@ from usbldr.io.settings.validation import read_document
 
 MB = 1 << 20
 CHUNK = 1_300_000  # [bytes] within the lowered limit of a chunk, 1.3 MB
-
-
-def bz2_of(size: int) -> bytes:
-    return bz2.compress(bytes(size))
-
-
-def lz4_of(size: int) -> bytes:
-    return bytes(lz4.frame.compress(bytes(size)))
-
-
-def zstd_of(size: int) -> bytes:
-    return zstandard.ZstdCompressor(19).compress(bytes(size))
-
-
-def in_mcap(file: Path, compression: str, chunks: list[tuple[int, bytes]]) -> Path:
-    """Write chunks with the size that each states."""
-    magic = b"\x89MCAP0\r\n"
-
-    def record(op: int, body: bytes) -> bytes:
-        return struct.pack("<BQ", op, len(body)) + body
-
-    name = compression.encode()
-    inside = b"".join(
-        record(6, struct.pack("<QQQII", 0, 1, size, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed)
-        for size, packed in chunks
-    )
-    file.write_bytes(magic + record(1, bytes(8)) + inside + record(15, bytes(4)) + record(2, bytes(20)) + magic)
-    return file
-
-
-def in_bag(file: Path, compression: str, chunks: list[tuple[int, bytes]]) -> Path:
-    def field(name: bytes, value: bytes) -> bytes:
-        return struct.pack("<I", len(name) + 1 + len(value)) + name + b"=" + value
-
-    def record(header: bytes, data: bytes) -> bytes:
-        return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
-
-    head = record(field(b"op", b"\3") + field(b"index_pos", bytes(8)), b"")
-    inside = b"".join(
-        record(
-            field(b"op", b"\5") + field(b"compression", compression.encode()) + field(b"size", struct.pack("<I", size)),
-            packed,
-        )
-        for size, packed in chunks
-    )
-    file.write_bytes(b"#ROSBAG V2.0\n" + head + inside)
-    return file
-
-
-def in_db3(file: Path, payloads: list[bytes], columns: str = "topic_id, timestamp, data") -> Path:
-    with closing(sqlite3.connect(file)) as database, database:
-        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)")
-        database.execute(f"CREATE TABLE messages(id INTEGER PRIMARY KEY, {columns})")
-        database.execute("INSERT INTO topics VALUES (1, '/dvl', ?, 'cdr')", (TWIST,))
-        rows = [(T0 + k, payload) for k, payload in enumerate(payloads)]
-        database.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", rows)
-    return file
 
 
 BOMBS: dict[str, Callable[[Path], Path]] = {
