@@ -72,7 +72,7 @@ def _pieces(compression: str, packed: memoryview, size: int) -> Iterator[bytes]:
     while left and not unpacker.eof and (at < len(packed) or not unpacker.needs_input):
         fed = packed[at : at + STEP] if unpacker.needs_input else b""
         at += len(fed)
-        piece = unpacker.decompress(fed, min(STEP, left))
+        piece = unpacker.decompress(fed, left)
         yield piece
         left -= len(piece)
 
