@@ -33,6 +33,7 @@ CONVENTION_TEXTS: Mapping[str, str] = {
     "heading_deg": "rotated by {}",
     "horizontal_range": "slant to horizontal range by {}",
     "latency_s": "latency {} subtracted",
+    "level": "turned level by {}",
     "lever_arm_m": "at {} starboard, forward, up of the antenna",
     "min_sd_m": "sd at least {}",
     "mount_deg": "mount {}",

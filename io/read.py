@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
-from usbldr.io.conventions import compass, dvl_depth, positions
+from usbldr.io.conventions import compass, dvl_depth, positions, tilt
 from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.dvl_depth import ConvertedTable
 from usbldr.io.conventions.implausible import without_implausible
@@ -265,6 +265,10 @@ def _converted(
             findings.append(depth)
         else:
             made["depth"] = depth
+    if "dvl" in made:
+        made["dvl"] = tilt.level_velocities(
+            made["dvl"], made.get("compass"), made.get("depth"), configuration.dvl.level
+        )
     if "usbl" in raws:
         depths = time_series(made["depth"], "depth", ["depth_m"]) if "depth" in made else None
         made["usbl"] = usbl(raws["usbl"], configuration.usbl, origin, FixContext(raws, made.get("compass"), depths))

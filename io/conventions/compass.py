@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.errors import SettingError, UsageError
-from usbldr.filters.types import Mask, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.timestamps import times_of
@@ -27,6 +27,7 @@ DEGREES = 1  # fixed: of its unit; 0: radians
 CLOCKWISE = 1  # fixed: of its orientation, from north; 0: counter-clockwise from east
 NEWTON_STEPS = 8  # from 30 degrees to far below a compass's resolution
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
+VERTICAL = ("vertical_starboard", "vertical_forward", "vertical_up")  # columns of a compass that knows its attitude
 MIN_CONSTANT_RECORDS = 100  # fewer may be equal by chance
 
 
@@ -67,6 +68,9 @@ def compass(
         ]
     sd, sd_chosen = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
+    if "qx" in raw.values:
+        vertical = _vertical(raw, "ENU" if chosen[0].value == "ENU" else "NED", section.bias_deg)
+        columns |= dict(zip(VERTICAL, vertical.T, strict=True))
     return keep_valid(converted_table(raw, times, columns, [*chosen, sd_chosen], findings), good)
 
 
@@ -129,6 +133,20 @@ def _yaw_deg(raw: RawRecords) -> tuple[Vector, dict[str, Mask]]:
         "zero quaternion": length < 0.5,
     }
     return yaw, causes
+
+
+def _vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:
+    """Return the direction of the vertical along starboard, forward, up of the vehicle, (n, 3), by the quaternions.
+
+    Their body is FLU in an ENU world, FRD in an NED one, and is turned clockwise from the bow by the bias.
+    """
+    x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
+    forward = 2 * (x * z - w * y) * (1 if convention == "ENU" else -1)
+    starboard, up = -2 * (y * z + w * x), w * w + z * z - x * x - y * y
+    c, s = np.cos(np.radians(bias_deg)), np.sin(np.radians(bias_deg))
+    turned = np.column_stack([starboard * c + forward * s, forward * c - starboard * s, up])
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    return turned / np.where(length > 0, length, np.nan)
 
 
 def _magnetometer(

@@ -63,6 +63,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     axes: str | None = None
     mount_deg: Degrees = 0.0
     unit: Literal["m/s", "cm/s", "mm/s", "km/h", "ft/s", "knots"] | None = None
+    level: bool | None = None
     scale_error: Annotated[float, Meta(ge=MIN_SCALE_ERROR, le=MAX_SCALE_ERROR)] = 0.0
     sound_speed_mps: SoundSpeed | None = None
     assumed_sound_speed_mps: SoundSpeed | None = None

@@ -1,0 +1,126 @@
+"""Tilted vehicles, whose attitude and velocity scipy turns: dead reckoning has to find the straight line they went."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from logs import logged
+from recordings import IMU, PRESSURE, SECOND, T0, Row, twist, write_mcap, yaw
+from usbldr.filters.errors import UsageError
+from usbldr.filters.replay.dead_reckoning import dr
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+from usbldr.io.timeline import timeline
+from usbldr.io.writers.export import export
+
+SECONDS, HEADING_DEG, ROLL_DEG = 200, 30.0, -8.0  # roll: port down
+END_M = SECONDS * np.array([np.sin(np.radians(HEADING_DEG)), np.cos(np.radians(HEADING_DEG))])
+
+
+def dive(
+    up_mps: float = 0.0,
+    pitch_deg: float = 25.0,
+    frame: str = "ENU",
+    mount_deg: float = 0.0,
+    levelled: bool = False,
+    depth: bool = True,
+) -> list[Row]:
+    """Go 1 m/s straight ahead over the ground, rising as given, with the bow up by the pitch; the DVL is noisy.
+
+    ``mount_deg``: heading of the IMU's x axis minus that of the bow, of an upright vehicle.
+    """
+    rng, rows = np.random.default_rng(3), list[Row]()
+    enu, ned = frame == "ENU", [np.cos(np.radians(HEADING_DEG)), np.sin(np.radians(HEADING_DEG)), -up_mps]
+    angles = (90.0 - HEADING_DEG, -pitch_deg, ROLL_DEG) if enu else (HEADING_DEG, pitch_deg, ROLL_DEG)
+    body = Rotation.from_euler("ZYX", angles, degrees=True)
+    level = Rotation.from_euler("Z", angles[0], degrees=True)
+    world = [ned[1], ned[0], up_mps] if enu else ned
+    imu = body * Rotation.from_euler("Z", -mount_deg if enu else mount_deg, degrees=True)
+    attitude = dict(zip("xyzw", imu.as_quat().tolist(), strict=True))
+    for k in range(5 * SECONDS + 1):
+        t = T0 + k * SECOND // 5
+        rows.append((t, "/imu", IMU, {"header.stamp": t} | {f"orientation.{a}": q for a, q in attitude.items()}))
+        x, y, z = (level if levelled else body).inv().apply(world) + 0.01 * rng.normal(size=3)
+        rows.append(twist(t, x, y, z))
+        if depth:
+            pascals = 101325.0 + 1025.0 * 9.80665 * (100.0 - up_mps * k / 5)
+            rows.append((t, "/pressure", PRESSURE, {"header.stamp": t, "fluid_pressure": pascals}))
+    return rows
+
+
+def settings(frame: str = "ENU", dvl: str = "") -> str:
+    axes = "FLU" if frame == "ENU" else "FRD"
+    return f'[compass]\nconvention = "{frame}"\n[dvl]\naxes = "{axes}"\n{dvl}\n'
+
+
+def end_m(log: Log) -> np.ndarray:
+    return dr(timeline(log), np.zeros(2)).position_m[-1]
+
+
+@pytest.mark.parametrize("frame", ["ENU", "NED"])
+@pytest.mark.parametrize("up_mps", [0.0, -0.4, 0.3])
+def test_a_tilted_vehicle_goes_as_far_as_a_level_one(tmp_path: Path, frame: str, up_mps: float) -> None:
+    log = logged(tmp_path, dive(up_mps, frame=frame), settings(frame))
+
+    assert end_m(log) == pytest.approx(END_M, abs=0.3)
+    assert log.tables["dvl"]["up_mps"].mean() == pytest.approx(up_mps, abs=0.005)
+    assert log.convention("dvl", "level").chosen_by == "data"
+
+
+def test_velocities_that_are_level_already_stay_so(tmp_path: Path) -> None:
+    log = logged(tmp_path, dive(-0.4, pitch_deg=-20.0, levelled=True), settings())
+
+    assert end_m(log) == pytest.approx(END_M, abs=0.3)
+    assert log.convention("dvl", "level").value == ""
+
+
+def test_without_a_depth_the_configuration_decides(tmp_path: Path) -> None:
+    rows = dive(depth=False)
+
+    as_recorded, told = (end_m(logged(tmp_path, rows, settings(dvl=key))) for key in ("", "level = true"))
+
+    assert told == pytest.approx(END_M, abs=0.3)
+    assert np.linalg.norm(as_recorded - END_M) > 15  # 200 m * (1 - cos 25 deg) and a roll
+
+
+def test_what_the_configuration_says_goes_before_the_depth(tmp_path: Path) -> None:
+    level = end_m(logged(tmp_path, dive(), settings(dvl="level = false")))
+
+    assert np.linalg.norm(level - END_M) > 15
+
+
+def test_an_imu_beside_the_bow_tilts_about_its_own_axes(tmp_path: Path) -> None:
+    """Its x axis points to starboard, so that the vehicle's pitch is its roll."""
+    log = logged(tmp_path, dive(mount_deg=90.0), settings().replace("[dvl]", "bias_deg = 90.0\n[dvl]"))
+
+    assert log.tables["dvl"]["up_mps"].mean() == pytest.approx(0.0, abs=0.005)
+    assert np.hypot(*log.tables["dvl"][["starboard_mps", "forward_mps"]].mean()) == pytest.approx(1.0, abs=0.005)
+
+
+def test_levelling_by_an_attitude_that_no_record_holds_is_a_sentence(tmp_path: Path) -> None:
+    heading = (T0, "/compass_hdg", "std_msgs/msg/Float64", {"data": 30.0})
+
+    with pytest.raises(UsageError, match=r"\[dvl\] level: no record of the compass holds an attitude"):
+        logged(tmp_path, [twist(T0, 1.0, 0.0), heading], "[dvl]\nlevel = true", {"compass": "/compass_hdg"})
+
+
+def test_an_upright_vehicle_moves_as_recorded(tmp_path: Path) -> None:
+    rows = [row for k in range(9) for row in (twist(T0 + k * SECOND, 1.0, 0.5, 0.1), yaw(T0 + k * SECOND, 30.0))]
+
+    turned, plain = (logged(tmp_path, rows, f"[dvl]\nlevel = {key}").tables["dvl"] for key in ("true", "false"))
+
+    np.testing.assert_allclose(turned.to_numpy(dtype=float), plain.to_numpy(dtype=float), atol=1e-12)
+
+
+def test_an_export_is_level_and_stays_so(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "dive.mcap", dive(-0.4))
+    (tmp_path / "usbldr.toml").write_text(settings(), encoding="utf-8")
+    log = read_log(tmp_path / "dive.mcap")
+
+    export(log, tmp_path / "out.mcap")
+    back = read_log(tmp_path / "out.mcap", Request())
+
+    back_dvl, dvl = (one.tables["dvl"].to_numpy(dtype=float) for one in (back, log))
+    np.testing.assert_allclose(back_dvl, dvl, atol=1e-9)
