@@ -73,4 +73,4 @@ class VelocityHistory:
         span_s = self._time_s[count - 1] - self._time_s[0]
         variance = np.maximum(square - mean**2, 0.0)  # not below 0 by rounding
         variance = (ASSUMED_FOR_S * ASSUMED_SD_MPS**2 + span_s * variance) / (ASSUMED_FOR_S + span_s)
-        return UsualVelocity(mean, np.sqrt(variance), 2 * variance / walk_mps**2)
+        return UsualVelocity(mean, np.sqrt(variance), 2 * variance / max(walk_mps**2, np.finfo(float).tiny))
