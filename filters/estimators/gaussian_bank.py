@@ -147,7 +147,7 @@ def apply_gain(bank: GaussianBank, cross: Array, g: Array, G: Array) -> Gaussian
     if len(g) == 1:
         c = cross[:, 0]
         return GaussianBank(bank.mean + c * g, bank.cov - (c[:, None] * c[None]) * G[0, 0], bank.log_weight)
-    loss = np.einsum("akn,kln,bln->abn", cross, G, cross, optimize=["einsum_path", (0, 1), (0, 1)])
+    loss = np.einsum("aln,bln->abn", np.einsum("akn,kln->aln", cross, G), cross)
     mean = bank.mean + np.einsum("akn,kn->an", cross, g)
     return GaussianBank(mean, bank.cov - 0.5 * (loss + loss.swapaxes(0, 1)), bank.log_weight)
 

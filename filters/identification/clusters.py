@@ -10,12 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import GaussianBank
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection, inverse_and_logdet
 from usbldr.filters.types import Array, Vector
 
 OFFSET_SD_M = 30.0  # each axis, by judgement: echoes lie metres to tens of metres away
 CLUSTER_S = 60.0  # mean duration, by judgement: the likelihood of a longer cluster falls slowly
 BETWEEN_S = 3600.0  # mean time between clusters, by judgement: they are rarer than single outliers
+FAR = 12.0  # [-] chi-square of two that 1 fix in 400 exceeds
+NEGLIGIBLE = 1e-4  # [-] weight of a hypothesis, as that below which the filters drop theirs
 
 
 class _Mixture(NamedTuple):
@@ -26,10 +28,25 @@ class _Mixture(NamedTuple):
     cov: Array  # (n, n, N)
 
 
-def both_hypotheses(mean: Array, cov: Array) -> GaussianBank:
-    """Return N members, mean (n, N) and covariance (n, n, N), as 2 N: first without an offset, then with one."""
-    weight = np.repeat([1.0, np.finfo(float).tiny], mean.shape[1])
-    return GaussianBank(np.tile(mean, 2), np.tile(cov, 2), np.log(weight))
+def far(projection: Projection, R: Array) -> bool:
+    """Return whether a fix lies so far from what a member predicts that it may begin a cluster.
+
+    For a nearer one the hypothesis of an offset would have a weight below NEGLIGIBLE. ``R`` (2, 2, N) or (2, 2, 1).
+    """
+    inverse, _ = inverse_and_logdet((projection.cov + R)[None])
+    e = projection.innovation
+    return bool((e * np.einsum("kln,ln->kn", inverse[0], e)).sum(axis=0).max() > FAR)
+
+
+def both_hypotheses(bank: GaussianBank) -> GaussianBank:
+    """Return N members as 2 N hypotheses: first without an offset, then with one, which has no weight yet."""
+    log_weight = np.repeat([0.0, np.log(np.finfo(float).tiny)], len(bank.log_weight))
+    return GaussianBank(np.tile(bank.mean, 2), np.tile(bank.cov, 2), log_weight)
+
+
+def negligible(bank: GaussianBank) -> bool:
+    """Return whether no member has an offset: of the 2 N hypotheses the last N have hardly any weight."""
+    return bool(np.split(bank.log_weight, 2)[1].max() < np.log(NEGLIGIBLE))
 
 
 def mixed(bank: GaussianBank, dt_s: float) -> GaussianBank:

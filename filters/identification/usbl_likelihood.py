@@ -16,10 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import Projection
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import collapse
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification import clusters
+from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Parameters
@@ -34,11 +35,11 @@ from usbldr.filters.replay.dead_reckoning import (
     velocity_mps,
 )
 from usbldr.filters.replay.prior import starting_fixes
-from usbldr.filters.types import Array, Mask, Timeline, Vector
+from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 LEVER, CLOCK = "dvl-lever", "dvl-clock"
-UNKNOWN_DIRECTION = 0.5  # fixed: variance of each axis of a unit vector in any direction
+BOTH_AXES = slice(0, 2)  # east and north of a fix
 CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
 KEYS: Mapping[str, tuple[str, ...]] = {
     "scale": STATES["scale"],
@@ -99,42 +100,91 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     """Run adf over the first MAX_FIXES fixes for each member."""
     about = sorted({(member.latency_s, member.clock_s) for member in members})
     logs = [_linearised(timeline, members[0].parameters, *point) for point in about]
-    group = np.array([about.index((member.latency_s, member.clock_s)) for member in members])
-    H = np.stack([log.measurement_matrix for log in logs], axis=3)
-    z = np.stack([log.residual_m for log in logs], axis=2)
     mean, cov = _start(timeline, members)
-    n, N = mean.shape
-    bank = clusters.both_hypotheses(mean, cov)
-    group = np.tile(group, 2)
-    fade, added = (np.tile(each, 2) for each in _between_fixes(timeline, members))
-    dt_s = np.diff(timeline.fix_time_s[: len(z)], prepend=0.0)
-    noise = BankNoise([m.parameters.usbl for m in members] * 2, [m.parameters.usbl_sd_scale for m in members] * 2)
-    counted = _dead_reckoned(timeline)
-    total, bias = np.zeros(N), [PASS_STATES.index(name) for name in BIAS_STATES]
-    for f in range(len(z)):
-        mean, cov = bank.mean.copy(), bank.cov.copy()
-        mean[bias] *= fade[f]
-        cov[bias] *= fade[f]
-        cov[:, bias] *= fade[f]
-        cov[range(n), range(n)] += added[f]
-        bank = clusters.mixed(bank._replace(mean=mean, cov=cov), dt_s[f])
-        modes = noise.modes(timeline.fix_cov_m2[f])
-        for axes in modes.blocks():
-            h = H[f, axes][:, :, group]
-            cross = np.einsum("ijm,ajm->iam", bank.cov, h)
-            projection = Projection(
-                z[f, axes][:, group] - np.einsum("aim,im->am", h, bank.mean),
-                np.einsum("aim,ibm->abm", h, cross),
-                cross,
-            )
-            bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
-            bank, log_l = clusters.reweighted(bank, log_l)
-            total += counted[f] * log_l
-    bank = clusters.members(bank)
-    sd = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
-    return FixLikelihoods(
-        total, dict(zip(PASS_STATES, bank.mean, strict=True)), dict(zip(PASS_STATES, sd, strict=True))
+    rows = np.flatnonzero(np.einsum("iim->im", cov).any(axis=1) | np.isin(PASS_STATES, OFFSET_STATES))
+    used = [PASS_STATES[row] for row in rows]
+    measured = _Fixes(
+        np.stack([log.residual_m for log in logs], axis=2),
+        np.stack([log.measurement_matrix[:, :, rows] for log in logs], axis=3),
+        np.array([about.index((member.latency_s, member.clock_s)) for member in members]),
     )
+    time_s = timeline.fix_time_s[:MAX_FIXES]
+    motion = _motion(timeline, members, slice(used.index(BIAS_STATES[0]), used.index(BIAS_STATES[-1]) + 1))
+    noise = [
+        BankNoise([m.parameters.usbl for m in members] * n, [m.parameters.usbl_sd_scale for m in members] * n)
+        for n in (1, 2)
+    ]
+    dt_s = np.diff(time_s, prepend=0.0)
+    counted = has_dead_reckoning(timeline, time_s)
+    N, total = len(members), np.zeros(len(members))
+    bank = GaussianBank(mean[rows], cov[np.ix_(rows, rows)], np.zeros(N))
+    for f, R in enumerate(timeline.fix_cov_m2[:MAX_FIXES]):
+        bank = motion.predicted(bank, f)
+        modes, doubled = noise[0].modes(R), len(bank.log_weight) > N
+        projection = None if doubled else measured.projection(bank, f, BOTH_AXES)
+        if projection is None or clusters.far(projection, modes.cov[0]):
+            bank = clusters.mixed(bank if doubled else clusters.both_hypotheses(bank), dt_s[f])
+            modes, doubled, projection = noise[1].modes(R), True, None
+        for axes in modes.blocks():
+            if projection is None or axes != BOTH_AXES:
+                projection = measured.projection(bank, f, axes)
+            bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
+            if doubled:
+                bank, log_l = clusters.reweighted(bank, log_l)
+            total += counted[f] * log_l
+        if doubled and clusters.negligible(bank):
+            bank = clusters.members(bank)
+    bank = clusters.members(bank) if len(bank.log_weight) > N else bank
+    after = np.zeros((2, len(PASS_STATES), N))
+    after[0, rows] = bank.mean
+    after[1, rows] = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
+    return FixLikelihoods(total, *(dict(zip(PASS_STATES, each, strict=True)) for each in after))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fixes:
+    """F fixes minus dead reckoning, for N members that share G linearisations."""
+
+    residual_m: Array  # (F, 2, G)
+    measurement_matrix: Array  # (F, 2, n, G)
+    group: Indices  # (N,) linearisation of each member
+
+    def projection(self, bank: GaussianBank, f: int, axes: slice) -> Projection:
+        """Return these axes of a fix as the N members, or their 2 N hypotheses, predict it."""
+        group = self.group if len(bank.log_weight) == len(self.group) else np.tile(self.group, 2)
+        h = self.measurement_matrix[f, axes][:, :, group]
+        cross = np.einsum("ijm,ajm->iam", bank.cov, h)
+        innovation = self.residual_m[f, axes][:, group] - np.einsum("aim,im->am", h, bank.mean)
+        return Projection(innovation, np.einsum("aim,ibm->abm", h, cross), cross)
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """What changes from fix to fix for N members: the correlated error decays, dead reckoning drifts."""
+
+    bias: slice  # rows of the correlated error
+    changes: Array  # (3, F, N) decay of the correlated error, then the variances added to it and to the position
+
+    def predicted(self, bank: GaussianBank, f: int) -> GaussianBank:
+        """Return the bank of N members, or of their 2 N hypotheses, at fix f."""
+        times = len(bank.log_weight) // self.changes.shape[2]
+        fade, bias_m2, drift_m2 = np.tile(self.changes[:, f], times)
+        mean, cov = bank.mean.copy(), bank.cov.copy()
+        mean[self.bias] *= fade
+        cov[self.bias] *= fade
+        cov[:, self.bias] *= fade
+        for rows, added in ((range(2), drift_m2), (range(self.bias.start, self.bias.stop), bias_m2)):
+            cov[rows, rows] += added
+        return bank._replace(mean=mean, cov=cov)
+
+
+def _motion(timeline: Timeline, members: Sequence[Member], bias: slice) -> _Motion:
+    every, time_s = [member.parameters for member in members], timeline.fix_time_s[:MAX_FIXES]
+    dt_s = np.maximum(np.diff(time_s, prepend=0.0), 0.0)[:, None]
+    fade = np.exp(-dt_s / np.array([p.errors.usbl_bias_s for p in every]))
+    bias_m2 = (1 - fade**2) * np.array([p.errors.usbl_bias_m for p in every]) ** 2
+    scaled = ["scale" in member.present for member in members]
+    return _Motion(bias, np.stack([fade, bias_m2, drift_variances_m2(timeline, time_s, every, scaled)]))
 
 
 def _linearised(timeline: Timeline, parameters: Parameters, latency_s: float, clock_s: float) -> _Linearised:
@@ -204,52 +254,3 @@ def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]
     mean = np.zeros_like(sd)
     mean[:2] = position[:, None]
     return mean, np.einsum("ik,km,jk->ijm", T, sd**2, T)
-
-
-def _dead_reckoned(timeline: Timeline) -> Mask:
-    """Return which fixes have dead reckoning: in an outage of DVL or compass the vehicle's motion looks like noise."""
-    t = timeline.fix_time_s[:MAX_FIXES]
-    silent = [(t > gap.start_s) & (t <= gap.end_s) for gap in timeline.outages if gap.sensor in ("dvl", "compass")]
-    return ~np.any([np.zeros(len(t), dtype=np.bool_), *silent], axis=0)
-
-
-def _between_fixes(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:
-    """Return the decay of the correlated error from fix to fix, (F, N), and the process noise, (F, n, N)."""
-    t = timeline.fix_time_s[:MAX_FIXES]
-    dt_s = np.maximum(np.diff(t, prepend=0.0), 0.0)[:, None]
-    every = [member.parameters for member in members]
-    process, errors = [p.process for p in every], [p.errors for p in every]
-
-    dvl_rows = np.flatnonzero(timeline.dvl_count)
-    dvl_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
-    spacing_s = np.diff(dvl_s)
-    R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
-    noise_m2, gap_s3 = _between(t, dvl_s, R * spacing_s**2), _between(t, dvl_s, spacing_s**3 / 3)
-
-    yaw_s = timeline.time_s[timeline.yaw_count > 0]
-    moved_m2 = np.sum(np.diff(interpolate(timeline, displacement_m(timeline), yaw_s), axis=0) ** 2, axis=1)
-    # a random walk of the turn rate q, interpolated over s seconds: the integral of yaw has the variance q^2 s^5 / 120
-    turned = np.minimum(process[0].turn_rate_radps ** 2 * np.diff(yaw_s) ** 3 / 120, UNKNOWN_DIRECTION)
-    noise_m2 += _between(t, yaw_s, moved_m2 * turned)
-    # of the modes, what grows with R: records that contamination stands for do not enter dead reckoning
-    dvl = BankNoise([p.dvl for p in every], [p.dvl_sd_scale for p in every])
-    variance_factor = (dvl.probabilities * dvl.gain).sum(axis=0)
-    added = np.zeros((len(t), len(PASS_STATES), len(members)))
-    walk_m2 = [
-        q.position_m**2 + (0.0 if "scale" in member.present else q.uncalibrated_m**2)
-        for q, member in zip(process, members, strict=True)
-    ]
-    added[:, :2] = (dt_s * walk_m2 + noise_m2 * variance_factor + gap_s3 * [q.velocity_mps**2 for q in process])[
-        :, None
-    ]
-    T, c0 = (np.array([getattr(e, name) for e in errors]) for name in ("usbl_bias_s", "usbl_bias_m"))
-    fade = np.exp(-dt_s / T)
-    for name in BIAS_STATES:
-        added[:, PASS_STATES.index(name)] = (1 - fade**2) * c0**2
-    return fade, added
-
-
-def _between(t: Vector, edges_s: Vector, gained: Vector) -> Array:
-    """Return what is gained from each time to the next, (F, 1), of a quantity that grows linearly between edges."""
-    total = np.interp(t, edges_s, np.append(0.0, np.cumsum(gained)))
-    return np.diff(total, prepend=0.0)[:, None]

@@ -52,8 +52,8 @@ def test_clusters_begin_and_end_at_the_stated_rates() -> None:
 
 def test_a_fix_that_may_begin_a_cluster_has_the_density_of_the_mixture() -> None:
     sd_m, z = 2.0, np.array([12.0, -5.0])
-    bank = clusters.both_hypotheses(np.zeros((4, 1)), np.diag([sd_m**2, sd_m**2, 0.0, 0.0])[:, :, None])
-    bank = clusters.mixed(bank, 1.0)
+    one = GaussianBank(np.zeros((4, 1)), np.diag([sd_m**2, sd_m**2, 0.0, 0.0])[:, :, None], np.zeros(1))
+    bank = clusters.mixed(clusters.both_hypotheses(one), 1.0)
 
     H = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1.0]])
     log_l = np.array(
