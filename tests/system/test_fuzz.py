@@ -146,7 +146,8 @@ def test_any_bit_flipped_is_no_traceback(target: Target) -> None:
         checked = target.kind in ("mcap zstd", "mcap lz4", "mcap uncompressed", "mcap without summary", "bag bz2")
         if log is not None and checked and "dvl" in log.tables:
             forward = log.tables["dvl"]["forward_mps"].to_numpy()
-            assert set(forward) <= set(np.arange(120) / 64) | {0.5}, f"case {case}"
+            said = any(finding.code == "CHECKSUM" for finding in log.findings)
+            assert said or set(forward) <= set(np.arange(120) / 64) | {0.5}, f"case {case}"
 
 
 def test_a_stretch_of_nonsense_is_no_traceback(target: Target) -> None:
