@@ -132,7 +132,7 @@ def _configuration(
     sections["truth"] = {"topic": '"none"'}
     if log.truth is not None:
         sections["truth"] = {"kind": f'"{log.truth.kind}"', "max_gap_s": repr(float(log.truth.max_gap_s))}
-        sections["truth"] |= _lever(log.truth.lever_m)
+        sections["truth"] |= _lever(log.truth.lever_m) if any(log.truth.lever_m) else {}
         if "truth" in written.tables and "truth" not in conventions:
             sections["truth"] |= {"topic": '"/truth"'}
         if "truth" not in written.tables and (skipped := _skipped(log)):
