@@ -79,6 +79,20 @@ def test_the_search_climbs_where_the_likelihood_is_not_even_concave() -> None:
     assert found.converged
 
 
+@pytest.mark.parametrize("ripple", [0.5, 2.0, 5.0])
+@pytest.mark.parametrize("start", [6.0, -5.0, 3.3])
+def test_the_search_passes_local_maxima_of_a_likelihood_that_is_not_smooth(ripple: float, start: float) -> None:
+    found = maximise(
+        lambda points: np.array([-2 * float(p @ p) + ripple * math.sin(40 * p[0]) for p in points]),
+        np.array([0.0]),
+        np.array([100.0]),
+        np.array([start]),
+    )
+
+    assert abs(found.point[0]) <= math.sqrt(ripple)  # every point further away is worse than every point near 0
+    assert found.converged
+
+
 def test_velocities_are_as_likely_as_their_joint_normal_density() -> None:
     line = parked(count=5)
     members = [
