@@ -17,6 +17,7 @@ from usbldr.io.reports.report_text import (
     influence_table,
     leave_one_out_table,
     method_table,
+    order_text,
 )
 
 Picture = tuple[str, str]  # file name, caption
@@ -84,7 +85,7 @@ def _definitions(run: Run) -> list[str]:
     if run.order == "validity":
         lines.append("Fixes were used at their time of validity, as in post-processing; a vehicle receives them later.")
     else:
-        lines.append("Each estimate uses only the fixes that had arrived by then, as on board a vehicle.")
+        lines.append(f"Fixes were {order_text(run)}.")
     return lines
 
 

@@ -36,6 +36,14 @@ class Table(NamedTuple):
     rows: tuple[tuple[str, ...], ...]
 
 
+def order_text(run: Run) -> str:
+    """Return when fixes were used, and if numbers of the run know later ones."""
+    text = ORDERS[run.order]
+    if run.order == "arrival" and (run.identification.evidence or run.identification.noise_changes):
+        return f"{text}; noise and sensor errors were identified from the whole log, later fixes included"
+    return text
+
+
 def context(run: Run) -> list[tuple[str, str]]:
     """Return what every number depends on: log, truth and its coverage, order of fixes, alignment."""
     length_s = float(run.timeline.time_s[-1])
@@ -46,7 +54,7 @@ def context(run: Run) -> list[tuple[str, str]]:
     aid = [("aid", aid_text(windows))] if windows else []
     report = run.scored.report
     if report is None:
-        return [*lines, ("truth", "none"), *aid, ("fixes", ORDERS[run.order])]
+        return [*lines, ("truth", "none"), *aid, ("fixes", order_text(run))]
     m = report.matching
     share = f"{m.matched} of {m.candidates} epochs ({100 * m.matched / m.candidates:.0f} % of the run)"
     lines.append(("truth", f"{TRUTHS.get(report.truth_kind, report.truth_kind)}: {report.truth_source}"))
@@ -54,7 +62,7 @@ def context(run: Run) -> list[tuple[str, str]]:
     if report.window != Window():
         lines.append(("window", window_text(report.window)))
     lines += aid
-    lines.append(("fixes", ORDERS[run.order]))
+    lines.append(("fixes", order_text(run)))
     lines.append(("alignment", report.alignment.sentence))
     return lines
 
@@ -204,7 +212,7 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             if fixed := fixed_errors_text(evidence):
                 lines.append(("corrected", fixed))
         if changes := run.identification.noise_changes:
-            lines.append(("noise", f"estimated from the log: {noise_changes_text(changes)}"))
+            lines.append(("noise", f"estimated from the whole log: {noise_changes_text(changes)}"))
         if report.surfacing is not None:
             mean_m, percent = report.surfacing
             share = "" if percent is None else f", {percent:.2f} % of the distance travelled"

@@ -152,3 +152,13 @@ def test_the_configuration_is_parsed_once(dive: Path, monkeypatch: pytest.Monkey
 
     assert done.exit_code == 0
     assert texts == [(dive.parent / "paper.usbldr.toml").read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize(("calibrate", "knows_later"), [("auto", True), ("none", False)])
+def test_a_run_by_arrival_says_if_it_was_identified_from_the_whole_log(
+    dive: Path, calibrate: str, knows_later: bool
+) -> None:
+    said = replay(dive, "-f", "ekf", "--end", "120", "--calibrate", calibrate, "--order", "arrival").output
+
+    report = (dive.parent / "run" / "report.md").read_text()
+    assert ("later fixes included" in " ".join(said.split())) == ("later fixes included" in report) == knows_later
