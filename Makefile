@@ -6,7 +6,9 @@ USBLDR ?= $(BIN)/usbldr
 SAMPLES ?= sample_logs
 SEEDS ?= 20
 
-.PHONY: demo test fuzz lint check sample_logs paper field drills logs clean
+KERNEL := $(wildcard filters/kernel/*.c filters/kernel/*.h)
+
+.PHONY: demo test fuzz lint check sanitize sample_logs paper field drills logs clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -21,6 +23,14 @@ test: $(VENV)/installed-dev
 # damaged files of every format by the hundred
 fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -q -n auto --dist worksteal -m slow
+
+# the tests of the kernel with checks of every access and every operation of undefined result; then the usual kernel again
+SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=undefined -g -O1
+sanitize: $(VENV)/installed-dev
+	CFLAGS="$(SANITIZERS)" LDFLAGS="$(SANITIZERS)" $(BIN)/pip install --quiet --disable-pip-version-check -e .
+	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" ASAN_OPTIONS=detect_leaks=0 \
+		$(BIN)/pytest -q tests/filters/estimators/test_compiled.py; \
+	result=$$?; $(BIN)/pip install --quiet --disable-pip-version-check -e .; exit $$result
 
 check: $(VENV)/installed
 	$(USBLDR) check sample_logs/baseline.toml
@@ -62,11 +72,11 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "usbldr needs Python 3.11 or newer: make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/installed: $(VENV)/bin/python pyproject.toml
+$(VENV)/installed: $(VENV)/bin/python pyproject.toml $(KERNEL)
 	$(BIN)/pip install --quiet --disable-pip-version-check -e .
 	touch $@
 
-$(VENV)/installed-dev: $(VENV)/bin/python pyproject.toml
+$(VENV)/installed-dev: $(VENV)/bin/python pyproject.toml $(KERNEL)
 	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[dev]'
 	touch $@ $(VENV)/installed
 

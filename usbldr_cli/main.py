@@ -19,6 +19,7 @@ COMMANDS = {
     "simulate": "Write a simulated log with its truth.",
 }
 """One line per command; its function is in the module of the same name, which is imported when it is called."""
+VERBOSE = "usbldr.verbose"
 
 
 class LazyGroup(click.Group):
@@ -41,8 +42,34 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
+def print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Print the version, and with -v what the filters run on."""
+    if not asked:
+        return
+    from usbldr import __version__
+
+    click.echo(f"usbldr, version {__version__}")
+    if ctx.meta.get(VERBOSE):
+        from usbldr.filters.kernel import KERNEL  # imports NumPy
+
+        click.echo(f"filters: NumPy; {KERNEL.reason}" if KERNEL.reason else f"filters: compiled kernel, {KERNEL.name}")
+    ctx.exit()
+
+
+def note_verbose(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Keep -v for `print_version`."""
+    ctx.meta[VERBOSE] = asked
+
+
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="usbldr", prog_name="usbldr")
+@click.option("-v", "verbose", is_flag=True, is_eager=True, expose_value=False, callback=note_verbose, hidden=True)
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    callback=print_version,
+    help="Print the version; with -v also whether the filters run in the compiled kernel.",
+)
 def cli() -> None:
     """Replay underwater vehicle logs through navigation filters and measure them against GPS.
 

@@ -4,7 +4,7 @@ Beliefs are immutable, so a driver may keep them, go back to one and run forward
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -17,6 +17,17 @@ from usbldr.filters.types import Array, Reacquisition, Update, Vector
 MakeRng = Callable[[], np.random.Generator]
 """Makes the generator of one step from seed and epoch, so that a repeated step gives the same numbers.
 It takes 33 microseconds; filters without random numbers do not call it."""
+
+
+class SeededRng(NamedTuple):
+    """Makes the generator of an epoch."""
+
+    seed: int
+    epoch: int
+
+    def __call__(self) -> np.random.Generator:
+        """Return the generator, always with the same numbers."""
+        return np.random.default_rng((self.seed, self.epoch))
 
 
 class Step(NamedTuple):
@@ -65,6 +76,30 @@ class Filter(Protocol[Belief]):
     def estimate(self, belief: Belief) -> Estimate:
         """Return mean, covariance and the updates of the step."""
         ...
+
+
+@runtime_checkable
+class SpanFilter(Filter[Belief], Protocol[Belief]):
+    """A filter that runs many steps at once faster than one by one."""
+
+    def span(
+        self, belief: Belief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
+    ) -> tuple[Belief, list[Estimate]]:
+        """Return the belief after the last step, and the estimate after each."""
+        ...
+
+
+def run_span(
+    estimator: Filter[Belief], belief: Belief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
+) -> tuple[Belief, list[Estimate]]:
+    """Run a filter over steps; return the belief after the last, and the estimate after each."""
+    if isinstance(estimator, SpanFilter):
+        return estimator.span(belief, steps, make_rngs)
+    estimates: list[Estimate] = []
+    for step, make_rng in zip(steps, make_rngs, strict=True):
+        belief = estimator.step(belief, step, make_rng)
+        estimates.append(estimator.estimate(belief))
+    return belief, estimates
 
 
 def measurement_update(measurement: Measurement, projection: Projection, weight: Vector, rejected: bool) -> Update:

@@ -132,15 +132,20 @@ class VehicleMotion:
             factor = np.full(2, math.exp(-dt_s / self.errors.usbl_bias_s))
             yield slice(bias[0], bias[-1] + 1), GaussMarkovIncrement(bias, factor, np.zeros(2))
 
-    def noise(self, t0_s: float, t1_s: float) -> Vector:
-        """Return the variances that the random walks and the Gauss-Markov processes add over the step, (n,)."""
-        q, errors, dt_s = self.process, self.errors, t1_s - t0_s
+    def walk_variance_per_s(self) -> Vector:
+        """Return the variance that the random walk of each state gains in a second, (n,)."""
+        q, errors = self.process, self.errors
         position_m = q.position_m if self.layout.existing("dvl_scale") else math.hypot(q.position_m, q.uncalibrated_m)
         per_second = {"psi": q.yaw_rad, "u": q.velocity_mps, "v": q.velocity_mps, "r": q.turn_rate_radps}
         per_second |= {"x": position_m, "y": position_m, "heading_bias": errors.heading_walk_rad}
         per_second |= {"current_east": errors.current_walk_mps, "current_north": errors.current_walk_mps}
-        variance = np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names]) * dt_s
-        if usual := self.history.in_gap(t0_s, q.velocity_mps):
+        return np.array([per_second.get(name, 0.0) ** 2 for name in self.layout.names])
+
+    def noise(self, t0_s: float, t1_s: float) -> Vector:
+        """Return the variances that the random walks and the Gauss-Markov processes add over the step, (n,)."""
+        errors, dt_s = self.errors, t1_s - t0_s
+        variance = self.walk_variance_per_s() * dt_s
+        if usual := self.history.in_gap(t0_s, self.process.velocity_mps):
             variance[list(self.layout.rows("u", "v"))] = usual.added_variance(dt_s)
         bias = list(self.layout.existing("usbl_bias_east", "usbl_bias_north"))
         variance[bias] = -math.expm1(-2 * dt_s / errors.usbl_bias_s) * errors.usbl_bias_m**2

@@ -87,6 +87,10 @@ class Unscented:
 
     kappa: float | None = None  # None: 3 - n, Julier's choice for a Gaussian
 
+    def scale(self, n: int) -> float:
+        """Return n + kappa, the squared distance of the points from the mean."""
+        return 3.0 if self.kappa is None else n + self.kappa
+
     def __call__(self, g: StateFunction, m: Array, P: Array) -> TransformedMoments:
         """Return the moments by weighted points."""
         if g.rows is not None:
@@ -94,7 +98,7 @@ class Unscented:
         base = g.predict(m)
         if not g.nonlinear:
             return TransformedMoments(base, *_linear_moments(P, g.linear, g.jacobian(m)))
-        scale = 3.0 if self.kappa is None else len(m) + self.kappa  # n + kappa
+        scale = self.scale(len(m))
         if YAW not in g.nonlinear:
             return _by_points(g, m, P, base, scale)
         unknown_yaw = scale * P[YAW, YAW] > MAX_POINT_OFFSET_RAD**2

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.estimators.compiled import compiled
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
@@ -123,7 +124,7 @@ def make_estimator(
     """Return the filter of a method, with its hypotheses if it has them; raise UsageError for what it cannot do."""
     _check_settings(method, settings, calibrate)
     assert method.build is not None  # it is a filter
-    estimator = method.build(motion, settings)
+    estimator = compiled(method.build(motion, settings))
     guarded = method.multiple_hypotheses_by_default if settings.guard is None else settings.guard
     return MultiHypothesisFilter(estimator, motion) if guarded else estimator
 

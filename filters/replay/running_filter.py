@@ -1,12 +1,9 @@
 """A filter while it runs: its belief, and the steps of the last seconds that it can go back behind."""
 
-import functools
 from collections import deque
 from typing import Any
 
-import numpy as np
-
-from usbldr.filters.estimators.protocol import Estimate, Filter, Prior, Step
+from usbldr.filters.estimators.protocol import Estimate, Filter, Prior, SeededRng, Step
 
 MAX_FIX_DELAY_S = 10.0  # later fixes are not used
 
@@ -22,9 +19,7 @@ class RunningFilter:
 
     def advance(self, step: Step) -> Estimate:
         """Run a step and return the estimate after it; a step that fails leaves the filter as it was."""
-        belief = self.estimator.step(
-            self._belief, step, functools.partial(np.random.default_rng, (self.seed, step.epoch))
-        )
+        belief = self.estimator.step(self._belief, step, SeededRng(self.seed, step.epoch))
         self._before.append(self._belief)
         self.steps.append(step)
         self._belief = belief

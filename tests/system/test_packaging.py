@@ -1,6 +1,7 @@
 """What setuptools, the type checker and a user's first import find of this checkout."""
 
 import ast
+import os
 import subprocess
 import sys
 import tomllib
@@ -9,6 +10,7 @@ from pathlib import Path
 import usbldr
 import usbldr.filters
 import usbldr.io
+from commands import output_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
@@ -43,6 +45,14 @@ def test_the_type_checker_sees_every_file_of_the_public_package() -> None:
 def test_python_started_in_the_checkout_finds_the_package_and_its_command_line() -> None:
     version = python("-c", "import usbldr, usbldr.io.read; print(usbldr.__version__)")
     assert python("-m", "usbldr", "--version") == f"usbldr, version {version}"
+
+
+def test_the_version_tells_what_the_filters_run_on() -> None:
+    environment = {**os.environ, "USBLDR_KERNEL": "numpy"}
+    command = [sys.executable, "-m", "usbldr", "--version", "-v"]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.splitlines()
+    assert told == [f"usbldr, version {usbldr.__version__}", "filters: NumPy; USBLDR_KERNEL=numpy"]
+    assert output_of("-v", "--version").splitlines()[1].startswith("filters: ")
 
 
 def test_importing_the_package_loads_nothing_heavy() -> None:

@@ -1,0 +1,192 @@
+"""Steps and measurements as the bytes that the compiled kernel reads: the structures of kernel/layout.h.
+
+A function of the state is coded by its kind, its numbers, and the states that it depends on, nonlinear ones first.
+"""
+
+import math
+import struct
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.noise import Noise
+from usbldr.filters.models.sensors import (
+    BodyVelocity,
+    DeviatingCompass,
+    DirectState,
+    Measurement,
+    ScaledVelocity,
+    UsblFix,
+)
+from usbldr.filters.models.sigma_points import StateFunction
+from usbldr.filters.models.states import MOTION_STATES, StateLayout
+
+MAX_STATES, MAX_MODES, MAX_COLUMNS = 24, 9, 10  # fixed: as in layout.h
+ARGUMENTS = (
+    *MOTION_STATES,
+    "dvl_scale",
+    "dvl_mount",
+    "current_east",
+    "current_north",
+    "usbl_latency",
+    "usbl_bias_east",
+    "usbl_bias_north",
+    "heading_bias",
+    "deviation_sin",
+    "deviation_cos",
+)
+"""The states that a function may depend on, in the order of layout.h."""
+SELECTED, VELOCITY, COMPASS, FIX = range(4)  # kinds of functions, as in layout.h
+FUNCTION = struct.Struct(f"=4d4i{2 * MAX_COLUMNS}i4i")
+READING_END = struct.Struct("=2d2i")
+STEP = struct.Struct("=7d4Q4I4i")
+FILTER = struct.Struct(f"=2d{MAX_STATES}d2d6i")
+POSITION_AXES = ("position", "east", "north")
+
+
+class EncodedStep(NamedTuple):
+    """A step as the kernel reads it, and the measurements that its records are of."""
+
+    step: bytes
+    readings: bytes
+    parts: tuple[Measurement, ...]  # one for each reading
+    counts: tuple[int, ...]  # how many parts each measurement has
+
+
+class Encoder:
+    """Codes steps for one motion model; models and noises that come again are coded once."""
+
+    def __init__(self, motion: VehicleMotion) -> None:
+        self.motion = motion
+        self._known: dict[int, tuple[Any, bytes]] = {}  # by identity; the value keeps it alive
+
+    def step(self, step: Any, words: Sequence[int] | None, state: Sequence[int]) -> EncodedStep:
+        """Return a step; ``words`` seed its generator, or else it has the state of one that exists."""
+        parts: list[Measurement] = []
+        counts: list[int] = []
+        for measurement in step.measurements:
+            of_one = measurement.parts()
+            parts += of_one
+            counts.append(len(of_one))
+        dt_s = step.t1_s - step.t0_s
+        gap = self.motion.history.in_gap(step.t0_s, self.motion.process.velocity_mps) if dt_s else None
+        velocity = (0.0,) * 6
+        if gap is not None:
+            velocity = (*gap.remaining(dt_s), *gap.mean_mps, *gap.added_variance(dt_s))
+        seeds = words if words is not None else (0, 0, 0, 0)
+        packed = STEP.pack(dt_s, *velocity, *state, *seeds, words is not None, gap is not None, len(parts), 0)
+        return EncodedStep(packed, b"".join(map(self._reading, parts)), tuple(parts), tuple(counts))
+
+    def _reading(self, part: Measurement) -> bytes:
+        z = part.z.tolist()
+        end = READING_END.pack(z[0], z[-1], len(part.noise.probabilities), part.axis in POSITION_AXES)
+        return self._of(part.model, part.bilinear) + self._of(part.noise) + end
+
+    def _of(self, value: Any, bilinear: bool = False) -> bytes:
+        if (known := self._known.get(id(value))) is not None:
+            return known[1]
+        coded = noise_bytes(value) if isinstance(value, Noise) else function_bytes(value, self.motion.layout, bilinear)
+        if len(self._known) > 4096:  # fixed: bounds the memory; every fix has a model of its own
+            self._known.clear()
+        self._known[id(value)] = (value, coded)
+        return coded
+
+
+def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> bytes:
+    """Return the code of a measurement model; raises TypeError for one that the kernel does not know."""
+    nonlinear, linear = tuple(g.nonlinear), tuple(g.linear)
+    if g.rows is not None:
+        rows = tuple(range(g.rows.start, g.rows.stop))
+        return _function(SELECTED, len(rows), (), rows, layout, angle=isinstance(g, DirectState) and g.angle)
+    if isinstance(g, BodyVelocity):
+        starboard, forward = g.arm_m
+        axis_row = g.velocity_rows[g.axis]
+        # without an angle error each axis depends on its own velocity and one component of the lever arm
+        unused = () if g.mount_row is not None else (g.velocity_rows[1 - g.axis],)
+        if g.mount_row is None and not (starboard if g.axis else forward):
+            unused = (*unused, g.rate_row)
+        assert axis_row in linear
+        linear = tuple(row for row in linear if row not in unused)
+        return _function(VELOCITY, 1, nonlinear, linear, layout, (0.0, starboard, forward), g.axis, bilinear=bilinear)
+    if isinstance(g, ScaledVelocity):
+        axis = g.velocity_row - layout.index("u")
+        return _function(VELOCITY, 1, nonlinear, linear, layout, axis=axis, bilinear=bilinear)
+    if isinstance(g, DeviatingCompass):
+        return _function(COMPASS, 1, nonlinear, linear, layout, angle=True, bilinear=bilinear)
+    if isinstance(g, UsblFix):
+        numbers = (g.offset_s, *g.lever_m[:2])
+        return _function(FIX, len(g.axes), nonlinear, linear, g.layout, numbers, g.axes[0], bilinear=bilinear)
+    raise TypeError(f"the kernel has no code for {type(g).__name__}")
+
+
+def _function(
+    kind: int,
+    k: int,
+    nonlinear: Sequence[int],
+    linear: Sequence[int],
+    layout: StateLayout,
+    numbers: Sequence[float] = (),
+    axis: int = 0,
+    angle: bool = False,
+    bilinear: bool = False,
+) -> bytes:
+    rows = (*nonlinear, *linear)
+    arguments = [ARGUMENTS.index(layout.names[row]) for row in rows]
+    none = [0] * (MAX_COLUMNS - len(rows))
+    numbers = (*numbers, *[0.0] * (4 - len(numbers)))
+    uses = sum(1 << argument for argument in arguments)
+    counts = (kind, k, len(nonlinear), len(rows))
+    return FUNCTION.pack(*numbers, *counts, *arguments, *none, *rows, *none, axis, angle, bilinear, uses)
+
+
+def noise_bytes(noise: Noise) -> bytes:
+    """Return the code of J modes of one or two scalars."""
+    J, k = noise.cov.shape[:2]
+    table = np.zeros((MAX_MODES, 6))
+    table[:J, 0] = noise.probabilities
+    with np.errstate(divide="ignore"):
+        table[:J, 1] = np.log(noise.probabilities)
+    table[:J, 2], table[:J, 4] = noise.cov[:, 0, 0], noise.cov[:, k - 1, k - 1]
+    if k == 2:
+        table[:J, 3] = noise.cov[:, 0, 1]
+    table[:J, 5] = noise.is_nominal
+    parts = (table[:, 0], table[:, 1], table[:, 2:5], table[:, 5])
+    return b"".join(part.tobytes() for part in parts)
+
+
+def filter_bytes(
+    motion: VehicleMotion,
+    scale: float,
+    update: int,
+    particles: int = 1,
+    resample_below: float = 0.0,
+    move_steps: int = 0,
+) -> bytes:
+    """Return the code of a filter: its motion, sigma points, and how it updates (an index of layout.h)."""
+    n, errors = len(motion.layout), motion.errors
+    walk = motion.walk_variance_per_s().tolist()
+    bias = motion.layout.existing("usbl_bias_east")
+    walk += [0.0] * (MAX_STATES - n)
+    bias_row = bias[0] if bias else -1
+    numbers = (scale, resample_below, *walk, errors.usbl_bias_s, errors.usbl_bias_m**2)
+    return FILTER.pack(*numbers, n, particles, update, move_steps, bias_row, 0)
+
+
+def seed_words(seed: int, epoch: int) -> tuple[int, ...] | None:
+    """Return the four words of 32 bits that seed the generator of an epoch; None if there are more."""
+    words: list[int] = []
+    for number in (seed, epoch):
+        count = max(1, math.ceil(number.bit_length() / 32))
+        words += [number >> 32 * i & 0xFFFFFFFF for i in range(count)]
+    return None if len(words) > 4 else (*words, *[0] * (4 - len(words)))
+
+
+def generator_state(rng: np.random.Generator) -> tuple[int, ...]:
+    """Return state and increment of a PCG64, in words of 64 bits; raises TypeError for another generator."""
+    made = rng.bit_generator.state
+    if made["bit_generator"] != "PCG64":
+        raise TypeError("the kernel draws from PCG64, NumPy's default")
+    both = made["state"]["state"], made["state"]["inc"]
+    return tuple(number >> shift & 0xFFFFFFFFFFFFFFFF for number in both for shift in (64, 0))

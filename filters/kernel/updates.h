@@ -1,0 +1,218 @@
+/* Prediction of W Gaussians, the likelihoods of the noise modes, and the three ways to update with them. */
+#include "gaussians.h"
+
+/* x' = x + d: P' = P + cov(x, d) + cov(d, x) + cov(d, d), for the rows that d changes. */
+INLINE void increment(const Function *g, int n, double scale, const int *rows, double *b) {
+    Moments d;
+    int k = g->k;
+    moments(g, n, scale, b, &d);
+    for (int j = 0; j < k; j++) {
+        AT(b, rows[j]) = AT(b, rows[j]) + d.value[j];
+        for (int i = 0; i < n; i++)
+            if (i != rows[0] && i != rows[k - 1]) AT(b, at(n, i, rows[j])) = AT(b, at(n, i, rows[j])) + d.cross[i][j];
+        for (int l = 0; l <= j; l++)
+            AT(b, at(n, rows[j], rows[l])) =
+                AT(b, at(n, rows[j], rows[l])) + (d.cross[rows[j]][l] + d.cross[rows[l]][j] + d.cov[j][l]);
+    }
+}
+
+INLINE Function motion(int kind, int k, int nonlinear, int columns, const int *arguments, const int *rows) {
+    Function g = {{0}, kind, k, nonlinear, columns, {0}, {0}, 0, 0, 0, 0};
+    for (int q = 0; q < columns; q++) g.argument[q] = arguments[q], g.row[q] = rows[q], g.uses |= 1 << arguments[q];
+    return g;
+}
+
+/* m- = f(m), P- = F P F' + Q: half a turn, the displacement, half a turn, the decays (motion.py). */
+INLINE void predict(const Filter *f, const Step *step, int n, double *b) {
+    double dt = step->dt_s, scale = f->scale;
+    const int psi[] = {PSI}, rate[] = {R}, path[] = {PSI, U, V_FORWARD}, place[] = {X, Y}, speed[] = {U, V_FORWARD};
+    Function turn = motion(TURN, 1, 0, 1, rate, rate), displacement = motion(DISPLACEMENT, 2, 1, 3, path, path);
+    turn.number[0] = dt / 2, displacement.number[0] = dt;
+    increment(&turn, n, scale, psi, b);
+    increment(&displacement, n, scale, place, b);
+    increment(&turn, n, scale, psi, b);
+    if (step->gap) {
+        Function relax = motion(DECAY, 2, 0, 2, speed, speed);
+        for (int j = 0; j < 2; j++) relax.number[j] = step->remaining[j], relax.number[2 + j] = step->usual_mps[j];
+        increment(&relax, n, scale, speed, b);
+    }
+    if (f->bias_row >= 0) {
+        const int bias[] = {BIAS_EAST, BIAS_NORTH}, rows[] = {f->bias_row, f->bias_row + 1};
+        Function decay = motion(DECAY, 2, 0, 2, bias, rows);
+        decay.number[0] = decay.number[1] = exp(-dt / f->bias_s);
+        increment(&decay, n, scale, rows, b);
+    }
+    for (int i = 0; i < n; i++) {
+        double added = f->walk[i] * dt;
+        if (step->gap && (i == U || i == V_FORWARD)) added = step->added_m2ps2[i - U];
+        if (f->bias_row >= 0 && (i == f->bias_row || i == f->bias_row + 1))
+            added = -expm1(-2 * dt / f->bias_s) * f->bias_m2;
+        AT(b, at(n, i, i)) = AT(b, at(n, i, i)) + added;
+    }
+}
+
+/* Innovation and its moments: e = z - E g(x), H P H', P H'. */
+INLINE void project(const Filter *f, const Reading *reading, int n, const double *b, Moments *out) {
+    moments(&reading->g, n, f->scale, b, out);
+    for (int j = 0; j < reading->g.k; j++) out->value[j] = difference(&reading->g, all(reading->z[j]), out->value[j]);
+}
+
+/* Inverse (xx, xy, yy) of H P H' + R, and the log of its determinant if asked for. */
+INLINE void inverse_of(const Moments *p, int k, V xx, V xy, V yy, V inverse[3], V *logdet) {
+    if (k == 1) {
+        V S = p->cov[0][0] + xx;
+        inverse[0] = 1.0 / S;
+        if (logdet) *logdet = logarithm(S);
+        return;
+    }
+    V a = p->cov[0][0] + xx, c = p->cov[0][1] + xy, d = p->cov[1][1] + yy, det = a * d - c * c;
+    inverse[0] = d / det, inverse[1] = -c / det, inverse[2] = a / det;
+    if (logdet) *logdet = logarithm(det);
+}
+
+INLINE void scaled_by(const V inverse[3], const V *e, int k, V *out) { /* S^-1 e */
+    if (k == 1) {
+        out[0] = inverse[0] * e[0];
+        return;
+    }
+    out[0] = inverse[0] * e[0] + inverse[1] * e[1], out[1] = inverse[1] * e[0] + inverse[2] * e[1];
+}
+
+/* The noise that an update uses: all modes of the reading, or one with the covariance of the mixture. */
+typedef struct {
+    int modes;
+    const double *probability, *log_probability;
+    const double (*R)[3];
+    double one[2], mixture[1][3]; /* 1 and log 1; sum eps_j R_j */
+} Noise;
+
+INLINE void noise_of(const Reading *reading, int matched, Noise *out) {
+    out->one[0] = 1.0, out->one[1] = 0.0;
+    for (int i = 0; i < 3; i++) {
+        out->mixture[0][i] = 0.0;
+        for (int j = 0; j < reading->modes; j++) out->mixture[0][i] += reading->probability[j] * reading->R[j][i];
+    }
+    out->modes = matched ? 1 : reading->modes;
+    out->probability = matched ? out->one : reading->probability;
+    out->log_probability = matched ? out->one + 1 : reading->log_probability;
+    out->R = matched ? out->mixture : reading->R;
+}
+
+/* Posterior probabilities p_j of the modes, and the predictive log likelihood: log sum eps_j N(e; 0, S_j). */
+INLINE V likelihoods(const Moments *p, const Noise *noise, int k, V *probability) {
+    V log_joint[MAX_MODES], top = all(-INFINITY), sum = all(0.0);
+    for (int j = 0; j < noise->modes; j++) {
+        V inverse[3], scaled[2], logdet, distance;
+        inverse_of(p, k, all(noise->R[j][0]), all(noise->R[j][1]), all(noise->R[j][2]), inverse, &logdet);
+        scaled_by(inverse, p->value, k, scaled);
+        distance = scaled[0] * p->value[0];
+        if (k == 2) distance = distance + scaled[1] * p->value[1];
+        log_joint[j] = (noise->log_probability[j] - 0.5 * k * 1.8378770664093453) - 0.5 * (logdet + distance);
+        top = pick(less(top, log_joint[j]), log_joint[j], top);
+    }
+    if (noise->modes == 1) {
+        probability[0] = all(1.0);
+        return log_joint[0];
+    }
+    for (int j = 0; j < noise->modes; j++) {
+        probability[j] = exponential(log_joint[j] - top);
+        sum = sum + probability[j];
+    }
+    V inverse = 1.0 / sum;
+    for (int j = 0; j < noise->modes; j++) probability[j] = probability[j] * inverse;
+    return top + logarithm(sum);
+}
+
+/* g, the score of the predictive likelihood, and G, its negative curvature: see apply_gain in gaussian_bank.py. */
+typedef struct {
+    V g[2], G[3];
+} Gain;
+
+/* The gain of one R for each particle: S^-1 e and S^-1. */
+INLINE void kalman_gain(const Moments *p, int k, V xx, V xy, V yy, Gain *out) {
+    inverse_of(p, k, xx, xy, yy, out->G, 0);
+    scaled_by(out->G, p->value, k, out->g);
+}
+
+/* The gain of the whole mixture: sum p_j S_j^-1 e, sum p_j (S_j^-1 - S_j^-1 e e' S_j^-1) + g g' (Masreliez). */
+INLINE void collapsed_gain(const Moments *p, const Noise *noise, int k, const V *probability, Gain *out) {
+    for (int i = 0; i < 3; i++) out->G[i] = all(0.0);
+    out->g[0] = out->g[1] = all(0.0);
+    for (int j = 0; j < noise->modes; j++) {
+        Gain one;
+        kalman_gain(p, k, all(noise->R[j][0]), all(noise->R[j][1]), all(noise->R[j][2]), &one);
+        V w = probability[j];
+        for (int i = 0; i < k; i++) out->g[i] = out->g[i] + w * one.g[i];
+        out->G[0] = out->G[0] + w * (one.G[0] - one.g[0] * one.g[0]);
+        if (k == 1) continue;
+        out->G[1] = out->G[1] + w * (one.G[1] - one.g[0] * one.g[1]);
+        out->G[2] = out->G[2] + w * (one.G[2] - one.g[1] * one.g[1]);
+    }
+    out->G[0] = out->G[0] + out->g[0] * out->g[0];
+    if (k == 1) return;
+    out->G[1] = out->G[1] + out->g[0] * out->g[1], out->G[2] = out->G[2] + out->g[1] * out->g[1];
+}
+
+INLINE void move_mean(const Moments *p, int n, int k, const Gain *gain, double *b) { /* m + P H' g */
+    for (int i = 0; i < n; i++) {
+        V moved = p->cross[i][0] * gain->g[0];
+        if (k == 2) moved = moved + p->cross[i][1] * gain->g[1];
+        AT(b, i) = AT(b, i) + moved;
+    }
+}
+
+INLINE void reduce_cov(const Moments *p, int n, int k, const Gain *gain, double *b) { /* P - P H' G H P */
+    for (int i = 0; i < n; i++) {
+        V x = p->cross[i][0] * gain->G[0], y = all(0.0);
+        if (k == 2) {
+            x = x + p->cross[i][1] * gain->G[1];
+            y = p->cross[i][0] * gain->G[1] + p->cross[i][1] * gain->G[2];
+        }
+        for (int j = 0; j <= i; j++) {
+            V loss = x * p->cross[j][0];
+            if (k == 2) loss = loss + y * p->cross[j][1];
+            AT(b, at(n, i, j)) = AT(b, at(n, i, j)) - loss;
+        }
+    }
+}
+
+INLINE void gain_of(const Filter *f, const Noise *noise, const Moments *p, int k, V u, V *probability, Gain *out) {
+    if (f->update == COLLAPSED && noise->modes > 1) {
+        collapsed_gain(p, noise, k, probability, out);
+        return;
+    }
+    V R[3], edge = probability[0]; /* one mode, or the mode that each particle draws with the uniform number u */
+    for (int i = 0; i < 3; i++) R[i] = all(noise->R[0][i]);
+    for (int j = 1; j < noise->modes; j++) {
+        I below = less(u, edge);
+        for (int i = 0; i < 3; i++) R[i] = pick(below, R[i], all(noise->R[j][i]));
+        edge = edge + probability[j];
+    }
+    out->G[1] = out->G[2] = all(0.0);
+    kalman_gain(p, k, R[0], R[1], R[2], out);
+}
+
+/* Update; of a bilinear sensor the covariance by the projection at the updated mean: see relinearised in
+   gaussian_bank.py. The mode that a particle has drawn stays. */
+INLINE void update(const Filter *f, const Reading *reading, const Noise *noise, int n, const Moments *p, V u,
+                   V *probability, double *b) {
+    int k = reading->g.k;
+    Gain gain;
+    gain_of(f, noise, p, k, u, probability, &gain);
+    move_mean(p, n, k, &gain, b);
+    if (!reading->g.bilinear) {
+        reduce_cov(p, n, k, &gain, b);
+        return;
+    }
+    Moments again;
+    moments(&reading->g, n, f->scale, b, &again);
+    for (int j = 0; j < k; j++) again.value[j] = p->value[j];
+    if (f->update == COLLAPSED && noise->modes > 1) {
+        V anew[MAX_MODES];
+        likelihoods(&again, noise, k, anew);
+        collapsed_gain(&again, noise, k, anew, &gain);
+    } else {
+        gain_of(f, noise, &again, k, u, probability, &gain);
+    }
+    reduce_cov(&again, n, k, &gain, b);
+}

@@ -1,0 +1,11 @@
+/* The kernel for x86-64 with AVX2: four particles at once. */
+#include "machine.h"
+#ifdef X86_VARIANTS
+TARGET("avx2")
+#define W 4
+#include "steps.h"
+END_TARGET
+Advance *const advance_avx2 = advance;
+#else
+typedef int nothing;
+#endif

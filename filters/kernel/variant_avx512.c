@@ -1,0 +1,11 @@
+/* The kernel for x86-64 with AVX-512: eight particles at once. */
+#include "machine.h"
+#ifdef X86_VARIANTS
+TARGET("avx512f,avx512dq,avx512vl")
+#define W 8
+#include "steps.h"
+END_TARGET
+Advance *const advance_avx512 = advance;
+#else
+typedef int nothing;
+#endif

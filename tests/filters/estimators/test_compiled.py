@@ -1,0 +1,187 @@
+"""The compiled kernel against the NumPy reference, which owes it nothing: equal for every filter, state and noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.estimators import compiled
+from usbldr.filters.estimators.compiled import CompiledFilter
+from usbldr.filters.estimators.encoding import seed_words
+from usbldr.filters.estimators.kalman import KalmanFilter
+from usbldr.filters.estimators.mode_updates import moment_matched
+from usbldr.filters.estimators.protocol import Prior, SeededRng, Step
+from usbldr.filters.kernel import KERNEL, Kernel
+from usbldr.filters.models.calibration import STATES, layout_for
+from usbldr.filters.models.motion import VehicleMotion
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
+from usbldr.filters.models.sigma_points import linearised
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
+from usbldr.filters.types import Timeline, Trajectory
+from weaving import Faults, weaving_dive
+
+if KERNEL.advance is None:
+    pytest.skip(f"no compiled kernel: {KERNEL.reason}", allow_module_level=True)
+
+NUMPY = Kernel("numpy", "as the test says")
+EVERYTHING = tuple(STATES)
+
+
+def dive() -> Timeline:
+    """Twenty seconds with an offset for each fix, a gap of the DVL, outliers, and GPS at the end."""
+    line = weaving_dive(Faults(0.01, 2.0, 1.0, 2.0, 1.0, 0.3, 0.1, -0.2), seconds=20)
+    rng = np.random.default_rng(0)
+    fix_m, in_gap = line.fix_m.copy(), (line.time_s > 6) & (line.time_s < 12)
+    fix_m[rng.integers(0, len(fix_m), 5)] += 8.0
+    gps_m = line.fix_m[-5:] + 0.5
+    return replace(
+        line,
+        fix_time_s=line.fix_time_s - 0.07,
+        fix_m=fix_m,
+        fix_cov_m2=line.fix_cov_m2 + np.array([[0.2, 0.1], [0.1, 0.3]]),
+        dvl_count=np.where(in_gap, 0, line.dvl_count),
+        gps_time_s=line.fix_time_s[-5:],
+        gps_m=gps_m,
+    )
+
+
+LINE = dive()
+PARAMETERS = Parameters(
+    usbl_lever_m=(0.5, -1.0, 0.0),
+    dvl_lever_m=(0.3, 0.8, 0.0),
+    aid=((14.0, 20.0),),
+    process=ProcessNoise(position_m=0.1),
+)
+
+
+def assert_equal(name: str, parameters: Parameters, settings: FilterSettings, line: Timeline = LINE) -> Trajectory:
+    """Run both, compare everything that a track holds, and return the kernel's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled, "KERNEL", NUMPY)
+        want = run(name, line, parameters, settings)
+    got = run(name, line, parameters, settings)
+
+    assert want.cov is not None
+    assert got.cov is not None
+    np.testing.assert_allclose(got.mean, want.mean, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(got.cov, want.cov, rtol=1e-9, atol=1e-9)
+    assert (got.ess is None) == (want.ess is None) == (want.acceptance is None)
+    if got.ess is not None and want.ess is not None:
+        np.testing.assert_allclose(got.ess, want.ess, rtol=1e-8)
+        np.testing.assert_array_equal(got.acceptance, want.acceptance)
+    for one, other in zip(got.updates, want.updates, strict=True):
+        for a, b in zip(one.parts, other.parts, strict=True):
+            assert (a.sensor, a.axis, a.row, a.time_s, a.dof, a.outcome) == (
+                (b.sensor, b.axis, b.row, b.time_s, b.dof, b.outcome)
+            )
+            assert (a.shift is None) == (b.shift is None)
+            for mine, theirs in (
+                (a.innovation, b.innovation),
+                (a.innovation_sd, b.innovation_sd),
+                (a.nominal_sd, b.nominal_sd),
+                (a.scores, b.scores),
+                ((a.nominal_probability, a.nis), (b.nominal_probability, b.nis)),
+                (a.shift or (), b.shift or ()),
+            ):
+                np.testing.assert_allclose(mine, theirs, rtol=1e-8, atol=1e-9)
+    return got
+
+
+@pytest.mark.parametrize("calibrate", [(), *((key,) for key in STATES), EVERYTHING], ids="+".join)
+@pytest.mark.parametrize("name", ["ekf", "ckf", "ukf", "adf", "cpf"])
+def test_every_state_gives_the_same_track(name: str, calibrate: tuple[str, ...]) -> None:
+    assert_equal(name, replace(PARAMETERS, calibrate=calibrate), FilterSettings(particles=11, guard=False))
+
+
+@pytest.mark.parametrize(
+    "family",
+    [Gaussian(), Gaussian(per_scalar=False), Mixture(), Mixture(per_scalar=False), Contamination(), StudentT()],
+    ids=repr,
+)
+@pytest.mark.parametrize("name", ["ckf", "adf", "upf"])
+def test_every_noise_family_gives_the_same_track(name: str, family: NoiseFamily) -> None:
+    parameters = replace(PARAMETERS, dvl=family, compass=family, usbl=family, calibrate=("scale", "usbl-bias"))
+    assert_equal(name, parameters, FilterSettings(particles=17, guard=False))
+
+
+@pytest.mark.parametrize("name", ["adf", "cpf"])
+@pytest.mark.parametrize("settings", [FilterSettings(particles=20), FilterSettings(particles=20, order="arrival")])
+def test_hypotheses_and_late_fixes_give_the_same_track(name: str, settings: FilterSettings) -> None:
+    line = replace(LINE, fix_received_s=LINE.fix_time_s + np.random.default_rng(1).uniform(0, 5, len(LINE.fix_time_s)))
+    assert_equal(name, replace(PARAMETERS, calibrate=("scale",)), settings, line)
+
+
+@pytest.mark.parametrize("name", ["afukf", "aekf"])
+def test_inflation_gives_the_same_track(name: str) -> None:
+    shifted = replace(LINE, fix_m=LINE.fix_m + np.linspace(0, 40, len(LINE.fix_m))[:, None])
+    assert_equal(name, PARAMETERS, FilterSettings(), shifted)
+
+
+def test_smoothing_gives_the_same_track() -> None:
+    assert_equal("adf", PARAMETERS, FilterSettings(smooth=True))
+
+
+@pytest.mark.parametrize("name", ["ukf", "cpf"])
+def test_a_vehicle_without_compass_gives_the_same_track(name: str) -> None:
+    """The yaw grows so uncertain that the transform is linearised, for some particles before others."""
+    blind = replace(LINE, yaw_count=np.where(LINE.time_s < 2, LINE.yaw_count, 0))
+    fast = replace(PARAMETERS, process=ProcessNoise(turn_rate_radps=0.6), calibrate=("current",))
+    track = assert_equal(name, fast, FilterSettings(particles=12, guard=False), blind)
+    assert track.cov is not None
+    assert track.cov[:, 0, 0].max() > np.pi**2 / 4 / 3
+
+
+@pytest.mark.parametrize("particles", [1, 2, 7, 8, 9, 100])
+def test_any_number_of_particles_is_resampled_alike(particles: int) -> None:
+    noisy = replace(PARAMETERS, dvl=Mixture(), compass=Mixture(), usbl=Mixture(), calibrate=("scale",))
+    track = assert_equal("cpf", noisy, FilterSettings(particles=particles, guard=False))
+    assert particles <= 2 or (  # the effective size of two is never below half of them
+        track.acceptance is not None and np.isfinite(track.acceptance).any()
+    )
+
+
+def test_all_variants_give_the_same_numbers_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    from usbldr.filters.kernel import _kernel
+
+    parameters = replace(PARAMETERS, dvl=Mixture(), calibrate=("scale", "misalignment", "usbl-bias", "latency"))
+    tracks: list[Trajectory] = []
+    for name, variant in _kernel.VARIANTS:
+        monkeypatch.setattr(compiled, "KERNEL", Kernel(name, "", KERNEL.advance, variant))
+        tracks.append(run("cpf", LINE, parameters, FilterSettings(particles=21)))
+
+    for track in tracks[1:]:
+        np.testing.assert_array_equal(track.mean, tracks[0].mean)
+        np.testing.assert_array_equal(track.cov, tracks[0].cov)
+
+
+@pytest.mark.parametrize(("seed", "epoch"), [(0, 0), (1, 5000), (2**32 + 5, 7), (2**63, 3), (2**100, 9)])
+def test_any_seed_gives_the_numbers_of_numpy(seed: int, epoch: int) -> None:
+    """The last seed has more words than the kernel takes: it gets the state of the generator."""
+    assert (seed_words(seed, epoch) is None) == (seed > 2**64)
+    settings = FilterSettings(particles=9, seed=seed, guard=False)
+    noisy = replace(PARAMETERS, dvl=Mixture(), compass=Mixture(), usbl=Mixture())
+    assert_equal("cpf", noisy, settings)
+
+
+def test_a_singular_covariance_is_one_sentence() -> None:
+    start = Start(0.0, 0.0, 1e-200)
+    frozen = replace(LINE, fix_cov_m2=np.zeros_like(LINE.fix_cov_m2))
+    still = ProcessNoise(0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(LogError, match="start"):
+        run("ekf", frozen, Parameters(start=start, process=still, usbl=Gaussian()), FilterSettings(guard=False))
+
+
+def test_the_belief_before_a_step_stays_as_it_was() -> None:
+    motion = VehicleMotion(layout_for(()), ProcessNoise())
+    kernel = compiled.compiled(KalmanFilter(motion, linearised, moment_matched))
+    assert isinstance(kernel, CompiledFilter)
+    before = kernel.start(Prior(np.arange(6.0), np.eye(6)))
+    kept = before.state.copy()
+
+    after = kernel.step(before, Step(1, 0.0, 1.0, ()), SeededRng(0, 1))
+
+    np.testing.assert_array_equal(before.state, kept)
+    assert not np.array_equal(after.state, kept)
