@@ -22,7 +22,7 @@ class Origin:
 
     lat_deg: float
     lon_deg: float
-    source: str  # "[map]", "usbl head", "first gps fix"
+    source: str  # "[map]", "usbl head", "first usbl fix", "first gps fix"
 
 
 def to_plane(origin: Origin, lat_deg: Vector, lon_deg: Vector) -> tuple[Vector, Vector]:

@@ -47,6 +47,11 @@ class Log:
     raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if requested
     unread: Mapping[str, str] = field(default_factory=dict[str, str])  # topic -> why it cannot be read
 
+    @property
+    def map_unknown(self) -> bool:
+        """Whether fixes are positions on a map whose origin is not stated, so that latitudes have no place on it."""
+        return any(finding.code == "MAP-UNKNOWN" for finding in self.findings)
+
     def convention(self, role: str, key: str) -> Convention:
         """Return by which convention a sensor was read, NO_CONVENTION if unknown."""
         return self.provenance[role].convention(key) if role in self.provenance else NO_CONVENTION

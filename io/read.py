@@ -1,7 +1,7 @@
 """Read a file to a Log."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -116,6 +116,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         kind = _kind(source, request, configuration)
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
+        truth = replace(truth, place_unknown=_place_unknown(provenance, origin))
     findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]
     findings += covariance_findings(raws)
     if truth_table is not None:
@@ -231,18 +232,23 @@ def _timed_by_log(configuration: Configuration) -> frozenset[str]:
 
 
 def _origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:
-    """Return the plane's origin: [map], else the fixed USBL head or beacon, else the first valid GPS fix, else none."""
+    """Return the plane's origin: [map], else the fixed USBL head or beacon, else the first valid fix, else none.
+
+    The GPS, which may be the truth, comes after the USBL.
+    """
     if configuration.map is not None:
         return Origin(configuration.map.origin_lat_deg, configuration.map.origin_lon_deg, "[map]")
     for end, what in ((configuration.usbl.head, "usbl head"), (configuration.usbl.beacon, "usbl beacon")):
         if end is not None and end.lat_deg is not None and end.lon_deg is not None:
             return Origin(end.lat_deg, end.lon_deg, what)
-    for role in ("gps", "truth", SHIP):
-        if role in raws and "lat_deg" in raws[role].values:
+    sources = {"usbl": "usbl", "gps": "gps", "truth": "truth", SHIP: "gps"}
+    for role, what in sources.items():
+        wanted = raws[role].layout.required if role == "usbl" and role in raws else ("lat_deg",)
+        if role in raws and "lat_deg" in raws[role].values and "lat_deg" in wanted:
             bad = np.any(list(positions.place_causes(raws[role]).values()), axis=0)
             lat, lon = (degrees[~bad] for degrees in positions.geodetic(raws[role]))
             if len(lat):
-                return Origin(float(lat[0]), float(lon[0]), "first gps fix")
+                return Origin(float(lat[0]), float(lon[0]), f"first {what} fix")
     return None
 
 
@@ -324,6 +330,16 @@ def _kind(source: TruthSource, request: Request, configuration: Configuration) -
     if source.file is not None or (source.topic is not None and source.topic.layout.defaults.get("frame") != "latlon"):
         return "other"
     return "gps"
+
+
+def _place_unknown(provenance: Mapping[str, Provenance], origin: Origin | None) -> bool:
+    """Tell whether only one of fixes and truth has latitudes, and nobody stated where the other's map lies."""
+    if "usbl" not in provenance or origin is None:
+        return False
+    truth = provenance["truth" if "truth" in provenance else "gps"]
+    fixes_latlon, truth_latlon = provenance["usbl"].geodetic, truth.convention("frame").value == "latlon"
+    stated = ("[map]", "usbl head", "usbl beacon") if truth_latlon else ("[map]",)
+    return fixes_latlon != truth_latlon and origin.source not in stated
 
 
 def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) -> Provenance:

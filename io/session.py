@@ -57,7 +57,7 @@ class RunSettings(FilterSettings):
     aid: tuple[TimeWindow, ...] | None = None  # in which GPS fixes are measurements, seconds; None: as configured
     dr_from: str | tuple[float, float] = "start"  # where ``dr`` starts: one of ANCHORS, or latitude, longitude, degrees
     window: Window = Window()  # truth rows to score against, seconds of the log
-    align: str = "none"  # "first", "rigid" or "body": moves the track onto the truth before scoring
+    align: str = "auto"  # or one of alignment.ALIGNMENTS: moves the track onto the truth before scoring
 
 
 def is_simulated(log: str | Path) -> bool:
@@ -136,6 +136,11 @@ def replay(
     found = resolve(log, timeline, method, settings) if identification is None else identification
     used = found.parameters
     require_gps(timeline, used.aid, str(log.path))
+    if used.aid and log.map_unknown:
+        raise UsageError(
+            f"{log.path}: GPS cannot aid, because its place on the map of the fixes is unknown; state origin_lat_deg "
+            "and origin_lon_deg under [map]"
+        )
     if able.is_filter and used.start is None and not len(starting_fixes(timeline, used).time_s):
         raise LogError(f"{log.path}: {NO_START_TEXT}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None

@@ -24,7 +24,7 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     $ usbldr init dive.mcap
     """
     from usbldr.io.doctor.doctor import examine
-    from usbldr.io.doctor.init_config import initial_configuration, map_origin_unknown
+    from usbldr.io.doctor.init_config import initial_configuration
     from usbldr.io.settings.configuration import own_configuration
 
     path = Path(log)
@@ -42,8 +42,8 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
     checks = text.count("# CHECK")
     todo = f"; check the {checks} line{'s' if checks > 1 else ''} marked CHECK" if checks else ""
     click.echo(f"{target}: written{todo}")
-    if map_origin_unknown(found):
+    if found.log is not None and found.log.map_unknown:
         click.echo(
-            "the origin of the map of the fixes is unknown, so errors against latitudes may share one offset: state "
-            "origin_lat_deg and origin_lon_deg under [map], or head under [usbl]"
+            "the origin of the map of the fixes is unknown, so replay takes errors against latitudes after a constant "
+            "shift: state origin_lat_deg and origin_lon_deg under [map], or head under [usbl]"
         )

@@ -11,6 +11,7 @@ from usbldr.filters.types import Array, Vector
 
 ALIGNMENTS: Mapping[str, str] = {
     "none": "none",
+    "shift": "constant shift fitted to the truth",
     "first": "first epoch moved onto the first truth row",
     "rigid": "rotation and shift fitted to the truth",
     "body": "constant lever arm on the vehicle fitted to the truth",
@@ -64,11 +65,13 @@ def fit_alignment(
     """Find the alignment of that name.
 
     ``first`` needs the track's first epoch and the first truth row, (2,) each, between which nothing is interpolated;
-    ``rigid`` the scored epochs and the truth at their times, (M, 2) each; ``body`` also the yaw there, (M,). Raises
-    LogError for ``body`` on a track without yaw, UsageError for another name.
+    ``shift`` and ``rigid`` the scored epochs and the truth at their times, (M, 2) each; ``body`` also the yaw there,
+    (M,). Raises LogError for ``body`` on a track without yaw, UsageError for another name.
     """
     if name == "none":
         return Alignment()
+    if name == "shift":
+        return Alignment("shift", shift_m=_pair((truth_m - track_m).mean(axis=0)))
     if name == "first":
         return Alignment("first", shift_m=_pair(first_truth_m - first_m))
     if name == "rigid":

@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.filters.evaluation.alignment import Alignment
 from usbldr.filters.evaluation.consistency import FixUpdates, Nees, SensorUpdates, SigmaShares, sigmas, with_truth
+from usbldr.filters.evaluation.constant_shift import ConstantShift
 from usbldr.filters.evaluation.metrics import (
     AxisErrors,
     Coverage,
@@ -70,6 +71,7 @@ class ErrorReport:
     east: AxisErrors
     north: AxisErrors
     horizontal: HorizontalErrors
+    shift: ConstantShift
     surfacing: SurfacingErrors | None
     travel: Travel | None
     nees: Nees | None
@@ -80,6 +82,17 @@ class ErrorReport:
     speed: Speed | None
     sensors: Mapping[str, SensorUpdates]  # by name
     warnings: tuple[str, ...] = ()
+    place_unknown: bool = False  # nobody stated where the truth lies on the map of the track
+
+    @property
+    def judged(self) -> bool:
+        """Whether the errors are free of an unknown shift: the place of the truth is stated, or a shift is fitted."""
+        return not self.place_unknown or self.alignment.name in ("shift", "first", "rigid")
+
+    @property
+    def mostly_shift(self) -> bool:
+        """Whether a constant shift, which no alignment took off, makes up most of the error."""
+        return self.judged and self.alignment.name in ("none", "body") and self.shift.dominates
 
     @property
     def error_m(self) -> Array:
@@ -116,6 +129,7 @@ PARTS: tuple[tuple[str, type], ...] = (
     ("east", AxisErrors),
     ("north", AxisErrors),
     ("horizontal", HorizontalErrors),
+    ("shift", ConstantShift),
     ("surfacing", SurfacingErrors),
     ("travel", Travel),
     ("nees", Nees),

@@ -9,6 +9,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import Alignment, fit_alignment
 from usbldr.filters.evaluation.consistency import consistency, fix_updates, sensor_updates, with_truth
+from usbldr.filters.evaluation.constant_shift import ConstantShift, constant_shift
 from usbldr.filters.evaluation.error_report import WHOLE_LOG, ErrorReport, Matching, Window
 from usbldr.filters.evaluation.metrics import (
     Travel,
@@ -21,7 +22,7 @@ from usbldr.filters.evaluation.metrics import (
     surfacings,
 )
 from usbldr.filters.evaluation.whiteness import whiteness
-from usbldr.filters.types import Mask, Trajectory, Truth, Vector
+from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
 FEW_EPOCHS = 5  # with fewer, mean and RMS say next to nothing
@@ -33,7 +34,7 @@ def evaluate(
     trajectory: Trajectory,
     truth: Truth,
     window: Window = WHOLE_LOG,
-    align: str = "none",
+    align: str = "auto",
     times_s: Vector | None = None,
     aid: tuple[TimeWindow, ...] = (),
 ) -> ErrorReport:
@@ -41,8 +42,11 @@ def evaluate(
 
     A filter or dr is scored on the slow grid, ``timeline.time_s[timeline.slow]``; raw fixes each at its own stamp. The
     window chooses truth rows; what is scored lies between the first and the last row left, and outside the windows
-    ``aid`` in which GPS aided the filter. Raise LogError where nothing is left to score.
+    ``aid`` in which GPS aided the filter. The alignment ``auto`` is a shift if the place of the truth is unknown, else
+    none. Raise LogError where nothing is left to score.
     """
+    if align == "auto":
+        align = "shift" if truth.place_unknown else "none"
     rows = (truth.time_s >= window.start_s) & (truth.time_s <= window.end_s)
     if not np.any(rows):
         raise LogError(
@@ -110,10 +114,14 @@ def evaluate(
         distance_m = float(travelled_m[np.flatnonzero(scored)[-1]] - travelled_m[start])
         drifts = trajectory.method == "dr" and distance_m > 0
         travel = Travel(distance_m, 100 * horizontal.final_m / distance_m if drifts else None)
-    compared = None if cov_m2 is None else consistency(error_m, with_truth(cov_m2, truth_sd_m))
+    errors_cov_m2 = None if cov_m2 is None else with_truth(cov_m2, truth_sd_m)
+    compared = None if errors_cov_m2 is None else consistency(error_m, errors_cov_m2)
     nees, sigma_shares = compared or (None, None)
+    shift = constant_shift(error_m, errors_cov_m2)
 
     warnings = _warnings(matching, truth)
+    if align in ("none", "body") and shift.dominates and not truth.place_unknown:
+        warnings += (_shift_text(shift, error_m),)
     if yaw is None and any(truth.lever_m[:2]):
         warnings += ("raw fixes have no heading, so the lever arm of the truth is not taken off their errors",)
     if align == "first" and t[first] - row_s[first_row] > LATE_FIRST_S:
@@ -140,6 +148,7 @@ def evaluate(
         east=axis_errors(error_m[:, 0]),
         north=axis_errors(error_m[:, 1]),
         horizontal=horizontal,
+        shift=shift,
         surfacing=surfacing_errors(found),
         travel=travel,
         nees=nees,
@@ -150,6 +159,7 @@ def evaluate(
         speed=speed(trajectory),
         sensors=sensor_updates(trajectory),
         warnings=warnings,
+        place_unknown=truth.place_unknown,
     )
 
 
@@ -167,6 +177,18 @@ def _warnings(matching: Matching, truth: Truth) -> tuple[str, ...]:
     if matching.undefined:
         found.append(f"the track has no position at {matching.undefined} epochs; they are left out of the errors")
     return tuple(found)
+
+
+def _shift_text(shift: ConstantShift, error_m: Array) -> str:
+    """Say that a constant shift makes up most of the error, and what may cause it."""
+    east_m, north_m = error_m.mean(axis=0)
+    east, north = "east" if east_m > 0 else "west", "north" if north_m > 0 else "south"
+    where = f"{abs(east_m):.2f} m {east}, {abs(north_m):.2f} m {north}"
+    return (
+        f"a constant shift ({where} of the truth) makes up {100 * shift.share:.0f} % of the mean square error: check "
+        "the origin under [map] and the lever arm of the truth, and that the truth is of this vehicle; --align shift "
+        "takes the shift off"
+    )
 
 
 def _count(mask: Mask) -> int:

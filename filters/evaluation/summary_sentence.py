@@ -1,6 +1,6 @@
 """The last line of a report: the mean horizontal error, compared with tracks that need no filter."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from usbldr.filters.evaluation.error_report import ErrorReport
 
@@ -8,13 +8,31 @@ TRACK_LABELS = {"usbl": "raw USBL", "dr": "DR", "nudge": "nudged DR"}
 
 
 def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) -> str:
-    """Return a line such as "cpf: mean horizontal error 0.69 m, 31 % better than raw USBL, 70 % better than DR"."""
-    own = report.horizontal.mean_m
-    parts = [f"{report.label}: mean horizontal error {own:.2f} m"]
+    """Return a line such as "cpf: mean horizontal error 0.69 m, 31 % better than raw USBL, 70 % better than DR".
+
+    A constant shift that makes up most of the error stands apart; no track is judged against a place that is unknown.
+    """
+    if not report.judged:
+        return (
+            f"{report.label}: no verdict: the place of the truth on the map of the fixes is not stated; state "
+            "origin_lat_deg and origin_lon_deg under [map], or use --align shift"
+        )
+    others = [other for other in others if other.label != report.label]
+    by_total = _compared(report, others, lambda one: one.horizontal.mean_m)
+    if report.alignment.name == "shift":
+        return f"{report.label}: mean horizontal error without constant shift {by_total}"
+    if report.mostly_shift:
+        apart = f"; without a constant shift of {report.shift.length_m:.2f} m {{}}"
+        by_total += apart.format(_compared(report, others, lambda one: one.shift.mean_m))
+    return f"{report.label}: mean horizontal error {by_total}"
+
+
+def _compared(report: ErrorReport, others: Sequence[ErrorReport], error: Callable[[ErrorReport], float]) -> str:
+    """Return an error of the report in metres, and how much better or worse it is than that of each other track."""
+    own = error(report)
+    parts = [f"{own:.2f} m"]
     for other in others:
-        if other.label == report.label:
-            continue
-        theirs = other.horizontal.mean_m
+        theirs = error(other)
         name = TRACK_LABELS.get(other.method, other.label)
         change = 100 * (1 - own / theirs) if theirs > 0 else (0.0 if own == 0 else -float("inf"))
         if abs(change) < 0.5:

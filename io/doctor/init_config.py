@@ -102,7 +102,7 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
     who = log.origin.source
     comment = ""
     lat_deg, lon_deg, check = log.origin.lat_deg, log.origin.lon_deg, examination.sensor_check
-    if map_origin_unknown(examination):
+    if log.map_unknown:
         comment, who = "# ", f"CHECK: a guess ({who}); state the origin of the fixes' map, or head under [usbl]"
         guess = propose_origin(log, examination.timeline, check.result if check else None)
         if guess is not None:
@@ -116,11 +116,6 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
         (f"{comment}origin_lat_deg = {lat_deg:.9f}", who),
         (f"{comment}origin_lon_deg = {lon_deg:.9f}", "" if comment else who),
     ]
-
-
-def map_origin_unknown(examination: Examination) -> bool:
-    """Tell whether the fixes are local positions on a map whose origin is not stated."""
-    return any(d.code == "MAP-UNKNOWN" for d in examination.findings)
 
 
 def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:

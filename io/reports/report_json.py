@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -85,14 +85,18 @@ class Run:
             hint = "--calibrate auto estimates the sensor errors that the log has evidence for"
             if self.identification.parameters.calibrate or self.identification.evidence:
                 hint = "an error that the filter does not estimate is left; usbldr doctor looks for others"
-            nees = f"NEES {report.nees.mean:.1f}, expected {DOF}"
+            apart = f", without a constant shift {report.shift.nees:.1f}" if report.mostly_shift else ""
+            nees = f"NEES {report.nees.mean:.1f}{apart}, expected {DOF}"
             scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")
         return self.scored.trajectory.warnings + scored
 
 
 def _far_over_confident(report: ErrorReport) -> bool:
     """Return whether the sigmas are less than half of what the errors show, beyond the bounds of NEES."""
-    return report.nees is not None and report.nees.mean > max(4 * DOF, report.nees.high)
+    if report.nees is None or not report.judged:
+        return False
+    mean = report.shift.nees if report.mostly_shift and report.shift.nees is not None else report.nees.mean
+    return mean > max(4 * DOF, report.nees.high)
 
 
 def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
@@ -144,7 +148,8 @@ def write_tables(folder: Path, run: Run) -> None:
     trajectory, report = run.scored
     fast, slow = _grid_names(run)
     fixes = fixes_table(run.timeline, trajectory)
-    write_csv(folder / f"track_{fast}.csv", track_table(trajectory, run.log.origin))
+    origin = None if run.log.map_unknown else run.log.origin
+    write_csv(folder / f"track_{fast}.csv", track_table(trajectory, origin))
     write_csv(folder / "fixes.csv", fixes)
     if report is not None:
         write_csv(folder / f"errors_{slow}.csv", errors_table(report))
@@ -153,9 +158,29 @@ def write_tables(folder: Path, run: Run) -> None:
             yaw = yaw + report.alignment.rotation_rad
         write_tum(folder / "track.tum", run.log.start_ns, report.time_s, report.estimate_m, yaw)
         write_tum(folder / "truth.tum", run.log.start_ns, report.time_s, report.truth_m)
-    if run.log.origin is not None:
-        write_geojson(folder / "track.geojson", trajectory, run.truth, fixes, run.log.origin)
-        write_kml(folder / "track.kml", f"{run.label} on {run.log.path.name}", trajectory, run.truth, run.log.origin)
+    if run.log.origin is not None and not (
+        run.log.map_unknown and (report is None or report.alignment.name != "shift")
+    ):
+        moved, fixes, truth = _on_the_map(run, fixes)
+        write_geojson(folder / "track.geojson", moved, truth, fixes, run.log.origin)
+        write_kml(folder / "track.kml", f"{run.label} on {run.log.path.name}", moved, truth, run.log.origin)
+
+
+def _on_the_map(run: Run, fixes: pd.DataFrame) -> tuple[Trajectory, pd.DataFrame, Truth | None]:
+    """Return track, fixes and truth as a map shows them.
+
+    If their map has no stated origin, track and fixes are moved by the shift that was fitted to the truth; a truth on
+    such a map is left out.
+    """
+    track, report = run.scored
+    if not run.log.map_unknown or report is None:
+        return track, fixes, None if report is not None and report.place_unknown else run.truth
+    east_m, north_m = report.alignment.shift_m
+    mean = track.mean.copy()
+    mean[:, track.names.index("x")] += east_m
+    mean[:, track.names.index("y")] += north_m
+    moved = fixes.assign(east_m=fixes["east_m"] + east_m, north_m=fixes["north_m"] + north_m)
+    return replace(track, mean=mean), moved, run.truth
 
 
 def _grid_names(run: Run) -> tuple[str, str]:
@@ -266,7 +291,8 @@ def _scores(report: ErrorReport | None) -> dict[str, Any]:
         },
         "matching": report.matching._asdict(),
         "metrics": report.flat(),
-        "consistency": consistency_text(report.nees) or None,
+        "consistency": consistency_text(report.nees, report.alignment.name == "shift") or None,
+        "place_unknown": report.place_unknown,
         "surfacings": [surfacing._asdict() for surfacing in report.surfacings],
     }
 

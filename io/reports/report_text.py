@@ -44,6 +44,9 @@ def order_text(run: Run) -> str:
     return text
 
 
+GPS_ORIGINS = ("first gps fix", "first truth fix")  # which may be the truth, so that the user is told
+
+
 def context(run: Run) -> list[tuple[str, str]]:
     """Return what every number depends on: log, truth and its coverage, order of fixes, alignment."""
     length_s = float(run.timeline.time_s[-1])
@@ -52,6 +55,8 @@ def context(run: Run) -> list[tuple[str, str]]:
         lines.append(("settings", run.log.configuration.name))
     windows = run.identification.parameters.aid
     aid = [("aid", aid_text(windows))] if windows else []
+    if run.log.origin is not None and run.log.origin.source in GPS_ORIGINS and not run.log.map_unknown:
+        lines.append(("origin", f"{run.log.origin.source}, as none is stated under [map]"))
     report = run.scored.report
     if report is None:
         return [*lines, ("truth", "none"), *aid, ("fixes", order_text(run))]
@@ -64,7 +69,15 @@ def context(run: Run) -> list[tuple[str, str]]:
     lines += aid
     lines.append(("fixes", order_text(run)))
     lines.append(("alignment", report.alignment.sentence))
+    if report.place_unknown:
+        lines.append(("map origin", UNKNOWN_PLACE))
     return lines
+
+
+UNKNOWN_PLACE = (
+    "not stated, so that the place of the truth on the map of the fixes is unknown: one constant shift says nothing "
+    "about a track; state origin_lat_deg and origin_lon_deg under [map]"
+)
 
 
 def _left_out(report: ErrorReport) -> str:
@@ -111,6 +124,9 @@ BOUND_NAMES = {False: "bound", True: "smoother bound"}  # by whether the track i
 def method_table(run: Run) -> Table:
     """Return the method beside raw fixes and dead reckoning, and the bound of any filter and any smoother."""
     heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "coverage")
+    apart = run.scored.report is not None and run.scored.report.mostly_shift
+    if apart:
+        heads = (*heads, "shift", "without")
     rows: list[tuple[str, ...]] = []
     for scored in (run.scored, *run.reference_tracks):
         report = scored.report
@@ -120,7 +136,8 @@ def method_table(run: Run) -> Table:
         axes_m = (report.east.mean_abs_m, report.north.mean_abs_m)
         numbers = metres(*axes_m, h.mean_m, h.rmse_m, h.median_m, h.p95_m, h.max_m)
         share = f"{100 * report.coverage.share:.0f} %"
-        rows.append((report.label, *numbers, f"{report.coverage.matched}", share))
+        shift = metres(report.shift.length_m, report.shift.mean_m) if apart else ()
+        rows.append((report.label, *numbers, f"{report.coverage.matched}", share, *shift))
     if run.bound is not None:
         for smooth, name in BOUND_NAMES.items():
             east, north, rmse = metres(*run.bound.metrics(smooth).values())
@@ -175,6 +192,11 @@ def leave_one_out_table(run: Run) -> Table:
     return Table("without fix", heads, tuple(rows))
 
 
+def _unshifted_nees(report: ErrorReport) -> str:
+    shift = report.shift
+    return f"; {shift.nees:.2f} without the constant shift" if report.mostly_shift and shift.nees is not None else ""
+
+
 def _direction(east_m: float, north_m: float) -> str:
     return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]
 
@@ -188,8 +210,8 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             lines.append(
                 (
                     "NEES",
-                    f"{nees.mean:.2f}: {consistency_text(nees)} (expected 2, 95 % bounds {nees.low:.2f} to "
-                    f"{nees.high:.2f})",
+                    f"{nees.mean:.2f}: {consistency_text(nees, report.alignment.name == 'shift')} (expected 2, "
+                    f"95 % bounds {nees.low:.2f} to {nees.high:.2f}){_unshifted_nees(report)}",
                 )
             )
         if report.sigma_shares is not None:

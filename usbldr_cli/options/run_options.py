@@ -111,10 +111,11 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--end", metavar="TIME", help="Score up to this time."),
         click.option(
             "--align",
-            type=click.Choice(["none", "first", "rigid", "body"]),
-            default="none",
+            type=click.Choice(["auto", "none", "shift", "first", "rigid", "body"]),
+            default="auto",
             show_default=True,
-            help="Align the track with the truth.",
+            metavar="HOW",
+            help="Align track and truth: none, shift, first, rigid or body; auto: shift if the map origin is unknown.",
         ),
         click.option(
             "--dr-from",

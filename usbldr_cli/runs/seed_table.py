@@ -127,7 +127,8 @@ def row_nees(row: ComparisonRow) -> Nees | None:
 
 def row_consistency(row: ComparisonRow) -> str:
     """Return whether the row is consistent, over- or under-confident."""
-    return consistency_text(row_nees(row))
+    judged = row.scored_against
+    return consistency_text(row_nees(row), shift_removed=judged is not None and judged.align == "shift")
 
 
 def row_content(row: ComparisonRow, first: ComparisonRow) -> dict[str, Any]:

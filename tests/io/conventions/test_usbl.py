@@ -63,12 +63,20 @@ def test_a_pose_may_hold_latitude_and_longitude(tmp_path: Path) -> None:
     assert place(logged(tmp_path, rows, toml)) == pytest.approx([0.0, 0.0009 * 111132], abs=0.1)
 
 
-def test_latitudes_without_a_plane_are_an_error(tmp_path: Path) -> None:
+def test_latitudes_give_the_plane_its_origin_before_the_gps_does(tmp_path: Path) -> None:
+    log = logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix"), fix(T0, 46.0, 8.0)])
+
+    assert log.origin is not None
+    assert (log.origin.lat_deg, log.origin.lon_deg, log.origin.source) == (45.0, 7.0, "first usbl fix")
+
+
+def test_poses_of_latitudes_without_a_plane_are_an_error(tmp_path: Path) -> None:
+    rows = [(T0, "/usbl", POSE, {"header.stamp": T0, "pose.position.x": 45.0009, "pose.position.y": 7.0})]
     with pytest.raises(LogError) as fault:
-        logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix")])
+        logged(tmp_path, rows, '[usbl]\nkind = "latlon"')
 
     assert str(fault.value) == (
-        f"{tmp_path / 'dive.mcap'}: /usbl/fix holds latitudes and longitudes, but the plane has no origin; "
+        f"{tmp_path / 'dive.mcap'}: /usbl holds latitudes and longitudes, but the plane has no origin; "
         "state origin_lat_deg and origin_lon_deg under [map]"
     )
 
@@ -100,9 +108,9 @@ def test_a_map_whose_origin_is_not_stated_is_a_finding(tmp_path: Path) -> None:
     log = logged(tmp_path, [point(T0, 3.0, 4.0), fix(T0, 45.0, 7.0)])
 
     assert codes(log)["MAP-UNKNOWN"] == (
-        "/usbl: the map origin is not stated; assumed at the first gps fix "
+        "/usbl: the map origin is not stated, so that errors against latitudes are taken after a constant shift "
         "(state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) "
-        "if fixes are relative to it; else use --align first)"
+        "if fixes are relative to it)"
     )
 
 

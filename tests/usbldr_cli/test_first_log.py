@@ -1,0 +1,94 @@
+"""The first log of a new user: a map whose origin is unknown is no error of a filter."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from commands import run
+from curved import curved_dive
+from recordings import Row, write_mcap
+from usbldr.filters.errors import UsageError
+from usbldr.io.read import read_log
+
+ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"  # of curved_dive
+
+
+def shifted(rows: list[Row], east_m: float, north_m: float) -> list[Row]:
+    """Return the rows with the fixes counted from another point of the map."""
+    moved = {"point.x": -east_m, "point.y": -north_m}
+    return [
+        (t, topic, kind, {k: v + moved.get(k, 0.0) if k in moved else v for k, v in values.items()})
+        for t, topic, kind, values in rows
+    ]
+
+
+def replayed(folder: Path, name: str, rows: list[Row], toml: str = "", *options: str) -> dict[str, Any]:
+    log = write_mcap(folder / f"{name}.mcap", rows)
+    (folder / f"{name}.usbldr.toml").write_text(toml, encoding="utf-8")
+    run("replay", log, "--filter", "adf", "--output", folder / name, *options)
+    return json.loads((folder / name / "report.json").read_text())
+
+
+def test_an_unknown_origin_moves_no_number_of_the_report(tmp_path: Path) -> None:
+    rows = curved_dive(gps=True)
+    here = replayed(tmp_path, "here", rows)
+    far = replayed(tmp_path, "far", shifted(rows, 192.0, -5000.0))
+
+    assert far["alignment"]["name"] == here["alignment"]["name"] == "shift"
+    names = ("mean_horizontal_m", "rmse_horizontal_m", "nees_mean", "max_horizontal_m")
+    for name in names:
+        assert far["metrics"][name] == pytest.approx(here["metrics"][name], abs=1e-5), name
+    assert "without constant shift" in far["verdict"]
+    assert far["verdict"] == here["verdict"]
+    page = (tmp_path / "far" / "report.md").read_text(encoding="utf-8")
+    assert "state origin_lat_deg and origin_lon_deg under [map]" in page
+
+
+def test_with_a_stated_origin_the_shift_counts_and_a_wrong_one_is_named(tmp_path: Path) -> None:
+    right = replayed(tmp_path, "right", curved_dive(gps=True), ORIGIN)
+    wrong = replayed(tmp_path, "wrong", shifted(curved_dive(gps=True), 30.0, 40.0), ORIGIN)
+
+    assert right["alignment"]["name"] == wrong["alignment"]["name"] == "none"
+    assert wrong["metrics"]["shift_m"] == pytest.approx(50.0, abs=0.5)
+    assert wrong["metrics"]["unshifted_mean_m"] == pytest.approx(right["metrics"]["unshifted_mean_m"], abs=1e-3)
+    assert any("a constant shift (30." in text and "the origin under [map]" in text for text in wrong["warnings"])
+
+
+def test_a_track_on_an_unknown_map_has_no_latitudes_but_lies_on_the_truth_in_the_map_files(tmp_path: Path) -> None:
+    replayed(tmp_path, "far", shifted(curved_dive(gps=True), 3000.0, 0.0))
+
+    header, first = (tmp_path / "far" / "track_5hz.csv").read_text().splitlines()[:2]
+    cells = dict(zip(header.split(","), first.split(","), strict=True))
+    shapes = json.loads((tmp_path / "far" / "track.geojson").read_text())["features"]
+    lines = {one["properties"]["role"]: one["geometry"]["coordinates"] for one in shapes}
+    ends = np.array([lines["estimate"][0], lines["truth"][0][0]])
+
+    assert cells["lat_deg"] == cells["lon_deg"] == ""
+    assert np.ptp(ends, axis=0) == pytest.approx([0, 0], abs=2e-4)  # 20 m, of 3000; the track begins 10 s earlier
+
+
+def test_gps_does_not_aid_on_a_map_that_it_has_no_place_on(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive(gps=True))
+
+    fault = run("replay", log, "--filter", "adf", "--aid", "gps@0:20").exception
+
+    assert isinstance(fault, UsageError)
+    assert "state origin_lat_deg and origin_lon_deg under [map]" in str(fault)
+
+
+def test_a_local_truth_beside_latitudes_has_an_unknown_place(tmp_path: Path) -> None:
+    truth = tmp_path / "truth.csv"
+    truth.write_text("time_ns,east_m,north_m\n1600000000000000000,0,0\n1600000009000000000,0,0\n", encoding="utf-8")
+    latlon = "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0 }\n"
+    log = write_mcap(tmp_path / "dive.mcap", curved_dive())
+    known: list[bool] = []
+    for toml in ("", latlon, ORIGIN + latlon):
+        (tmp_path / "dive.usbldr.toml").write_text(f'{toml}[truth]\nfile = "truth.csv"\n', encoding="utf-8")
+        read = read_log(log).truth
+        assert read is not None
+        known.append(not read.place_unknown)
+
+    assert known == [True, False, True]
