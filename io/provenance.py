@@ -34,6 +34,7 @@ CONVENTION_TEXTS: Mapping[str, str] = {
     "horizontal_range": "slant to horizontal range by {}",
     "latency_s": "latency {} subtracted",
     "level": "turned level by {}",
+    "lever_arm": "lever arm turned level by {}",
     "lever_arm_m": "at {} starboard, forward, up of the antenna",
     "min_sd_m": "sd at least {}",
     "mount_deg": "mount {}",

@@ -277,10 +277,12 @@ def _converted(
         )
     if "usbl" in raws:
         depths = time_series(made["depth"], "depth", ["depth_m"]) if "depth" in made else None
-        made["usbl"] = usbl(raws["usbl"], configuration.usbl, origin, FixContext(raws, made.get("compass"), depths))
+        fixes = usbl(raws["usbl"], configuration.usbl, origin, FixContext(raws, made.get("compass"), depths))
+        made["usbl"] = tilt.level_lever_arm(fixes, made.get("compass"), configuration.usbl.lever_arm_m)
     if "gps" in raws:
         try:
-            made["gps"] = positions.gps(raws["gps"], configuration.gps, origin)
+            surfaced = positions.gps(raws["gps"], configuration.gps, origin)
+            made["gps"] = tilt.level_lever_arm(surfaced, made.get("compass"), configuration.gps.lever_arm_m)
         except LogError as err:
             findings.append(Finding("GPS-INVALID", str(err), err.topic))
     if "truth" in raws:

@@ -1,6 +1,7 @@
-"""Velocities of a DVL turned level by roll and pitch, if the log has an attitude and its depth agrees.
+"""Velocities of a DVL and lever arms turned level by roll and pitch, if the log has an attitude.
 
 A DVL measures along its own axes, and some correct for roll and pitch themselves. The change of depth tells which.
+The filters place a lever arm in the horizontal plane by the heading alone; here a fix moves by what the tilt changes.
 """
 
 from dataclasses import replace
@@ -8,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from usbldr.filters.errors import SettingError
+from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.compass import VERTICAL
 from usbldr.io.conventions.dvl_depth import ConvertedTable
-from usbldr.io.conventions.usbl_head import time_series
+from usbldr.io.conventions.usbl_head import rotated_clockwise, time_series
 from usbldr.io.provenance import ChosenBy, Convention
 
 VELOCITY = ["starboard_mps", "forward_mps", "up_mps"]
@@ -51,6 +53,21 @@ def level_velocities(
     table = dvl.table.assign(**dict(zip(VELOCITY, np.where(known, level, velocity).T, strict=True)))
     how = Convention("level", "roll and pitch of the compass", chosen_by, note=note)
     return replace(dvl, table=table, conventions=(*dvl.conventions, how))
+
+
+def level_lever_arm(fixes: ConvertedTable, compass: ConvertedTable | None, lever_m: LeverArm) -> ConvertedTable:
+    """Return fixes, moved so that their lever arm, as stated for an upright vehicle, holds if it is tilted."""
+    if not any(lever_m) or compass is None or VERTICAL[0] not in compass.table:
+        return fixes
+    time_ns = fixes.table["time_ns"].to_numpy(dtype=np.int64)
+    there = time_series(compass, "compass", ["heading_deg", *VERTICAL]).at(time_ns, LONGEST_GAP_S)
+    arm_m = np.tile(lever_m, (len(time_ns), 1))
+    tilted_m = rotated_clockwise((along_level_axes(arm_m, there[:, 1:]) - arm_m)[:, :2], there[:, 0])
+    tilted_m = np.where(np.isfinite(tilted_m), tilted_m, 0.0)
+    east_m, north_m = (fixes.table[["east_m", "north_m"]].to_numpy(dtype=float) - tilted_m).T
+    how = Convention("lever_arm", "roll and pitch of the compass", "records")
+    table = fixes.table.assign(east_m=east_m, north_m=north_m)
+    return replace(fixes, table=table, conventions=(*fixes.conventions, how))
 
 
 def along_level_axes(velocity: Array, vertical: Array) -> Array:

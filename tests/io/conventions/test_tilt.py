@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from logs import logged
-from recordings import IMU, PRESSURE, SECOND, T0, Row, twist, write_mcap, yaw
+from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist, write_mcap, yaw
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.io.log import Log
@@ -124,3 +124,19 @@ def test_an_export_is_level_and_stays_so(tmp_path: Path) -> None:
 
     back_dvl, dvl = (one.tables["dvl"].to_numpy(dtype=float) for one in (back, log))
     np.testing.assert_allclose(back_dvl, dvl, atol=1e-9)
+
+
+@pytest.mark.parametrize("pitch_deg", [25.0, -10.0, 0.0])
+def test_the_lever_arm_of_a_tilted_vehicle_tilts_with_it(tmp_path: Path, pitch_deg: float) -> None:
+    starboard, forward, up = lever_m = (0.5, 1.5, -0.8)
+    body = Rotation.from_euler("ZYX", (90.0 - HEADING_DEG, -pitch_deg, ROLL_DEG), degrees=True)
+    upright = Rotation.from_euler("Z", 90.0 - HEADING_DEG, degrees=True)
+    transponder, flat = (attitude.apply((forward, -starboard, up)) for attitude in (body, upright))
+    rows = dive(pitch_deg=pitch_deg) + [
+        point(T0 + k * SECOND, 7.0 + transponder[0], 3.0 + transponder[1]) for k in range(9)
+    ]
+
+    log = logged(tmp_path, rows, settings() + f"[usbl]\nlever_arm_m = {list(lever_m)}\nsd_m = 1.0\n")
+
+    expected = np.array([7.0, 3.0]) + flat[:2]  # where the filters, which know the heading alone, expect the fix
+    np.testing.assert_allclose(log.tables["usbl"][["east_m", "north_m"]], np.tile(expected, (9, 1)), atol=1e-6)
