@@ -152,10 +152,10 @@ class CompiledFilter:
         blocks = both.reshape(len(both), -1, LANES).swapaxes(0, 1).ravel()
         if not self._depth:
             return blocks
-        rest = np.zeros(self._depth * (blocks.size + count) + count)
-        first = self._depth * blocks.size
-        rest[first : first + count] = bank.log_weight[padded]
-        return np.concatenate([blocks, rest])
+        weight = np.zeros((2, count))  # logarithms first; none for the copies
+        weight[:, :N] = bank.log_weight, np.exp(bank.log_weight)
+        past = np.zeros(self._depth * blocks.size)
+        return np.concatenate([blocks, past, weight.ravel(), np.zeros(self._depth * count)])
 
 
 def _updates(step: EncodedStep, table: Sequence[Sequence[float]], first: int) -> tuple[tuple[Update, ...], int]:

@@ -39,6 +39,7 @@ from usbldr.filters.estimators.protocol import (
     Prior,
     Step,
     measurement_update,
+    run_span,
     with_state_shift,
 )
 from usbldr.filters.models.motion import MotionModel
@@ -143,6 +144,35 @@ class MultiHypothesisFilter:
         last = hypotheses[0]
         reacquisitions = _with_outcome(reacquisitions, ambiguity, last, "resumed")
         return MultiHypothesisBelief((last._replace(kind="nominal", log_weight=0.0),), None, step.t1_s, reacquisitions)
+
+    def span(
+        self, belief: MultiHypothesisBelief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
+    ) -> tuple[MultiHypothesisBelief, list[Estimate]]:
+        """Return the belief after the last step, and the estimate after each: from fix to fix in one go."""
+        estimates: list[Estimate] = []
+        fixes = [k for k, step in enumerate(steps) if usbl_measurements(step)]
+        for first, fix in zip([0, *(k + 1 for k in fixes)], [*fixes, len(steps)], strict=True):
+            if fix > first:
+                belief, some = self._between_fixes(belief, steps[first:fix], make_rngs[first:fix])
+                estimates += some
+            if fix < len(steps):
+                belief = self.step(belief, steps[fix], make_rngs[fix])
+                estimates.append(self.estimate(belief))
+        return belief, estimates
+
+    def _between_fixes(
+        self, belief: MultiHypothesisBelief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
+    ) -> tuple[MultiHypothesisBelief, list[Estimate]]:
+        runs = [run_span(self.filter, hypothesis.belief, steps, make_rngs) for hypothesis in belief.hypotheses]
+        estimates: list[Estimate] = []
+        for k in range(len(steps)):
+            after = tuple(
+                hypothesis._replace(belief=last, estimate=each[k])
+                for hypothesis, (last, each) in zip(belief.hypotheses, runs, strict=True)
+            )
+            belief = belief._replace(hypotheses=after)
+            estimates.append(self.estimate(belief))
+        return belief, estimates
 
     def estimate(self, belief: MultiHypothesisBelief) -> Estimate:
         """Return the mean of the leader and the second moment of all hypotheses about it.

@@ -50,17 +50,32 @@ static const double ROUND = 0x1.8p52; /* a double this large has no fraction; it
 static const double LN2 = 0x1.62e42fefa3800p-1, LN2_REST = 0x1.ef35793c76730p-45;
 static const double QUARTER = 0x1.921fb544p+0, QUARTER_2 = 0x1.0b4611a6p-34, QUARTER_3 = 0x1.3198a2e037073p-69;
 
-static const double FACTORIAL[] = {1.0, 1.0, 1.0 / 2, 1.0 / 6, 1.0 / 24, 1.0 / 120, 1.0 / 720, 1.0 / 5040, 1.0 / 40320,
-    1.0 / 362880, 1.0 / 3628800, 1.0 / 39916800, 1.0 / 479001600, 1.0 / 6227020800, 1.0 / 87178291200,
-    1.0 / 1307674368000, 1.0 / 20922789888000, 1.0 / 355687428096000, 1.0 / 6402373705728000}; /* 1 / k! */
+/* 1 / k!; the same of odd and of even k with alternating signs; 1 / (2 k + 1). */
+static const double EXP[] = {1.0, 1.0, 1.0 / 2, 1.0 / 6, 1.0 / 24, 1.0 / 120, 1.0 / 720, 1.0 / 5040, 1.0 / 40320,
+    1.0 / 362880, 1.0 / 3628800, 1.0 / 39916800, 1.0 / 479001600, 1.0 / 6227020800};
+static const double SIN[] = {1.0, -1.0 / 6, 1.0 / 120, -1.0 / 5040, 1.0 / 362880, -1.0 / 39916800, 1.0 / 6227020800,
+    -1.0 / 1307674368000, 1.0 / 355687428096000};
+static const double COS[] = {1.0, -1.0 / 2, 1.0 / 24, -1.0 / 720, 1.0 / 40320, -1.0 / 3628800, 1.0 / 479001600,
+    -1.0 / 87178291200, 1.0 / 20922789888000, -1.0 / 6402373705728000};
+static const double ATANH[] = {1.0, 1.0 / 3, 1.0 / 5, 1.0 / 7, 1.0 / 9, 1.0 / 11, 1.0 / 13, 1.0 / 15, 1.0 / 17,
+    1.0 / 19, 1.0 / 21, 1.0 / 23};
+
+/* c_0 + c_1 x + ... in two chains, even and odd powers, that the processor computes side by side. */
+INLINE V series(const double *c, int count, V x) {
+    V square = x * x, even = all(0.0), odd = all(0.0);
+    for (int term = count - 1; term >= 0; term--) {
+        if (term % 2) odd = c[term] + square * odd;
+        else even = c[term] + square * even;
+    }
+    return even + x * odd;
+}
 
 /* e^x for x from -700 (smaller ones are taken as that) to 700: x = k ln 2 + r, e^r by 14 terms. */
 INLINE V exponential(V x) {
     x = pick(less(x, all(-700.0)), all(-700.0), x);
     V shifted = x * 1.4426950408889634 + ROUND, k = shifted - ROUND;
-    V r = (x - k * LN2) - k * LN2_REST, sum = all(FACTORIAL[13]);
-    for (int term = 12; term >= 0; term--) sum = FACTORIAL[term] + r * sum;
-    return of_bits(bits(sum) + (bits(shifted) << 52));
+    V r = (x - k * LN2) - k * LN2_REST;
+    return of_bits(bits(series(EXP, 14, r)) + (bits(shifted) << 52));
 }
 
 /* log x: x = 2^e m, m from sqrt(1/2) to sqrt(2); log m = 2 atanh s, s = (m - 1) / (m + 1). NaN if x < 0. */
@@ -71,9 +86,8 @@ INLINE V logarithm(V x) {
     I large = less(all(1.4142135623730951), m);
     m = pick(large, 0.5 * m, m);
     e = pick(large, e + 1.0, e);
-    V s = (m - 1.0) / (m + 1.0), z = s * s, sum = all(1.0 / 23.0);
-    for (int odd = 21; odd > 1; odd -= 2) sum = 1.0 / odd + z * sum;
-    V result = e * LN2 + (2.0 * s + (2.0 * s * z * sum + e * LN2_REST));
+    V s = (m - 1.0) / (m + 1.0), z = s * s;
+    V result = e * LN2 + (2.0 * s + (2.0 * s * z * series(ATANH + 1, 11, z) + e * LN2_REST));
     return pick(less(all(0.0), x), result, pick(less(x, all(0.0)), all(NAN), all(-INFINITY)));
 }
 
@@ -82,10 +96,7 @@ INLINE void sine_cosine(V x, V *sine, V *cosine) {
     V shifted = x * 0.63661977236758134 + ROUND, k = shifted - ROUND;
     I quarter = bits(shifted);
     V r = ((x - k * QUARTER) - k * QUARTER_2) - k * QUARTER_3, z = r * r;
-    V s = all(FACTORIAL[17]), c = all(FACTORIAL[18]);
-    for (int term = 15; term > 0; term -= 2) s = FACTORIAL[term] - z * s;
-    for (int term = 16; term >= 0; term -= 2) c = FACTORIAL[term] - z * c;
-    s = r * s;
+    V s = r * series(SIN, 9, z), c = series(COS, 10, z);
     I odd = -(quarter & 1), negative_s = (quarter & 2) << 62, negative_c = ((quarter + 1) & 2) << 62;
     *sine = of_bits(bits(pick(odd, c, s)) ^ negative_s);
     *cosine = of_bits(bits(pick(odd, s, c)) ^ negative_c);

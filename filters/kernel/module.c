@@ -50,7 +50,7 @@ static PyObject *py_advance(PyObject *self, PyObject *args) {
         for (int s = 0; s < past + count; s++) readings += steps[s].readings, used += s < past ? 0 : steps[s].readings;
         blocks = (N + LANES - 1) / LANES, tri = n + n * (n + 1) / 2;
         good = part[2].len == (Py_ssize_t)sizeof(Reading) * readings &&
-               part[3].len == 8 * LANES * blocks * (tri * (1 + depth) + (depth ? 1 + depth : 0)) &&
+               part[3].len == 8 * LANES * blocks * (tri * (1 + depth) + (depth ? 2 + depth : 0)) &&
                part[4].len == 8 * (n + n * n + 2) * count && part[5].len == 8 * (SHIFT + n) * used;
     }
     int status = GOOD;

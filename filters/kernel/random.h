@@ -22,11 +22,17 @@ static inline Wide wide_sum(Wide a, Wide b) {
     return r;
 }
 
-static inline Wide wide_product(Wide a, Wide b) { /* modulo 2^128, by halves of 32 bits */
+static inline Wide wide_product(Wide a, Wide b) { /* modulo 2^128 */
+#ifdef __SIZEOF_INT128__
+    unsigned __int128 low = (unsigned __int128)a.low * b.low;
+    Wide r = {(uint64_t)(low >> 64) + a.high * b.low + a.low * b.high, (uint64_t)low};
+    return r;
+#else /* by halves of 32 bits */
     uint64_t a0 = a.low & 0xffffffff, a1 = a.low >> 32, b0 = b.low & 0xffffffff, b1 = b.low >> 32;
     uint64_t middle = (a0 * b0 >> 32) + (a1 * b0 & 0xffffffff) + a0 * b1; /* no carry is lost: below 2^64 */
     Wide r = {a1 * b1 + (a1 * b0 >> 32) + (middle >> 32) + a.high * b.low + a.low * b.high, a.low * b.low};
     return r;
+#endif
 }
 
 static inline void random_step(Generator *g) {

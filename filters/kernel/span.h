@@ -40,7 +40,9 @@ static double sum_of(const double *lanes) {
 
 static void predict_bank(Work *w, const Step *step, double *bank) {
     if (step->dt_s == 0.0) return;
-    FOR_EACH_GROUP(w, g, predict(w->f, step, n, group(w, bank, g)));
+    Motion m;
+    motion_of(w->f, step, &m);
+    FOR_EACH_GROUP(w, g, predict(&m, w->f->scale, n, group(w, bank, g)));
 }
 
 /* The scratch memory of a group: innovation, H P H', P H', then the mode probabilities. */
@@ -112,30 +114,32 @@ static int record(const Work *w, const Reading *reading, int modes, double *out)
 }
 
 static void mean_of(const Work *w, double *mean) {
-    for (int i = 0; i < w->n; i++) {
-        double sum[LANES] = {0};
-        for (int b = 0; b < w->blocks; b++)
-            for (int l = 0; l < LANES; l++) sum[l] += w->weight[b * LANES + l] * w->bank[b * w->block + i * LANES + l];
-        mean[i] = sum_of(sum);
-    }
+    double sum[MAX_STATES * LANES] = {0};
+    for (int b = 0; b < w->blocks; b++)
+        for (int i = 0; i < w->n; i++)
+            for (int l = 0; l < LANES; l++)
+                sum[i * LANES + l] += w->weight[b * LANES + l] * w->bank[b * w->block + i * LANES + l];
+    for (int i = 0; i < w->n; i++) mean[i] = sum_of(sum + i * LANES);
 }
 
 /* Mean and covariance of the weighted mixture: eqs. (21) and (22) with weights. */
 static void estimate(const Work *w, double *out) {
-    int n = w->n;
-    double *mean = out, *cov = out + n;
+    int n = w->n, size = w->block;
+    double *mean = out, *cov = out + n, sum[(MAX_STATES + MAX_STATES * (MAX_STATES + 1) / 2) * LANES];
     mean_of(w, mean);
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum[LANES] = {0};
-            for (int b = 0; b < w->blocks; b++) {
-                const double *m = w->bank + b * w->block, *p = w->weight + b * LANES;
+    for (int q = 0; q < size; q++) sum[q] = 0.0;
+    for (int b = 0; b < w->blocks; b++) {
+        const double *m = w->bank + b * size, *p = w->weight + b * LANES;
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j <= i; j++) {
+                double *s = sum + at(n, i, j) * LANES;
+                const double *P = m + at(n, i, j) * LANES;
                 for (int l = 0; l < LANES; l++)
-                    sum[l] += p[l] * (m[at(n, i, j) * LANES + l] +
-                                      (m[i * LANES + l] - mean[i]) * (m[j * LANES + l] - mean[j]));
+                    s[l] += p[l] * (P[l] + (m[i * LANES + l] - mean[i]) * (m[j * LANES + l] - mean[j]));
             }
-            cov[i * n + j] = cov[j * n + i] = sum_of(sum);
-        }
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) cov[i * n + j] = cov[j * n + i] = sum_of(sum + at(n, i, j) * LANES);
     out[n + n * n] = w->least;
 }
 

@@ -118,15 +118,16 @@ static void remember(Work *w, const Step *step, const Reading *readings) {
     w->past_step[p] = step, w->past_reading[p] = readings;
 }
 
-/* state: the bank; with DRAWN also the starts of the past steps, log weights, log likelihoods of the past steps. */
+/* state: the bank; with DRAWN also the starts of the past steps, log weights and weights (which rounding makes differ
+   from their exponentials, so that a span would depend on where it is cut), log likelihoods of the past steps. */
 static void exchange(Work *w, double *state, int out) {
     size_t bank = (size_t)(w->blocks * w->block), lanes = (size_t)(w->blocks * LANES);
-    double *parts[1 + 4 + 1 + 4];
-    size_t sizes[1 + 4 + 1 + 4];
+    double *parts[1 + 4 + 2 + 4];
+    size_t sizes[1 + 4 + 2 + 4];
     int count = 0;
     parts[count] = w->bank, sizes[count++] = bank;
     for (int p = 0; p < w->depth; p++) parts[count] = w->start[p], sizes[count++] = bank;
-    if (w->depth) parts[count] = w->log_weight, sizes[count++] = lanes;
+    if (w->depth) parts[count] = w->log_weight, sizes[count++] = lanes, parts[count] = w->weight, sizes[count++] = lanes;
     for (int p = 0; p < w->depth; p++) parts[count] = w->past_log[p], sizes[count++] = lanes;
     for (int i = 0; i < count; state += sizes[i++])
         out ? memcpy(state, parts[i], 8 * sizes[i]) : memcpy(parts[i], state, 8 * sizes[i]);
@@ -170,8 +171,9 @@ static int advance(const Filter *f, const Step *steps, int past, int count, cons
     for (int p = 0; p < w.depth; p++, next += 2 * lanes) w.past_log[p] = next, w.proposed_log[p] = next + lanes;
     w.scratch = next;
     exchange(&w, state, 0);
-    for (size_t i = 0; i < lanes; i++)
-        w.weight[i] = (int)i >= w.N ? 0.0 : w.depth ? exp(w.log_weight[i]) : 1.0, w.uniform[i] = 0.0;
+    for (size_t i = 0; i < lanes; i++) w.uniform[i] = 0.0;
+    if (!w.depth)
+        for (size_t i = 0; i < lanes; i++) w.weight[i] = (int)i < w.N;
     for (; w.past < past; w.past++, steps++) {
         w.past_step[w.past] = steps, w.past_reading[w.past] = readings;
         readings += steps->readings;

@@ -16,39 +16,53 @@ INLINE void increment(const Function *g, int n, double scale, const int *rows, d
     }
 }
 
-INLINE Function motion(int kind, int k, int nonlinear, int columns, const int *arguments, const int *rows) {
-    Function g = {{0}, kind, k, nonlinear, columns, {0}, {0}, 0, 0, 0, 0};
-    for (int q = 0; q < columns; q++) g.argument[q] = arguments[q], g.row[q] = rows[q], g.uses |= 1 << arguments[q];
+/* The motion of a step: half a turn, the displacement, half a turn, the decays (motion.py); then the added variances. */
+typedef struct {
+    Function part[5];
+    int rows[5][2], parts; /* rows: those that the part changes */
+    double added[MAX_STATES];
+} Motion;
+
+static Function *add_part(Motion *m, int kind, int k, const int *rows, int nonlinear, int columns, const int *arguments,
+                          const int *from) {
+    Function *g = &m->part[m->parts];
+    memset(g, 0, sizeof *g);
+    g->kind = kind, g->k = k, g->nonlinear = nonlinear, g->columns = columns;
+    for (int q = 0; q < columns; q++) g->argument[q] = arguments[q], g->row[q] = from[q], g->uses |= 1 << arguments[q];
+    for (int j = 0; j < k; j++) m->rows[m->parts][j] = rows[j];
+    m->parts++;
     return g;
 }
 
-/* m- = f(m), P- = F P F' + Q: half a turn, the displacement, half a turn, the decays (motion.py). */
-INLINE void predict(const Filter *f, const Step *step, int n, double *b) {
-    double dt = step->dt_s, scale = f->scale;
+static void motion_of(const Filter *f, const Step *step, Motion *m) {
     const int psi[] = {PSI}, rate[] = {R}, path[] = {PSI, U, V_FORWARD}, place[] = {X, Y}, speed[] = {U, V_FORWARD};
-    Function turn = motion(TURN, 1, 0, 1, rate, rate), displacement = motion(DISPLACEMENT, 2, 1, 3, path, path);
-    turn.number[0] = dt / 2, displacement.number[0] = dt;
-    increment(&turn, n, scale, psi, b);
-    increment(&displacement, n, scale, place, b);
-    increment(&turn, n, scale, psi, b);
+    const int bias[] = {BIAS_EAST, BIAS_NORTH}, bias_rows[] = {f->bias_row, f->bias_row + 1};
+    double dt = step->dt_s;
+    m->parts = 0;
+    add_part(m, TURN, 1, psi, 0, 1, rate, rate)->number[0] = dt / 2;
+    add_part(m, DISPLACEMENT, 2, place, 1, 3, path, path)->number[0] = dt;
+    add_part(m, TURN, 1, psi, 0, 1, rate, rate)->number[0] = dt / 2;
+    for (int i = 0; i < f->n; i++) m->added[i] = f->walk[i] * dt;
     if (step->gap) {
-        Function relax = motion(DECAY, 2, 0, 2, speed, speed);
-        for (int j = 0; j < 2; j++) relax.number[j] = step->remaining[j], relax.number[2 + j] = step->usual_mps[j];
-        increment(&relax, n, scale, speed, b);
+        Function *relax = add_part(m, DECAY, 2, speed, 0, 2, speed, speed);
+        for (int j = 0; j < 2; j++) {
+            relax->number[j] = step->remaining[j], relax->number[2 + j] = step->usual_mps[j];
+            m->added[speed[j]] = step->added_m2ps2[j];
+        }
     }
     if (f->bias_row >= 0) {
-        const int bias[] = {BIAS_EAST, BIAS_NORTH}, rows[] = {f->bias_row, f->bias_row + 1};
-        Function decay = motion(DECAY, 2, 0, 2, bias, rows);
-        decay.number[0] = decay.number[1] = exp(-dt / f->bias_s);
-        increment(&decay, n, scale, rows, b);
+        Function *decay = add_part(m, DECAY, 2, bias_rows, 0, 2, bias, bias_rows);
+        for (int j = 0; j < 2; j++) {
+            decay->number[j] = exp(-dt / f->bias_s);
+            m->added[bias_rows[j]] = -expm1(-2 * dt / f->bias_s) * f->bias_m2;
+        }
     }
-    for (int i = 0; i < n; i++) {
-        double added = f->walk[i] * dt;
-        if (step->gap && (i == U || i == V_FORWARD)) added = step->added_m2ps2[i - U];
-        if (f->bias_row >= 0 && (i == f->bias_row || i == f->bias_row + 1))
-            added = -expm1(-2 * dt / f->bias_s) * f->bias_m2;
-        AT(b, at(n, i, i)) = AT(b, at(n, i, i)) + added;
-    }
+}
+
+/* m- = f(m), P- = F P F' + Q. */
+INLINE void predict(const Motion *m, double scale, int n, double *b) {
+    for (int p = 0; p < m->parts; p++) increment(&m->part[p], n, scale, m->rows[p], b);
+    for (int i = 0; i < n; i++) AT(b, at(n, i, i)) = AT(b, at(n, i, i)) + m->added[i];
 }
 
 /* Innovation and its moments: e = z - E g(x), H P H', P H'. */
@@ -57,17 +71,13 @@ INLINE void project(const Filter *f, const Reading *reading, int n, const double
     for (int j = 0; j < reading->g.k; j++) out->value[j] = difference(&reading->g, all(reading->z[j]), out->value[j]);
 }
 
-/* Inverse (xx, xy, yy) of H P H' + R, and the log of its determinant if asked for. */
-INLINE void inverse_of(const Moments *p, int k, V xx, V xy, V yy, V inverse[3], V *logdet) {
-    if (k == 1) {
-        V S = p->cov[0][0] + xx;
-        inverse[0] = 1.0 / S;
-        if (logdet) *logdet = logarithm(S);
-        return;
-    }
-    V a = p->cov[0][0] + xx, c = p->cov[0][1] + xy, d = p->cov[1][1] + yy, det = a * d - c * c;
-    inverse[0] = d / det, inverse[1] = -c / det, inverse[2] = a / det;
-    if (logdet) *logdet = logarithm(det);
+/* Inverse (xx, xy, yy) of S = H P H' + R; return 1 / |S|. */
+INLINE V inverse_of(const Moments *p, int k, V xx, V xy, V yy, V inverse[3]) {
+    V a = p->cov[0][0] + xx;
+    if (k == 1) return inverse[0] = 1.0 / a;
+    V c = p->cov[0][1] + xy, d = p->cov[1][1] + yy, one_over_det = 1.0 / (a * d - c * c);
+    inverse[0] = d * one_over_det, inverse[1] = -c * one_over_det, inverse[2] = a * one_over_det;
+    return one_over_det;
 }
 
 INLINE void scaled_by(const V inverse[3], const V *e, int k, V *out) { /* S^-1 e */
@@ -81,46 +91,43 @@ INLINE void scaled_by(const V inverse[3], const V *e, int k, V *out) { /* S^-1 e
 /* The noise that an update uses: all modes of the reading, or one with the covariance of the mixture. */
 typedef struct {
     int modes;
-    const double *probability, *log_probability;
+    const double *probability;
     const double (*R)[3];
-    double one[2], mixture[1][3]; /* 1 and log 1; sum eps_j R_j */
+    double one, mixture[1][3]; /* sum eps_j R_j */
 } Noise;
 
 INLINE void noise_of(const Reading *reading, int matched, Noise *out) {
-    out->one[0] = 1.0, out->one[1] = 0.0;
+    out->one = 1.0;
     for (int i = 0; i < 3; i++) {
         out->mixture[0][i] = 0.0;
         for (int j = 0; j < reading->modes; j++) out->mixture[0][i] += reading->probability[j] * reading->R[j][i];
     }
     out->modes = matched ? 1 : reading->modes;
-    out->probability = matched ? out->one : reading->probability;
-    out->log_probability = matched ? out->one + 1 : reading->log_probability;
+    out->probability = matched ? &out->one : reading->probability;
     out->R = matched ? out->mixture : reading->R;
 }
 
-/* Posterior probabilities p_j of the modes, and the predictive log likelihood: log sum eps_j N(e; 0, S_j). */
+/* Posterior probabilities p_j of the modes, and the predictive log likelihood: log sum eps_j N(e; 0, S_j).
+
+   With d_j = e' S_j^-1 e and the least of them d: log sum eps_j |S_j|^-1/2 exp((d - d_j) / 2) - d / 2 - k / 2 log 2 pi. */
 INLINE V likelihoods(const Moments *p, const Noise *noise, int k, V *probability) {
-    V log_joint[MAX_MODES], top = all(-INFINITY), sum = all(0.0);
+    V distance[MAX_MODES], least = all(INFINITY), sum = all(0.0);
     for (int j = 0; j < noise->modes; j++) {
-        V inverse[3], scaled[2], logdet, distance;
-        inverse_of(p, k, all(noise->R[j][0]), all(noise->R[j][1]), all(noise->R[j][2]), inverse, &logdet);
+        V inverse[3], scaled[2];
+        V one_over_det = inverse_of(p, k, all(noise->R[j][0]), all(noise->R[j][1]), all(noise->R[j][2]), inverse);
         scaled_by(inverse, p->value, k, scaled);
-        distance = scaled[0] * p->value[0];
-        if (k == 2) distance = distance + scaled[1] * p->value[1];
-        log_joint[j] = (noise->log_probability[j] - 0.5 * k * 1.8378770664093453) - 0.5 * (logdet + distance);
-        top = pick(less(top, log_joint[j]), log_joint[j], top);
-    }
-    if (noise->modes == 1) {
-        probability[0] = all(1.0);
-        return log_joint[0];
+        distance[j] = scaled[0] * p->value[0];
+        if (k == 2) distance[j] = distance[j] + scaled[1] * p->value[1];
+        probability[j] = noise->probability[j] * root(one_over_det);
+        least = pick(less(distance[j], least), distance[j], least);
     }
     for (int j = 0; j < noise->modes; j++) {
-        probability[j] = exponential(log_joint[j] - top);
+        if (noise->modes > 1) probability[j] = probability[j] * exponential(0.5 * (least - distance[j]));
         sum = sum + probability[j];
     }
-    V inverse = 1.0 / sum;
-    for (int j = 0; j < noise->modes; j++) probability[j] = probability[j] * inverse;
-    return top + logarithm(sum);
+    V one_over_sum = 1.0 / sum;
+    for (int j = 0; j < noise->modes; j++) probability[j] = probability[j] * one_over_sum;
+    return logarithm(sum) - 0.5 * (least + k * 1.8378770664093453);
 }
 
 /* g, the score of the predictive likelihood, and G, its negative curvature: see apply_gain in gaussian_bank.py. */
@@ -130,7 +137,7 @@ typedef struct {
 
 /* The gain of one R for each particle: S^-1 e and S^-1. */
 INLINE void kalman_gain(const Moments *p, int k, V xx, V xy, V yy, Gain *out) {
-    inverse_of(p, k, xx, xy, yy, out->G, 0);
+    inverse_of(p, k, xx, xy, yy, out->G);
     scaled_by(out->G, p->value, k, out->g);
 }
 

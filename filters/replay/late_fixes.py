@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.protocol import Estimate, Filter, Prior
+from usbldr.filters.estimators.protocol import Estimate, Filter, Prior, SeededRng, run_span
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S, RunningFilter
 from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Update
+
+SPAN = 100  # [epochs] that a filter is given at once: enough that the call itself costs nothing
 
 
 class EpochEstimate(NamedTuple):
@@ -26,10 +28,12 @@ class EpochEstimate(NamedTuple):
 
 def by_validity(estimator: Filter[Any], prior: Prior, source: StepSource, seed: int) -> Iterator[EpochEstimate]:
     """Yield the estimate of every epoch with all fixes up to it."""
-    running = RunningFilter(estimator, prior, seed)
-    for k in range(len(source.time_s)):
-        estimate = running.advance(source.step(k))
-        yield EpochEstimate(k, estimate, {k: estimate.updates})
+    belief, count = estimator.start(prior), len(source.time_s)
+    for first in range(0, count, SPAN):
+        epochs = range(first, min(first + SPAN, count))
+        rngs = [SeededRng(seed, k) for k in epochs]
+        belief, estimates = run_span(estimator, belief, [source.step(k) for k in epochs], rngs)
+        yield from (EpochEstimate(k, one, {k: one.updates}) for k, one in zip(epochs, estimates, strict=True))
 
 
 def by_arrival(

@@ -94,11 +94,14 @@ class FixMeasurements:
     def __init__(self, epochs_s: Vector, fixes: PositionFixes) -> None:
         self.epochs_s, self.fixes = epochs_s, fixes
         self.first_epoch = np.searchsorted(epochs_s, fixes.time_s, side="left")
+        self._begin: list[int] = np.searchsorted(self.first_epoch, np.arange(len(epochs_s) + 1)).tolist()  # by epoch
 
     def at(self, k: int, received_by_s: float) -> Iterator[Measurement]:
         """Yield the fixes that epoch k uses and that arrived by ``received_by_s``, with their offset from it."""
+        if self._begin[k] == self._begin[k + 1]:
+            return
         sensor, rows, times_s, received_s, positions_m, covs_m2, family, lever_m, layout = self.fixes
-        for f in range(*np.searchsorted(self.first_epoch, (k, k + 1)).tolist()):
+        for f in range(self._begin[k], self._begin[k + 1]):
             if received_s[f] > received_by_s:
                 continue
             row, time_s, z, R = int(rows[f]), float(times_s[f]), positions_m[f], covs_m2[f]
