@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from usbldr.filters.kernel import MAX_MODES, MAX_STATES
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.sensors import (
@@ -23,7 +24,7 @@ from usbldr.filters.models.sensors import (
 from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import MOTION_STATES, StateLayout
 
-MAX_STATES, MAX_MODES, MAX_COLUMNS = 24, 9, 10  # fixed: as in layout.h
+MAX_COLUMNS = 10  # fixed: as in layout.h
 ARGUMENTS = (
     *MOTION_STATES,
     "dvl_scale",

@@ -20,6 +20,7 @@ from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import collapse
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification import clusters
+from usbldr.filters.identification.compiled_fixes import CompiledFixes
 from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
 from usbldr.filters.models.noise import BankNoise
@@ -118,7 +119,17 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     counted = has_dead_reckoning(timeline, time_s)
     N, total = len(members), np.zeros(len(members))
     bank = GaussianBank(mean[rows], cov[np.ix_(rows, rows)], np.zeros(N))
-    for f, R in enumerate(timeline.fix_cov_m2[:MAX_FIXES]):
+    cov_m2, taken = timeline.fix_cov_m2[:MAX_FIXES], 0
+    arrays = (measured.residual_m, measured.measurement_matrix, measured.group, motion.bias.start, motion.changes)
+    kernel = CompiledFixes(*arrays, noise[0], cov_m2, counted)
+    for f, R in enumerate(cov_m2):
+        if f < taken:
+            continue
+        if kernel.usable and len(bank.log_weight) == N:
+            bank, log_l, taken = kernel.until_far(bank, f)
+            total += log_l
+            if f < taken:
+                continue
         bank = motion.predicted(bank, f)
         modes, doubled = noise[0].modes(R), len(bank.log_weight) > N
         projection = None if doubled else measured.projection(bank, f, BOTH_AXES)
@@ -126,9 +137,12 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
             bank = clusters.mixed(bank if doubled else clusters.both_hypotheses(bank), dt_s[f])
             modes, doubled, projection = noise[1].modes(R), True, None
         for axes in modes.blocks():
-            if projection is None or axes != BOTH_AXES:
-                projection = measured.projection(bank, f, axes)
-            bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
+            if kernel.usable:
+                bank, log_l = kernel.updated(bank, f, axes)
+            else:
+                if projection is None or axes != BOTH_AXES:
+                    projection = measured.projection(bank, f, axes)
+                bank, log_l, *_ = collapse(bank, projection, modes.block(axes))
             if doubled:
                 bank, log_l = clusters.reweighted(bank, log_l)
             total += counted[f] * log_l

@@ -8,15 +8,17 @@ import os
 from collections.abc import Callable
 from typing import NamedTuple
 
-SIZES = (248, 120, 600)  # fixed: bytes of Filter, Step and Reading in layout.h, which encoding.py packs
+SIZES = (248, 120, 600, 56)  # fixed: bytes of Filter, Step, Reading and Pass in layout.h, which Python packs
+MAX_STATES, MAX_MODES = 24, 9  # fixed: as in layout.h
 
 
 class Kernel(NamedTuple):
-    """What runs, and the function that runs it."""
+    """What runs, and the functions that run it."""
 
     name: str  # the variant, or "numpy"
     reason: str  # why NumPy runs; empty for a compiled kernel
     advance: Callable[..., int] | None = None  # see module.c; None: NumPy
+    run_pass: Callable[..., int] | None = None
     variant: int = 0
 
 
@@ -33,7 +35,7 @@ def _choose() -> Kernel:
         return Kernel("numpy", "the kernel was compiled from another version: install usbldr again")
     for name, variant in _kernel.VARIANTS:
         if wanted in ("", name):
-            return Kernel(name, "", _kernel.advance, variant)
+            return Kernel(name, "", _kernel.advance, _kernel.run_pass, variant)
     names = ", ".join(name for name, _ in _kernel.VARIANTS)
     return Kernel("numpy", f"USBLDR_KERNEL={wanted} is none of the variants for this machine: {names}, numpy")
 

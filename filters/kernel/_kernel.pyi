@@ -1,8 +1,8 @@
-from numpy import float64
+from numpy import float64, int64
 from numpy.typing import NDArray
 
 VARIANTS: list[tuple[str, int]]
-SIZES: tuple[int, int, int]
+SIZES: tuple[int, int, int, int]
 
 def advance(
     variant: int,
@@ -14,5 +14,22 @@ def advance(
     state: NDArray[float64],
     estimates: NDArray[float64],
     records: NDArray[float64],
+    /,
+) -> int: ...
+def run_pass(
+    variant: int,
+    settings: bytes,
+    mean: NDArray[float64],
+    cov: NDArray[float64],
+    log_likelihood: NDArray[float64],
+    residual: NDArray[float64],
+    measurement_matrix: NDArray[float64],
+    changes: NDArray[float64],
+    group: NDArray[int64],
+    probability: NDArray[float64],
+    gain: NDArray[float64],
+    offset: NDArray[float64],
+    cov_m2: NDArray[float64],
+    counted: NDArray[float64],
     /,
 ) -> int: ...

@@ -3,6 +3,8 @@
    The mathematics is that of filters/models/sigma_points.py, sensors.py, motion.py and filters/estimators/
    gaussian_bank.py, mode_updates.py, which are the reference; H, Q, R, S, K, P are the matrices of the Kalman filter.
    b points to W particles of a block (layout.h): numbers 0 to n - 1 are the mean, then follows the triangle of P. */
+#ifndef USBLDR_GAUSSIANS_H
+#define USBLDR_GAUSSIANS_H
 #include "lanes.h"
 #include "layout.h"
 
@@ -228,3 +230,4 @@ INLINE void moments(const Function *g, int n, double scale, const double *b, Mom
         for (int i = 0; i < n; i++) out->cross[i][j] = pick(far, linear.cross[i][j], out->cross[i][j]);
     }
 }
+#endif

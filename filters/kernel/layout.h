@@ -58,6 +58,29 @@ enum { E = 0, SD = 2, NOMINAL_SD = 4, SCORE = 6, NOMINAL = 8, SHIFT = 9 };
 
 enum { GOOD, SINGULAR, NO_MEMORY };
 
+/* A pass over the fixes for N members of a bank, linear in n states: usbl_likelihood.py of identification. F fixes, M
+   members with noise and drift of their own, G linearisations; N is M, or 2 M hypotheses. Arrays as NumPy has them. */
+typedef struct {
+    double far;                 /* stop before a fix whose chi-square is larger, for any member */
+    int32_t n, N, F, M, G, modes, bias_row, per_scalar;
+    int32_t first, last;        /* the fixes of this call */
+    int32_t axis, padding;      /* 0, 1: update with this axis alone; 2: with both at once; 3: as the noise says, after
+                                   the prediction */
+} Pass;
+typedef struct {
+    double *mean, *cov, *log_likelihood;                /* (n, N), (n, n, N), (N): changed, added to */
+    const double *residual, *H, *changes;               /* (F, 2, G), (F, 2, n, G), (3, F, M): _Motion.changes */
+    const int64_t *group;                               /* (M): linearisation of each */
+    const double *probability, *gain, *offset, *R, *counted; /* (modes, M) each; (F, 2, 2); (F): 1 if fix counts */
+} PassArrays;
+enum { PASS_ARRAYS = 12 };
+
+/* Return the first fix that was not used, or -1 without memory. */
+typedef int RunPass(const Pass *, const PassArrays *);
 typedef int Advance(const Filter *, const Step *, int past, int count, const Reading *, double *state,
                     double *estimates, double *records);
+typedef struct {
+    Advance *advance;
+    RunPass *run_pass;
+} Variant;
 #endif

@@ -5,16 +5,16 @@
 #include "layout.h"
 #include "machine.h"
 
-extern Advance *const advance_portable, *const advance_avx2, *const advance_avx512;
+extern const Variant variant_portable, variant_avx2, variant_avx512;
 
 static const struct {
     const char *name;
-    Advance *const *advance;
+    const Variant *run;
 } VARIANTS[] = {
 #ifdef X86_VARIANTS
-    {"avx512", &advance_avx512}, {"avx2", &advance_avx2},
+    {"avx512", &variant_avx512}, {"avx2", &variant_avx2},
 #endif
-    {"portable", &advance_portable}};
+    {"portable", &variant_portable}};
 enum { COUNT = sizeof VARIANTS / sizeof *VARIANTS };
 
 static int can_run(int variant) {
@@ -55,14 +55,45 @@ static PyObject *py_advance(PyObject *self, PyObject *args) {
     }
     int status = GOOD;
     if (good)
-        status = (*VARIANTS[variant].advance)(f, steps, past, count, part[2].buf, part[3].buf, part[4].buf, part[5].buf);
+        status = VARIANTS[variant].run->advance(f, steps, past, count, part[2].buf, part[3].buf, part[4].buf, part[5].buf);
     for (int i = 0; i < 6; i++) PyBuffer_Release(&part[i]);
     if (good) return PyLong_FromLong(status);
     PyErr_SetString(PyExc_ValueError, "the kernel was given arrays that do not fit together");
     return NULL;
 }
 
+/* run_pass(variant, pass, twelve arrays in the order of PassArrays) -> first fix that was not used */
+static PyObject *py_run_pass(PyObject *self, PyObject *args) {
+    (void)self;
+    int variant, done = -1;
+    Py_buffer part[1 + PASS_ARRAYS], *a = part + 1;
+    if (!PyArg_ParseTuple(args, "iy*w*w*w*y*y*y*y*y*y*y*y*y*", &variant, &part[0], &a[0], &a[1], &a[2], &a[3], &a[4],
+                          &a[5], &a[6], &a[7], &a[8], &a[9], &a[10], &a[11]))
+        return NULL;
+    const Pass *p = part[0].buf;
+    int good = part[0].len == sizeof(Pass) && variant >= 0 && variant < COUNT && can_run(variant) && p->n > 1 &&
+               p->n <= MAX_STATES && p->M > 0 && p->N > 0 && p->G > 0 && p->modes > 0 && p->modes <= MAX_MODES &&
+               p->bias_row >= 0 && p->bias_row < p->n - 1 && p->first >= 0 && p->last <= p->F;
+    if (good) {
+        Py_ssize_t n = p->n, N = p->N, F = p->F, M = p->M, G = p->G, modes = p->modes * M;
+        const Py_ssize_t sizes[PASS_ARRAYS] = {n * N,     n * n * N, N,     F * 2 * G, F * 2 * n * G, 3 * F * M,
+                                               M,         modes,     modes, modes,     4 * F,         F};
+        for (int i = 0; i < PASS_ARRAYS; i++) good = good && a[i].len == 8 * sizes[i];
+        for (Py_ssize_t m = 0; good && m < M; m++) good = ((int64_t *)a[6].buf)[m] >= 0 && ((int64_t *)a[6].buf)[m] < G;
+    }
+    if (good) {
+        const PassArrays arrays = {a[0].buf, a[1].buf, a[2].buf, a[3].buf, a[4].buf,  a[5].buf,
+                                   a[6].buf, a[7].buf, a[8].buf, a[9].buf, a[10].buf, a[11].buf};
+        done = VARIANTS[variant].run->run_pass(p, &arrays);
+    }
+    for (int i = 0; i < 1 + PASS_ARRAYS; i++) PyBuffer_Release(&part[i]);
+    if (good) return done < 0 ? PyErr_NoMemory() : PyLong_FromLong(done);
+    PyErr_SetString(PyExc_ValueError, "the kernel was given arrays that do not fit together");
+    return NULL;
+}
+
 static PyMethodDef METHODS[] = {{"advance", py_advance, METH_VARARGS, "Run steps on a bank; see span.h."},
+                                {"run_pass", py_run_pass, METH_VARARGS, "Run a bank over fixes; see fixes.h."},
                                 {NULL, NULL, 0, NULL}};
 static struct PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernel", NULL, -1, METHODS, NULL, NULL, NULL, NULL};
 
@@ -75,7 +106,8 @@ PyMODINIT_FUNC PyInit__kernel(void) {
     }
     if (module) {
         PyModule_AddObjectRef(module, "VARIANTS", names);
-        PyObject *sizes = Py_BuildValue("(iii)", (int)sizeof(Filter), (int)sizeof(Step), (int)sizeof(Reading));
+        PyObject *sizes = Py_BuildValue("(iiii)", (int)sizeof(Filter), (int)sizeof(Step), (int)sizeof(Reading),
+                                        (int)sizeof(Pass));
         PyModule_AddObjectRef(module, "SIZES", sizes);
         Py_XDECREF(sizes);
     }

@@ -1,7 +1,6 @@
 /* A filter over a span of steps: predict, then per reading weigh, resample, update; then move (cpf.py, kalman.py).
 
    Included once for each width W of the vectors; all the rest is the same for every machine. */
-#include <stdlib.h>
 #include "random.h"
 #include "records.h"
 #include "updates.h"

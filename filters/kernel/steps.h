@@ -1,4 +1,5 @@
 /* Resampling, the Markov chain Monte Carlo move, and the loop over steps: step (4) of the paper, see cpf.py. */
+#include "fixes.h"
 #include "span.h"
 
 static void gather(const Work *w, double **bank, double **spare, const int *ancestor) {

@@ -1,4 +1,6 @@
 /* Prediction of W Gaussians, the likelihoods of the noise modes, and the three ways to update with them. */
+#ifndef USBLDR_UPDATES_H
+#define USBLDR_UPDATES_H
 #include "gaussians.h"
 
 /* x' = x + d: P' = P + cov(x, d) + cov(d, x) + cov(d, d), for the rows that d changes. */
@@ -88,23 +90,23 @@ INLINE void scaled_by(const V inverse[3], const V *e, int k, V *out) { /* S^-1 e
     out[0] = inverse[0] * e[0] + inverse[1] * e[1], out[1] = inverse[1] * e[0] + inverse[2] * e[1];
 }
 
-/* The noise that an update uses: all modes of the reading, or one with the covariance of the mixture. */
+/* The modes of a noise, for each particle. */
 typedef struct {
     int modes;
-    const double *probability;
-    const double (*R)[3];
-    double one, mixture[1][3]; /* sum eps_j R_j */
+    V probability[MAX_MODES], R[MAX_MODES][3]; /* R: xx, xy, yy */
 } Noise;
 
-INLINE void noise_of(const Reading *reading, int matched, Noise *out) {
-    out->one = 1.0;
-    for (int i = 0; i < 3; i++) {
-        out->mixture[0][i] = 0.0;
-        for (int j = 0; j < reading->modes; j++) out->mixture[0][i] += reading->probability[j] * reading->R[j][i];
-    }
+/* The noise that an update uses: all modes of the reading, or one with the covariance of the mixture. */
+static void noise_of(const Reading *reading, int matched, Noise *out) {
     out->modes = matched ? 1 : reading->modes;
-    out->probability = matched ? &out->one : reading->probability;
-    out->R = matched ? out->mixture : reading->R;
+    for (int j = 0; j < out->modes; j++) {
+        out->probability[j] = all(matched ? 1.0 : reading->probability[j]);
+        for (int i = 0; i < 3; i++) {
+            double mixture = 0.0;
+            for (int q = 0; q < reading->modes; q++) mixture += reading->probability[q] * reading->R[q][i];
+            out->R[j][i] = all(matched ? mixture : reading->R[j][i]);
+        }
+    }
 }
 
 /* Posterior probabilities p_j of the modes, and the predictive log likelihood: log sum eps_j N(e; 0, S_j).
@@ -114,7 +116,7 @@ INLINE V likelihoods(const Moments *p, const Noise *noise, int k, V *probability
     V distance[MAX_MODES], least = all(INFINITY), sum = all(0.0);
     for (int j = 0; j < noise->modes; j++) {
         V inverse[3], scaled[2];
-        V one_over_det = inverse_of(p, k, all(noise->R[j][0]), all(noise->R[j][1]), all(noise->R[j][2]), inverse);
+        V one_over_det = inverse_of(p, k, noise->R[j][0], noise->R[j][1], noise->R[j][2], inverse);
         scaled_by(inverse, p->value, k, scaled);
         distance[j] = scaled[0] * p->value[0];
         if (k == 2) distance[j] = distance[j] + scaled[1] * p->value[1];
@@ -147,7 +149,7 @@ INLINE void collapsed_gain(const Moments *p, const Noise *noise, int k, const V 
     out->g[0] = out->g[1] = all(0.0);
     for (int j = 0; j < noise->modes; j++) {
         Gain one;
-        kalman_gain(p, k, all(noise->R[j][0]), all(noise->R[j][1]), all(noise->R[j][2]), &one);
+        kalman_gain(p, k, noise->R[j][0], noise->R[j][1], noise->R[j][2], &one);
         V w = probability[j];
         for (int i = 0; i < k; i++) out->g[i] = out->g[i] + w * one.g[i];
         out->G[0] = out->G[0] + w * (one.G[0] - one.g[0] * one.g[0]);
@@ -189,10 +191,10 @@ INLINE void gain_of(const Filter *f, const Noise *noise, const Moments *p, int k
         return;
     }
     V R[3], edge = probability[0]; /* one mode, or the mode that each particle draws with the uniform number u */
-    for (int i = 0; i < 3; i++) R[i] = all(noise->R[0][i]);
+    for (int i = 0; i < 3; i++) R[i] = noise->R[0][i];
     for (int j = 1; j < noise->modes; j++) {
         I below = less(u, edge);
-        for (int i = 0; i < 3; i++) R[i] = pick(below, R[i], all(noise->R[j][i]));
+        for (int i = 0; i < 3; i++) R[i] = pick(below, R[i], noise->R[j][i]);
         edge = edge + probability[j];
     }
     out->G[1] = out->G[2] = all(0.0);
@@ -223,3 +225,4 @@ INLINE void update(const Filter *f, const Reading *reading, const Noise *noise, 
     }
     reduce_cov(&again, n, k, &gain, b);
 }
+#endif

@@ -5,7 +5,7 @@ TARGET("avx2")
 #define W 4
 #include "steps.h"
 END_TARGET
-Advance *const advance_avx2 = advance;
+const Variant variant_avx2 = {advance, run_pass};
 #else
 typedef int nothing;
 #endif

@@ -5,7 +5,7 @@ TARGET("avx512f,avx512dq,avx512vl")
 #define W 8
 #include "steps.h"
 END_TARGET
-Advance *const advance_avx512 = advance;
+const Variant variant_avx512 = {advance, run_pass};
 #else
 typedef int nothing;
 #endif

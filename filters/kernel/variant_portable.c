@@ -1,4 +1,4 @@
 /* The kernel for every machine: two particles at once (SSE2, NEON), or one with other compilers. */
 #define W 2
 #include "steps.h"
-Advance *const advance_portable = advance;
+const Variant variant_portable = {advance, run_pass};

@@ -149,7 +149,7 @@ def test_all_variants_give_the_same_numbers_to_the_bit(monkeypatch: pytest.Monke
     parameters = replace(PARAMETERS, dvl=Mixture(), calibrate=("scale", "misalignment", "usbl-bias", "latency"))
     tracks: list[Trajectory] = []
     for name, variant in _kernel.VARIANTS:
-        monkeypatch.setattr(compiled, "KERNEL", Kernel(name, "", KERNEL.advance, variant))
+        monkeypatch.setattr(compiled, "KERNEL", KERNEL._replace(name=name, variant=variant))
         tracks.append(run("cpf", LINE, parameters, FilterSettings(particles=21)))
 
     for track in tracks[1:]:
