@@ -26,7 +26,7 @@ from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.quantities import SENSOR_UNITS
 from usbldr.filters.replay.dead_reckoning import Anchor
-from usbldr.filters.replay.methods import FilterSettings, method_named, methods_that
+from usbldr.filters.replay.methods import METHODS, FilterSettings, method_named, methods_that
 from usbldr.filters.replay.position_fixes import require_gps
 from usbldr.filters.replay.prior import NO_START_TEXT, find_anchor, starting_fixes
 from usbldr.filters.replay.run import run
@@ -176,12 +176,15 @@ def find_start(
 def evaluate(log: Log, timeline: Timeline, track: Trajectory, settings: RunSettings = RunSettings()) -> ErrorReport:
     """Compute the errors of a track against the log's truth, with `settings`.
 
-    A track on the epochs of the timeline is scored on its slow grid, any other at its own stamps; GPS-aided windows
-    are not scored. Raises LogError without a truth, or if no epoch can be compared with it.
+    A track with all epochs of the slow grid is scored on it, any other at its own stamps; GPS-aided windows are not
+    scored. Raises LogError without a truth, or if no epoch can be compared with it.
     """
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
-    at_s = timeline.time_s[timeline.slow] if np.array_equal(track.time_s, timeline.time_s) else None
+    slow_s = timeline.time_s[timeline.slow]
+    fixes = track.method in METHODS and METHODS[track.method].scored_at_fixes
+    on_grid = not fixes and np.isin(np.round(slow_s * 1e6), np.round(track.time_s * 1e6)).all()  # to 1 us, as in files
+    at_s = slow_s if on_grid else None
     aid = log.parameters.aid if settings.aid is None else settings.aid
     return evaluate_track(track, log.truth, settings.window, settings.align, at_s, aid)
 

@@ -28,11 +28,13 @@ LONGEST_LOG_S = 30 * 86400.0  # a longer span means a wrong stamp, and its epoch
 
 
 def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
-    """Divide a log into epochs, from time 0 to the last DVL, compass or USBL record.
+    """Divide a log into epochs, from time 0 to the last DVL, compass or USBL record; without any, to the last truth.
 
-    If a latency was subtracted, the first records may be before 0: they have no epoch, and the first fixes are used at
-    time 0 with their offset.
-    Raises LogError without a usable DVL or compass record, UsageError if the rates do not fit together.
+    A DVL or compass that the log lacks has no measurement at any epoch, and dead reckoning is NaN. If a latency was
+    subtracted, the first records may be before 0: they have no epoch, and the first fixes are used at time 0 with
+    their offset.
+    Raises LogError if no record of a DVL or compass is usable, or if the log has no sensor and no truth, UsageError if
+    the rates do not fit together.
     """
     every = _epochs_per_slow(fast_hz, slow_hz)
     log = headings_on_plane(log)
@@ -41,11 +43,17 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     fixes = _fixes(log)
     t_f = fixes["time_s"].to_numpy(dtype=float)
 
-    last_s = max(t_d[-1], t_c[-1], *t_f[-1:])
+    ends_s = [*t_d[-1:], *t_c[-1:], *t_f[-1:]]
+    if not ends_s and log.truth is not None:
+        ends_s = [max(float(log.truth.time_s[-1]), 0.0)]
+    if not ends_s:
+        raise LogError(missing_sensor_text(log, "dvl"), path=log.path)
+    last_s = max(ends_s)
     if last_s > LONGEST_LOG_S:
         raise LogError(f"stamps span {last_s / 86400:.0f} days; one of them must be wrong", path=log.path)
     ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
     ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it
+    ends += [] if ends else [math.floor(last_s * fast_hz)]
     count = 1 + int(max(ends))
     if count > MAX_EPOCHS:
         raise UsageError(f"{fast_hz:g} Hz over {last_s:.0f} s are {count:.2g} epochs; use a lower --fast-hz")
@@ -110,6 +118,8 @@ def with_dvl_clock(log: Log, timeline: Timeline, clock_s: float) -> Timeline:
 
 def _dvl(log: Log) -> tuple[Vector, Array, Vector]:
     """Times (n,), starboard and forward (n, 2) and 1-sigma (n,) of the valid records, one per stamp."""
+    if "dvl" not in log.tables:
+        return np.empty(0), np.empty((0, 2)), np.empty(0)
     table = _sorted(log, "dvl")
     velocity = table[["starboard_mps", "forward_mps"]].to_numpy(dtype=float)
     good = table["valid"].to_numpy(dtype=bool) & np.isfinite(velocity).all(axis=1)
@@ -127,6 +137,8 @@ def _dvl(log: Log) -> tuple[Vector, Array, Vector]:
 
 def _compass(log: Log) -> tuple[Vector, Vector, Vector]:
     """Times, unwrapped yaw and 1-sigma in radians, (n,) each, one per stamp."""
+    if "compass" not in log.tables:
+        return np.empty(0), np.empty(0), np.empty(0)
     table = _sorted(log, "compass")
     heading = table["heading_deg"].to_numpy(dtype=float)
     good = np.isfinite(heading)
@@ -191,11 +203,13 @@ def _averages(group: Indices, values: Array, count: int) -> tuple[Indices, Array
 
 def _filled(sd: Vector) -> Vector:
     """Give epochs without a record the median sigma, so that no value is NaN."""
-    return np.where(np.isnan(sd), np.nanmedian(sd), sd)
+    return sd if np.isnan(sd).all() else np.where(np.isnan(sd), np.nanmedian(sd), sd)
 
 
 def _reckoned_mps(time_s: Vector, t: Vector, mps: Array, walk_mps: float) -> Array:
     """Return velocities (n, 2) at the epochs: interpolated, and relaxing to the usual one in long gaps."""
+    if not len(t):
+        return np.full((len(time_s), 2), np.nan)
     reckoned, history = _interpolated(time_s, t, mps), VelocityHistory.of(t, mps)
     gaps = np.flatnonzero(np.diff(t, append=np.inf) > LONGEST_GAP_S)
     for row in gaps.tolist():
@@ -210,6 +224,8 @@ def _reckoned_mps(time_s: Vector, t: Vector, mps: Array, walk_mps: float) -> Arr
 
 def _interpolated(time_s: Vector, t: Vector, values: Array) -> Array:
     """Return values (n, k) at the epochs: linear across gaps up to LONGEST_GAP_S, else the last one (or the first)."""
+    if not len(t):
+        return np.full((len(time_s), values.shape[1]), np.nan)
     before = np.clip(np.searchsorted(t, time_s, side="right") - 1, 0, len(t) - 1)
     after = np.minimum(before + 1, len(t) - 1)
     gap = t[after] - t[before]

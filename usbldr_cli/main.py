@@ -12,6 +12,7 @@ COMMANDS = {
     "doctor": "Find faults in LOG that matter for navigation, and say what to do.",
     "init": "Write a commented configuration for LOG.",
     "replay": "Run a filter over LOG and report its east and north errors.",
+    "evaluate": "Judge a track that a vehicle or another program computed.",
     "compare": "Run several filters over logs and seeds, side by side.",
     "drill": "Put faults into LOG and report what filters make of them.",
     "export": "Write LOG, or a part of it, in another format.",

@@ -13,8 +13,9 @@ import click
 from usbldr.filters.errors import LogError, UsageError, printable
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import log_options, request_and_inputs
-from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
+from usbldr_cli.options.output_files import json_option, refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.run_output import print_run, write_run
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeaveOneOut
@@ -117,10 +118,10 @@ def replay(
             run = _with_bound(selection["log"], run)
         if leave_one_out is not None:
             run = _with_left_out(method, run, settings, leave_one_out)
-        _write(folder, run)
+        write_run(folder, run)
         if write_calibration is not None:
             _write_calibration(Path(write_calibration), run)
-    _print_result(run, target, json_to, quiet)
+    print_run(run, target, json_to, quiet)
     if write_calibration is not None and not quiet and json_to != "-":
         click.echo(f"configuration for the next dive written to {write_calibration}")
     return LogError.exit_code if lost else 0
@@ -208,36 +209,8 @@ def _with_left_out(method: str, run: "Run", settings: "RunSettings", count: int)
     return replace(run, without_fixes=tuple(found))
 
 
-def _write(folder: Path, run: "Run") -> None:
-    """Write everything of the run; report.json, which names all files, comes last."""
-    from usbldr.io.reports.markdown_report import write_markdown
-    from usbldr.io.reports.report_json import write_json, write_tables
-    from usbldr_cli.figures.run_figures import write_figures
-
-    write_tables(folder, run)
-    write_markdown(folder, run, write_figures(folder, run))
-    write_json(folder, run)
-
-
 def _write_calibration(file: Path, run: "Run") -> None:
     from usbldr.io.reports.calibration_config import calibrated_configuration
 
     text = calibrated_configuration(run.log, run.identification, run.scored.trajectory)
     write_file("--write-calibration", file, text)
-
-
-def _print_result(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
-    from usbldr.io.reports.report_json import json_values, report_content
-    from usbldr_cli.tables.run_table import render
-
-    if json_to is not None:
-        write_json(json_to, json_values(report_content(run)))
-    if json_to == "-":
-        return
-    if quiet:
-        for warning in run.warnings:
-            click.echo(f"usbldr: {warning}", err=True)
-        click.echo(run.verdict)
-        return
-    click.echo(render(run, colour=sys.stdout.isatty()))
-    click.echo(f"\nwritten to {target}")

@@ -22,6 +22,7 @@ from usbldr.filters.evaluation.metrics import (
     by_name,
     declared,
 )
+from usbldr.filters.evaluation.relative_error import RelativeError
 from usbldr.filters.evaluation.whiteness import Whiteness
 from usbldr.filters.types import Array, Vector
 from usbldr.filters.windows import TimeWindow
@@ -82,6 +83,7 @@ class ErrorReport:
     speed: Speed | None
     sensors: Mapping[str, SensorUpdates]  # by name
     warnings: tuple[str, ...] = ()
+    relative: tuple[RelativeError, ...] = ()  # by the length of the segments
     place_unknown: bool = False  # nobody stated where the truth lies on the map of the track
 
     @property

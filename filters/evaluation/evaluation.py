@@ -21,6 +21,7 @@ from usbldr.filters.evaluation.metrics import (
     surfacing_errors,
     surfacings,
 )
+from usbldr.filters.evaluation.relative_error import relative_errors
 from usbldr.filters.evaluation.whiteness import whiteness
 from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
@@ -159,6 +160,7 @@ def evaluate(
         speed=speed(trajectory),
         sensors=sensor_updates(trajectory),
         warnings=warnings,
+        relative=relative_errors(time_s, error_m, truth_m, truth.max_gap_s),
         place_unknown=truth.place_unknown,
     )
 

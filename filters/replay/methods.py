@@ -193,7 +193,7 @@ METHODS: dict[str, Method] = {
             "the raw fixes",
             make_track=lambda timeline, anchor: dead_reckoning.usbl(timeline),
             estimates=frozenset(),
-            sensors=("dvl", "compass", "usbl"),
+            sensors=("usbl",),
             scored_at_fixes=True,
             colour="#e69f00",
         ),

@@ -7,10 +7,11 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.types import Truth, Vector
+from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain
 from usbldr.io.formats.csv_text import (
+    TUM,
     ParsedColumn,
     column,
     cut_findings,
@@ -22,8 +23,10 @@ from usbldr.io.formats.csv_text import (
 )
 from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.provenance import ChosenBy, Convention, Provenance
+from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
 
+MORE = ("sd_east_m", "sd_north_m", "cov_en_m2", "heading_deg", "qx", "qy", "qz", "qw")
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
 
@@ -64,10 +67,11 @@ def truth_from_table(
 def read_truth_file(
     file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None
 ) -> tuple[pd.DataFrame, Provenance]:
-    """Return time_ns, east_m, north_m and sd_m of a truth file, and its conventions.
+    """Return time_ns, east_m, north_m and sd_m of a file of positions, and its conventions.
 
-    Skipped rows are not parsed; they are NaN. Raises LogError for a missing column, a broken number or
-    an unknown plane; UsageError if the columns are unnamed.
+    If the file has them, also cov_ee_m2, cov_en_m2, cov_nn_m2 and heading_deg. Skipped rows are not parsed; they are
+    NaN. Raises LogError for a missing column, a broken number or an unknown plane; UsageError if the columns are
+    unnamed.
     """
     read_table = read_texts(file)
     texts = read_table.columns
@@ -86,14 +90,49 @@ def read_truth_file(
     chosen = [Convention("frame", frame, frame_by), Convention("columns", named, columns_by)]
     chosen += [Convention("skip_rows", section.skip_rows, "configuration")] if section.skip_rows else []
     read = {"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd}
-    fill = {"time_ns": 0, "east_m": np.nan, "north_m": np.nan, "sd_m": np.nan}
-    table = pd.DataFrame({name: np.insert(read[name], 0, [fill[name]] * rows.start) for name in read})
+    more = {name: numbers(texts[name][rows.start :], name).checked(file, lines) for name in MORE if name in texts}
+    read |= _covariance(more) | _heading(more, frame)
+    skipped = {
+        name: np.zeros(rows.start, np.int64) if name == "time_ns" else np.full(rows.start, np.nan) for name in read
+    }
+    table = pd.DataFrame({name: np.concatenate([skipped[name], values]) for name, values in read.items()})
     findings = [*row_findings(file, read_table, read_table.left_out), *cut_findings(file, read_table)]
     if section.columns is None and section.frame not in (None, frame):
         text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns are {frame}'
         findings.append(Finding("KEY-UNUSED", text))
     table.attrs[FINDINGS] = tuple(findings)
     return table, Provenance(file.name, "file", chosen_by, tuple(chosen), row_count, len(rows))
+
+
+def _covariance(more: Mapping[str, Column]) -> dict[str, Vector]:
+    """Return the covariance of east and north that usbldr's own tracks have."""
+    if not {"sd_east_m", "sd_north_m"} <= set(more):
+        return {}
+    en = more.get("cov_en_m2", np.zeros(len(more["sd_east_m"])))
+    return {
+        "cov_ee_m2": more["sd_east_m"] ** 2,
+        "cov_en_m2": np.asarray(en, float),
+        "cov_nn_m2": more["sd_north_m"] ** 2,
+    }
+
+
+def _heading(more: Mapping[str, Column], frame: str) -> dict[str, Vector]:
+    """Return headings in degrees: stated ones, or those of quaternions, unless all are the same."""
+    if "heading_deg" in more:
+        return {"heading_deg": np.asarray(more["heading_deg"], float)}
+    if not {"qx", "qy", "qz", "qw"} <= set(more):
+        return {}
+    quaternion = np.column_stack([np.asarray(more[name], float) for name in ("qx", "qy", "qz", "qw")])
+    heading = heading_of_quaternion(quaternion, frame)
+    return {} if np.ptp(heading) == 0 else {"heading_deg": heading}
+
+
+def heading_of_quaternion(xyzw: Array, frame: str) -> Vector:
+    """Return headings (n,) in degrees of quaternions (n, 4) that turn x to the bow: from east in ENU, north in NED."""
+    x, y, z, w = xyzw.T
+    yaw_deg = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
+    heading_deg: Vector = np.mod(yaw_deg if frame == "NED" else 90.0 - yaw_deg, 360.0)
+    return heading_deg
 
 
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
@@ -108,6 +147,12 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
     own = {"time_ns": "time_ns"} | ({"sd_m": "sd_m"} if "sd_m" in texts else {})
     if "time_ns" in texts and {"east_m", "north_m"} <= set(texts):
         return own | {"x": "east_m", "y": "north_m"}, "ENU"
+    if {"time_s", "east_m", "north_m"} <= set(texts):  # usbldr's own tracks
+        return {"time_s": "time_s", "x": "east_m", "y": "north_m"} | {
+            k: v for k, v in own.items() if k == "sd_m"
+        }, "ENU"
+    if set(TUM) <= set(texts):
+        return {"time_unix_s": "timestamp", "x": "tx", "y": "ty"}, section.frame or "ENU"
     if "time_ns" in texts and {"lat_deg", "lon_deg"} <= set(texts):
         return own | {"x": "lat_deg", "y": "lon_deg"}, "latlon"
     example = '{ time_unix_s = "...", x = "...", y = "..." }'

@@ -108,6 +108,8 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
 
 def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     """Return a finding for each convention, mounting or clock if another fits clearly better; change nothing."""
+    if not {"dvl", "compass", "usbl"} <= log.tables.keys():
+        return []
     sources = message_evidence(log)
     result = compare_interpretations(log, timeline, sources) if len(timeline.fix_time_s) else None
     if result is None:

@@ -22,6 +22,8 @@ MAX_TIME_NS = 1 << 62  # in 2116
 MAX_NAMES = 20  # of names in a sentence
 MAX_CHARACTERS = 60  # of a name or a cell in a sentence
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
+TUM: tuple[str, ...] = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+"""The columns of a TUM file (evo, trajectopy): Unix seconds, position in metres, quaternion."""
 WORDS = {"": "nan", "true": "1", "false": "0"}
 Number = TypeVar("Number", int, float)
 
@@ -79,14 +81,19 @@ class TextTable(NamedTuple):
 
 
 def read_texts(file: Path) -> TextTable:
-    """Return all cells of a CSV file; raise LogError if a column is there twice.
+    """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
 
-    A row with too few or too many cells is left out, and so is the last line if it has no line end.
+    Eight columns of numbers between blanks, without names, are a TUM file. Its last line needs no line end; of any
+    other file, such a line is left out, and so is a row with too few or too many cells.
     """
     lines = text_lines(file)
     first = next(lines, "")
-    separator = _separator(first)
-    header = plain_names([name.strip() for name in first.split(separator)])
+    separator = _separator(first) if _separator(first) in first else None
+    header = plain_names([name.strip() for name in first.lstrip("# ").split(separator)])
+    tum = separator is None and (header == list(TUM) or (len(header) == len(TUM) and all(map(_is_number, header))))
+    if tum:
+        lines = text_lines(file) if header != list(TUM) else lines
+        header = list(TUM)
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
         raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
@@ -94,10 +101,10 @@ def read_texts(file: Path) -> TextTable:
     numbered: list[int] = []
     left_out: dict[int, str] = {}
     cut = 0
-    for number, line in enumerate(lines, start=2):
-        if not line.strip():
+    for number, line in enumerate(lines, start=1 if tum and not first.startswith("#") else 2):
+        if not line.strip() or (tum and line.startswith("#")):
             continue
-        cut = 0 if line.endswith("\n") else number
+        cut = 0 if line.endswith("\n") or tum else number
         cells = _cells(line, separator)
         if len(cells) > len(header) and not any(cells[len(header) :]):
             cells = cells[: len(header)]  # separators at the end of the line
@@ -113,12 +120,14 @@ def read_texts(file: Path) -> TextTable:
         numbered.append(number)
     columns = zip(*rows, strict=True) if rows else [()] * len(header)
     texts: dict[str, Sequence[str]] = dict(zip(header, columns, strict=True))
-    if separator != ",":
+    if separator not in (",", None):
         texts = {name: [_with_point(cell) for cell in cells] for name, cells in texts.items()}
     return TextTable(texts, numbered, left_out, cut)
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
     if '"' in line:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
     cells = line.rstrip("\r\n").split(separator)

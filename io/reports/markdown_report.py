@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from usbldr.filters.errors import printable
+from usbldr.filters.replay.methods import METHODS
 from usbldr.io.provenance import convention_text
 from usbldr.io.reader import utc
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.report_text import (
     INFLUENCE,
     LEAVE_ONE_OUT_NOTE,
+    RELATIVE,
     Table,
     context,
     error_table,
@@ -18,6 +20,7 @@ from usbldr.io.reports.report_text import (
     leave_one_out_table,
     method_table,
     order_text,
+    relative_table,
 )
 
 Picture = tuple[str, str]  # file name, caption
@@ -32,6 +35,8 @@ def write_markdown(folder: Path, run: Run, pictures: Sequence[Picture]) -> None:
     ]
     if run.scored.report is not None:
         parts += ["## Errors", markdown_table(error_table(run.scored.report)), markdown_table(method_table(run))]
+    if run.scored.report is not None and run.scored.report.relative:
+        parts += ["## Relative errors", RELATIVE, markdown_table(relative_table(run.scored.report))]
     if lines := health_lines(run):
         parts += ["## Health", labelled(lines)]
     if len((fixes := influence_table(run)).rows):
@@ -82,7 +87,9 @@ def _definitions(run: Run) -> list[str]:
         "was scored, after the alignment.",
         "Every number here is in `report.json` under its own name.",
     ]
-    if run.order == "validity":
+    if run.method not in METHODS:
+        lines.append("The track was computed elsewhere; usbldr only judges it.")
+    elif run.order == "validity":
         lines.append("Fixes were used at their time of validity, as in post-processing; a vehicle receives them later.")
     else:
         lines.append(f"Fixes were {order_text(run)}.")

@@ -85,6 +85,8 @@ class Run:
             hint = "--calibrate auto estimates the sensor errors that the log has evidence for"
             if self.identification.parameters.calibrate or self.identification.evidence:
                 hint = "an error that the filter does not estimate is left; usbldr doctor looks for others"
+            if self.method not in METHODS:
+                hint = "its covariance is too small"
             apart = f", without a constant shift {report.shift.nees:.1f}" if report.mostly_shift else ""
             nees = f"NEES {report.nees.mean:.1f}{apart}, expected {DOF}"
             scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")
@@ -185,6 +187,8 @@ def _on_the_map(run: Run, fixes: pd.DataFrame) -> tuple[Trajectory, pd.DataFrame
 
 def _grid_names(run: Run) -> tuple[str, str]:
     """Return the names of the two time grids in file names: "5hz" and "1hz", or "fixes" for raw fixes."""
+    if run.method not in METHODS:
+        return "estimate", "estimate"
     if METHODS[run.method].scored_at_fixes:
         return "fixes", "fixes"
     t = run.timeline.time_s
@@ -293,6 +297,7 @@ def _scores(report: ErrorReport | None) -> dict[str, Any]:
         "metrics": report.flat(),
         "consistency": consistency_text(report.nees, report.alignment.name == "shift") or None,
         "place_unknown": report.place_unknown,
+        "relative_errors": [one._asdict() for one in report.relative],
         "surfacings": [surfacing._asdict() for surfacing in report.surfacings],
     }
 

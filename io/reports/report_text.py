@@ -13,6 +13,7 @@ from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.influence import most_influential
 from usbldr.filters.evaluation.metrics import SURFACING_GAP_S
 from usbldr.filters.models.calibration import estimated_errors
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.reports.estimate_text import error_text, evidence_text, fixed_errors_text, noise_changes_text
@@ -38,6 +39,8 @@ class Table(NamedTuple):
 
 def order_text(run: Run) -> str:
     """Return when fixes were used, and if numbers of the run know later ones."""
+    if run.method not in METHODS:
+        return "not used: this track was computed elsewhere"
     text = ORDERS[run.order]
     if run.order == "arrival" and (run.identification.evidence or run.identification.noise_changes):
         return f"{text}; noise and sensor errors were identified from the whole log, later fixes included"
@@ -143,6 +146,22 @@ def method_table(run: Run) -> Table:
             east, north, rmse = metres(*run.bound.metrics(smooth).values())
             rows.append((name, east, north, "", rmse, *[""] * (len(heads) - 4)))
     return Table("mean error in m", heads, tuple(rows))
+
+
+RELATIVE = (
+    "Change of the error over segments of the way, in percent of the distance travelled: it does not depend on a "
+    "constant shift."
+)
+
+
+def relative_table(report: ErrorReport) -> Table:
+    """Return the relative errors by the length of the segments."""
+    heads = ("mean [%]", "rms [%]", "p95 [%]", "segments")
+    rows: list[tuple[str, ...]] = []
+    for one in report.relative:
+        percent = (f"{value:.2f}" for value in (one.mean_percent, one.rms_percent, one.p95_percent))
+        rows.append((f"{one.length_m:g} m", *percent, f"{one.segments}"))
+    return Table("drift over", heads, tuple(rows))
 
 
 INFLUENCE = (

@@ -271,11 +271,21 @@ def test_gps_keeps_its_native_times_and_loses_records_without_a_position() -> No
     assert line.time_s.tolist() == [0.0]
 
 
-def test_a_missing_sensor_is_named_with_those_that_are_there() -> None:
-    with pytest.raises(
-        LogError, match=r"^dive\.mcap: no compass data \(sensors in this log: dvl\); name its topic by --compass"
-    ):
-        timeline(log(dvl=dvl_table([0.0])))
+def test_a_missing_sensor_measures_at_no_epoch() -> None:
+    line = timeline(log(dvl=dvl_table([0.0, 0.2])))
+
+    assert not line.yaw_count.any()
+    assert np.isnan(line.yaw_rad).all()
+    assert np.isnan(line.dr_yaw_rad).all()
+    assert line.dvl_count.tolist() == [1, 1]
+
+
+def test_a_log_without_any_sensor_or_truth_has_no_epochs() -> None:
+    with pytest.raises(LogError, match=r"^dive\.mcap: no dvl data \(sensors in this log: none\)"):
+        timeline(log())
+
+
+def test_a_sensor_without_a_valid_record_is_an_error() -> None:
     with pytest.raises(LogError, match=r"none of the 2 dvl records is valid"):
         timeline(log(dvl=dvl_table([0.0, 1.0], valid=False), compass=compass_table([0.0])))
 

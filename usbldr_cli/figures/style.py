@@ -95,9 +95,10 @@ def subtitle(run: Run) -> str:
     report = run.scored.report
     if report is None:
         return f"no truth; fixes {ORDERS[run.order]}"
+    fixes = [f"fixes {ORDERS[run.order]}"] if run.method in METHODS else []
     parts = [
         truth_text(report.truth_kind, report.truth_source),
-        f"fixes {ORDERS[run.order]}",
+        *fixes,
         f"alignment: {ALIGNMENTS[report.alignment.name]}",
     ]
     if report.aid:

@@ -3,8 +3,17 @@
 import textwrap
 from collections.abc import Sequence
 
+from usbldr.filters.replay.methods import METHODS
 from usbldr.io.reports.report_json import Run
-from usbldr.io.reports.report_text import Table, context, error_table, health_lines, leave_one_out_table, method_table
+from usbldr.io.reports.report_text import (
+    Table,
+    context,
+    error_table,
+    health_lines,
+    leave_one_out_table,
+    method_table,
+    relative_table,
+)
 
 WIDTH = 100  # [columns] of a usual terminal window
 LABEL = 13  # [columns] of the longest label and a gap
@@ -15,6 +24,8 @@ def render(run: Run, colour: bool = False) -> str:
     blocks = [title(f"{run.label} on {run.log.path.name}", colour), pairs(context(run))]
     if run.scored.report is not None:
         blocks += ["", aligned(error_table(run.scored.report)), "", aligned(method_table(run))]
+    if run.method not in METHODS and run.scored.report is not None and run.scored.report.relative:
+        blocks += ["", aligned(relative_table(run.scored.report))]
     if lines := health_lines(run):
         blocks += ["", pairs(lines)]
     if run.without_fixes:

@@ -130,7 +130,7 @@ def test_errors_of_the_usbl_are_not_laid_to_gps() -> None:
 def test_nothing_is_scored_inside_the_windows() -> None:
     t = np.arange(0.0, 31.0)
     inside = ((t >= 3) & (t <= 5)) | ((t >= 20) & (t <= 22))
-    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([np.where(inside, 100.0, 1.0), t]), None)
+    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([np.where(inside, 100.0, (-1.0) ** t), t]), None)
     truth = Truth(t, np.column_stack([0 * t, t]), np.full(len(t), np.nan), "gps", "/gps")
 
     report = evaluate(track, truth, aid=WINDOWS)

@@ -287,3 +287,39 @@ def test_the_accuracy_of_a_gps_message_is_taken_where_it_is_known(tmp_path: Path
 
     assert truth is not None
     np.testing.assert_allclose(truth.sd_m, [0.3, np.nan, 0.3])
+
+
+TUM_LINES = """# timestamp tx ty tz qx qy qz qw
+1600000001.500000000 3.0 4.0 0 0 0 0 1
+1600000002.500000000 5.0 6.0 0 0 0 0 1
+"""
+
+
+@pytest.mark.parametrize("text", [TUM_LINES, TUM_LINES.split("\n", 1)[1], TUM_LINES.rstrip("\n")])
+def test_a_tum_file_is_read_with_or_without_its_comment_and_its_last_line_end(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "slam.tum"
+    file.write_text(text, encoding="utf-8")
+
+    truth = dive(tmp_path, request=Request(truth=str(file))).truth
+
+    assert truth is not None
+    assert list(truth.time_s) == [1.5, 2.5]
+    np.testing.assert_array_equal(truth.position_m, [[3, 4], [5, 6]])
+
+
+def test_columns_between_blanks_are_read_by_their_names(tmp_path: Path) -> None:
+    file = tmp_path / "t.txt"
+    file.write_text(f"time_ns  east_m north_m\n{T0 + SECOND}   1 2\n", encoding="utf-8")
+
+    truth = dive(tmp_path, request=Request(truth=str(file))).truth
+
+    assert truth is not None
+    np.testing.assert_array_equal(truth.position_m, [[1, 2]])
+
+
+def test_a_broken_line_of_a_tum_file_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "slam.tum"
+    file.write_text(TUM_LINES.replace("5.0", "east"), encoding="utf-8")
+
+    with pytest.raises(LogError, match=r'slam\.tum: line 3: tx is "east", not a number'):
+        dive(tmp_path, request=Request(truth=str(file)))

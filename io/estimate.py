@@ -1,0 +1,104 @@
+"""A track that a vehicle or another program computed, to be judged like those of the filters: a topic or a file."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, SettingError, UsageError
+from usbldr.filters.types import Mask, Trajectory, Vector
+from usbldr.io.axes import named_ned
+from usbldr.io.conventions.dvl_depth import chosen_convention
+from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes
+from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.conventions.truth import find_truth_file, heading_of_quaternion, read_truth_file
+from usbldr.io.log import Log
+from usbldr.io.messages.layouts import raw_records, wanted_paths
+from usbldr.io.messages.roles import find_topic, topic_named
+from usbldr.io.opening import Request, open_configured
+from usbldr.io.reader import Nanoseconds
+from usbldr.io.settings.sensor_sections import TruthSection
+
+ORIENTATIONS = ("pose.pose.orientation", "pose.orientation")  # the first that a message has
+COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
+
+
+def read_estimate(log: Log, request: Request, name: str, frame: str | None = None) -> tuple[Log, Trajectory]:
+    """Return the track of a topic of the log or of a file: east, north, and covariance and yaw if they are known.
+
+    The log comes with it because its truth says whether its place on the map of this track is known.
+
+    A file is TUM text, usbldr's own track, or CSV with usbldr's names. ``frame`` is ENU, NED or latlon (None: by type
+    and frame_id, else ENU). Times are seconds of the log. Raises LogError for what cannot be read, UsageError for a
+    frame that does not fit.
+    """
+    file = find_truth_file(name, log.path, from_option=True)
+    if file is None:
+        if log.truth is not None and name.lstrip("/") == log.truth.source.lstrip("/"):
+            raise UsageError(f"--estimate {name} is the truth itself; name another track or another --truth")
+        table, label, used = _of_topic(log, request, name, frame)
+    else:
+        section = msgspec.convert({"frame": frame}, TruthSection)
+        table, provenance = read_truth_file(file, "option", section, log.start_ns, log.origin)
+        label, used = file.name, str(provenance.convention("frame").value)
+        own = "time_s = time_s" in str(provenance.convention("columns").value)  # on the plane of the log's own tracks
+        used = "" if own else used
+    table = table[np.isfinite(table["east_m"]) & np.isfinite(table["north_m"])]
+    table = table.sort_values("time_ns", kind="stable").drop_duplicates("time_ns", keep="last")
+    if table.empty:
+        raise LogError(f"{name}: no position is left of the estimate")
+    truth = log.truth
+    if truth is not None and used:
+        stated = log.origin is not None and log.origin.source == "[map]"
+        truth = replace(truth, place_unknown=(used == "latlon") != _latlon(log) and not stated)
+    return replace(log, truth=truth), _trajectory(table, label, log.start_ns)
+
+
+def _latlon(log: Log) -> bool:
+    """Tell whether the truth is known by latitude and longitude."""
+    role = "truth" if "truth" in log.provenance else "gps"
+    return log.convention(role, "frame").value == "latlon"
+
+
+def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple[pd.DataFrame, str, str]:
+    if not log.path.exists():
+        raise UsageError(f"--estimate {name}: a scenario has no topics; name a file")
+    reader = open_configured(log.path, request).reader
+    if find_topic(reader.topics(), name) is None:
+        raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic", path=log.path)
+    choice = topic_named(log.path, reader.topics(), "truth", name, "option")
+    topic, layout = choice.topic, choice.layout
+    prefix = next((path for path in ORIENTATIONS if topic.has(f"{path}.w")), None)
+    turned = {} if prefix is None else {f"q{axis}": f"{prefix}.{axis}" for axis in "xyzw"}
+    paths = wanted_paths(topic, layout) | turned
+    raw = raw_records(log.path, topic, layout, reader.read({topic.name: list(paths.values())})[topic.name], paths)
+    try:
+        default = "NED" if named_ned(raw.frame_id) else "ENU"
+        used, _, _ = chosen_convention(raw, "frame", frame, default)
+        if "lat_deg" in layout.required and used != "latlon":
+            raise SettingError(f"--frame {used}: {name} holds latitudes and longitudes")
+    except SettingError as err:
+        raise UsageError(err.text) from err
+    good: Mask = ~np.any(list(place_causes(raw, used).values()), axis=0)
+    covariance = message_covariance(raw, used)
+    columns: dict[str, Vector | Nanoseconds] = {"time_ns": times_of(raw, None, 0.0).time_ns}
+    columns["east_m"], columns["north_m"] = on_plane(raw, used, log.origin)
+    columns |= {key: covariance[:, k // 2, k % 2] for k, key in enumerate(COVARIANCE)}
+    if turned and used != "latlon":
+        heading = heading_of_quaternion(np.column_stack([raw.number(f"q{axis}") for axis in "xyzw"]), str(used))
+        columns |= {"heading_deg": heading} if np.ptp(heading) > 0 else {}
+    return pd.DataFrame({key: values[good] for key, values in columns.items()}), topic.name, str(used)
+
+
+def _trajectory(table: pd.DataFrame, label: str, start_ns: int) -> Trajectory:
+    time_s = (table["time_ns"].to_numpy() - start_ns) / 1e9
+    names, columns = ("x", "y"), [table["east_m"].to_numpy(float), table["north_m"].to_numpy(float)]
+    if "heading_deg" in table and np.isfinite(table["heading_deg"]).all():
+        names = ("psi", *names)
+        columns.insert(0, np.unwrap(-np.radians(table["heading_deg"].to_numpy(float))))
+    cov = None
+    if set(COVARIANCE) <= set(table) and np.isfinite(table["cov_ee_m2"]).any():
+        cov = np.full((len(table), len(names), len(names)), np.nan)
+        cov[:, -2:, -2:] = table[list(COVARIANCE)].to_numpy(float).reshape(-1, 2, 2)
+    return Trajectory(label, names, time_s, np.column_stack(columns), cov)

@@ -1,0 +1,119 @@
+"""usbldr evaluate: our own track has our own numbers; what a vehicle computed is judged like a filter."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from commands import output_of, run
+from recordings import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, fix, turned, write_mcap
+from usbldr.filters.errors import LogError, UsageError
+
+ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
+M_PER_DEG = 111_132.0  # of latitude at 45 degrees, WGS84, to 0.1 %
+NED = "odom_ned"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's dive, and the run directory of a filter beside it."""
+    folder = tmp_path_factory.mktemp("own")
+    output_of("simulate", "paper", "-o", folder / "paper.mcap")
+    output_of("replay", folder / "paper.mcap", "-f", "adf", "-q", "-o", folder / "adf")
+    return folder
+
+
+def report(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+
+def judged(log: Path, name: object, *options: object) -> dict[str, Any]:
+    return json.loads(output_of("evaluate", log, "--estimate", name, "--json", "-o", log.parent / "out", *options))
+
+
+def test_our_own_track_has_our_own_numbers(own: Path) -> None:
+    found, filtered = judged(own / "paper.mcap", own / "adf" / "track_5hz.csv"), report(own / "adf")
+
+    for name in ("mean_horizontal_m", "rmse_east_m", "bias_north_m", "max_horizontal_m", "matched", "shift_m"):
+        assert found["metrics"][name] == pytest.approx(filtered["metrics"][name], abs=1e-4), name  # as written: 0.1 mm
+    for name in ("nees_mean", "nees_low", "inside_1_sigma"):
+        assert found["metrics"][name] == pytest.approx(filtered["metrics"][name], rel=5e-3), name
+    assert found["relative_errors"] == [
+        {key: pytest.approx(value, abs=2e-3) for key, value in one.items()} for one in filtered["relative_errors"]
+    ]
+
+
+def test_our_own_tum_file_is_read_and_stands_in_the_table_of_compare(own: Path) -> None:
+    output_of("evaluate", own / "paper.mcap", "-e", own / "adf" / "track.tum", "-q", "-o", own / "tum")
+
+    table = output_of("compare", own / "adf", own / "tum", "--json")
+
+    rows = {row["filter"]: row["mean_horizontal_m"] for row in json.loads(table)["rows"]}
+    assert rows["track.tum"] == pytest.approx(rows["adf"], abs=1e-5)
+    assert {path.name for path in (own / "tum").iterdir()} >= {"track_estimate.csv", "report.md", "report.json"}
+
+
+def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> list[Row]:
+    """Two minutes east at 1 m/s by GPS, and an estimate with a right sigma, white errors and a heading of east."""
+    rng, rows = np.random.default_rng(2), list[Row]()
+    for k in range(120):
+        ns, e, n = T0 + k * SECOND, *(np.array([k, 0.0]) + rng.normal(0, error_m, 2))
+        rows.append(fix(ns, 45.0, 7.0 + k / (M_PER_DEG * 0.70910)))
+        covariance = np.zeros(36)
+        covariance[[0, 7]] = sd_m**2
+        x, y = (n, e) if frame == NED else (e, n)
+        values = {f"{prefix}.pose.position.x": x, f"{prefix}.pose.position.y": y, f"{prefix}.covariance": covariance}
+        values |= turned(f"{prefix}.pose.orientation", 90.0 if frame == NED else 0.1 * (k % 2))
+        rows.append((ns, "/nav", kind, {"header.stamp": ns, "header.frame_id": frame} | values))
+    return rows
+
+
+@pytest.mark.parametrize("kind", [ODOMETRY, POSE_COVARIANCE])
+@pytest.mark.parametrize("frame", ["odom", NED])
+def test_a_topic_of_a_log_without_dvl_is_judged_with_its_covariance(tmp_path: Path, kind: str, frame: str) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", onboard(kind, "pose", frame, 0.5, 0.5))
+    (tmp_path / "usbldr.toml").write_text(ORIGIN, encoding="utf-8")
+
+    found = judged(log, "/nav")
+
+    assert found["method"] == "/nav"
+    assert found["metrics"]["rmse_east_m"] == pytest.approx(0.5, abs=0.1)
+    assert found["metrics"]["rmse_north_m"] == pytest.approx(0.5, abs=0.1)
+    assert found["consistency"] == "consistent"
+
+
+def test_a_covariance_too_small_is_told_and_so_is_an_unknown_place(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", onboard(ODOMETRY, "pose", "odom", 0.5, 0.1))
+
+    found = judged(log, "/nav")
+
+    assert found["alignment"]["name"] == "shift"
+    assert found["consistency"].startswith("sigmas too small by a factor of")
+    assert any("its covariance is too small" in text for text in found["warnings"])
+
+
+def test_latitudes_of_a_solution_need_no_map(tmp_path: Path) -> None:
+    rows = [fix(T0 + k * SECOND, 45.0, 7.0 + k * 1e-5) for k in range(60)]
+    rows += [fix(T0 + k * SECOND, 45.0 + 3.0 / M_PER_DEG, 7.0 + k * 1e-5, topic="/ekf/position") for k in range(60)]
+
+    found = judged(write_mcap(tmp_path / "dive.mcap", rows), "/ekf/position", "--gps", "/gps/fix")
+
+    assert found["alignment"]["name"] == "none"
+    assert found["metrics"]["bias_north_m"] == pytest.approx(3.0, abs=0.01)
+    assert FIX in found["sensors"]["gps"]["type"]
+
+
+def test_what_cannot_be_judged_is_one_sentence(own: Path) -> None:
+    log = own / "paper.mcap"
+    faults = {
+        "/gps/fix": (UsageError, "is the truth itself"),
+        "/nowhere": (LogError, "neither a file, here or beside the log, nor a topic"),
+        "/dvl/data": (UsageError, "cannot be used as truth"),
+    }
+    for name, (kind, text) in faults.items():
+        fault = run("evaluate", log, "-e", name, "-o", own / "fault").exception
+        assert isinstance(fault, kind), name
+        assert text in str(fault)
+    assert not (own / "fault").exists()

@@ -1,0 +1,90 @@
+"""``usbldr evaluate``: judge a track that a vehicle or another program computed."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError, printable
+from usbldr_cli.options.log_options import log_options, request_and_inputs
+from usbldr_cli.options.output_files import json_option, refuse_file
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.run_output import print_run, write_run
+
+FRAMES = ("ENU", "NED", "latlon")
+DEFAULTS: dict[str, Any] = {
+    "particles": 2,
+    "gate": None,
+    "seed": 0,
+    "dr_from": "start",  # of the reference tracks
+    "fast_hz": 5.0,
+    "slow_hz": 1.0,
+}
+
+
+@click.command()
+@log_options
+@click.option("--estimate", "-e", metavar="FILE|TOPIC", required=True, help="The track to judge.")
+@click.option("--frame", type=click.Choice(FRAMES), help="Frame of the track.  [default: by type and name, else ENU]")
+@click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.")
+@click.option("--end", metavar="TIME", help="Score up to this time.")
+@click.option("--align", default="auto", show_default=True, metavar="HOW", help="none, shift, first, rigid or body.")
+@click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-ESTIMATE]")
+@click.option("--force", is_flag=True, help="Replace an existing run directory.")
+@json_option("report")
+@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+def evaluate(
+    log: str,
+    estimate: str,
+    frame: str | None,
+    start: str | None,
+    end: str | None,
+    align: str,
+    output: Path | None,
+    force: bool,
+    json_to: str | None,
+    quiet: bool,
+    **selection: Any,
+) -> int:
+    """Report the errors of a track that LOG or a file holds, like those of a filter.
+
+    A topic of Odometry, Pose or NavSatFix messages, TUM text, usbldr's track CSV, or CSV with usbldr's column names. If
+    it has covariances, NEES says whether they are right. Writes a run directory, which compare puts beside others.
+
+    \b
+    $ usbldr evaluate dive.mcap --estimate /odometry/filtered
+    """
+    from usbldr.filters.identification.identification import Identification
+    from usbldr.io.estimate import read_estimate
+    from usbldr.io.inputs import output_conflict
+    from usbldr.io.opening import ConfigurationFile
+    from usbldr.io.reports.report_json import Run, ScoredTrack
+    from usbldr.io.reports.run_directory import run_directory
+    from usbldr.io.session import evaluate as score
+    from usbldr.io.session import open_log, reference_tracks
+    from usbldr.io.timeline import timeline
+
+    request, read = request_and_inputs(log=log, **selection)
+    read = (*read, Path(estimate)) if Path(estimate).is_file() else read
+    target = output or Path(f"{Path(log).stem}-{Path(estimate).stem.strip('/').replace('/', '-') or 'estimate'}")
+    if json_to not in (None, "-"):
+        refuse_file("--json", Path(str(json_to)), force, read, target)
+    if what := output_conflict(target, read, inside=False):
+        raise UsageError(f"{target} {what}: choose another --output")
+    dive = open_log(log, request)
+    for finding in dive.findings:
+        click.echo(f"usbldr: {printable(dive.path.name)}: {finding.text} [{finding.code}]", err=True)
+    choices = RunChoices(start=start, end=end, align=align, **DEFAULTS)
+    settings = choices.settings(dive.start_ns)
+    placed, track = read_estimate(dive, request, estimate, frame)
+    grid = timeline(dive)
+    report = score(placed, grid, track, settings)
+    found = Identification(dive.parameters)
+    references = reference_tracks(dive, grid, track.method, settings, found)
+    options = {"estimate": estimate, "frame": frame, "start": start, "end": end, "align": align}
+    content = request.configuration.content if isinstance(request.configuration, ConfigurationFile) else None
+    run = Run(placed, grid, found, ScoredTrack(track, report), references, options=options, configuration=content)
+    with run_directory(target, force) as folder:
+        write_run(folder, run)
+    print_run(run, target, json_to, quiet)
+    return LogError.exit_code if any(finding.lost_data for finding in dive.findings) else 0

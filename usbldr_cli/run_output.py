@@ -1,0 +1,41 @@
+"""What a run leaves: its folder, and what is printed."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from usbldr_cli.options.output_files import write_json
+
+if TYPE_CHECKING:
+    from usbldr.io.reports.report_json import Run
+
+
+def write_run(folder: Path, run: "Run") -> None:
+    """Write everything of the run; report.json, which names all files, comes last."""
+    from usbldr.io.reports.markdown_report import write_markdown
+    from usbldr.io.reports.report_json import write_json, write_tables
+    from usbldr_cli.figures.run_figures import write_figures
+
+    write_tables(folder, run)
+    write_markdown(folder, run, write_figures(folder, run))
+    write_json(folder, run)
+
+
+def print_run(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:
+    """Print the table or the last line of a run, and write its JSON."""
+    from usbldr.io.reports.report_json import json_values, report_content
+    from usbldr_cli.tables.run_table import render
+
+    if json_to is not None:
+        write_json(json_to, json_values(report_content(run)))
+    if json_to == "-":
+        return
+    if quiet:
+        for warning in run.warnings:
+            click.echo(f"usbldr: {warning}", err=True)
+        click.echo(run.verdict)
+        return
+    click.echo(render(run, colour=sys.stdout.isatty()))
+    click.echo(f"\nwritten to {target}")
