@@ -29,7 +29,7 @@ from usbldr.filters.identification.identification import (
     NoiseChange,
     SensorErrorEvidence,
 )
-from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise, with_shared_error
 from usbldr.filters.identification.usbl_likelihood import (
     CLOCK,
     KEYS,
@@ -127,7 +127,7 @@ def _relinearised(members: Sequence[Member], found: FixLikelihoods) -> list[Memb
 
 def _identification(given: Parameters, choice: _Choice) -> Identification:
     present, row, found = choice.member.present, choice.row, choice.found
-    parameters = choice.member.parameters
+    parameters = with_shared_error(given, choice.member.parameters)
     if LEVER in present:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m

@@ -65,7 +65,8 @@ USBL = (
     TunableParameter("position_walk_m", ("process", "position_m"), prior_factor=10.0, starts=(1.0, 10.0, 100.0)),
 )
 
-GROWING = ("usbl_bias_sd_m", "usbl_bias_time_s", "position_walk_m")  # a log does not show what all of its fixes share
+SHARED = ("usbl_bias_sd_m", "usbl_bias_time_s")  # of the correlated error: its change is seen, not its constant part
+GROWING = ("position_walk_m",)  # a random walk learnt while dead reckoning is good would refuse its faults
 
 
 def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
@@ -76,8 +77,8 @@ def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
 def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
     """Return the parameters that explain the fixes best, given the sensor errors of the member.
 
-    The prior is about the ``given`` parameters; the search may start at those of the member, too. The correlated error
-    and the random walk of dead reckoning grow or stay.
+    The prior is about the ``given`` parameters; the search may start at those of the member, too. The random walk of
+    dead reckoning grows or stays.
     """
     found = _search(
         lambda members: fix_likelihoods(timeline, [member._replace(parameters=one) for one in members]).log_likelihood,
@@ -86,6 +87,15 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
         member.parameters,
     )
     return _grown(given, found, [one for one in USBL if one.name in GROWING])
+
+
+def with_shared_error(given: Parameters, found: Parameters) -> Parameters:
+    """Return the found parameters with a correlated error of the fixes that is not below the given.
+
+    Errors are told apart by how the fixes change, where the found value is best; but a filter has to allow for a
+    part that all fixes share, which no log shows.
+    """
+    return _grown(given, found, [one for one in USBL if one.name in SHARED])
 
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:

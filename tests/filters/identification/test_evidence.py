@@ -28,6 +28,7 @@ def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None
     assert all(one.log_odds < 0 for one in found.evidence)
     assert found.parameters.calibrate == ("usbl-bias",)
     assert found.warnings == ()
+    assert found.parameters.errors.usbl_bias_m >= ASSUMED.errors.usbl_bias_m
 
 
 @pytest.mark.parametrize(
