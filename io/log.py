@@ -61,7 +61,8 @@ def missing_sensor_text(log: Log, role: str) -> str:
     """Return a sentence that a log has no records of a sensor, which sensors it has, and how to add one."""
     have = ", ".join(log.tables) or "none"
     unread = "".join(f"; {topic} cannot be read: {why}" for topic, why in islice(log.unread.items(), MAX_UNREAD))
+    fixes = "; without it, --filter usbl judges the raw fixes" if role != "usbl" and "usbl" in log.tables else ""
     return (
         f"no {role} data (sensors in this log: {have}); name its topic by --{role} TOPIC, "
-        f"or add the file that holds it by --with FILE{unread}"
+        f"or add the file that holds it by --with FILE{fixes}{unread}"
     )

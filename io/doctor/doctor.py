@@ -104,7 +104,8 @@ def _examine_tables(
     found += _delays(log)
     if dive_timeline is not None:
         found += _outages(log, dive_timeline)
-    check = cross_check(log, dive_timeline, sources) if dive_timeline is not None and "usbl" in log.tables else None
+    reckoned = dive_timeline is not None and {*REQUIRED_SENSORS, "usbl"} <= log.tables.keys()
+    check = cross_check(log, dive_timeline, sources) if dive_timeline is not None and reckoned else None
     found += check.findings if check else ()
     ordered = _errors_first(found)
     return Examination(log.path, log.format, log.configuration, ordered, log, dive_timeline, alternatives, check)

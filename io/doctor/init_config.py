@@ -29,6 +29,8 @@ def initial_configuration(examination: Examination, joined: tuple[str, ...] = ()
     """
     log = examination.log
     fatal = [d for d in examination.findings if d.code in ("UNUSABLE", "SENSOR-MISSING")]
+    if log is not None and "usbl" in log.tables:  # raw fixes can be judged without DVL and compass
+        fatal = [d for d in fatal if d.code == "UNUSABLE"]
     if log is None or fatal:
         raise LogError(fatal[0].text, path=examination.path)
     if in_radians(examination):
@@ -36,9 +38,8 @@ def initial_configuration(examination: Examination, joined: tuple[str, ...] = ()
     sections: dict[str, list[ConfigLine]] = {"map": _map(examination, log)}
     for role in ROLES:
         sections[role] = _topic(examination, log, role)
-    sections["dvl"] += dvl_lines(examination, log)
-    sections["compass"] += compass_lines(examination, log)
-    sections["usbl"] += usbl_lines(examination, log)
+    for role, lines_of in (("dvl", dvl_lines), ("compass", compass_lines), ("usbl", usbl_lines)):
+        sections[role] += lines_of(examination, log) if role in log.tables else []
     sections["truth"] = _truth(log)
     lines = [
         f"# Settings for {examination.path.name}, written by usbldr init from the log alone.",
@@ -120,7 +121,8 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
 
 def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     if role not in log.provenance:
-        return [] if role in ("dvl", "compass", "usbl") else [('topic = "none"', "no such topic in the log")]
+        why = "no such topic in the log" + ("; only --filter usbl works" if role in ("dvl", "compass") else "")
+        return [('topic = "none"', why)] if role != "usbl" else []
     p = log.provenance[role]
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"
     if role in examination.alternatives:

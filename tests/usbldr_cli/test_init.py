@@ -123,12 +123,12 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
 
 
 def test_a_log_that_no_configuration_can_mend_gets_none(tmp_path: Path) -> None:
-    no_dvl = write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive() if row[1] != "/dvl"])
+    compass = write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive() if row[1] == "/imu"])
 
-    done = run("init", str(no_dvl))
+    done = run("init", str(compass))
 
     assert isinstance(done.exception, LogError)
-    assert "no dvl data (sensors in this log: compass, usbl)" in str(done.exception)
+    assert "no dvl data (sensors in this log: compass)" in str(done.exception)
     assert not (tmp_path / "dive.usbldr.toml").exists()
 
 

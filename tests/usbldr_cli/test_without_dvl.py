@@ -1,0 +1,51 @@
+"""A log of USBL fixes without a DVL, or without a compass: its raw fixes can be judged."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from commands import findings, output_of, run
+from curved import curved_dive
+from recordings import write_mcap
+from usbldr.filters.errors import LogError
+
+ADVICE = "--filter usbl judges the raw fixes"
+ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"  # of curved_dive
+
+
+@pytest.fixture(params=["/dvl", "/imu"])
+def log(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A dive without one of the two topics."""
+    return write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive(gps=True) if row[1] != request.param])
+
+
+def test_the_raw_fixes_have_the_errors_of_the_whole_log(log: Path, tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", curved_dive(gps=True))
+    errors: list[float] = []
+    for one in (log, whole):
+        (tmp_path / f"{one.stem}.usbldr.toml").write_text(ORIGIN, encoding="utf-8")
+        told = json.loads(output_of("replay", one, "-f", "usbl", "--json", "-o", tmp_path / one.stem))
+        errors.append(told["metrics"]["mean_horizontal_m"])
+
+    assert errors[0] == pytest.approx(errors[1], abs=1e-9)
+
+
+def test_what_needs_the_sensor_says_so_and_what_still_works(log: Path) -> None:
+    fault = run("replay", log, "-f", "adf").exception
+
+    assert isinstance(fault, LogError)
+    assert ADVICE in str(fault)
+    assert ADVICE in output_of("info", log)
+    found = findings(log)
+    assert ADVICE in found["SENSOR-MISSING"]["text"]
+    assert found["SENSOR-MISSING"]["level"] == "error"
+
+
+def test_init_writes_a_file_with_which_the_fixes_are_judged(log: Path, tmp_path: Path) -> None:
+    output_of("init", log)
+
+    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
+    assert text.count('topic = "none"') == 2  # the sensor and the depth
+    assert "only --filter usbl works" in text
+    assert "usbl: mean horizontal error" in output_of("replay", log, "-f", "usbl", "-q", "-o", tmp_path / "run")
