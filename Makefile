@@ -24,12 +24,13 @@ test: $(VENV)/installed-dev
 fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -q -n auto --dist worksteal -m slow
 
-# the tests of the kernel with checks of every access and every operation of undefined result; then the usual kernel again
+# the tests of the kernel with checks of every access and of every operation without a defined result
 SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=undefined -g -O1
 sanitize: $(VENV)/installed-dev
-	CFLAGS="$(SANITIZERS)" LDFLAGS="$(SANITIZERS)" $(BIN)/pip install --quiet --disable-pip-version-check -e .
+	gcc -shared -fPIC $(SANITIZERS) -DPORTABLE_ALONE -ffp-contract=off -fno-math-errno -Wno-psabi filters/kernel/*.c \
+		-I$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("include"))') -o filters/kernel/_kernel.abi3.so
 	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" ASAN_OPTIONS=detect_leaks=0 \
-		$(BIN)/pytest -q tests/filters/estimators/test_compiled.py; \
+		$(BIN)/pytest -q tests/filters/estimators/test_compiled.py tests/filters/identification/test_compiled_fixes.py; \
 	result=$$?; $(BIN)/pip install --quiet --disable-pip-version-check -e .; exit $$result
 
 check: $(VENV)/installed

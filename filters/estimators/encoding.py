@@ -41,6 +41,7 @@ ARGUMENTS = (
 """The states that a function may depend on, in the order of layout.h."""
 SELECTED, VELOCITY, COMPASS, FIX = range(4)  # kinds of functions, as in layout.h
 FUNCTION = struct.Struct(f"=4d4i{2 * MAX_COLUMNS}i4i")
+NOISE = struct.Struct(f"={6 * MAX_MODES}d")
 READING_END = struct.Struct("=2d2i")
 STEP = struct.Struct("=7d4Q4I4i")
 FILTER = struct.Struct(f"=2d{MAX_STATES}d2d6i")
@@ -57,11 +58,11 @@ class EncodedStep(NamedTuple):
 
 
 class Encoder:
-    """Codes steps for one motion model; models and noises that come again are coded once."""
+    """Codes steps for one motion model; a model and a noise that come again together are coded once."""
 
     def __init__(self, motion: VehicleMotion) -> None:
         self.motion = motion
-        self._known: dict[int, tuple[Any, bytes]] = {}  # by identity; the value keeps it alive
+        self._known: dict[tuple[int, int], tuple[Measurement, bytes]] = {}  # by identity; the value keeps both alive
 
     def step(self, step: Any, words: Sequence[int] | None, state: Sequence[int]) -> EncodedStep:
         """Return a step; ``words`` seed its generator, or else it has the state of one that exists."""
@@ -81,18 +82,16 @@ class Encoder:
         return EncodedStep(packed, b"".join(map(self._reading, parts)), tuple(parts), tuple(counts))
 
     def _reading(self, part: Measurement) -> bytes:
+        both = id(part.model), id(part.noise)
+        known = self._known.get(both)
+        if known is None:
+            if len(self._known) > 4096:  # fixed: bounds the memory; every fix has a model of its own
+                self._known.clear()
+            coded = function_bytes(part.model, self.motion.layout, part.bilinear) + noise_bytes(part.noise)
+            known = self._known[both] = (part, coded)
         z = part.z.tolist()
-        end = READING_END.pack(z[0], z[-1], len(part.noise.probabilities), part.axis in POSITION_AXES)
-        return self._of(part.model, part.bilinear) + self._of(part.noise) + end
-
-    def _of(self, value: Any, bilinear: bool = False) -> bytes:
-        if (known := self._known.get(id(value))) is not None:
-            return known[1]
-        coded = noise_bytes(value) if isinstance(value, Noise) else function_bytes(value, self.motion.layout, bilinear)
-        if len(self._known) > 4096:  # fixed: bounds the memory; every fix has a model of its own
-            self._known.clear()
-        self._known[id(value)] = (value, coded)
-        return coded
+        ending = READING_END.pack(z[0], z[-1], len(part.noise.probabilities), part.axis in POSITION_AXES)
+        return known[1] + ending
 
 
 def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> bytes:
@@ -144,17 +143,14 @@ def _function(
 
 def noise_bytes(noise: Noise) -> bytes:
     """Return the code of J modes of one or two scalars."""
+    probability: list[float] = noise.probabilities.tolist()
     J, k = noise.cov.shape[:2]
-    table = np.zeros((MAX_MODES, 6))
-    table[:J, 0] = noise.probabilities
-    with np.errstate(divide="ignore"):
-        table[:J, 1] = np.log(noise.probabilities)
-    table[:J, 2], table[:J, 4] = noise.cov[:, 0, 0], noise.cov[:, k - 1, k - 1]
-    if k == 2:
-        table[:J, 3] = noise.cov[:, 0, 1]
-    table[:J, 5] = noise.is_nominal
-    parts = (table[:, 0], table[:, 1], table[:, 2:5], table[:, 5])
-    return b"".join(part.tobytes() for part in parts)
+    R = [(*row[:2], row[-1]) if k == 2 else (row[0], 0.0, row[0]) for row in noise.cov.reshape(J, -1).tolist()]
+    log_probability = [math.log(p) if p > 0 else -math.inf for p in probability]
+    columns = (probability, log_probability, [number for row in R for number in row], noise.is_nominal.tolist())
+    widths = (1, 1, 3, 1)  # numbers of each mode
+    padded = ([*column, *[0.0] * (width * (MAX_MODES - J))] for column, width in zip(columns, widths, strict=True))
+    return NOISE.pack(*(number for column in padded for number in column))
 
 
 def filter_bytes(

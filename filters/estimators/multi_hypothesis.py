@@ -25,18 +25,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import GaussianBank, predict, project, replicate
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, project, replicate
 from usbldr.filters.estimators.hypothesis_likelihoods import (
     HypothesisLikelihoods,
     hypothesis_likelihoods,
     usbl_measurements,
     without_fixes,
 )
+from usbldr.filters.estimators.kalman import KalmanFilter
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.protocol import (
     Estimate,
     Filter,
     MakeRng,
     Prior,
+    SeededRng,
     Step,
     measurement_update,
     run_span,
@@ -97,6 +100,7 @@ class MultiHypothesisFilter:
     long_outage_s: float = 60.0  # in a shorter outage the probability of relocation is proportionally smaller
     decision_odds: float = 20.0  # for a new leader that moves the track: strong evidence by Kass and Raftery
     pruning_ratio: float = 1e-4  # of the largest weight; hypotheses below it are dropped
+    predictor: Filter[Any] | None = None  # a linearised filter that predicts their fixes; None: kalman.py's
 
     def start(self, prior: Prior) -> MultiHypothesisBelief:
         """Return the nominal hypothesis alone, at the filter's prior."""
@@ -320,7 +324,11 @@ class MultiHypothesisFilter:
         return with_state_shift(update, bank, bank)
 
     def _predicted(self, estimate: Estimate, step: Step) -> GaussianBank:
-        return predict(replicate(estimate.mean, estimate.cov, 1), self.motion, linearised, step.t0_s, step.t1_s)
+        linear = self.predictor or KalmanFilter(self.motion, linearised, moment_matched)
+        before = linear.start(Prior(estimate.mean, estimate.cov))
+        after = linear.step(before, step._replace(measurements=()), SeededRng(0, step.epoch))
+        predicted = linear.estimate(after)
+        return replicate(predicted.mean, predicted.cov, 1)
 
 
 def _with_outcome(

@@ -13,7 +13,7 @@
 #error "-ffast-math would break the range reductions"
 #endif
 
-#ifdef __GNUC__
+#if defined(__GNUC__) && !defined(ONE_AT_A_TIME) /* the macro is for a test of the other branch */
 typedef double V __attribute__((vector_size(8 * W)));
 typedef int64_t I __attribute__((vector_size(8 * W)));
 typedef uint64_t Unsigned __attribute__((vector_size(8 * W)));

@@ -1,7 +1,7 @@
 /* Whether this compiler can make code for newer x86-64 machines than the one that it assumes, and how it is told. */
 #ifndef USBLDR_MACHINE_H
 #define USBLDR_MACHINE_H
-#if defined(__x86_64__) && defined(__GNUC__)
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(PORTABLE_ALONE) /* the macro: to compile in less time */
 #define X86_VARIANTS
 #include <math.h> /* before the target: what the system declares is no part of it */
 #include <stdlib.h>

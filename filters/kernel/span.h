@@ -89,7 +89,7 @@ static void update_bank(Work *w, const Reading *reading, const Noise *noise, dou
 /* Mean innovation and its covariance over the weighted particles, as a record of the reading. */
 static int record(const Work *w, const Reading *reading, int modes, double *out) {
     int k = reading->g.k, size = scratch_size(w->n, k, modes), per_block = LANES / W;
-    double e[2], P[3];
+    double e[2] = {0}, P[3] = {0};
     for (int j = 0; j < k; j++) {
         double sum[LANES] = {0};
         for (int g = 0; g < w->groups; g++) {

@@ -139,6 +139,7 @@ typedef struct {
 
 /* The gain of one R for each particle: S^-1 e and S^-1. */
 INLINE void kalman_gain(const Moments *p, int k, V xx, V xy, V yy, Gain *out) {
+    out->g[1] = out->G[1] = out->G[2] = all(0.0);
     inverse_of(p, k, xx, xy, yy, out->G);
     scaled_by(out->G, p->value, k, out->g);
 }
@@ -197,7 +198,6 @@ INLINE void gain_of(const Filter *f, const Noise *noise, const Moments *p, int k
         for (int i = 0; i < 3; i++) R[i] = pick(below, R[i], noise->R[j][i]);
         edge = edge + probability[j];
     }
-    out->G[1] = out->G[2] = all(0.0);
     kalman_gain(p, k, R[0], R[1], R[2], out);
 }
 

@@ -28,7 +28,7 @@ class Noise:
     @property
     def is_nominal(self) -> Mask:
         """Whether each mode is of good measurements, (J,): its sigma is at most twice that of mode 0."""
-        variance = np.trace(self.cov, axis1=1, axis2=2)
+        variance: Array = np.einsum("jkk...->j...", self.cov)
         return variance <= MAX_NOMINAL_RATIO * variance[0]
 
     @property

@@ -12,6 +12,8 @@ import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.estimators.compiled import compiled
+from usbldr.filters.estimators.kalman import KalmanFilter
+from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
@@ -20,6 +22,7 @@ from usbldr.filters.evaluation.whiteness import whiteness, whiteness_warning
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.replay.dead_reckoning import Anchor, velocity_history
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, discarded_fixes
 from usbldr.filters.replay.methods import (
@@ -126,7 +129,10 @@ def make_estimator(
     assert method.build is not None  # it is a filter
     estimator = compiled(method.build(motion, settings))
     guarded = method.multiple_hypotheses_by_default if settings.guard is None else settings.guard
-    return MultiHypothesisFilter(estimator, motion) if guarded else estimator
+    if not guarded:
+        return estimator
+    predictor = compiled(KalmanFilter(motion, linearised, moment_matched))
+    return MultiHypothesisFilter(estimator, motion, predictor=predictor)
 
 
 def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequence[str]) -> None:
