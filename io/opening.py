@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import Literal, cast
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
@@ -38,6 +38,7 @@ class Request:
     truth: str | None = None  # a file, a topic or "none"
     joined: tuple[str, ...] = ()  # further files of the same dive
     msg_path: tuple[str, ...] = ()  # folders of .msg files, for messages that a log does not define
+    truth_frame: Literal["ENU", "NED", "latlon"] | None = None
 
 
 DEFAULT_REQUEST = Request()

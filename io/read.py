@@ -1,5 +1,6 @@
 """Read a file to a Log."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from usbldr.io.conventions.sanity import (
     truth_underwater_findings,
 )
 from usbldr.io.conventions.timestamps import sorted_by_time
-from usbldr.io.conventions.truth import find_truth_file, read_truth_file, truth_from_table
+from usbldr.io.conventions.truth import by_fixes, find_truth_file, read_truth_file, truth_from_table
 from usbldr.io.conventions.usbl import FixContext, usbl
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, ship_choices, time_series
 from usbldr.io.findings import Finding
@@ -73,6 +74,9 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     messages have them.
     """
     reader, configuration = opened.reader, opened.configuration
+    if request.truth_frame is not None:
+        section = msgspec.structs.replace(configuration.truth, frame=request.truth_frame)
+        configuration = msgspec.structs.replace(configuration, truth=section)
     path, topics = reader.path, reader.topics()
     if not any(topic.count or topic.problem for topic in topics):
         raise _without_messages(reader)
@@ -117,6 +121,9 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
         truth = replace(truth, place_unknown=_place_unknown(provenance, origin))
+        if "truth" in provenance and "usbl" in tables:
+            truth, provenance["truth"], more = by_fixes(truth, provenance["truth"], tables["usbl"], start_ns)
+            findings += more
     findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]
     findings += covariance_findings(raws)
     if truth_table is not None:
@@ -151,6 +158,13 @@ def _without_messages(reader: Reader) -> LogError:
         more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
         return LogError(f"no topic can be read: {unread[0]}{more}", path=reader.path)
     return LogError("holds no messages" + (f" ({lost})" if lost else ""), path=reader.path)
+
+
+KINDS_BY_NAME = {
+    "slam": re.compile(r"slam|graph_vertices|pose_graph"),
+    "simulated": re.compile(r"(^|[/_])(sim|simulated|simulator|gazebo|stonefish|holoocean)($|[/_.])"),
+}
+"""Words of the names of local truths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,12 +339,14 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
 
 
 def _kind(source: TruthSource, request: Request, configuration: Configuration) -> str:
-    """Return the kind of truth: as stated, unless an option names another source than the configuration."""
+    """Return the kind of truth: as stated, unless an option names another source; else by type, then by name."""
     section = configuration.truth
     if section.kind is not None and (source.chosen_by != "option" or request.truth in (section.topic, section.file)):
         return section.kind
+    named = source.file.name if source.file else source.topic.topic.name if source.topic else ""
+    by_name = next((kind for kind, words in KINDS_BY_NAME.items() if words.search(named.lower())), None)
     if source.file is not None or (source.topic is not None and source.topic.layout.defaults.get("frame") != "latlon"):
-        return "other"
+        return by_name or "other"
     return "gps"
 
 

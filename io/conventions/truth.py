@@ -1,13 +1,14 @@
 """The reference track: a topic of the log or a file of its own, with its frame, its columns and its time."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.types import Array, Truth, Vector
+from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain
 from usbldr.io.formats.csv_text import (
@@ -26,6 +27,8 @@ from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
 
+LEAST_FIXES = 10  # [fixes] within the truth, by which its frame is checked
+CLEARLY_BETTER = 2.0  # times: a frame whose fixes fit so much better is not chance
 MORE = ("sd_east_m", "sd_north_m", "cov_en_m2", "heading_deg", "qx", "qy", "qz", "qw")
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
@@ -64,6 +67,37 @@ def truth_from_table(
     return truth, findings
 
 
+def by_fixes(
+    truth: Truth, provenance: Provenance, fixes: pd.DataFrame, start_ns: int
+) -> tuple[Truth, Provenance, list[Finding]]:
+    """Exchange east and north of a truth whose frame nobody stated if the fixes (usbl) then fit clearly better.
+
+    Only its shape counts: a constant shift between both is taken off. The truth remains unknown to filters.
+    """
+    frame = provenance.convention("frame")
+    time_s: Vector = (fixes["time_ns"].to_numpy(dtype=np.int64) - start_ns) / 1e9
+    among: Mask = (time_s >= truth.time_s[0]) & (time_s <= truth.time_s[-1])
+    if frame.chosen_by != "default" or among.sum() < LEAST_FIXES:
+        return truth, provenance, []
+    fix_m = fixes[["east_m", "north_m"]].to_numpy(dtype=float)[among]
+    there_m: Array = np.column_stack([np.interp(time_s[among], truth.time_s, truth.position_m[:, k]) for k in (0, 1)])
+    as_read_m, exchanged_m = _median_distance_m(fix_m - there_m), _median_distance_m(fix_m - there_m[:, ::-1])
+    if exchanged_m * CLEARLY_BETTER > as_read_m:
+        return truth, provenance, []
+    other = "NED" if frame.value == "ENU" else "ENU"
+    conventions = tuple(replace(c, value=other, chosen_by="data") if c is frame else c for c in provenance.conventions)
+    text = (
+        f"{truth.source}: read as {other}, because the fixes then fit to {exchanged_m:.2g} m (median) instead of "
+        f"{as_read_m:.2g} m; state --truth-frame or frame under [truth] if that is wrong"
+    )
+    turned = replace(truth, position_m=truth.position_m[:, ::-1])
+    return turned, replace(provenance, conventions=conventions), [Finding("TRUTH-FRAME", text, truth.source)]
+
+
+def _median_distance_m(apart_m: Array) -> float:
+    return float(np.median(np.hypot(*(apart_m - np.median(apart_m, axis=0)).T)))
+
+
 def read_truth_file(
     file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None
 ) -> tuple[pd.DataFrame, Provenance]:
@@ -85,7 +119,7 @@ def read_truth_file(
     sd = numbers(cells["sd_m"], columns["sd_m"]).checked(file, lines) if "sd_m" in cells else np.full(len(x), np.nan)
     east, north = _on_plane(file, frame, x, y, origin)
     columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
-    frame_by = columns_by if section.columns is None or section.frame else "default"
+    frame_by = "default" if section.frame is None and (section.columns or set(TUM) <= set(texts)) else columns_by
     named = ", ".join(f"{key} = {name}" for key, name in columns.items())
     chosen = [Convention("frame", frame, frame_by), Convention("columns", named, columns_by)]
     chosen += [Convention("skip_rows", section.skip_rows, "configuration")] if section.skip_rows else []

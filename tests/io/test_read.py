@@ -53,7 +53,7 @@ def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> N
 
     assert str(fault.value) == (
         f"{file}: no dvl data (sensors in this log: compass, usbl); name its topic by --dvl TOPIC, "
-        "or add the file that holds it by --with FILE"
+        "or add the file that holds it by --with FILE; without it, --filter usbl judges the raw fixes"
     )
 
 

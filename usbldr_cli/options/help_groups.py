@@ -14,7 +14,7 @@ COMMON = {
     "Output": ("output", "force", "json_to", "quiet", "jobs"),
 }
 RARE = {
-    "Log": ("dvl", "compass", "usbl", "gps", "depth", "msg_path", "limits", "strict"),
+    "Log": ("dvl", "compass", "usbl", "gps", "depth", "truth_frame", "msg_path", "limits", "strict"),
     "Faults": (),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound"),

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -31,6 +31,7 @@ def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--config", metavar="FILE", help='Configuration file; "none" ignores the one beside LOG.'),
         *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
         click.option("--truth", metavar="FILE|TOPIC", help='Reference track; "none" for no scoring.'),
+        click.option("--truth-frame", type=click.Choice(["ENU", "NED", "latlon"]), help="Frame of the truth."),
         click.option("--with", "joined", metavar="FILE", multiple=True, help="Additional file of the same dive."),
         click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg definitions that LOG lacks."),
         click.option(
@@ -62,13 +63,19 @@ def read_request(
     truth: str | None = None,
     joined: tuple[str, ...] = (),
     msg_path: tuple[str, ...] = (),
+    truth_frame: Literal["ENU", "NED", "latlon"] | None = None,
     **topics: str | None,
 ) -> "Request":
     """Return the values of selection_options as a request."""
     from usbldr.io.opening import Request
 
     return Request(
-        config, {role: topic for role, topic in topics.items() if topic is not None}, truth, joined, msg_path
+        config,
+        {role: topic for role, topic in topics.items() if topic is not None},
+        truth,
+        joined,
+        msg_path,
+        truth_frame,
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, short_dive, write_mcap
+from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
@@ -202,7 +202,7 @@ def test_the_kind_of_the_truth_follows_the_topic_that_an_option_names(tmp_path: 
     log = dive(tmp_path, '[truth]\nkind = "gps"', [*FIXES, pose(T0 + SECOND, 10.0, 20.0)], Request(truth="/slam"))
 
     assert log.truth is not None
-    assert (log.truth.source, log.truth.kind) == ("/slam", "other")
+    assert (log.truth.source, log.truth.kind) == ("/slam", "slam")
 
 
 def test_latitudes_named_by_option_do_not_take_the_frame_of_another_truth(tmp_path: Path) -> None:
@@ -323,3 +323,49 @@ def test_a_broken_line_of_a_tum_file_is_named(tmp_path: Path) -> None:
 
     with pytest.raises(LogError, match=r'slam\.tum: line 3: tx is "east", not a number'):
         dive(tmp_path, request=Request(truth=str(file)))
+
+
+def along_a_bend(frame: str, truth: str = "/nav/slam_pose") -> list[Row]:
+    """Fixes in ENU, and poses of the same way in a frame, 40 m apart: first east, then north."""
+    rows: list[Row] = []
+    for k in range(40):
+        ns, east, north = T0 + k * SECOND, min(k, 20.0), max(k - 20.0, 0.0)
+        x, y = (north, east + 40) if frame == "NED" else (east + 40, north)
+        values = {"header.stamp": ns, "pose.position.x": x, "pose.position.y": y}
+        rows += [point(ns, east, north), (ns, truth, POSE, values)]
+    return rows
+
+
+@pytest.mark.parametrize("frame", ["ENU", "NED"])
+def test_the_frame_of_a_local_truth_is_checked_against_the_fixes(tmp_path: Path, frame: str) -> None:
+    log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend(frame)), Request(truth="/nav/slam_pose"))
+
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.position_m[[0, 20, 39]], [[40, 0], [60, 0], [60, 19]])
+    assert log.convention("truth", "frame").value == frame
+    assert [f.code for f in log.findings if f.code.startswith("TRUTH")] == ["TRUTH-FRAME"] * (frame == "NED")
+    assert log.truth.kind == "slam"
+
+
+def test_a_stated_frame_of_the_truth_is_not_checked(tmp_path: Path) -> None:
+    request = Request(truth="/nav/slam_pose", truth_frame="ENU")
+    log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("NED")), request)
+
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.position_m[0], [0, 40])
+    assert log.convention("truth", "frame").chosen_by == "configuration"
+
+
+def test_kinds_follow_from_names_and_types(tmp_path: Path) -> None:
+    kinds: dict[str, str] = {}
+    for name in ("/nav/slam_pose", "/sim/pose", "/pose", "/ground_truth/pose"):
+        log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("ENU", name)), Request(truth=name))
+        assert log.truth is not None
+        kinds[name] = log.truth.kind
+
+    assert kinds == {
+        "/nav/slam_pose": "slam",
+        "/sim/pose": "simulated",
+        "/pose": "other",
+        "/ground_truth/pose": "other",
+    }
