@@ -164,7 +164,7 @@ class Trajectory:
     time_s: Vector  # (T,)
     mean: Array  # (T, n)
     cov: Array | None  # (T, n, n)
-    updates: tuple[Update, ...] = ()
+    updates: Sequence[Update] = ()  # of a filter's run: an UpdateTable
     ess: Vector | None = None  # (T,) effective number of particles, of N
     particles: int = 1  # fixed: of a filter without particles
     acceptance: Vector | None = None  # (T,) share of accepted moves; NaN if none was tried

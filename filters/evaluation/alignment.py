@@ -34,7 +34,9 @@ class Alignment(NamedTuple):
     def points(self, position_m: Array, yaw_rad: Vector | None = None) -> Array:
         """Move points, (T, 2), of a vehicle at these yaws, (T,); without them there is no lever arm."""
         moved = position_m @ self.matrix.T + np.array(self.shift_m)
-        return moved if yaw_rad is None else moved + rotated(yaw_rad + self.rotation_rad, np.array(self.lever_m))
+        if yaw_rad is None or not any(self.lever_m):
+            return moved
+        return moved + rotated(yaw_rad + self.rotation_rad, np.array(self.lever_m))
 
     def after(self, first: "Alignment") -> "Alignment":
         """Return this alignment of a track that the lever arm of another one has moved before."""

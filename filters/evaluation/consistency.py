@@ -7,7 +7,6 @@ seconds, so the bounds here use the effective number of independent errors.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from usbldr.filters.evaluation.metrics import Metric
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import OUTCOMES, Array, Trajectory, Vector
+from usbldr.filters.updates import UpdateTable
 
 DOF = 2  # fixed: east and north
 CONFIDENCE = 0.95  # of the bounds of NEES and NIS: the usual one
@@ -114,30 +114,28 @@ def sigmas(cov_m2: Array) -> Array:
 
 def sensor_updates(trajectory: Trajectory) -> dict[str, SensorUpdates]:
     """Return for each sensor, by name, the mean NIS, what it should be, and what became of the measurements."""
+    table = UpdateTable.of(trajectory.updates)
     found: dict[str, SensorUpdates] = {}
-    for sensor in sorted({update.sensor for update in trajectory.updates}):
-        mine = [part for update in trajectory.updates if update.sensor == sensor for part in update.parts]
-        judged = [update for update in mine if math.isfinite(update.nis)]
-        mean = float(np.mean([update.nis for update in judged])) if judged else None
-        expected = float(np.mean([update.dof for update in judged])) if judged else None
-        found[sensor] = SensorUpdates(mean, expected, *_counts([update.outcome for update in mine]))
+    for sensor in table.sensors:
+        mine = table.of_sensor(sensor).parts
+        judged = mine[np.isfinite(mine.nis)]
+        mean = float(judged.nis.mean()) if len(judged.nis) else None
+        expected = float(judged.dof.mean()) if len(judged.dof) else None
+        found[sensor] = SensorUpdates(mean, expected, *np.bincount(mine.outcome, minlength=len(OUTCOMES)).tolist())
     return found
 
 
 def fix_updates(trajectory: Trajectory) -> FixUpdates | None:
     """Return what became of the fixes, and the longest time without a used one; None if there was none."""
-    fixes = [update for update in trajectory.updates if update.sensor == "usbl"]
-    if not fixes:
+    fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
+    if not len(fixes):
         return None
-    last = {update.time_s: update.outcome for update in fixes}  # of several fixes at the same instant
+    outcomes = fixes.outcome.tolist()
+    last = dict(zip(fixes.time_s.tolist(), outcomes, strict=True))  # of several fixes at the same instant
     used_s = [float(trajectory.time_s[0]), float(trajectory.time_s[-1])]
     used_s += [time_s for time_s, outcome in last.items() if outcome != "rejected"]
-    return FixUpdates(*_counts([update.outcome for update in fixes]), float(np.diff(np.sort(used_s)).max()))
-
-
-def _counts(fates: Sequence[str]) -> tuple[int, int, int]:
-    used, down_weighted, rejected = (fates.count(fate) for fate in OUTCOMES)
-    return used, down_weighted, rejected
+    used, down_weighted, rejected = map(outcomes.count, OUTCOMES)
+    return FixUpdates(used, down_weighted, rejected, float(np.diff(np.sort(used_s)).max()))
 
 
 def consistency_text(found: Nees | None, shift_removed: bool = False) -> str:

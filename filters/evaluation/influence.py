@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.types import Timeline, Trajectory
+from usbldr.filters.updates import UpdateTable
 
 
 class Influence(NamedTuple):
@@ -45,12 +46,17 @@ class LeaveOneOut(NamedTuple):
 def influences(trajectory: Trajectory) -> Mapping[int, Influence]:
     """Return by row every fix that the filter judged; none for a method that tells of no shift."""
     x, y = (trajectory.names.index(state) for state in ("x", "y"))
-    found: dict[int, Influence] = {}
-    for update in trajectory.updates:
-        if update.sensor == "usbl" and (shift := update.shift) is not None:
-            e, n = update.innovation
-            found[update.row] = Influence(update.row, update.time_s, shift[x], shift[y], e, n, update.outcome)
-    return found
+    fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
+    columns = (
+        fixes.row,
+        fixes.time_s,
+        fixes.shift(x),
+        fixes.shift(y),
+        *fixes.vectors("innovation").T,
+        fixes.outcome,
+    )
+    found = map(Influence, *(column.tolist() for column in columns))
+    return {one.row: one for one in found if math.isfinite(one.shift_east_m)}
 
 
 def most_influential(trajectory: Trajectory, count: int = 5) -> tuple[Influence, ...]:

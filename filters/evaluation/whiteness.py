@@ -15,6 +15,7 @@ import numpy as np
 from usbldr.filters.evaluation.metrics import Metric
 from usbldr.filters.frames import rotated
 from usbldr.filters.types import Trajectory, Vector
+from usbldr.filters.updates import UpdateTable
 
 LAGS = 20  # [fixes] half as many show a lever arm of 2 m a third less clearly, twice as many a third more
 LEAST_FIXES = 5 * LAGS  # with fewer the last lags have too few pairs
@@ -38,15 +39,17 @@ class Whiteness(NamedTuple):
 def whiteness(trajectory: Trajectory) -> Whiteness | None:
     """Return the autocorrelation of the USBL fixes; None for a track without velocity and for few fixes."""
     psi, u, v = (trajectory.state(name) for name in ("psi", "u", "v"))
-    fixes = [one for one in trajectory.updates if one.sensor == "usbl" and one.outcome == "used" and one.scores]
-    if psi is None or u is None or v is None or len(fixes) < LEAST_FIXES:
+    fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
+    scores, time_s = fixes.vectors("scores"), fixes.time_s
+    used = np.flatnonzero((fixes.outcome == "used") & np.isfinite(scores).all(axis=1))
+    if psi is None or u is None or v is None or len(used) < LEAST_FIXES:
         return None
-    fixes.sort(key=lambda one: one.time_s)
-    at = np.searchsorted(trajectory.time_s, [one.time_s for one in fixes]).clip(max=len(psi) - 1)
+    used = used[np.argsort(time_s[used], kind="stable")]
+    at = np.searchsorted(trajectory.time_s, time_s[used]).clip(max=len(psi) - 1)
     V = rotated(psi[at], np.column_stack([u, v])[at])
-    turned = rotated(-np.arctan2(V[:, 1], V[:, 0]), np.array([one.scores for one in fixes]))
+    turned = rotated(-np.arctan2(V[:, 1], V[:, 0]), scores[used])
     (along, along_sum), (across, across_sum) = (_autocorrelation(score) for score in turned.T)
-    return Whiteness(along, across, 1 / math.sqrt(len(fixes)), along_sum, across_sum)
+    return Whiteness(along, across, 1 / math.sqrt(len(used)), along_sum, across_sum)
 
 
 def _autocorrelation(score: Vector) -> tuple[float, float]:

@@ -79,8 +79,9 @@ def fit_rotation(timeline: Timeline, group: Indices, latencies_s: Sequence[float
 
     The best latency is chosen: without it a late fix beside a track looks like a mirrored DVL.
     """
+    track, fixes = as_points(displacement_m(timeline)), fix_points(timeline)
     tried = [
-        _fit_at_latency(dead_reckoned(timeline, timeline.fix_time_s - s), fix_points(timeline), group, s)
+        _fit_at_latency(np.interp(timeline.fix_time_s - s, timeline.time_s, track), fixes, group, s)
         for s in latencies_s
     ]
     return min(tried, key=lambda fit: fit.rms_m)
@@ -102,9 +103,15 @@ def _fit_at_latency(track: Points, fixes: Points, group: Indices, latency_s: flo
 def _huber_rotation(track: Points, fixes: Points, group: Indices) -> tuple[float, Vector]:
     weights = np.ones(len(fixes))
     rotation = 0.0
+    first = np.flatnonzero(np.diff(group, prepend=-1))  # of each group: fixes ascend in time, and so do groups
+    count = np.diff(first, append=len(group))
+
+    def centred(values: Points) -> Points:
+        return values - np.repeat(np.add.reduceat(weights * values, first) / total, count)
+
     for _ in range(10):
-        a = track - _means(track, weights, group)[group]
-        b = fixes - _means(fixes, weights, group)[group]
+        total = np.maximum(np.add.reduceat(weights, first), 1e-12)
+        a, b = centred(track), centred(fixes)
         rotation = float(np.angle(np.sum(weights * b * np.conj(a))))
         distance = np.abs(b - np.exp(1j * rotation) * a)
         weights = np.minimum(1.0, 2 * _scale(distance) / np.maximum(distance, 1e-12))

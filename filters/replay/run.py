@@ -36,6 +36,7 @@ from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
 from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Update, Vector
+from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
 MAX_OUTLIER_FRACTION = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
 SINGULAR_TEXT = (
@@ -82,7 +83,8 @@ def _run(
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     widening = np.zeros((count, len(layout)))
-    by_epoch: dict[int, Sequence[Update]] = {}
+    by_epoch: dict[int, Sequence[Update]] = {}  # of the last epochs, which late fixes may run again
+    settled = UpdateTableBuilder()
     reacquisitions: tuple[Reacquisition, ...] = ()
     source, start = StepSource(timeline, parameters, layout), prior(timeline, parameters, layout)
     for k, estimate, updates in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
@@ -90,13 +92,17 @@ def _run(
         inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
         widening[k] = 0.0 if estimate.widening is None else estimate.widening
         by_epoch.update(updates)
+        while timeline.time_s[oldest := next(iter(by_epoch))] < timeline.time_s[k] - MAX_FIX_DELAY_S - 1e-6:
+            settled.add(by_epoch.pop(oldest))
         if k % 100 == 0:
             progress(k, count)
     progress(count, count)
     recoveries = outage_recoveries(timeline, parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
         mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)
-    done = tuple(update for k in sorted(by_epoch) for update in by_epoch[k])
+    for updates in by_epoch.values():
+        settled.add(updates)
+    done = settled.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1
     track = Trajectory(
@@ -161,7 +167,7 @@ def _warnings(
     method: Method,
     settings: FilterSettings,
     ess: Vector,
-    updates: Sequence[Update],
+    updates: UpdateTable,
     late: int,
 ) -> tuple[str, ...]:
     name, texts = method.name, list[str]()
@@ -169,8 +175,8 @@ def _warnings(
         texts.append(
             f"{name}: {late} fixes came more than {MAX_FIX_DELAY_S:g} s late, or after the end, and were not used"
         )
-    outcomes = [update.outcome for update in updates if update.sensor == "usbl"]
-    outliers = len(outcomes) - outcomes.count("used")
+    outcomes = updates.of_sensor("usbl").outcome
+    outliers = int(np.count_nonzero(outcomes != "used"))
     if outliers > MAX_OUTLIER_FRACTION * len(outcomes):
         texts.append(
             f"{name}: {outliers} of {len(outcomes)} USBL fixes look like outliers, which they hardly all are: "

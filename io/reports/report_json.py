@@ -10,16 +10,18 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import DOF, consistency_text
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, influences, most_influential
+from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, most_influential
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.replay.methods import METHODS
-from usbldr.filters.types import Timeline, Trajectory, Truth, Update
+from usbldr.filters.types import Timeline, Trajectory, Truth
+from usbldr.filters.updates import UpdateTable
 from usbldr.io.log import Log
 from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
@@ -103,32 +105,47 @@ def _far_over_confident(report: ErrorReport) -> bool:
 
 def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
     """Return each USBL fix with its outcome; dr and usbl have none."""
-    by_row = {update.row: update for update in trajectory.updates if update.sensor == "usbl"}
-    rows = [_fix_outcome(by_row.get(row), filtered=bool(by_row)) for row in range(len(timeline.fix_time_s))]
-    table = pd.DataFrame(rows, columns=["innovation_east_m", "innovation_north_m", "nis", "dof", "outcome", "why"])
-    table.insert(0, "time_s", timeline.fix_time_s)
-    table.insert(1, "received_s", timeline.fix_received_s)
-    table.insert(2, "east_m", timeline.fix_m[:, 0])
-    table.insert(3, "north_m", timeline.fix_m[:, 1])
-    shifts = influences(trajectory)
-    for place, axis in ((6, "east"), (7, "north")):
-        name = f"shift_{axis}_m"
-        values = [getattr(shifts[row], name) if row in shifts else math.nan for row in range(len(table))]
-        table.insert(place, name, values)
-    return table.round({"nis": 4})
+    fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
+    innovation_m = fixes.vectors("innovation")
+    x, y = (trajectory.names.index(state) for state in ("x", "y"))
+    judged = pd.DataFrame(
+        {
+            "innovation_east_m": innovation_m[:, 0],
+            "innovation_north_m": innovation_m[:, 1],
+            "shift_east_m": fixes.shift(x),
+            "shift_north_m": fixes.shift(y),
+            "nis": fixes.nis.round(4),
+            "dof": fixes.dof,
+            "outcome": fixes.outcome,
+            "why": _reasons(fixes),
+        },
+        index=fixes.row,
+    ).astype({"outcome": "str", "why": "str"})
+    place = {"east_m": timeline.fix_m[:, 0], "north_m": timeline.fix_m[:, 1]}
+    table = pd.DataFrame({"time_s": timeline.fix_time_s, "received_s": timeline.fix_received_s, **place})
+    outcome, why = ("not used", "outside the span of the run") if len(fixes) else ("", "the method is not a filter")
+    table = table.join(judged).fillna({"dof": 0, "outcome": outcome, "why": why})
+    return table.astype({"dof": int})
 
 
-def _fix_outcome(update: Update | None, filtered: bool) -> tuple[float, float, float, int, str, str]:
-    if update is None:
-        why = "outside the span of the run" if filtered else "the method is not a filter"
-        return math.nan, math.nan, math.nan, 0, "not used" if filtered else "", why
-    why = {
-        "used": "",
-        "down-weighted": f"probably an outlier: probability of the nominal noise {update.nominal_probability:.2f}",
-        "rejected": f"rejected by the gate or the guard: NIS {update.nis:.1f}, expected {update.dof}",
-    }[update.outcome]
-    east_m, north_m = update.innovation
-    return east_m, north_m, update.nis, update.dof, update.outcome, why
+def fix_outcomes(timeline: Timeline, trajectory: Trajectory) -> NDArray[np.str_]:
+    """Return what became of each fix, (F,); "" if that is not known."""
+    fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
+    outcomes = np.full(len(timeline.fix_time_s), "", dtype=fixes.outcome.dtype)
+    outcomes[fixes.row] = fixes.outcome
+    return outcomes
+
+
+def _reasons(fixes: UpdateTable) -> list[str]:
+    """Return why each fix was not used fully; "" for one that was."""
+    columns = (fixes.outcome, fixes.nominal_probability, fixes.nis, fixes.dof)
+    return [_reason(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def _reason(outcome: str, nominal_probability: float, nis: float, dof: int) -> str:
+    if outcome == "down-weighted":
+        return f"probably an outlier: probability of the nominal noise {nominal_probability:.2f}"
+    return f"rejected by the gate or the guard: NIS {nis:.1f}, expected {dof}" if outcome == "rejected" else ""
 
 
 def errors_table(report: ErrorReport) -> pd.DataFrame:
@@ -235,6 +252,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "sensors": {role: provenance_values(p) for role, p in log.provenance.items()},
         "findings": log.findings,
         "outages": run.timeline.outages,
+        "filter_time_s": trajectory.seconds,  # of the machine, so it is no metric
         "truth": _truth(run.truth),
         **_scores(report),
         "baselines": {other.trajectory.label: _scores(other.report) for other in run.reference_tracks},

@@ -1,13 +1,14 @@
 """Figures of a filter's health: innovations and NIS of each sensor, effective number of particles."""
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.types import Array, Update, Vector
+from usbldr.filters.types import OUTCOMES, Array, Vector
+from usbldr.filters.updates import Parts, UpdateTable
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.style import (
     REJECTED_COLOUR,
@@ -17,6 +18,7 @@ from usbldr_cli.figures.style import (
     broken_at_gaps,
     colour,
     legend_below,
+    one_a_dot,
     run_figure,
     shade_outages,
     time_axis,
@@ -54,12 +56,12 @@ class Series(NamedTuple):
     innovation: Vector
     sd: Vector
     nominal_sd: Vector
-    outcome: Sequence[str]
+    outcome: NDArray[np.str_]
 
 
 def innovation_figure(run: Run) -> Figure | None:
     """Draw measured minus predicted of every axis to the left, NIS of its sensor to the right."""
-    updates = run.scored.trajectory.updates
+    updates = UpdateTable.of(run.scored.trajectory.updates)
     drawn = [(channel, series) for channel in CHANNELS if len((series := _series(updates, channel)).time_s)]
     if not drawn:
         return None
@@ -74,25 +76,20 @@ def innovation_figure(run: Run) -> Figure | None:
     heights = [sum(channel.sensor == sensor for channel, _ in drawn) for sensor in sensors]
     tall: Any = right.subplots(len(sensors), 1, sharex=True, squeeze=False, height_ratios=heights)
     for axes, sensor in zip(tall[:, 0], sensors, strict=True):
-        mine = [part for update in updates if update.sensor == sensor for part in update.parts]
-        _draw_nis(axes, run, mine, sensor)
+        _draw_nis(axes, run, updates.of_sensor(sensor).parts, sensor)
     for axes in (rows[-1, 0], tall[-1, 0]):
         time_axis(axes, run.timeline.time_s)
     legend_below(figure, (rows[0, 0], tall[0, 0]), 8)
     return figure
 
 
-def _series(updates: Sequence[Update], channel: Channel) -> Series:
-    found: list[tuple[float, float, float, float, str]] = []
-    for update in updates:
-        if (update.sensor, update.axis) != (channel.sensor, channel.axis):
-            continue
-        e, k = update.innovation[channel.scalar], abs(channel.factor)
-        sd, nominal_sd = k * update.innovation_sd[channel.scalar], k * update.nominal_sd[channel.scalar]
-        outcome = update.parts[-channel.scalar].outcome  # of north if it was taken by itself
-        found.append((update.time_s, channel.factor * e, sd, nominal_sd, outcome))
-    t, e, sd, nominal_sd, outcome = zip(*found, strict=True) if found else ((), (), (), (), ())
-    return Series(np.array(t), np.array(e), np.array(sd), np.array(nominal_sd), outcome)
+def _series(updates: UpdateTable, channel: Channel) -> Series:
+    mine, scalar = updates.of_sensor(channel.sensor), channel.scalar
+    here = mine.axis == channel.axis
+    last = mine.parts[(mine.last if scalar else mine.first)[here]]  # the part of north if it was taken by itself
+    e, sd, nominal_sd = (mine.vectors(name)[here, scalar] for name in ("innovation", "innovation_sd", "nominal_sd"))
+    k = abs(channel.factor)
+    return Series(mine.time_s[here], channel.factor * e, k * sd, k * nominal_sd, np.array(OUTCOMES)[last.outcome])
 
 
 def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
@@ -101,7 +98,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     size = np.abs(series.innovation)
     half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * float(np.median(series.sd))))
     half = 1.1 * max(half, 2.2 * float(np.median(series.sd))) or 1.0
-    outcomes = np.array(series.outcome)
+    outcomes = series.outcome
     point = 3.0 if len(outcomes) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(size) > 1 else np.inf
     t, bands = broken_at_gaps(series.time_s, 2 * np.column_stack([series.sd, series.nominal_sd]), longest_s)
@@ -125,27 +122,27 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
         at = outcomes == outcome
         if at.any():
             inside = np.clip(series.innovation[at], -0.97 * half, 0.97 * half)  # larger ones are drawn at the edge
-            axes.plot(series.time_s[at], inside, ls="", label=outcome, **style)
+            axes.plot(*one_a_dot(series.time_s[at], inside), ls="", label=outcome, **style)
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
     axes.set_ylim(-half, half)
     axes.set_ylabel(channel.label)
 
 
-def _draw_nis(axes: Axes, run: Run, updates: list[Update], sensor: str) -> None:
+def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     """Draw each NIS faintly and its mean over a sixtieth of the run with its chi-square bounds."""
     shade_outages(axes, run)
-    taken = [update for update in updates if math.isfinite(update.nis)]
-    if not taken:
+    taken = updates[np.isfinite(updates.nis)]
+    t, nis = taken.time_s, taken.nis
+    if not len(t):
         return
-    t = np.array([update.time_s for update in taken])
-    nis = np.array([update.nis for update in taken])
-    dof = float(np.mean([update.dof for update in taken]))
+    dof = float(taken.dof.mean())
     mine = colour(run.method)
     ends = float(run.timeline.time_s[0]), float(run.timeline.time_s[-1])
     edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
     bins = _bin_means(t, nis, edges)
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
-    axes.plot(t, np.clip(nis, low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
+    shown_s, log_nis = one_a_dot(t, np.log(np.clip(nis, low, high)))
+    axes.plot(shown_s, np.exp(log_nis), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
     bound = "95 % bounds of the mean NIS"
     style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage

@@ -13,6 +13,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib import figure as mpl_figure
 from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
 
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.replay.methods import METHODS
@@ -42,6 +44,7 @@ STYLE: Mapping[str, Any] = {
     "font.size": 10,
     "axes.titlesize": 10,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # fixed: nothing is above the axes; to look for it takes a fifth of the time
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -54,6 +57,9 @@ STYLE: Mapping[str, Any] = {
     "lines.linewidth": 1.3,
 }
 DPI = 130  # [dots per inch] sharp on a page, and small as a file
+COMPRESSION = 3  # [of 9] of PNG: two thirds of the time of 6, the usual one, for files 4 % larger
+MANY_POINTS = 5000  # [points] of one colour, from which those at the same dot are drawn once
+DOTS = 1000  # [dots] width of a panel, in which a mark is three dots wide
 TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the lines under it, inches
 
 
@@ -115,8 +121,12 @@ def truth_text(kind: str, source: str) -> str:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG without the program's version or a date in it."""
-    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+    """Write a PNG without the program's version or a date in it; unlike ``savefig``, draw only once."""
+    figure.dpi = DPI
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    picture.save(path, "PNG", compress_level=COMPRESSION, dpi=(DPI, DPI))
 
 
 def shade_outages(axes: Axes, run: Run) -> None:
@@ -145,6 +155,16 @@ def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vec
     """Return a line with NaN in gaps longer than ``longest_s``."""
     cuts = np.flatnonzero(np.diff(time_s) > longest_s) + 1
     return np.insert(time_s, cuts, np.nan), np.insert(values, cuts, np.nan, axis=0)
+
+
+def one_a_dot(x: Vector, y: Vector) -> tuple[Vector, Vector]:
+    """Return the points to draw: of many at the same dot of the picture, the first."""
+    if len(x) < MANY_POINTS:
+        return x, y
+    dots = [np.floor((v - v.min()) / max(float(np.ptp(v)), 1e-12) * DOTS) for v in (x, y)]
+    _, first = np.unique(dots[0] * (DOTS + 1) + dots[1], return_index=True)
+    first.sort()
+    return x[first], y[first]
 
 
 def within(time_s: Vector, span_s: Span) -> Mask:

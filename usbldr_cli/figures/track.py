@@ -7,7 +7,7 @@ from matplotlib.patches import Ellipse
 
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Array, Vector
-from usbldr.io.reports.report_json import Run, ScoredTrack, fixes_table
+from usbldr.io.reports.report_json import Run, ScoredTrack, fix_outcomes
 from usbldr_cli.figures.style import (
     EVER,
     REJECTED_COLOUR,
@@ -120,7 +120,7 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
     }
     during = within(run.timeline.fix_time_s, span)
     fix_m = _aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during]
-    outcomes = fixes_table(run.timeline, run.scored.trajectory)["outcome"].to_numpy()[during]
+    outcomes = fix_outcomes(run.timeline, run.scored.trajectory)[during]
     for outcome, style in styles.items():
         at = outcomes == outcome
         if outcome == "used":
