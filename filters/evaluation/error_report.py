@@ -15,7 +15,6 @@ from usbldr.filters.evaluation.metrics import (
     Health,
     HorizontalErrors,
     Metric,
-    Speed,
     Surfacing,
     SurfacingErrors,
     Travel,
@@ -80,7 +79,6 @@ class ErrorReport:
     fixes: FixUpdates | None
     whiteness: Whiteness | None
     health: Health
-    speed: Speed | None
     sensors: Mapping[str, SensorUpdates]  # by name
     warnings: tuple[str, ...] = ()
     relative: tuple[RelativeError, ...] = ()  # by the length of the segments
@@ -140,7 +138,6 @@ PARTS: tuple[tuple[str, type], ...] = (
     ("whiteness", Whiteness),
     ("health", Health),
     ("coverage", Coverage),
-    ("speed", Speed),
 )
 """The typed parts of a report by their names there, in the order of report.json."""
 

@@ -17,7 +17,6 @@ from usbldr.filters.evaluation.metrics import (
     distance_travelled_m,
     health,
     horizontal_errors,
-    speed,
     surfacing_errors,
     surfacings,
 )
@@ -157,7 +156,6 @@ def evaluate(
         fixes=fix_updates(trajectory),
         whiteness=whiteness(trajectory),
         health=health(trajectory),
-        speed=speed(trajectory),
         sensors=sensor_updates(trajectory),
         warnings=warnings,
         relative=relative_errors(time_s, error_m, truth_m, truth.max_gap_s),

@@ -1,4 +1,4 @@
-"""Errors, distances, particles and speed of one track, as typed values: metres, seconds, per cent.
+"""Errors, distances and particles of one track, as typed values: metres, seconds, per cent.
 
 A field of a typed part declares its metric: the name in report.json, the unit, which way is better, and the meaning.
 """
@@ -100,15 +100,6 @@ class Coverage(NamedTuple):
     share: Annotated[float, Metric("coverage", "Share of the epochs compared with the truth.", direction="higher")]
 
 
-class Speed(NamedTuple):
-    """What the run cost."""
-
-    filter_time_s: Annotated[float, Metric("filter_time_s", "Wall time of the filter.", "s", "lower")]
-    real_time_factor: Annotated[
-        float, Metric("real_time_factor", "Seconds of log per second of wall time.", direction="higher")
-    ]
-
-
 def axis_errors(e: Vector) -> AxisErrors:
     """Return the statistics of the signed errors of one axis, (M,)."""
     return AxisErrors(float(e.mean()), *_statistics(np.abs(e)))
@@ -154,14 +145,6 @@ def health(trajectory: Trajectory) -> Health:
     if trajectory.acceptance is not None and np.isfinite(trajectory.acceptance).any():
         acceptance = float(np.nanmean(trajectory.acceptance))
     return Health(ess, acceptance)
-
-
-def speed(trajectory: Trajectory) -> Speed | None:
-    """Return what the run cost, None if its time was not taken."""
-    if not trajectory.seconds > 0:
-        return None
-    length_s = float(trajectory.time_s[-1] - trajectory.time_s[0])
-    return Speed(trajectory.seconds, length_s / trajectory.seconds)
 
 
 class Surfacing(NamedTuple):

@@ -260,8 +260,9 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             many = f" (mean of {len(report.surfacings)})" if len(report.surfacings) > 1 else ""
             when = f"error at the first truth after a gap over {SURFACING_GAP_S:.0f} s"
             lines.append(("surfacing", f"{when}: {mean_m:.2f} m{many}{share}"))
-        if (speed := report.speed) is not None:
-            lines.append(("run time", f"{speed.filter_time_s:.2f} s, {speed.real_time_factor:.0f} times real time"))
+        if math.isfinite(seconds := run.scored.trajectory.seconds):
+            length_s = float(run.timeline.time_s[-1] - run.timeline.time_s[0])
+            lines.append(("run time", f"{seconds:.2f} s, {length_s / max(seconds, 1e-9):.0f} times real time"))
     for scored in (run.scored, *run.reference_tracks):
         judged = scored.report
         if judged is not None and judged.travel is not None and judged.travel.drift_percent is not None:

@@ -15,12 +15,10 @@ from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.main import cli
 
-OF_THE_CLOCK = ("filter_time_s", "real_time_factor")
-
 
 def numbers(metrics: Mapping[str, float | None]) -> dict[str, float]:
-    """Return the metrics that apply, but for those that a clock tells."""
-    return {name: value for name, value in metrics.items() if value is not None and name not in OF_THE_CLOCK}
+    """Return the metrics that apply."""
+    return {name: value for name, value in metrics.items() if value is not None}
 
 
 def reported(tmp_path: Path, log: Path, *options: str) -> dict[str, float]:

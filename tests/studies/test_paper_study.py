@@ -45,7 +45,6 @@ def row(way: Way, values: list[float], log: str = "paper", trace: Path | None = 
             "mean_horizontal_m": 1.5 * value,
             "nees_mean": 2.0 + 0.1 * value,
             "independent_errors": 80.0,
-            "filter_time_s": 1.0 + value,
         }
         for value in values
     ]

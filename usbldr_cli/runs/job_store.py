@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from usbldr.filters.evaluation.error_report import Window
     from usbldr.filters.types import Array, Vector
 
-SCHEMA = 2  # fixed: the version of stored runs
+SCHEMA = 3  # fixed: the version of stored runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,7 @@ class JobResult:
     trace: Path | None = None  # path for read_trace
     reused: bool = False  # taken from the store
     findings: tuple[str, ...] = ()  # codes, of a job that examines a log
+    filter_time_s: float | None = None  # wall time: of the machine, so it is no metric
 
 
 class Trace(NamedTuple):
@@ -102,6 +103,7 @@ class JobStore:
                 scored_against=ScoringContext(**context),
                 trace=self._trace(key),
                 reused=True,
+                filter_time_s=content["filter_time_s"],
             )
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -114,7 +116,8 @@ class JobStore:
             packed = io.BytesIO()
             np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
             write_atomically(self._trace(key), packed.getvalue())
-        content = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
+        content: dict[str, Any] = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
+        content["filter_time_s"] = outcome.filter_time_s
         judged = asdict(outcome.scored_against) if outcome.scored_against is not None else None
         write_atomically(self._json(key), (json_text({**content, "judged": judged}) + "\n").encode())
         return replace(outcome, trace=self._trace(key) if trace is not None else None)

@@ -247,7 +247,9 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
     )
     metrics = {name: value for name, value in report.flat().items() if value is not None and math.isfinite(value)}
     trace = Trace(report.time_s, report.estimate_m, report.truth_m, report.cov_m2)
-    return JobResult(metrics, (*trajectory.warnings, *report.warnings), scored_against=context), trace
+    warnings, seconds = (*trajectory.warnings, *report.warnings), trajectory.seconds
+    time_s = seconds if math.isfinite(seconds) else None
+    return JobResult(metrics, warnings, scored_against=context, filter_time_s=time_s), trace
 
 
 def _key(source: _Source, method: str, choices: RunChoices) -> str:

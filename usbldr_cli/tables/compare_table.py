@@ -54,7 +54,8 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
         if not row.good or row.method == BOUND:
             continue
         metrics = row_metrics(row)
-        share, ess, seconds = metrics.get("diverged_share"), metrics["ess_mean_ratio"], metrics["filter_time_s"]
+        share, ess = metrics.get("diverged_share"), metrics["ess_mean_ratio"]
+        times_s = [one.filter_time_s for one in row.good.values() if one.filter_time_s is not None]
         body.append(
             (
                 row.label,
@@ -64,7 +65,7 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
                 f"{100 * ess:.0f} %" if ess is not None else "",
                 _number(row, "nees_mean", 2),
                 row_consistency(row).removeprefix("sigmas "),
-                f"{seconds:.1f} s" if seconds is not None else "",
+                f"{sum(times_s) / len(times_s):.1f} s" if times_s else "",
             )
         )
     columns = [k for k in range(len(heads) + 1) if k == 0 or any(line[k] for line in body)]

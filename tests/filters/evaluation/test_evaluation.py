@@ -418,7 +418,6 @@ def test_drift_of_dead_reckoning_is_per_cent_of_the_way() -> None:
 
     assert m["distance_m"] == pytest.approx(500.0)
     assert m["drift_percent"] == pytest.approx(1.0)
-    assert m["real_time_factor"] == pytest.approx(50.0)
     way = distance_travelled_m(track)
     assert way is not None
     assert way[50] == pytest.approx(250.0)

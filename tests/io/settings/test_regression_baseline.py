@@ -71,7 +71,6 @@ def test_the_limit_is_abs_plus_rel_times_the_size_of_the_value() -> None:
         ("surfacing_error_m", "lower"),
         ("drift_percent", "lower"),
         ("diverged_share", "lower"),
-        ("real_time_factor", "higher"),
         ("coverage", "higher"),
         ("bias_east_m", "both"),
         ("nees_mean", "both"),
