@@ -51,6 +51,13 @@ if TYPE_CHECKING:
     help="Repeat the run without each of the N most influential fixes.",
 )
 @click.option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.")
+@click.option(
+    "--plots",
+    type=click.Choice(["all", "none"]),
+    default="all",
+    show_default=True,
+    help="Figures in the run directory; none saves about a second.",
+)
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def replay(
@@ -62,6 +69,7 @@ def replay(
     write_calibration: str | None,
     leave_one_out: int | None,
     bound: bool,
+    plots: str,
     strict: bool,
     quiet: bool,
     **selection: Any,
@@ -118,7 +126,7 @@ def replay(
             run = _with_bound(selection["log"], run)
         if leave_one_out is not None:
             run = _with_left_out(method, run, settings, leave_one_out)
-        write_run(folder, run)
+        write_run(folder, run, plots)
         if write_calibration is not None:
             _write_calibration(Path(write_calibration), run)
     print_run(run, target, json_to, quiet)

@@ -12,14 +12,18 @@ if TYPE_CHECKING:
     from usbldr.io.reports.report_json import Run
 
 
-def write_run(folder: Path, run: "Run") -> None:
+def write_run(folder: Path, run: "Run", plots: str = "all") -> None:
     """Write everything of the run; report.json, which names all files, comes last."""
     from usbldr.io.reports.markdown_report import write_markdown
     from usbldr.io.reports.report_json import write_json, write_tables
-    from usbldr_cli.figures.run_figures import write_figures
 
     write_tables(folder, run)
-    write_markdown(folder, run, write_figures(folder, run))
+    pictures: list[tuple[str, str]] = []
+    if plots != "none":
+        from usbldr_cli.figures.run_figures import write_figures  # imports matplotlib
+
+        pictures = write_figures(folder, run)
+    write_markdown(folder, run, pictures)
     write_json(folder, run)
 
 

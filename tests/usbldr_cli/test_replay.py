@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -162,3 +164,16 @@ def test_a_run_by_arrival_says_if_it_was_identified_from_the_whole_log(
 
     report = (dive.parent / "run" / "report.md").read_text()
     assert ("later fixes included" in " ".join(said.split())) == ("later fixes included" in report) == knows_later
+
+
+def test_without_plots_nothing_is_drawn_and_matplotlib_is_not_imported(dive: Path) -> None:
+    out = dive.parent / "run"
+    words = ["replay", str(dive), "-f", "dr", "-o", str(out), "--plots", "none", "-q"]
+    code = (
+        f"import sys; from usbldr_cli.main import cli; cli.main({words!r}, standalone_mode=False); "
+        "sys.exit('matplotlib' in sys.modules)"
+    )
+
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert not list(out.glob("*.png"))
+    assert "## Figures" not in (out / "report.md").read_text()
