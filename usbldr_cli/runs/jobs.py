@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
 
+MAX_DEATHS = 3  # of processes in succession, with no run finished between them: then the command ends
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -83,30 +84,33 @@ def run_jobs(units: Sequence[Job], jobs: int, store: Path | None = None) -> list
     """Run the jobs, ``jobs`` in parallel, and return their results in the same order.
 
     A fault of a job is a sentence in its result and does not stop the others. With a ``store``, an existing folder,
-    finished jobs are written there and read from there later, also after an interruption. Raises UsbldrError if a
-    process was killed from outside.
+    finished jobs are written there and read from there later, also after an interruption. If a process is killed from
+    outside, the jobs left run again, half as many in parallel; raises UsbldrError if that does not help.
     """
     kept = JobStore(store) if store is not None else None
     outcomes: dict[int, JobResult] = {}
-    with _workers(min(jobs, len(units))) as submit, _bar(len(units)) as advance:
-        waiting = {submit(unit, kept): k for k, unit in enumerate(units)}
-        for future in as_completed(waiting):
-            done = _result(future)
-            outcomes[waiting[future]] = done.outcome
-            if kept is not None and done.key is not None:
-                outcomes[waiting[future]] = kept.write(done.key, done.outcome, done.trace)
-            advance()
+    deaths = 0
+    with _bar(len(units)) as advance:
+        while left := [k for k in range(len(units)) if k not in outcomes]:
+            with suppress(BrokenProcessPool), _workers(min(jobs, len(left))) as submit:
+                waiting = {submit(units[k], kept): k for k in left}
+                for future in as_completed(waiting):
+                    if isinstance(future.exception(), BrokenProcessPool):
+                        continue
+                    done = future.result()
+                    outcomes[waiting[future]] = done.outcome
+                    if kept is not None and done.key is not None:
+                        outcomes[waiting[future]] = kept.write(done.key, done.outcome, done.trace)
+                    advance()
+            if len(outcomes) < len(units):
+                deaths = deaths + 1 if len(outcomes) + len(left) == len(units) else 1
+                jobs = max(1, jobs // 2)  # most likely memory ran out
+            if deaths == MAX_DEATHS:
+                raise UsbldrError(
+                    f"a run was killed from outside {MAX_DEATHS} times, probably because memory ran out: try fewer "
+                    "--jobs or --particles; with --output, finished runs are kept"
+                )
     return [outcomes[k] for k in range(len(units))]
-
-
-def _result(future: "Future[_FinishedJob]") -> _FinishedJob:
-    try:
-        return future.result()
-    except BrokenProcessPool as err:
-        raise UsbldrError(
-            "a run was killed from outside, probably because memory ran out: try fewer --jobs or --particles; "
-            "with --output, finished runs are kept"
-        ) from err
 
 
 @contextmanager

@@ -1,0 +1,68 @@
+"""Workers that are killed from outside: their runs are repeated, and a run that always dies ends the command."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from multiprocessing import active_children
+from pathlib import Path
+
+import pytest
+
+from usbldr.filters.errors import UsbldrError
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.shipped import find_scenario
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs import jobs
+from usbldr_cli.runs.jobs import Job, run_jobs
+
+CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")
+
+
+def test_runs_of_a_killed_worker_are_repeated_and_give_the_same_numbers(tmp_path: Path) -> None:
+    log = tmp_path / "dive"
+    write_scenario(replace(find_scenario("paper"), duration_s=20.0), 0, log)
+    units = [Job(str(log), "cpf", replace(CHOICES, seed=seed)) for seed in range(6)]
+    (tmp_path / "store").mkdir()
+    killed: list[int] = []
+
+    def kill_one_after_the_first_run() -> None:
+        while not list((tmp_path / "store").glob("*.json")):
+            time.sleep(0.002)
+        killed.extend(process.pid for process in active_children()[:1] if process.pid)
+        for pid in killed:
+            os.kill(pid, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_one_after_the_first_run, daemon=True)
+    killer.start()
+    found = run_jobs(units, 2, tmp_path / "store")
+    killer.join()
+
+    assert killed
+    assert [one.metrics for one in found] == [one.metrics for one in run_jobs(units, 1)]
+    assert not [one.fault for one in found if one.fault]
+
+
+def test_runs_that_always_die_end_the_command_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+
+    def workers(count: int) -> AbstractContextManager[Callable[..., Future[None]]]:
+        counts.append(count)
+        return nullcontext(dies)
+
+    def dies(unit: Job, kept: object) -> Future[None]:
+        dead: Future[None] = Future()
+        dead.set_exception(BrokenProcessPool())
+        return dead
+
+    monkeypatch.setattr(jobs, "_workers", workers)
+
+    with pytest.raises(UsbldrError, match=r"killed from outside 3 times.*try fewer --jobs"):
+        run_jobs([Job("dive", "cpf", CHOICES)] * 6, 4)
+
+    assert counts == [4, 2, 1]  # fewer at once, because memory may have run out
