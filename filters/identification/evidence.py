@@ -83,7 +83,8 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     for _ in range(ROUNDS - 1):
         noise = estimate_usbl_noise(timeline, choice.member, stated)
         choice = _best_subset(timeline, choice.member._replace(parameters=noise))
-    return _identification(given, choice)
+    noise = with_shared_error(timeline, choice.member, stated)
+    return _identification(given, choice, noise)
 
 
 def _best_subset(timeline: Timeline, member: Member) -> _Choice:
@@ -125,9 +126,8 @@ def _relinearised(members: Sequence[Member], found: FixLikelihoods) -> list[Memb
     return [member.with_errors(member.present, *own) for member, own in zip(members, estimates, strict=True)]
 
 
-def _identification(given: Parameters, choice: _Choice) -> Identification:
+def _identification(given: Parameters, choice: _Choice, parameters: Parameters) -> Identification:
     present, row, found = choice.member.present, choice.row, choice.found
-    parameters = with_shared_error(given, choice.member.parameters)
     if LEVER in present:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m

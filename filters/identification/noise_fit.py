@@ -74,7 +74,9 @@ def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
     return _grown(given, _search(lambda members: dvl_likelihoods(timeline, members), given, DVL, given), DVL)
 
 
-def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
+def estimate_usbl_noise(
+    timeline: Timeline, member: Member, given: Parameters, among: Sequence[TunableParameter] = USBL
+) -> Parameters:
     """Return the parameters that explain the fixes best, given the sensor errors of the member.
 
     The prior is about the ``given`` parameters; the search may start at those of the member, too. The random walk of
@@ -83,19 +85,24 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
     found = _search(
         lambda members: fix_likelihoods(timeline, [member._replace(parameters=one) for one in members]).log_likelihood,
         given,
-        USBL,
+        among,
         member.parameters,
     )
     return _grown(given, found, [one for one in USBL if one.name in GROWING])
 
 
-def with_shared_error(given: Parameters, found: Parameters) -> Parameters:
-    """Return the found parameters with a correlated error of the fixes that is not below the given.
+def with_shared_error(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
+    """Return the member's parameters with a correlated error of the fixes that is not below the given.
 
     Errors are told apart by how the fixes change, where the found value is best; but a filter has to allow for a
-    part that all fixes share, which no log shows.
+    part that all fixes share, which no log shows. If the correlated error is raised, the rest is estimated beside it.
     """
-    return _grown(given, found, [one for one in USBL if one.name in SHARED])
+    shared, rest = ([one for one in USBL if (one.name in SHARED) == chosen] for chosen in (True, False))
+    raised = _grown(given, member.parameters, shared)
+    if raised == member.parameters:
+        return raised
+    errors = replace(given.errors, usbl_bias_m=raised.errors.usbl_bias_m, usbl_bias_s=raised.errors.usbl_bias_s)
+    return estimate_usbl_noise(timeline, member._replace(parameters=raised), replace(given, errors=errors), rest)
 
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:

@@ -252,11 +252,12 @@ def test_a_silent_dvl_leaves_the_position_open_while_it_is_silent() -> None:
 def test_what_all_fixes_share_and_the_walk_of_dead_reckoning_never_shrink_in_a_run() -> None:
     """The dive has neither, but no log shows an error that all of its fixes share."""
     given = replace(PLAIN, process=ProcessNoise(0.05, 0.001, 0.02, 0.02))
-    found = usbl_noise(weaving_dive(Faults()), given)
+    line = weaving_dive(Faults())
+    found = usbl_noise(line, given)
 
     assert found.process.position_m == given.process.position_m
     assert found.errors.usbl_bias_m < given.errors.usbl_bias_m / 2  # while sensor errors are compared
-    assert with_shared_error(given, found).errors.usbl_bias_m == given.errors.usbl_bias_m
+    assert with_shared_error(line, Member(found, frozenset()), given).errors.usbl_bias_m == given.errors.usbl_bias_m
 
 
 def test_false_fixes_in_a_row_are_not_taken_for_noise() -> None:
