@@ -33,7 +33,7 @@ class DrilledLog:
 
     def choices(self, way: Way) -> RunChoices:
         """Return the options of a run on this log."""
-        return replace(way.choices(0), calibrate=way.calibrate, **self.scored)
+        return replace(way.choices(0), calibrate=way.calibrate, **{"align": "none", **self.scored})
 
 
 def label(way: Way) -> str:

@@ -55,7 +55,7 @@ class Way:
             seed=seed,
             start=None,
             end=None,
-            align="none",
+            align="auto",
             dr_from="start",
             fast_hz=5.0,
             slow_hz=1.0,
