@@ -45,11 +45,12 @@ from usbldr.filters.estimators.protocol import (
     run_span,
     with_state_shift,
 )
+from usbldr.filters.frames import wrapped
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
-from usbldr.filters.models.states import POSITION
+from usbldr.filters.models.states import POSITION, YAW
 from usbldr.filters.types import Reacquisition, Update, Vector
 
 MEDIAN_CHI_SQUARE_2 = 2 * math.log(2)  # fixed: median of chi-square for two
@@ -194,6 +195,7 @@ class MultiHypothesisFilter:
         cov = np.zeros_like(first.cov)
         for hypothesis in belief.hypotheses:
             offset = hypothesis.estimate.mean - first.mean
+            offset[YAW] = wrapped(offset[YAW])
             cov += math.exp(hypothesis.log_weight) * (hypothesis.estimate.cov + np.outer(offset, offset))
         return first._replace(cov=cov)
 

@@ -37,3 +37,4 @@ class StateLayout:
 
 
 POSITION = list(StateLayout().rows("x", "y"))  # in every layout
+YAW = StateLayout().index("psi")

@@ -97,6 +97,8 @@ def _run(
         if k % 100 == 0:
             progress(k, count)
     progress(count, count)
+    psi = layout.index("psi")
+    mean[:, psi] = np.unwrap(mean[:, psi])  # hypotheses of an unknown heading may differ by whole turns
     recoveries = outage_recoveries(timeline, parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
         mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)

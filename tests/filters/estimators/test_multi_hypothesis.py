@@ -10,12 +10,20 @@ import pytest
 
 from timelines import five_hz
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
-from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
+from usbldr.filters.estimators.kalman import KalmanFilter
+from usbldr.filters.estimators.mode_updates import moment_matched
+from usbldr.filters.estimators.multi_hypothesis import (
+    Ambiguity,
+    Hypothesis,
+    MultiHypothesisBelief,
+    MultiHypothesisFilter,
+)
+from usbldr.filters.estimators.protocol import Estimate
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
 from usbldr.filters.models.parameters import Parameters, ProcessNoise
-from usbldr.filters.models.sigma_points import cubature
+from usbldr.filters.models.sigma_points import cubature, linearised
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.late_fixes import by_validity
 from usbldr.filters.replay.methods import METHODS, FilterSettings
@@ -26,6 +34,7 @@ from usbldr.filters.types import Reacquisition, Timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
+from weaving import Faults, weaving_dive
 
 RATE_HZ = 5
 OUTAGE = (60, 210)  # seconds without a fix
@@ -343,3 +352,23 @@ def test_clusters_between_good_fixes_do_not_move_the_track(seed: int) -> None:
     )
 
     assert guarded < 1.2 * alone
+
+
+def test_hypotheses_a_whole_turn_apart_have_the_same_heading() -> None:
+    motion = VehicleMotion(StateLayout(), CERTAIN)
+    guard = MultiHypothesisFilter(KalmanFilter(motion, linearised, moment_matched), motion)
+    here = Estimate(np.array([0.3, 0.0, 1.0, 0.0, 5.0, 6.0]), np.eye(6), (), 1.0, math.nan)
+    turned = here._replace(mean=here.mean + np.array([2 * math.pi, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    both = (Hypothesis("nominal", None, here, math.log(0.6)), Hypothesis("relocated", None, turned, math.log(0.4)))
+    belief = MultiHypothesisBelief(both, Ambiguity(0.0, 1.0, 0.0, accepting=("nominal", "relocated")), 0.0)
+
+    np.testing.assert_allclose(guard.estimate(belief).cov, here.cov, atol=1e-12)
+
+
+def test_a_track_has_no_whole_turns_after_an_unknown_heading() -> None:
+    line = weaving_dive(Faults(), seconds=160)
+    unknown = replace(line, yaw_count=np.where((line.time_s > 80) & (line.time_s < 120), 0, line.yaw_count))
+
+    track = run("adf", unknown, Parameters(process=ProcessNoise(turn_rate_radps=0.6)))
+
+    assert np.abs(np.diff(track.mean[:, 0])).max() < math.pi
