@@ -1,8 +1,7 @@
 """Read a file to a Log."""
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -22,19 +21,20 @@ from usbldr.io.conventions.sanity import (
     truth_underwater_findings,
 )
 from usbldr.io.conventions.timestamps import sorted_by_time
-from usbldr.io.conventions.truth import by_fixes, find_truth_file, read_truth_file, truth_from_table
+from usbldr.io.conventions.truth import by_fixes, read_truth_file, truth_from_table
 from usbldr.io.conventions.usbl import FixContext, usbl
-from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, ship_choices, time_series
+from usbldr.io.conventions.usbl_head import SHIP, ship_choices, time_series
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
-from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic, topic_named
+from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
 from usbldr.io.provenance import Provenance
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.settings.configuration import parameters
-from usbldr.io.settings.sensor_sections import Configuration, GpsSection
+from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.truth_source import place_unknown, refuse_as_sensor, truth_kind, truth_section, truth_source
 
 
 def read_log(path: Path, request: Request = DEFAULT_REQUEST) -> Log:
@@ -85,10 +85,10 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         raise fault
     if not any(topic.count for topic in topics):
         raise _without_messages(reader)
-    source = _truth_source(path, topics, request, configuration)
+    source = truth_source(path, topics, request, configuration)
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
     choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
-    _refuse_truth_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
+    refuse_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
     as_logged = _raws(reader, choices, raw_fields or {})
     raws, shifted = align_clocks(as_logged, _timed_by_log(configuration))
 
@@ -117,10 +117,10 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     truth = None
     if truth_table is not None:
         name = provenance["truth" if "truth" in provenance else "gps"].topic
-        kind = _kind(source, request, configuration)
+        kind = truth_kind(source, request, configuration)
         truth, more = truth_from_table(truth_table, name, start_ns, configuration.truth, kind)
         findings += more
-        truth = replace(truth, place_unknown=_place_unknown(provenance, origin))
+        truth = replace(truth, place_unknown=place_unknown(provenance, origin))
         if "truth" in provenance and "usbl" in tables:
             truth, provenance["truth"], more = by_fixes(truth, provenance["truth"], tables["usbl"], start_ns)
             findings += more
@@ -158,62 +158,6 @@ def _without_messages(reader: Reader) -> LogError:
         more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
         return LogError(f"no topic can be read: {unread[0]}{more}", path=reader.path)
     return LogError("holds no messages" + (f" ({lost})" if lost else ""), path=reader.path)
-
-
-KINDS_BY_NAME = {
-    "slam": re.compile(r"slam|graph_vertices|pose_graph"),
-    "simulated": re.compile(r"(^|[/_])(sim|simulated|simulator|gazebo|stonefish|holoocean)($|[/_.])"),
-}
-"""Words of the names of local truths."""
-
-
-@dataclass(frozen=True, slots=True)
-class TruthSource:
-    """The source of the truth: a file, a topic, none (off), else the GPS."""
-
-    file: Path | None = None
-    topic: TopicChoice | None = None
-    off: bool = False
-    chosen_by: str = "configuration"
-
-
-def _truth_source(
-    path: Path, topics: Sequence[TopicInfo], request: Request, configuration: Configuration
-) -> TruthSource:
-    section, option = configuration.truth, request.truth
-    if option == "none" or (option is None and section.topic == "none"):
-        return TruthSource(off=True)
-    if option is not None:
-        file = find_truth_file(option, path, from_option=True)
-        if file is not None:
-            return TruthSource(file, chosen_by="option")
-        if find_topic(topics, option) is None:
-            raise LogError(f"truth {option} is neither a file, here or beside the log, nor a topic", path=path)
-        return TruthSource(topic=topic_named(path, topics, "truth", option, "option"), chosen_by="option")
-    if section.file is not None:
-        file = find_truth_file(section.file, path, from_option=False)
-        if file is None:
-            raise LogError("no such truth file ([truth] file)", path=path.resolve().parent / section.file)
-        return TruthSource(file)
-    if section.topic is not None:
-        return TruthSource(topic=topic_named(path, topics, "truth", section.topic, "configuration"))
-    own = [topic for topic in topics if topic.type == "usbldr/truth"]
-    return TruthSource(
-        topic=topic_named(path, topics, "truth", own[0].name, "type and name") if len(own) == 1 else None
-    )
-
-
-def _refuse_truth_as_sensor(path: Path, choices: Mapping[str, TopicChoice], truth_role: str | None) -> None:
-    """Raise UsageError if a sensor of the filter reads the topic of the truth."""
-    if truth_role is None or truth_role not in choices:
-        return
-    for role in ("dvl", "compass", "usbl", SHIP, SHIP_HEADING):
-        if role in choices and choices[role].topic.name == choices[truth_role].topic.name:
-            raise UsageError(
-                f"{choices[role].topic.name} cannot be the {role} and the truth at once: "
-                'name another --truth, or "none"',
-                path=path,
-            )
 
 
 def _raws(
@@ -300,20 +244,8 @@ def _converted(
         except LogError as err:
             findings.append(Finding("GPS-INVALID", str(err), err.topic))
     if "truth" in raws:
-        made["truth"] = positions.gps(raws["truth"], _truth_section(configuration, raws, truth_by), origin)
+        made["truth"] = positions.gps(raws["truth"], truth_section(configuration, raws, truth_by), origin)
     return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
-
-
-def _truth_section(configuration: Configuration, raws: Mapping[str, RawRecords], truth_by: str) -> GpsSection:
-    """Return how a truth topic is read: as the GPS, if it is that, else by [truth] frame.
-
-    A topic of latitudes that an option puts instead of the configured truth does not have that truth's frame.
-    """
-    same = "gps" in raws and raws["gps"].topic == raws["truth"].topic
-    section = configuration.gps if same else GpsSection()
-    if truth_by == "option" and "lat_deg" in raws["truth"].layout.required:
-        return section
-    return msgspec.structs.replace(section, frame=configuration.truth.frame or section.frame)
 
 
 def _start_ns(tables: Mapping[str, pd.DataFrame], topics: Sequence[TopicInfo]) -> int:
@@ -336,28 +268,6 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
         spans_text = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
         hint = 'if a clock is wrong, try time = "log" or state latency_s'
         raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
-
-
-def _kind(source: TruthSource, request: Request, configuration: Configuration) -> str:
-    """Return the kind of truth: as stated, unless an option names another source; else by type, then by name."""
-    section = configuration.truth
-    if section.kind is not None and (source.chosen_by != "option" or request.truth in (section.topic, section.file)):
-        return section.kind
-    named = source.file.name if source.file else source.topic.topic.name if source.topic else ""
-    by_name = next((kind for kind, words in KINDS_BY_NAME.items() if words.search(named.lower())), None)
-    if source.file is not None or (source.topic is not None and source.topic.layout.defaults.get("frame") != "latlon"):
-        return by_name or "other"
-    return "gps"
-
-
-def _place_unknown(provenance: Mapping[str, Provenance], origin: Origin | None) -> bool:
-    """Tell whether only one of fixes and truth has latitudes, and nobody stated where the other's map lies."""
-    if "usbl" not in provenance or origin is None:
-        return False
-    truth = provenance["truth" if "truth" in provenance else "gps"]
-    fixes_latlon, truth_latlon = provenance["usbl"].geodetic, truth.convention("frame").value == "latlon"
-    stated = ("[map]", "usbl head", "usbl beacon") if truth_latlon else ("[map]",)
-    return fixes_latlon != truth_latlon and origin.source not in stated
 
 
 def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) -> Provenance:
