@@ -21,11 +21,20 @@ filter.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, project, replicate
+from usbldr.filters.estimators.hypotheses import (
+    Ambiguity,
+    Hypothesis,
+    MultiHypothesisBelief,
+    position_m,
+    pruned,
+    same_position,
+    with_outcome,
+)
 from usbldr.filters.estimators.hypothesis_likelihoods import (
     HypothesisLikelihoods,
     hypothesis_likelihoods,
@@ -51,40 +60,7 @@ from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import POSITION, YAW
-from usbldr.filters.types import Reacquisition, Update, Vector
-
-MEDIAN_CHI_SQUARE_2 = 2 * math.log(2)  # fixed: median of chi-square for two
-MIN_CLUSTER_FIXES = 2  # one rejected fix is a single outlier and not reported
-
-
-class Hypothesis(NamedTuple):
-    """One explanation of the fixes: a belief and its weight."""
-
-    kind: str  # "nominal", "rejecting", "resumed" or "relocated"
-    belief: Any  # of the wrapped filter
-    estimate: Estimate
-    log_weight: float  # normalised over the hypotheses
-    since_s: float = math.nan  # first fix that a rejecting one takes for an outlier
-
-
-class Ambiguity(NamedTuple):
-    """The fixes that the hypotheses explain; all fields but the last as in Reacquisition."""
-
-    since_s: float
-    outage_s: float
-    resolved_s: float
-    refused: int = 0
-    jump_m: float = 0.0
-    accepting: tuple[str, ...] = ()  # kinds of hypotheses that take the fixes as inliers
-
-
-class MultiHypothesisBelief(NamedTuple):
-    """The hypotheses, the leading one first."""
-
-    hypotheses: tuple[Hypothesis, ...]
-    ambiguity: Ambiguity | None
-    last_fix_s: float  # -inf: no fix yet
-    reacquisitions: tuple[Reacquisition, ...] = ()
+from usbldr.filters.types import Update
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +109,12 @@ class MultiHypothesisFilter:
             # from here on the rejecting hypothesis covers the outlier case: count it once
             log_weight = belief.hypotheses[0].log_weight + likelihoods[0].modelled
             hypotheses[0] = hypotheses[0]._replace(log_weight=log_weight)
-        previous, hypotheses = hypotheses[0], self._pruned([*hypotheses, *new])
+        previous, hypotheses = hypotheses[0], pruned([*hypotheses, *new], self.pruning_ratio, self.decision_odds)
         if hypotheses[0].kind != previous.kind:
             jump_m = (
                 0.0
-                if _same_position(hypotheses[0], previous)
-                else float(np.hypot(*(_position_m(hypotheses[0]) - _position_m(previous))))
+                if same_position(hypotheses[0], previous)
+                else float(np.hypot(*(position_m(hypotheses[0]) - position_m(previous))))
             )
             ambiguity = ambiguity._replace(resolved_s=step.t1_s, jump_m=max(ambiguity.jump_m, jump_m))
         if hypotheses[0].kind == "rejecting":
@@ -147,7 +123,7 @@ class MultiHypothesisFilter:
         if len(hypotheses) > 1:
             return MultiHypothesisBelief(tuple(hypotheses), ambiguity, step.t1_s, reacquisitions)
         last = hypotheses[0]
-        reacquisitions = _with_outcome(reacquisitions, ambiguity, last, "resumed")
+        reacquisitions = with_outcome(reacquisitions, ambiguity, last, "resumed")
         return MultiHypothesisBelief((last._replace(kind="nominal", log_weight=0.0),), None, step.t1_s, reacquisitions)
 
     def span(
@@ -187,7 +163,7 @@ class MultiHypothesisFilter:
         """
         reacquisitions, leader = belief.reacquisitions, belief.hypotheses[0]
         if belief.ambiguity is not None:  # the outcome if no more fixes came
-            reacquisitions = _with_outcome(reacquisitions, belief.ambiguity, leader, "rejecting")
+            reacquisitions = with_outcome(reacquisitions, belief.ambiguity, leader, "rejecting")
         first = leader.estimate._replace(reacquisitions=reacquisitions)
         ahead = math.exp(leader.log_weight) > 1 - 1 / self.decision_odds
         if belief.ambiguity is None or (ahead and belief.ambiguity.accepting == ("nominal",)):
@@ -280,30 +256,6 @@ class MultiHypothesisFilter:
             new.append(self._stepped(relocated, step, make_rng))
         return new
 
-    def _pruned(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return the remaining hypotheses, leader first: unlikely ones dropped, those at the same position merged.
-
-        ``hypotheses[0]`` is the leader so far. The likeliest hypothesis replaces it at once if it is rejecting or
-        resumed, and otherwise if it is ``decision_odds`` times as likely.
-        """
-        ordered = sorted(hypotheses, key=lambda hypothesis: -hypothesis.log_weight)
-        best = leader = ordered[0]
-        needs_odds = best.kind in ("nominal", "relocated")
-        remaining: list[Hypothesis] = []
-        for hypothesis in ordered:
-            same = next((other for other in remaining if _agree(hypothesis, other)), None)
-            if same is None and hypothesis.log_weight - best.log_weight > math.log(self.pruning_ratio):
-                remaining.append(hypothesis)
-            if (
-                hypothesis is hypotheses[0]
-                and needs_odds
-                and best.log_weight - hypothesis.log_weight < math.log(self.decision_odds)
-            ):
-                leader = same or hypothesis
-        remaining.sort(key=lambda hypothesis: hypothesis is not leader)
-        total = float(np.logaddexp.reduce([hypothesis.log_weight for hypothesis in remaining]))
-        return [hypothesis._replace(log_weight=hypothesis.log_weight - total) for hypothesis in remaining]
-
     def _stepped(self, hypothesis: Hypothesis, step: Step, make_rng: MakeRng) -> Hypothesis:
         """Return the hypothesis after the step; a rejecting one leaves out the fixes."""
         belief = self.filter.step(
@@ -331,32 +283,6 @@ class MultiHypothesisFilter:
         after = linear.step(before, step._replace(measurements=()), SeededRng(0, step.epoch))
         predicted = linear.estimate(after)
         return replicate(predicted.mean, predicted.cov, 1)
-
-
-def _with_outcome(
-    before: tuple[Reacquisition, ...], ambiguity: Ambiguity, last: Hypothesis, refusing: str
-) -> tuple[Reacquisition, ...]:
-    """Return the outcome of the ambiguity after those before, if fixes moved the track or a cluster was refused."""
-    if not ambiguity.jump_m and not (last.kind == refusing and ambiguity.refused >= MIN_CLUSTER_FIXES):
-        return before
-    return (*before, Reacquisition(*ambiguity[:-1], accepted=last.kind in ambiguity.accepting))
-
-
-def _agree(a: Hypothesis, b: Hypothesis) -> bool:
-    """Return whether both hypotheses use fixes and have the same position."""
-    return "rejecting" not in (a.kind, b.kind) and _same_position(a, b)
-
-
-def _same_position(a: Hypothesis, b: Hypothesis) -> bool:
-    """Return whether the Mahalanobis distance of the positions is below the median of its chi-square."""
-    offset_m = _position_m(a) - _position_m(b)
-    block = np.ix_(POSITION, POSITION)
-    cov = a.estimate.cov[block] + b.estimate.cov[block]
-    return float(offset_m @ np.linalg.solve(cov, offset_m)) < MEDIAN_CHI_SQUARE_2
-
-
-def _position_m(hypothesis: Hypothesis) -> Vector:
-    return hypothesis.estimate.mean[POSITION]
 
 
 def _log(probability: float) -> float:

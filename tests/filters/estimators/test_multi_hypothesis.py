@@ -10,14 +10,10 @@ import pytest
 
 from timelines import five_hz
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
+from usbldr.filters.estimators.hypotheses import Ambiguity, Hypothesis, MultiHypothesisBelief
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
-from usbldr.filters.estimators.multi_hypothesis import (
-    Ambiguity,
-    Hypothesis,
-    MultiHypothesisBelief,
-    MultiHypothesisFilter,
-)
+from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Estimate
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
