@@ -27,6 +27,7 @@ import click
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged
 from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.code_digest import code_digest
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 
 if TYPE_CHECKING:
@@ -261,7 +262,7 @@ def _key(source: _Source, method: str, choices: RunChoices) -> str:
     from usbldr.filters.replay.methods import METHODS
 
     options = asdict(choices) | ({} if METHODS[method].draws else {"seed": None})
-    text = json.dumps([source.digest, source.log.path.name, method, options, _code()], sort_keys=True)
+    text = json.dumps([source.digest, source.log.path.name, method, options, code_digest()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
@@ -272,17 +273,4 @@ def _digest(log: "Log", dive_timeline: "Timeline") -> str:
         for name, value in [] if part is None else [(f.name, getattr(part, f.name)) for f in fields(part)]:
             digest.update(name.encode())
             digest.update(value.tobytes() if hasattr(value, "tobytes") else repr(value).encode())
-    return digest.hexdigest()
-
-
-@functools.cache
-def _code() -> str:
-    """Return a digest of the versions and of the code that make a result, so that an edited filter runs again."""
-    from importlib.metadata import version
-
-    import usbldr.filters
-
-    digest = hashlib.sha256(f"{version('usbldr')} {version('numpy')}".encode())
-    for file in sorted(Path(str(usbldr.filters.__file__)).parent.rglob("*.py")):
-        digest.update(file.read_bytes())
     return digest.hexdigest()
