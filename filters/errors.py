@@ -5,7 +5,7 @@ The sentence says which file or topic, what is wrong, and what to do.
 
 from pathlib import Path
 
-MAX_SENTENCE = 2000  # [characters] of a sentence; beyond, nobody reads it
+MAX_SENTENCE = 2000  # [characters] of a sentence; longer ones are cut
 
 
 def printable(text: str) -> str:
@@ -25,7 +25,7 @@ def sentence(text: str) -> str:
 
 
 class UsbldrError(Exception):
-    """A fault that the user is told in one sentence, without a traceback."""
+    """A fault reported in one sentence, without a traceback."""
 
     exit_code = 1
 

@@ -72,7 +72,7 @@ class Truth:
     source: str  # topic or file
     max_gap_s: float = 30.0  # no errors are evaluated inside longer gaps
     lever_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its antenna: starboard, forward, up of the reference point
-    place_unknown: bool = False  # nobody stated where it lies on the map of the fixes: errors share an unknown shift
+    place_unknown: bool = False  # its origin on the map of the fixes is not stated: errors share an unknown shift
 
 
 OUTCOMES = ("used", "down-weighted", "rejected")  # of an update, from good to bad

@@ -1,6 +1,6 @@
 """Which filters are drilled on which logs.
 
-The first way is the default of the command line. A scenario is taken with ``--config none``: as a log that nobody
+The first way is the default of the command line. A scenario is taken with ``--config none``: as a log that is not
 configured.
 """
 

@@ -141,7 +141,7 @@ def fix_updates(trajectory: Trajectory) -> FixUpdates | None:
 def consistency_text(found: Nees | None, shift_removed: bool = False) -> str:
     """Return whether the filter's sigmas are consistent, too small or too large; "" if it has no covariance.
 
-    If a constant shift was taken off the errors, sigmas that are too large cannot be told: they contain the shift.
+    If a constant shift was taken off the errors, sigmas that are too large do not show: they contain the shift.
     """
     if found is None:
         return ""

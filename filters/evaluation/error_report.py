@@ -82,7 +82,7 @@ class ErrorReport:
     sensors: Mapping[str, SensorUpdates]  # by name
     warnings: tuple[str, ...] = ()
     relative: tuple[RelativeError, ...] = ()  # by the length of the segments
-    place_unknown: bool = False  # nobody stated where the truth lies on the map of the track
+    place_unknown: bool = False  # the origin that places the truth on the map of the track is not stated
 
     @property
     def judged(self) -> bool:

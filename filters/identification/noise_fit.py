@@ -94,7 +94,7 @@ def estimate_usbl_noise(
 def with_shared_error(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
     """Return the member's parameters with a correlated error of the fixes that is not below the given.
 
-    Errors are told apart by how the fixes change, where the found value is best; but a filter has to allow for a
+    Sensor errors are identified by how the fixes change, where the found value is best; but a filter has to allow for a
     part that all fixes share, which no log shows. If the correlated error is raised, the rest is estimated beside it.
     """
     shared, rest = ([one for one in USBL if (one.name in SHARED) == chosen] for chosen in (True, False))

@@ -1,4 +1,4 @@
-/* Whether this compiler can make code for newer x86-64 machines than the one that it assumes, and how it is told. */
+/* Whether this compiler can make code for newer x86-64 machines than the one that it assumes, and how to ask for it. */
 #ifndef USBLDR_MACHINE_H
 #define USBLDR_MACHINE_H
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(PORTABLE_ALONE) /* the macro: to compile in less time */

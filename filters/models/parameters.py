@@ -116,7 +116,7 @@ class SensorErrors:
     current_walk_mps: Annotated[float, Quantity("current_walk_mps", SPREAD["mps"])] = 0.0017
     # of each axis of the lever arm from the transponder to the DVL: vehicles are 1 to 5 m long; 0: it is as stated
     dvl_lever_m: Annotated[float, Quantity("dvl_lever_sd_m", SPREAD["m"])] = 2.0
-    # of the DVL's clock against the compass: clocks that nobody synchronised differ by about a second; 0: it is right
+    # of the DVL's clock against the compass: clocks that are not synchronised differ by about a second; 0: it is right
     dvl_clock_s: Annotated[float, Quantity("dvl_clock_sd_s", SPREAD["s"])] = 1.0
 
 

@@ -87,8 +87,8 @@ class Dvl:
     correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     timing: Timing = Timing()
-    told_sd_mps: float | None = None  # assumed by a filter; None, here and below: as simulated
-    told_noise: NoiseFamily | None = None
+    assumed_sd_mps: float | None = None  # assumed by a filter; None, here and below: as simulated
+    assumed_noise: NoiseFamily | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +103,8 @@ class Compass:
     correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     timing: Timing = Timing()
-    told_sd_rad: float | None = None
-    told_noise: NoiseFamily | None = None
+    assumed_sd_rad: float | None = None
+    assumed_noise: NoiseFamily | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +186,8 @@ class Usbl:
     outliers: Outliers | None = None
     multipath: Multipath | None = None
     timing: Timing = Timing()
-    told_accuracy: Accuracy | None = None
-    told_noise: NoiseFamily | None = None
+    assumed_accuracy: Accuracy | None = None
+    assumed_noise: NoiseFamily | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +202,7 @@ class Gps:
     correlated: CorrelatedError | None = None
     outliers: Outliers | None = None
     timing: Timing = Timing()
-    told_sd_m: float | None = None
+    assumed_sd_m: float | None = None
 
 
 Sensor: TypeAlias = Dvl | Compass | Usbl | Gps

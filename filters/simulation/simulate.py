@@ -80,7 +80,7 @@ def simulate(scenario: Scenario, seed: int) -> SimulatedDive:
         ),
     }
     valid_s = made["usbl"].time_s - usbl.timing.clock_offset_s - usbl.timing.latency_s
-    accuracy = usbl.accuracy if usbl.told_accuracy is None else usbl.told_accuracy
+    accuracy = usbl.accuracy if usbl.assumed_accuracy is None else usbl.assumed_accuracy
     stated_m2 = accuracy.covariance(_line_of_sight(usbl, track(valid_s)), scenario.depth_m - usbl.head.depth_m)
     return SimulatedDive(track(_stamps(scenario, dvl.rate_hz)), **made, fix_cov_m2=stated_m2, scenario=scenario)
 

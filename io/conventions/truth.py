@@ -70,7 +70,7 @@ def truth_from_table(
 def by_fixes(
     truth: Truth, provenance: Provenance, fixes: pd.DataFrame, start_ns: int
 ) -> tuple[Truth, Provenance, list[Finding]]:
-    """Exchange east and north of a truth whose frame nobody stated if the fixes (usbl) then fit clearly better.
+    """Exchange east and north of a truth whose frame is not stated if the fixes (usbl) then fit clearly better.
 
     Only its shape counts: a constant shift between both is taken off. The truth remains unknown to filters.
     """

@@ -47,7 +47,7 @@ def order_text(run: Run) -> str:
     return text
 
 
-GPS_ORIGINS = ("first gps fix", "first truth fix")  # which may be the truth, so that the user is told
+GPS_ORIGINS = ("first gps fix", "first truth fix")  # which may be the truth: the report says so
 
 
 def context(run: Run) -> list[tuple[str, str]]:

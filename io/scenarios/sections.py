@@ -86,8 +86,8 @@ class DvlSensor(SensorSection, frozen=True, kw_only=True):
     water_track_s: tuple[Stretch, ...] = ()
     correlated_sd_mps: NotNegative = 0.0
     outlier_mps: tuple[NotNegative, NotNegative] = (0.5, 2.0)
-    told_sd_mps: Positive | None = None
-    told_noise: DvlNoise | None = None
+    assumed_sd_mps: Positive | None = None
+    assumed_noise: DvlNoise | None = None
 
 
 class CompassSensor(SensorSection, frozen=True, kw_only=True):
@@ -100,8 +100,8 @@ class CompassSensor(SensorSection, frozen=True, kw_only=True):
     deviation_cos_deg: float = 0.0
     correlated_sd_deg: NotNegative = 0.0
     outlier_deg: tuple[NotNegative, NotNegative] = (10.0, 90.0)
-    told_sd_deg: Positive | None = None
-    told_noise: CompassNoise | None = None
+    assumed_sd_deg: Positive | None = None
+    assumed_noise: CompassNoise | None = None
 
 
 class HeadPlaceSection(Section, frozen=True, kw_only=True):
@@ -152,8 +152,8 @@ class UsblSensor(SensorSection, frozen=True, kw_only=True):
     correlated_sd_m: NotNegative = 0.0
     outlier_m: tuple[NotNegative, NotNegative] = (5.0, 40.0)
     multipath: MultipathSection | None = None
-    told_accuracy: AccuracySection | None = None
-    told_noise: UsblNoise | None = None
+    assumed_accuracy: AccuracySection | None = None
+    assumed_noise: UsblNoise | None = None
 
 
 class GpsSensor(SensorSection, frozen=True, kw_only=True):
@@ -165,7 +165,7 @@ class GpsSensor(SensorSection, frozen=True, kw_only=True):
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     correlated_sd_m: NotNegative = 0.0
     outlier_m: tuple[NotNegative, NotNegative] = (5.0, 40.0)
-    told_sd_m: Positive | None = None
+    assumed_sd_m: Positive | None = None
 
 
 class ScenarioFile(Section, frozen=True, kw_only=True):

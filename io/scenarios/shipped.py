@@ -55,7 +55,7 @@ def read_scenario(file: Path) -> Scenario:
     """Read and check a scenario; raise UsageError with file, key, nearest match and allowed values."""
     stated = checked(_document(file), ScenarioFile, file)
     dvl, compass, usbl, gps, drawn = stated.dvl, stated.compass, stated.usbl, stated.gps, stated.drawn
-    told_compass_sd = compass.told_sd_deg
+    assumed_compass_sd = compass.assumed_sd_deg
     return Scenario(
         name=file.stem,
         about=stated.about,
@@ -70,7 +70,7 @@ def read_scenario(file: Path) -> Scenario:
             sd_rad=math.radians(compass.sd_deg),
             bias_rad=_yaw(compass.bias_deg),
             deviation_rad=(math.radians(compass.deviation_sin_deg), _yaw(compass.deviation_cos_deg)),
-            told_sd_rad=None if told_compass_sd is None else math.radians(told_compass_sd),
+            assumed_sd_rad=None if assumed_compass_sd is None else math.radians(assumed_compass_sd),
         ),
         usbl=_sensor(
             Usbl,
@@ -82,7 +82,7 @@ def read_scenario(file: Path) -> Scenario:
             lever_m=usbl.lever_arm_m,
             multipath=usbl.multipath
             and _made(Multipath, usbl.multipath, least_m=usbl.multipath.offset_m[0], most_m=usbl.multipath.offset_m[1]),
-            told_accuracy=usbl.told_accuracy and _accuracy(usbl.told_accuracy),
+            assumed_accuracy=usbl.assumed_accuracy and _accuracy(usbl.assumed_accuracy),
         ),
         gps=_sensor(Gps, gps, "gps", lever_m=gps.lever_arm_m),
         yaw_rad=_yaw(stated.vehicle.heading_deg),
@@ -127,7 +127,7 @@ def _sensor(owner: type[Made], stated: SensorSection, sensor: str, **converted: 
     unit = SENSOR_UNITS[sensor]
     errors = getattr(stated, f"correlated_sd_{unit}"), *getattr(stated, f"outlier_{unit}")
     sd, least, most = map(math.radians, errors) if unit == "deg" else errors
-    noises = {key: getattr(stated, key) for key in ("noise", "told_noise") if hasattr(stated, key)}
+    noises = {key: getattr(stated, key) for key in ("noise", "assumed_noise") if hasattr(stated, key)}
     families = {key: noise and noise_family_of(noise, Gaussian(), sensor) for key, noise in noises.items()}
     return _made(
         owner,

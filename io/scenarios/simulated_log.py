@@ -58,9 +58,9 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
         },
         parameters=Parameters(
             process=scenario.process,
-            dvl=_assumed(scenario.dvl.told_noise, scenario.dvl.noise),
-            compass=_assumed(scenario.compass.told_noise, scenario.compass.noise),
-            usbl=_assumed(scenario.usbl.told_noise, scenario.usbl.noise),
+            dvl=_assumed(scenario.dvl.assumed_noise, scenario.dvl.noise),
+            compass=_assumed(scenario.compass.assumed_noise, scenario.compass.noise),
+            usbl=_assumed(scenario.usbl.assumed_noise, scenario.usbl.noise),
             dvl_lever_m=scenario.dvl.lever_m,
             usbl_lever_m=scenario.usbl.lever_m,
             gps_lever_m=scenario.gps.lever_m,
@@ -79,21 +79,21 @@ def _assumed(stated: Quantity | None, true: Quantity) -> Quantity:
 def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, Mapping[str, str]]) -> str:
     """Return the usbldr.toml of a simulated log; ``conventions`` are the keys of each section that the file needs."""
     dvl, compass, usbl, process = scenario.dvl, scenario.compass, scenario.usbl, scenario.process
-    accuracy = _assumed(usbl.told_accuracy, usbl.accuracy)
+    accuracy = _assumed(usbl.assumed_accuracy, usbl.accuracy)
     sections: dict[str, dict[str, str]] = {
         "map": {"origin_lat_deg": f"{ORIGIN.lat_deg!r}", "origin_lon_deg": f"{ORIGIN.lon_deg!r}"},
         "dvl": {
-            "sd_mps": repr(_assumed(dvl.told_sd_mps, dvl.sd_mps)),
-            "noise": noise_text(_assumed(dvl.told_noise, dvl.noise), "dvl"),
+            "sd_mps": repr(_assumed(dvl.assumed_sd_mps, dvl.sd_mps)),
+            "noise": noise_text(_assumed(dvl.assumed_noise, dvl.noise), "dvl"),
             **_lever(dvl.lever_m),
         },
         "compass": {
-            "sd_deg": repr(shortest_degrees(_assumed(compass.told_sd_rad, compass.sd_rad))),
-            "noise": noise_text(_assumed(compass.told_noise, compass.noise), "compass"),
+            "sd_deg": repr(shortest_degrees(_assumed(compass.assumed_sd_rad, compass.sd_rad))),
+            "noise": noise_text(_assumed(compass.assumed_noise, compass.noise), "compass"),
         },
         "usbl": {
             "sd_m": repr(accuracy.sd_m) if accuracy.constant else '"message"',
-            "noise": noise_text(_assumed(usbl.told_noise, usbl.noise), "usbl"),
+            "noise": noise_text(_assumed(usbl.assumed_noise, usbl.noise), "usbl"),
             **_lever(usbl.lever_m),
         },
         "gps": _lever(scenario.gps.lever_m),
@@ -121,13 +121,13 @@ def _tables(scenario: Scenario, seed: int) -> tuple[int, dict[str, pd.DataFrame]
     dive = simulate(scenario, seed)
     dvl, compass, gps = scenario.dvl, scenario.compass, scenario.gps
     cov_m2 = with_variance_floor(dive.fix_cov_m2)
-    gps_sd_m = _assumed(gps.told_sd_m, gps.sd_m) or math.nan  # no format can state "exact": in many 0 means "unknown"
+    gps_sd_m = _assumed(gps.assumed_sd_m, gps.sd_m) or math.nan  # many formats take 0 for "unknown"
     lat_deg, lon_deg = _at_sea_level(dive.gps.value)
     columns: dict[str, tuple[Column | float, ...]] = {
-        "dvl": (*dive.dvl.value.T, 0.0, _assumed(dvl.told_sd_mps, dvl.sd_mps), dive.dvl.valid),
+        "dvl": (*dive.dvl.value.T, 0.0, _assumed(dvl.assumed_sd_mps, dvl.sd_mps), dive.dvl.valid),
         "compass": (
             heading_deg(dive.compass.value[:, 0]),
-            shortest_degrees(_assumed(compass.told_sd_rad, compass.sd_rad)),
+            shortest_degrees(_assumed(compass.assumed_sd_rad, compass.sd_rad)),
         ),
         "usbl": (*dive.usbl.value.T, cov_m2[:, 0, 0], cov_m2[:, 0, 1], cov_m2[:, 1, 1]),
         "gps": (*dive.gps.value.T, gps_sd_m, lat_deg, lon_deg),

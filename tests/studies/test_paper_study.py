@@ -197,8 +197,8 @@ def test_the_unseen_dive_is_told_to_filters_otherwise_than_it_is() -> None:
     found = find_scenario(UNSEEN)
 
     assert found.start is None
-    assert found.dvl.told_noise != found.dvl.noise
-    assert found.usbl.told_noise != found.usbl.noise
+    assert found.dvl.assumed_noise != found.dvl.noise
+    assert found.usbl.assumed_noise != found.usbl.noise
 
 
 def test_limits_of_one_dive_are_its_bounds_at_the_epochs_of_the_errors() -> None:

@@ -64,8 +64,8 @@ correlated_sd_mps = 0.005
 correlated_time_s = 30.0
 outlier_share = 0.1
 outlier_mps = [1.0, 2.0]
-told_sd_mps = 0.05
-told_noise = { kind = "gaussian" }
+assumed_sd_mps = 0.05
+assumed_noise = { kind = "gaussian" }
 
 [compass]
 rate_hz = 10.0
@@ -77,8 +77,8 @@ deviation_cos_deg = 2.0
 correlated_sd_deg = 0.2
 outlier_share = 0.2
 outlier_deg = [20.0, 30.0]
-told_sd_deg = 0.6
-told_noise = { kind = "contamination", share = 0.1, sd_deg = 20.0, per = "scalar" }
+assumed_sd_deg = 0.6
+assumed_noise = { kind = "contamination", share = 0.1, sd_deg = 20.0, per = "scalar" }
 
 [usbl]
 rate_hz = 1.0
@@ -93,8 +93,8 @@ lever_arm_m = [0.0, -2.0, 1.0]
 correlated_sd_m = 0.4
 outlier_share = 0.3
 outlier_m = [3.0, 4.0]
-told_accuracy = { sd_m = 1.0 }
-told_noise = { kind = "gaussian", per = "record" }
+assumed_accuracy = { sd_m = 1.0 }
+assumed_noise = { kind = "gaussian", per = "record" }
 
 [usbl.multipath]
 offset_m = [5.0, 6.0]
@@ -112,7 +112,7 @@ bias_m = [0.5, 0.25]
 lever_arm_m = [1.0, 2.0, 3.0]
 correlated_sd_m = 0.3
 outlier_share = 0.4
-told_sd_m = 0.02
+assumed_sd_m = 0.02
 
 [process]
 position_m = 0.1

@@ -59,7 +59,7 @@ def test_a_noise_family_is_added_in_one_place(tmp_path: Path) -> None:
     log, script, own = tmp_path / "dive.mcap", tmp_path / "script.py", tmp_path / "dive.usbldr.toml"
     scenario = replace(find_scenario("lawnmower"), duration_s=60.0)
     write_scenario(scenario, 0, log)
-    assumed = scenario.usbl.told_noise or scenario.usbl.noise
+    assumed = scenario.usbl.assumed_noise or scenario.usbl.noise
     text, usual = own.read_text(encoding="utf-8"), noise_text(assumed, "usbl")
     before, section, after = text.partition("[usbl]")
     wide = '{ kind = "wide", factor = 5.0, sd_m = 3.0 }'
