@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,6 @@ from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain
 from usbldr.io.formats.csv_text import (
-    TUM,
     ParsedColumn,
     column,
     cut_findings,
@@ -30,6 +30,34 @@ from usbldr.io.settings.sensor_sections import TruthSection
 LEAST_FIXES = 10  # [fixes] within the truth, by which its frame is checked
 CLEARLY_BETTER = 2.0  # times: a frame whose fixes fit so much better is not chance
 MORE = ("sd_east_m", "sd_north_m", "cov_en_m2", "heading_deg", "qx", "qy", "qz", "qw")
+
+
+class PlaceColumns(NamedTuple):
+    """Names of two columns that hold a position, and their frame; None: east and north, unless stated otherwise."""
+
+    x: str
+    y: str
+    frame: str | None
+
+
+TIMES = {
+    "time_ns": "time_ns",
+    "stamp_ns": "time_ns",
+    "timestamp_ns": "time_ns",
+    "time_s": "time_s",
+    "time_unix_s": "time_unix_s",
+    "timestamp": "time_unix_s",
+    "stamp": "time_unix_s",
+}
+"""Names of time columns, and the key of [truth] columns that each is."""
+PLACES = (
+    PlaceColumns("east_m", "north_m", "ENU"),
+    PlaceColumns("lat_deg", "lon_deg", "latlon"),
+    PlaceColumns("latitude", "longitude", "latlon"),
+    PlaceColumns("tx", "ty", None),
+    PlaceColumns("x_m", "y_m", None),
+    PlaceColumns("x", "y", None),
+)
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
 
@@ -119,7 +147,8 @@ def read_truth_file(
     sd = numbers(cells["sd_m"], columns["sd_m"]).checked(file, lines) if "sd_m" in cells else np.full(len(x), np.nan)
     east, north = _on_plane(file, frame, x, y, origin)
     columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
-    frame_by = "default" if section.frame is None and (section.columns or set(TUM) <= set(texts)) else columns_by
+    by_name = section.columns is None and any(p.frame for p in PLACES if (columns["x"], columns["y"]) == (p.x, p.y))
+    frame_by: ChosenBy = columns_by if by_name else "default" if section.frame is None else "configuration"
     named = ", ".join(f"{key} = {name}" for key, name in columns.items())
     chosen = [Convention("frame", frame, frame_by), Convention("columns", named, columns_by)]
     chosen += [Convention("skip_rows", section.skip_rows, "configuration")] if section.skip_rows else []
@@ -131,7 +160,7 @@ def read_truth_file(
     }
     table = pd.DataFrame({name: np.concatenate([skipped[name], values]) for name, values in read.items()})
     findings = [*row_findings(file, read_table, read_table.left_out), *cut_findings(file, read_table)]
-    if section.columns is None and section.frame not in (None, frame):
+    if by_name and section.frame not in (None, frame):
         text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns are {frame}'
         findings.append(Finding("KEY-UNUSED", text))
     table.attrs[FINDINGS] = tuple(findings)
@@ -178,17 +207,12 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
         for name in columns.values():
             column(texts, name, file)
         return columns, section.frame or "ENU"
-    own = {"time_ns": "time_ns"} | ({"sd_m": "sd_m"} if "sd_m" in texts else {})
-    if "time_ns" in texts and {"east_m", "north_m"} <= set(texts):
-        return own | {"x": "east_m", "y": "north_m"}, "ENU"
-    if {"time_s", "east_m", "north_m"} <= set(texts):  # usbldr's own tracks
-        return {"time_s": "time_s", "x": "east_m", "y": "north_m"} | {
-            k: v for k, v in own.items() if k == "sd_m"
-        }, "ENU"
-    if set(TUM) <= set(texts):
-        return {"time_unix_s": "timestamp", "x": "tx", "y": "ty"}, section.frame or "ENU"
-    if "time_ns" in texts and {"lat_deg", "lon_deg"} <= set(texts):
-        return own | {"x": "lat_deg", "y": "lon_deg"}, "latlon"
+    times = [(key, name) for name, key in TIMES.items() if name in texts]
+    places = [place for place in PLACES if {place.x, place.y} <= set(texts)]
+    if times and places:
+        (key, name), place = times[0], places[0]
+        more = {"sd_m": "sd_m"} if "sd_m" in texts else {}
+        return {key: name, "x": place.x, "y": place.y} | more, place.frame or section.frame or "ENU"
     example = '{ time_unix_s = "...", x = "...", y = "..." }'
     raise UsageError(
         f"which columns hold time and position? State columns = {example} under [truth] "

@@ -127,14 +127,36 @@ def test_a_canonical_file_needs_no_columns(tmp_path: Path) -> None:
     assert (truth.time_s[0], truth.sd_m[0], truth.kind) == (1.0, 0.25, "other")
 
 
-def test_other_files_need_their_columns_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("% timestamp, frame id, x, y, z", f"{T0 // SECOND + 1},7,1,2,-3"),
+        ("stamp_ns,x_m,y_m", f"{T0 + SECOND},1,2"),
+        ("time_s,tx,ty", "1,1,2"),
+        ("timestamp,heading,east_m,north_m,x,y", f"{T0 // SECOND + 1},9,1,2,99,99"),
+    ],
+)
+def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text(f"{header}\n{row}\n", encoding="utf-8")
+
+    truth = dive(tmp_path, request=Request(truth=str(file))).truth
+
+    assert truth is not None
+    assert (truth.time_s.tolist(), truth.position_m.tolist()) == ([1.0], [[1.0, 2.0]])
+
+
+def test_unusual_names_of_columns_have_to_be_stated(tmp_path: Path) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text("epoch,px,py\n1,2,3\n", encoding="utf-8")
+
     with pytest.raises(UsageError) as fault:
-        dive(tmp_path, request=Request(truth="slam/vertices.txt"))
+        dive(tmp_path, request=Request(truth=str(file)))
 
     assert str(fault.value) == (
-        f"{tmp_path / 'slam' / 'vertices.txt'}: which columns hold time and position? "
+        f"{file}: which columns hold time and position? "
         'State columns = { time_unix_s = "...", x = "...", y = "..." } under [truth] '
-        "(its columns: timestamp, frame id, x, y, z)"
+        "(its columns: epoch, px, py)"
     )
 
 
