@@ -4,13 +4,21 @@ import os
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.truth import find_truth_file
 from usbldr.io.opening import ConfigurationFile, Request, configuration_of
 
 
-def input_files(log: Path, request: Request) -> tuple[Path, ...]:
+class InputFile(NamedTuple):
+    """A file or folder that a log is read from."""
+
+    role: str  # "log", "with", "configuration", "truth"
+    path: Path
+
+
+def input_files(log: Path, request: Request) -> tuple[InputFile, ...]:
     """Return the log, its configuration, the files joined to it and its truth file.
 
     A configuration that cannot be read names no files: reading the log reports the error.
@@ -18,11 +26,12 @@ def input_files(log: Path, request: Request) -> tuple[Path, ...]:
     configuration = ConfigurationFile()
     with suppress(UsageError):
         configuration = configuration_of(log, request)
-    found = [log, *map(Path, request.joined), *([configuration.file] if configuration.file else [])]
-    found += [log.resolve().parent / stated.path for stated in configuration.settings.file]
+    joined = [Path(name) for name in request.joined]
+    joined += [log.resolve().parent / stated.path for stated in configuration.settings.file]
     truth = configuration.settings.truth.file if request.truth is None else request.truth
     truth_file = find_truth_file(truth, log, from_option=request.truth is not None) if truth else None
-    return (*found, *([truth_file] if truth_file else []))
+    found = {"log": [log], "with": joined, "configuration": [configuration.file], "truth": [truth_file]}
+    return tuple(InputFile(role, path) for role, paths in found.items() for path in paths if path is not None)
 
 
 def output_conflict(place: Path, read: Iterable[Path], inside: bool) -> str | None:

@@ -50,7 +50,10 @@ NAMES = (("error", "warning", "remark"), ("errors", "warnings", "remarks"))
 def _described(found: "Examination") -> dict[str, Any]:
     from dataclasses import asdict
 
+    from usbldr.io.reports.run_provenance import made_by
+
     return {
+        **made_by(),
         "path": str(found.path),
         "format": found.format,
         "configuration": str(found.configuration) if found.configuration else None,

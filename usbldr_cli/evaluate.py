@@ -6,7 +6,8 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, printable
-from usbldr_cli.options.log_options import log_options, request_and_inputs
+from usbldr_cli.options.command_line import given_command
+from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
 from usbldr_cli.options.output_files import json_option, refuse_file
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.run_output import print_run, write_run
@@ -56,10 +57,11 @@ def evaluate(
     """
     from usbldr.filters.identification.identification import Identification
     from usbldr.io.estimate import read_estimate
-    from usbldr.io.inputs import output_conflict
+    from usbldr.io.inputs import InputFile, output_conflict
     from usbldr.io.opening import ConfigurationFile
     from usbldr.io.reports.report_json import Run, ScoredTrack
     from usbldr.io.reports.run_directory import run_directory
+    from usbldr.io.reports.run_provenance import RunProvenance, read_files
     from usbldr.io.session import evaluate as score
     from usbldr.io.session import open_log, reference_tracks
     from usbldr.io.timeline import timeline
@@ -82,8 +84,12 @@ def evaluate(
     found = Identification(dive.parameters)
     references = reference_tracks(dive, grid, track.method, settings, found)
     options = {"estimate": estimate, "frame": frame, "start": start, "end": end, "align": align}
+    judged = [InputFile("estimate", Path(estimate))] if Path(estimate).is_file() else []
+    made = RunProvenance(given_command(), read_files([*labelled_inputs(log, request), *judged], dive.sha256))
+    asked = {"log": log, "options": options, "selection": selection}
     content = request.configuration.content if isinstance(request.configuration, ConfigurationFile) else None
-    run = Run(placed, grid, found, ScoredTrack(track, report), references, options=options, configuration=content)
+    scored = ScoredTrack(track, report)
+    run = Run(placed, grid, found, scored, references, request=asked, configuration=content, made=made)
     with run_directory(target, force) as folder:
         write_run(folder, run)
     print_run(run, target, json_to, quiet)

@@ -34,7 +34,9 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: An
     """
     found = [_survey(log, read_request(**selection)) for log in logs]
     if as_json:
-        click.echo(json.dumps({"logs": [_described(one) for one in found]}, indent=1, allow_nan=False))
+        from usbldr.io.reports.run_provenance import made_by
+
+        click.echo(json.dumps({**made_by(), "logs": [_described(one) for one in found]}, indent=1, allow_nan=False))
     else:
         click.echo("\n\n".join(_text(one, all_topics) for one in found))
     return 0 if all(one.complete for one in found) else LogError.exit_code

@@ -2,10 +2,12 @@
 
 import importlib
 import sys
+from typing import Any
 
 import click
 
 from usbldr.filters.errors import UsbldrError
+from usbldr_cli.options.command_line import keep_command
 
 COMMANDS = {
     "info": "List the topics of LOG and how each sensor is read.",
@@ -25,6 +27,15 @@ VERBOSE = "usbldr.verbose"
 
 class LazyGroup(click.Group):
     """A group whose commands are imported only when called: `usbldr --help` is as fast as click."""
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        """Return the context with the words of the command line."""
+        words = tuple(args)  # parsing empties the list
+        ctx = super().make_context(info_name, args, parent, **extra)
+        keep_command(ctx, words)
+        return ctx
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the table."""

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -26,9 +25,8 @@ from usbldr.io.log import Log
 from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
 from usbldr.io.reports.run_directory import REPORT, json_text
+from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
-
-SCHEMA = 3  # fixed: the version of report.json
 
 
 class ScoredTrack(NamedTuple):
@@ -49,10 +47,11 @@ class Run:
     reference_tracks: tuple[ScoredTrack, ...] = ()  # usbl and dr, scored in the same way
     order: str = "validity"  # of the fixes
     seed: int = 0
-    options: Mapping[str, object] = field(default_factory=dict[str, object])  # as the user gave them
+    request: Mapping[str, object] = field(default_factory=dict[str, object])  # log and options as the user gave them
     configuration: Mapping[str, object] | None = None  # content of the configuration file
     without_fixes: tuple[LeaveOneOut, ...] = ()  # runs without one fix, if the user asked for them
     bound: PositionBound | None = None  # of a scenario, if the user asked for it
+    made: RunProvenance = RunProvenance()
 
     @property
     def label(self) -> str:
@@ -225,8 +224,7 @@ def report_content(run: Run) -> dict[str, Any]:
     log, (trajectory, report) = run.log, run.scored
     t = run.timeline.time_s
     return {
-        "schema": SCHEMA,
-        "tool": {"name": "usbldr", "version": version("usbldr"), "numpy": np.__version__},
+        **made_by(),
         "log": {"name": log.path.name, "sha256": log.sha256, "format": log.format},
         "time_base": {
             "start_ns": log.start_ns,
@@ -241,7 +239,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "particles": trajectory.particles,
         "seed": run.seed,
         "order": run.order,
-        "options": run.options,
+        "request": run.request,
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
         "assumptions": _assumptions(run.identification),
         "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in estimated_errors(trajectory)},
@@ -252,13 +250,14 @@ def report_content(run: Run) -> dict[str, Any]:
         "sensors": {role: provenance_values(p) for role, p in log.provenance.items()},
         "findings": log.findings,
         "outages": run.timeline.outages,
-        "filter_time_s": trajectory.seconds,  # of the machine, so it is no metric
         "truth": _truth(run.truth),
         **_scores(report),
-        "baselines": {other.trajectory.label: _scores(other.report) for other in run.reference_tracks},
+        "reference_tracks": {other.trajectory.label: _scores(other.report) for other in run.reference_tracks},
         **({} if run.bound is None else {"bound": _bound(run.bound)}),
         "warnings": run.warnings,
         "verdict": run.verdict,
+        "provenance": provenance_content(run.made),
+        "timing": {"filter_time_s": trajectory.seconds},  # of the machine, so it is no metric
     }
 
 

@@ -63,9 +63,9 @@ def test_cpf_with_the_transponder_as_the_vehicle_is_within_seventy_centimetres_o
     assert by_a <= 0.70
     assert cpf["metrics"]["nees_mean"] <= 3.5
     assert by_a <= gated + 0.03
-    assert by_a < cpf["baselines"]["dr"]["metrics"]["mean_horizontal_m"]
+    assert by_a < cpf["reference_tracks"]["dr"]["metrics"]["mean_horizontal_m"]
     assert by_a == pytest.approx(cpf["metrics"]["mean_horizontal_m"], abs=0.01)  # theirs at 5 Hz, ours at 1 Hz
-    assert cpf["baselines"]["usbl"]["metrics"]["mean_horizontal_m"] == pytest.approx(1.416, abs=0.005)
+    assert cpf["reference_tracks"]["usbl"]["metrics"]["mean_horizontal_m"] == pytest.approx(1.416, abs=0.005)
 
 
 def test_stpere_marina_is_read_as_expected_and_cpf_takes_two_thirds_off_the_raw_error(
@@ -74,11 +74,14 @@ def test_stpere_marina_is_read_as_expected_and_cpf_takes_two_thirds_off_the_raw_
     expected = json.loads((field_logs / "stpere_marina" / "expected.json").read_text())
     report = replay(field_logs, tmp_path, "stpere_marina", "--filter", "cpf", "--dr-from", "first-gps")
 
-    raw, reference = report["baselines"]["usbl"]["metrics"], expected["reference"]["usbl_synthetic"]
+    raw, reference = report["reference_tracks"]["usbl"]["metrics"], expected["reference"]["usbl_synthetic"]
     for metric, key in (("mean", "mean_m"), ("median", "median_m"), ("rmse", "rms_m"), ("max", "max_m")):
         tolerance = reference["tolerance"][key]
         assert raw[f"{metric}_horizontal_m"] == pytest.approx(reference["error_all"][key], abs=tolerance)
-    dr, anchored = report["baselines"]["dr"]["metrics"], expected["reference"]["dead_reckoning_mti_anchored_nominal"]
+    dr, anchored = (
+        report["reference_tracks"]["dr"]["metrics"],
+        expected["reference"]["dead_reckoning_mti_anchored_nominal"],
+    )
     for metric, key in (("rmse", "rms_m"), ("max", "max_m"), ("final", "end_m")):
         assert dr[f"{metric}_horizontal_m"] == pytest.approx(anchored[key], abs=anchored["tolerance"][key])
     for sensor in ("dvl", "compass", "usbl", "gps"):

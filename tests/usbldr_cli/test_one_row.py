@@ -65,7 +65,7 @@ def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(
     done = commands.run("replay", DIVE, "-f", "last-fix", "--calibrate", "none", "-o", str(tmp_path / "run"))
 
     report = json.loads((tmp_path / "run" / "report.json").read_text())
-    raw_m = report["baselines"]["usbl"]["metrics"]["mean_horizontal_m"]
+    raw_m = report["reference_tracks"]["usbl"]["metrics"]["mean_horizontal_m"]
     assert done.exit_code == 0, done.output
     assert report["filter"] == "last-fix"
     assert report["metrics"]["mean_horizontal_m"] == pytest.approx(raw_m)  # the log has a fix at each second

@@ -1,5 +1,6 @@
 """What replay refuses and what it says aside from the table."""
 
+import hashlib
 import json
 import shutil
 import subprocess
@@ -7,7 +8,9 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import Result
 
@@ -177,3 +180,54 @@ def test_without_plots_nothing_is_drawn_and_matplotlib_is_not_imported(dive: Pat
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     assert not list(out.glob("*.png"))
     assert "## Figures" not in (out / "report.md").read_text()
+
+
+def _report(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "report.json").read_text())
+    return content
+
+
+def test_a_report_says_how_it_was_made(dive: Path) -> None:
+    truth = dive.parent / "truth.csv"
+    truth.write_text("time_ns,east_m,north_m\n1767225600000000000,0,0\n1767225601000000000,1,1\n", encoding="utf-8")
+    words = (
+        "replay",
+        str(dive),
+        "-f",
+        "usbl",
+        "--truth",
+        str(truth),
+        "--plots",
+        "none",
+        "-o",
+        str(dive.parent / "run"),
+    )
+    assert run(*words).exit_code == 0
+
+    report = _report(dive.parent / "run")
+
+    made = report["provenance"]
+    assert made["command"] == ["usbldr", *words]
+    digests = {role: hashlib.sha256(file.read_bytes()).hexdigest() for role, file in _inputs(dive, truth).items()}
+    assert {one["role"]: (one["file"], one["sha256"]) for one in made["inputs"]} == {
+        role: (file.name, digests[role]) for role, file in _inputs(dive, truth).items()
+    }
+    assert made["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert made["libraries"]["numpy"] == np.__version__
+    assert made["kernel"] in ("numpy", "portable", "avx2", "avx512")
+    assert (report["request"]["filter"], report["request"]["selection"]["truth"]) == ("usbl", str(truth))
+
+
+def _inputs(dive: Path, truth: Path) -> dict[str, Path]:
+    return {"log": dive, "configuration": dive.parent / "paper.usbldr.toml", "truth": truth}
+
+
+def test_two_runs_differ_in_their_wall_times_alone(dive: Path) -> None:
+    reports = []
+    for _ in range(2):
+        replay(dive, "-f", "adf", "--end", "60", "--plots", "none", "--force")
+        reports.append(_report(dive.parent / "run"))
+
+    first, second = ({key: value for key, value in one.items() if key != "timing"} for one in reports)
+    assert first == second
+    assert list(reports[0]["timing"]) == ["filter_time_s"]

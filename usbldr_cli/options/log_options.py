@@ -1,14 +1,18 @@
 """The options of every command that reads a log: configuration, topics, truth."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from usbldr_cli.options.command_line import given_command
+
 if TYPE_CHECKING:
+    from usbldr.io.inputs import InputFile
     from usbldr.io.opening import Request
+    from usbldr.io.reports.run_provenance import RunProvenance
 
 ROLE_HELP = {
     "dvl": "Topic of the DVL.",
@@ -79,21 +83,41 @@ def read_request(
     )
 
 
-def inputs(log: str, request: "Request") -> tuple[Path, ...]:
-    """Return the files that are read, LOG first: none may be overwritten. A shipped scenario has none."""
-    from usbldr.io.inputs import input_files
+def labelled_inputs(log: str, request: "Request") -> "tuple[InputFile, ...]":
+    """Return the files that are read, LOG first, each with what it is for. A shipped scenario has none."""
+    from usbldr.io.inputs import InputFile, input_files
     from usbldr.io.session import is_simulated
 
     if not is_simulated(log):
         return input_files(Path(log), request)
-    return (Path(log),) if Path(log).exists() else ()
+    return (InputFile("log", Path(log)),) if Path(log).exists() else ()
 
 
-def request_and_inputs(log: str, **selection: Any) -> tuple["Request", tuple[Path, ...]]:
-    """Return the request, its configuration read if LOG has one, and the files that are read."""
+def inputs(log: str, request: "Request") -> tuple[Path, ...]:
+    """Return the files that are read, LOG first: none may be overwritten. A shipped scenario has none."""
+    return tuple(one.path for one in labelled_inputs(log, request))
+
+
+def configured_request(log: str, selection: Mapping[str, Any]) -> "Request":
+    """Return the values of selection_options as a request, the configuration read if LOG has one."""
     from usbldr.io.opening import with_configuration
     from usbldr.io.session import is_simulated
 
     asked = read_request(**selection)
-    request = asked if is_simulated(log) else with_configuration(Path(log), asked)
+    return asked if is_simulated(log) else with_configuration(Path(log), asked)
+
+
+def request_and_inputs(log: str, **selection: Any) -> tuple["Request", tuple[Path, ...]]:
+    """Return the request, its configuration read if LOG has one, and the files that are read."""
+    request = configured_request(log, selection)
     return request, inputs(log, request)
+
+
+def request_provenance(request: Mapping[str, Any]) -> "RunProvenance":
+    """Return how a table was made; ``request`` names logs and selection_options, or run directories."""
+    from usbldr.io.reports.run_provenance import RunProvenance, read_files
+
+    logs = request.get("logs") or [name for name in [request.get("log")] if name]
+    asked = read_request(**request.get("selection", {}))
+    read = [one for log in logs for one in labelled_inputs(log, asked)]
+    return RunProvenance(given_command(), read_files(read))

@@ -10,18 +10,18 @@ compare.md      the tables and figures
 import json
 import re
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.reports.run_directory import json_text, write_atomically
+from usbldr.io.reports.run_provenance import made_by, provenance_content
+from usbldr_cli.options.log_options import request_provenance
 from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_content
 
 UNITS, TABLES = "units", "compare.json"
 OWN = re.compile(r"(compare|drill)\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter|drill)[\w.-]*\.png|\..*\.part")
 OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
-SCHEMA = 1  # fixed: the version of compare.json
 
 
 def prepare(folder: Path, request: Mapping[str, Any], force: bool, tables: str = TABLES) -> None:
@@ -73,11 +73,11 @@ def _plain(request: Mapping[str, Any]) -> Any:
 def content(rows: Sequence[ComparisonRow], request: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of compare.json."""
     return {
-        "schema": SCHEMA,
-        "tool": {"name": "usbldr", "version": version("usbldr")},
+        **made_by(),
         "request": request,
         "rows": records(rows),
         "verdict": overall(rows),
+        "provenance": provenance_content(request_provenance(request)),
     }
 
 

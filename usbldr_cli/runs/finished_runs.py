@@ -64,7 +64,7 @@ def _row(folder: Path) -> ComparisonRow:
         )
         numbers = {str(name): float(value) for name, value in metrics.items() if value is not None}
         trace = folder if (folder / "track.tum").is_file() and (folder / "truth.tum").is_file() else None
-        time_s = report.get("filter_time_s")
+        time_s = report["timing"]["filter_time_s"]
         outcome = JobResult(
             numbers, tuple(report["warnings"]), scored_against=context, trace=trace, filter_time_s=time_s
         )

@@ -46,7 +46,7 @@ def a_run(trajectory: Trajectory = CKF, window: Window = Window(), align: str = 
         CONFIGURED,
         scored(trajectory, window, align),
         (scored(USBL), scored(DR)),
-        options={"start": 4.0},
+        request={"log": "paper", "options": {"start": 4.0}},
     )
 
 
@@ -122,8 +122,8 @@ def test_report_json_is_strict_and_names_every_metric(tmp_path: Path) -> None:
     assert list(report["metrics"].items()) == list(run.scored.report.flat().items())
     assert report["metrics"]["nees_mean"] is None  # raw fixes claim no covariance
     assert report["window"] == {"start_s": None, "end_s": None}
-    assert set(report["baselines"]) == {"usbl", "dr"}
-    assert report["baselines"]["dr"]["metrics"]["drift_percent"] > 0
+    assert set(report["reference_tracks"]) == {"usbl", "dr"}
+    assert report["reference_tracks"]["dr"]["metrics"]["drift_percent"] > 0
 
 
 def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
 
     report = read_strictly(written(tmp_path, run) / "report.json")
 
-    assert report["schema"] == 3
+    assert report["schema"] == 4
     assert report["log"]["sha256"] == LOG.sha256
     assert report["tool"]["name"] == "usbldr"
     assert (report["filter"], report["seed"], report["order"]) == ("ckf", 7, "validity")

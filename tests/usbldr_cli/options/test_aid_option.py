@@ -48,7 +48,7 @@ def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(t
     assert sentence in " ".join(told.split())
     assert sentence in (folder / "report.md").read_text(encoding="utf-8")
     assert report["aid"] == [[30.0, 60.0], [500.0, 520.0]]
-    assert report["baselines"]["dr"]["aid"] == report["aid"]
+    assert report["reference_tracks"]["dr"]["aid"] == report["aid"]
     assert report["matching"]["aided"] == 52  # 31 and 21 epochs of 1 Hz
     scored = [float(line.split(",")[0]) for line in (folder / "errors_1hz.csv").read_text().splitlines()[1:]]
     assert not [t for t in scored if 30 <= t <= 60 or 500 <= t <= 520]

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 import usbldr_cli.compare
-import usbldr_cli.replay
 import usbldr_cli.runs.jobs
+import usbldr_cli.runs.one_run
 from checkout import SAMPLES
 from commands import run
 from usbldr.filters.errors import UsageError
@@ -42,7 +42,7 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: Any, **__: Any) -> Any:
         raise AssertionError("a filter was run")
 
-    monkeypatch.setattr(usbldr_cli.replay, "_run", never)
+    monkeypatch.setattr(usbldr_cli.runs.one_run, "finish_run", never)
     monkeypatch.setattr(usbldr_cli.compare, "_run", never)
     monkeypatch.setattr(usbldr_cli.runs.jobs, "run_jobs", never)
 

@@ -1,0 +1,59 @@
+"""How a report was made: command, inputs with their digests, versions, machine. No number of a result is in here."""
+
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+from usbldr.filters.kernel import KERNEL
+from usbldr.io.inputs import InputFile
+from usbldr.io.opening import digest_paths
+
+SCHEMA = 4  # fixed: the version of every JSON file that usbldr writes
+LIBRARIES = ("numpy", "pandas", "mcap", "rosbags", "pymap3d", "pygeomag")
+"""Libraries whose version could change a number of a report."""
+
+
+class ReadFile(NamedTuple):
+    """A file or folder that a run read."""
+
+    role: str  # "log", "with", "configuration", "truth"
+    file: str  # its name, without the folder
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunProvenance:
+    """What the user asked for, and what was read for it."""
+
+    command: tuple[str, ...] = ()  # as given; empty outside the command line
+    inputs: tuple[ReadFile, ...] = ()
+
+
+def read_files(inputs: Sequence[InputFile], log_sha256: str | None = None) -> tuple[ReadFile, ...]:
+    """Return the inputs with their digests; ``log_sha256`` is that of the log with all files joined to it, if known."""
+    alone = sum(one.role in ("log", "with") for one in inputs) == 1
+    known = {"log": log_sha256} if alone else {}
+    return tuple(ReadFile(role, path.name, known.get(role) or digest_paths([path])) for role, path in inputs)
+
+
+def made_by() -> dict[str, Any]:
+    """Return the head of every JSON file: the version of its names, and the program that wrote it."""
+    return {"schema": SCHEMA, "tool": {"name": "usbldr", "version": version("usbldr")}}
+
+
+def machine() -> dict[str, Any]:
+    """Return what the last bits of a number may depend on: Python, libraries, platform, variant of the kernel."""
+    return {
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in LIBRARIES},
+        "platform": {"system": sys.platform, "machine": platform.machine()},
+        "kernel": KERNEL.name,
+    }
+
+
+def provenance_content(run: RunProvenance) -> dict[str, Any]:
+    """Return the provenance as JSON has it."""
+    return {"command": list(run.command), "inputs": [one._asdict() for one in run.inputs], **machine()}

@@ -1,0 +1,147 @@
+"""One run of a method on a log with everything that its report contains: what replay, check and --verify share."""
+
+import math
+import sys
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr_cli.options.command_line import given_command
+from usbldr_cli.options.log_options import configured_request, labelled_inputs
+from usbldr_cli.options.run_options import RunChoices
+
+if TYPE_CHECKING:
+    from usbldr.filters.evaluation.influence import LeaveOneOut
+    from usbldr.filters.identification.identification import Identification
+    from usbldr.filters.types import Timeline
+    from usbldr.io.log import Log
+    from usbldr.io.opening import Request
+    from usbldr.io.reports.report_json import Run, ScoredTrack
+    from usbldr.io.session import RunSettings
+
+
+@dataclass(frozen=True, slots=True)
+class RunPlan:
+    """What is to be run, as given."""
+
+    log: str  # a file, a folder, or else a scenario
+    method: str
+    choices: RunChoices
+    selection: Mapping[str, Any] = field(default_factory=dict[str, Any])  # values of options.selection_options
+    leave_one_out: int | None = None  # most influential fixes
+    bound: bool = False
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """The plan as report.json states it."""
+        return {
+            "log": self.log,
+            "filter": self.method,
+            "options": asdict(self.choices),
+            "selection": dict(self.selection),
+            "leave_one_out": self.leave_one_out,
+            "bound": self.bound,
+        }
+
+
+class PreparedRun(NamedTuple):
+    """A log as the method will see it."""
+
+    log: "Log"
+    timeline: "Timeline"
+    settings: "RunSettings"
+    identification: "Identification"
+
+
+def prepare_run(plan: RunPlan, log: "Log") -> PreparedRun:
+    """Identify what the log settles of noise and sensor errors; raise what the method refuses of log and options.
+
+    The findings of the log are completed by what the data say against its conventions.
+    """
+    from usbldr.filters.replay.methods import method_named
+    from usbldr.io.doctor.cross_check import convention_warnings
+    from usbldr.io.read import require
+    from usbldr.io.session import not_a_filter, resolve
+    from usbldr.io.timeline import timeline
+
+    chosen, choices = method_named(plan.method), plan.choices
+    require(log, chosen.sensors)
+    if choices.aid is not None and not chosen.is_filter:
+        raise UsageError(f"--aid {not_a_filter(plan.method)}")
+    dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
+    settings = choices.settings(log.start_ns)
+    found = resolve(log, dive_timeline, plan.method, settings)
+    log = replace(log, findings=(*log.findings, *convention_warnings(log, dive_timeline)))
+    return PreparedRun(log, dive_timeline, settings, found)
+
+
+def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
+    """Compute and score the track, its reference tracks, and what else the user asked for."""
+    from usbldr.io.opening import ConfigurationFile
+    from usbldr.io.reports.report_json import Run
+    from usbldr.io.reports.run_provenance import RunProvenance, read_files
+    from usbldr.io.session import reference_tracks
+
+    log, dive_timeline, settings, found = ready
+    references = reference_tracks(log, dive_timeline, plan.method, settings, found)
+    scored = _score(plan.method, ready)
+    content = request.configuration.content if isinstance(request.configuration, ConfigurationFile) else None
+    made = RunProvenance(given_command(), read_files(labelled_inputs(plan.log, request), log.sha256))
+    order, seed = plan.choices.order, plan.choices.seed
+    run = Run(log, dive_timeline, found, scored, references, order, seed, plan.content, content, made=made)
+    if plan.bound:
+        run = _with_bound(plan.log, run)
+    return run if plan.leave_one_out is None else _with_left_out(plan.method, run, ready, plan.leave_one_out)
+
+
+def run_again(plan: RunPlan) -> "Run":
+    """Run a plan from its log on, without a word to the user."""
+    from usbldr.io.session import open_log
+
+    request = configured_request(plan.log, plan.selection)
+    return finish_run(plan, request, prepare_run(plan, open_log(plan.log, request, plan.choices.seed)))
+
+
+def _score(method: str, ready: PreparedRun, dive_timeline: "Timeline | None" = None) -> "ScoredTrack":
+    """Compute and score a track, with a progress bar if stderr is a terminal."""
+    from usbldr.io.session import score
+
+    used = ready.timeline if dive_timeline is None else dive_timeline
+    with _bar(method, len(used.time_s)) as progress:
+        return score(ready.log, used, method, ready.settings, ready.identification, progress)
+
+
+@contextmanager
+def _bar(label: str, total: int) -> "Generator[Callable[[int, int], None]]":
+    with click.progressbar(length=total, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
+        yield lambda done, _: bar.update(done - bar.pos)
+
+
+def _with_bound(scenario: str, run: "Run") -> "Run":
+    """Return the run with the bound for the noise of the scenario and the states that the run estimated."""
+    from usbldr.io.session import bound
+
+    used = run.identification.parameters
+    parameters = replace(run.log.parameters, calibrate=used.calibrate, aid=used.aid)
+    return replace(run, bound=bound(scenario, run.timeline, parameters, run.seed))
+
+
+def _with_left_out(method: str, run: "Run", ready: PreparedRun, count: int) -> "Run":
+    from usbldr.filters.evaluation.influence import compare_without, most_influential, without_fix
+
+    dive_timeline, (whole, report) = run.timeline, run.scored
+    found: list[LeaveOneOut] = []
+    for fix in most_influential(whole, count):
+        try:
+            other = _score(method, ready, without_fix(dive_timeline, fix.row))
+        except LogError as err:
+            raise LogError(f"--leave-one-out, without the fix at {fix.time_s:.1f} s: {err}") from err
+        change_m = math.nan
+        if report is not None and other.report is not None:
+            change_m = other.report.horizontal.mean_m - report.horizontal.mean_m
+        found.append(compare_without(fix, whole, other.trajectory, change_m))
+    return replace(run, without_fixes=tuple(found))
