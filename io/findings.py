@@ -22,6 +22,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "DVL-UNIT": "error",
     "PLACES-APART": "error",
     "ROLE-PREFERRED": "info",
+    "ROLE-SHIP": "info",
     "TRUTH-FRAME": "info",
     "CONVENTION-CHECKED": "info",
     "CONVENTION-UNOBSERVABLE": "info",

@@ -14,6 +14,7 @@ from usbldr.filters.evaluation.metrics import Metric
 from usbldr.filters.types import Array, Vector
 
 LARGEST_SHARE = 0.5  # of the mean square error: a larger shift makes up most of it
+UNEXPLAINED_SHARE = 0.5  # of the mean square motion: if errors have more, track and truth do not move together
 EXPLAINED_SIGMAS = 3.0  # a shift within so many sigmas of the track itself is what the filter expects
 
 
@@ -50,3 +51,13 @@ def constant_shift(error_m: Array, cov_m2: Array | None) -> ConstantShift:
         variance_m2 = float(np.trace(cov_m2[known], axis1=1, axis2=2).mean())
     sigmas = length_m / math.sqrt(max(variance_m2, LEAST_VARIANCE_M2))
     return ConstantShift(length_m, share, float(off_m.mean()), math.sqrt(rest_m2), remaining_nees, sigmas)
+
+
+def moves_otherwise(shift: ConstantShift, track_m: Array, truth_m: Array) -> bool:
+    """Return whether the remaining error is as large as the motion of the tracks (M, 2) and beyond the sigmas.
+
+    The motion is the larger mean square distance from their own mean positions. Without sigmas return False.
+    """
+    motion_m2 = max(float(np.sum(np.var(positions_m, axis=0))) for positions_m in (track_m, truth_m))
+    beyond = shift.nees is not None and shift.nees > 2 * EXPLAINED_SIGMAS**2
+    return beyond and shift.rmse_m**2 > UNEXPLAINED_SHARE * motion_m2

@@ -9,7 +9,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import Alignment, fit_alignment
 from usbldr.filters.evaluation.consistency import consistency, fix_updates, sensor_updates, with_truth
-from usbldr.filters.evaluation.constant_shift import ConstantShift, constant_shift
+from usbldr.filters.evaluation.constant_shift import ConstantShift, constant_shift, moves_otherwise
 from usbldr.filters.evaluation.error_report import WHOLE_LOG, ErrorReport, Matching, Window
 from usbldr.filters.evaluation.metrics import (
     Travel,
@@ -122,6 +122,12 @@ def evaluate(
     warnings = _warnings(matching, truth)
     if align in ("none", "body") and shift.dominates and not truth.place_unknown:
         warnings += (_shift_text(shift, error_m),)
+    if moves_otherwise(shift, estimate_m, truth_m):
+        warnings += (
+            f"track and truth move differently: without a constant shift they are still {shift.rmse_m:.1f} m (RMS) "
+            "apart, far more than the sigmas of the track allow; check that the truth is of this vehicle (not of a "
+            "ship), and the conventions of the sensors with usbldr doctor",
+        )
     if yaw is None and any(truth.lever_m[:2]):
         warnings += ("raw fixes have no heading, so the lever arm of the truth is not taken off their errors",)
     if align == "first" and t[first] - row_s[first_row] > LATE_FIRST_S:

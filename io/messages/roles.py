@@ -30,6 +30,9 @@ NO_SENSOR = re.compile(
 )
 """Words of topic names that suggest computed values, or simulated ones beside the sensors."""
 
+SHIP = re.compile(r"(^|[/_])(ship|vessel|mothership|boat|topside|tender)($|[/_])")
+"""Words of topic names that suggest a sensor of the ship, which says nothing about the vehicle."""
+
 SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
 """Ends of topic names that rank last: an Imu without orientation; what mavros computed from GPS and others."""
 
@@ -49,6 +52,7 @@ class Candidates(NamedTuple):
 
     best: list[TopicInfo]  # if there are several, the user has to choose
     lower_ranked: list[TopicInfo]  # those whose types rank lower
+    of_ship: list[TopicInfo]  # those that are a ship's by name
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +61,13 @@ class Roles:
 
     chosen: Mapping[str, TopicChoice]
     unresolved: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
+    of_ship: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Report the topics that rank behind those chosen."""
-        return tuple(_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked)
+        """Report the topics that rank behind those chosen, and those of a ship."""
+        preferred = [_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked]
+        return (*preferred, *(_left_to_ship(role, topics) for role, topics in self.of_ship.items()))
 
 
 def choose_roles(
@@ -70,6 +76,7 @@ def choose_roles(
     """Fill the roles; ``options`` and ``configured`` map roles to topics, or to "none" to leave a role empty."""
     chosen: dict[str, TopicChoice] = {}
     errors: dict[str, UsbldrError] = {}
+    of_ship: dict[str, Sequence[TopicInfo]] = {}
     for role in ROLES:
         name = options.get(role) or configured.get(role)
         if name is not None and name != "none":
@@ -80,7 +87,8 @@ def choose_roles(
     for role in ROLES:
         if role not in options and role not in configured:
             taken = {choice.topic.name for choice in chosen.values()}
-            found, lower_ranked = candidates(role, topics, taken)
+            found, lower_ranked, ships = candidates(role, topics, taken)
+            of_ship |= {role: ships} if ships else {}
             if len(found) > 1:
                 errors[role] = UsageError(_choice_text(role, found), path=log)
             elif found:
@@ -91,7 +99,7 @@ def choose_roles(
                 errors[role] = _unreadable(log, role, unreadable[0])
             elif unusable := [topic for topic in topics if topic.count and _unusable(role, topic)]:
                 errors[role] = _refused(log, role, unusable[0])
-    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors)
+    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship)
 
 
 def topic_named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> TopicChoice:
@@ -130,8 +138,26 @@ def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
 def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = ()) -> Candidates:
     """Return the topics that could be the role: those whose name suggests it before the others.
 
-    Of these, without the ``taken`` ones, the types that are first in their sensor's order of preference.
+    Of these, without the ``taken`` ones, the types that are first in their sensor's order of preference. The topics of
+    a ship are apart, unless the role is the USBL, or the DVL has such a name too.
     """
+    vehicle = [topic for topic in topics if not SHIP.search(topic.name.lower())]
+    if role == "usbl" or (_have_dvl(topics) and not _have_dvl(vehicle)):
+        vehicle = list(topics)
+    best, ranks = _suitable(role, vehicle)
+    of_ship, _ = _suitable(role, [topic for topic in topics if topic not in vehicle])
+    free = [topic for topic in best if topic.name not in taken]
+    first = min((rank for topic in free if (rank := ranks[topic]) is not None), default=None)
+    lower_ranked = [topic for topic in free if ranks[topic] not in (first, None)]
+    return Candidates([topic for topic in free if topic not in lower_ranked], lower_ranked, of_ship)
+
+
+def _have_dvl(topics: Iterable[TopicInfo]) -> bool:
+    return any("dvl" in _hints(topic.name) for topic in topics)
+
+
+def _suitable(role: str, topics: Iterable[TopicInfo]) -> tuple[list[TopicInfo], dict[TopicInfo, int | None]]:
+    """Return the topics that type and name suit best for the role, and the ranks of all that suit."""
     ranks: dict[TopicInfo, int | None] = {}
     hinted: list[TopicInfo] = []
     for topic in topics:
@@ -152,10 +178,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
             hinted += [topic] if role in hints else []
     best = hinted or list(ranks)
     best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
-    free = [topic for topic in best if topic.name not in taken]
-    first = min((rank for topic in free if (rank := ranks[topic]) is not None), default=None)
-    lower_ranked = [topic for topic in free if ranks[topic] not in (first, None)]
-    return Candidates([topic for topic in free if topic not in lower_ranked], lower_ranked)
+    return best, ranks
 
 
 def _hints(name: str) -> set[str]:
@@ -172,6 +195,15 @@ def _preferred(role: str, choice: TopicChoice) -> Finding:
         f"choose another with --{role} TOPIC or with topic under [{role}]"
     )
     return Finding("ROLE-PREFERRED", text, choice.topic.name)
+
+
+def _left_to_ship(role: str, topics: Sequence[TopicInfo]) -> Finding:
+    names = " and ".join(topic.name for topic in topics)
+    text = (
+        f"{names}: not used as {role}, because of the name taken for a sensor of the ship; "
+        f"a sensor of the vehicle is chosen with --{role} TOPIC or with topic under [{role}]"
+    )
+    return Finding("ROLE-SHIP", text, topics[0].name)
 
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:

@@ -9,7 +9,7 @@ from usbldr.filters.evaluation.constant_shift import constant_shift
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
-from usbldr.filters.types import Trajectory, Truth
+from usbldr.filters.types import Array, Trajectory, Truth
 
 SECONDS = np.arange(400.0)
 WHITE_M = np.random.default_rng(5).normal(size=(400, 2))
@@ -75,6 +75,26 @@ def test_no_verdict_is_given_against_a_place_that_nobody_stated() -> None:
         assert not found.judged
         assert summary_sentence(found).startswith("adf: no verdict: the place of the truth on the map")
     assert summary_sentence(report((90.0, 0.0), unknown=True, align="first")).startswith("adf: mean horizontal error")
+
+
+def moving(track_m: Array, truth_m: Array, sigma_m: float = 1.0) -> tuple[str, ...]:
+    """Return the warnings of a track that states a sigma."""
+    truth = Truth(SECONDS, truth_m, np.full(400, np.nan), "gps", "/gps")
+    track = Trajectory("adf", ("x", "y"), SECONDS, track_m, np.tile(sigma_m**2 * np.eye(2), (400, 1, 1)))
+    return tuple(text for text in evaluate(track, truth, align="shift").warnings if "move differently" in text)
+
+
+def test_a_truth_that_moves_differently_is_named_and_one_that_only_lies_off_is_not() -> None:
+    legs_m = np.column_stack([60 * np.sin(SECONDS / 30), SECONDS])
+    at_anchor_m = np.column_stack([5 * np.sin(SECONDS / 20), 5 * np.cos(SECONDS / 20)])
+
+    assert moving(legs_m, at_anchor_m)  # a ship's receiver
+    assert moving(at_anchor_m, legs_m)  # a track that stays where it is
+    assert moving(legs_m, legs_m[:, ::-1])  # its mirror image
+    assert not moving(legs_m + WHITE_M, legs_m)
+    assert not moving(legs_m + 30 * WHITE_M, legs_m)  # large errors, but along the same path
+    assert not moving(legs_m + np.array([900.0, 0.0]), legs_m)
+    assert not moving(WHITE_M, 0 * WHITE_M)  # a vehicle that lies still, as certain as it says
 
 
 def test_methods_are_compared_by_what_remains_too() -> None:

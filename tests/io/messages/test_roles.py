@@ -238,3 +238,44 @@ def test_a_csv_file_is_found_by_the_last_part_of_its_topic() -> None:
     sheet = TopicInfo("/twist", "usbldr/dvl", "csv", 3, 0, 1)
 
     assert find_topic([sheet], "/dvl/twist") == sheet
+
+
+def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
+    gps = topic("/ship/gps", GPS.type, GPS.fields)
+    gyro = topic("/vessel/imu", IMU_DATA.type, IMU)
+
+    roles = choose_roles(LOG, [DVL, gps, gyro, IMU_DATA], {}, {})
+
+    assert taken(roles) == {"dvl": DVL.name, "compass": "/imu/data"}
+    assert [(finding.code, finding.topic) for finding in roles.findings] == [
+        ("ROLE-SHIP", "/vessel/imu"),
+        ("ROLE-SHIP", "/ship/gps"),
+    ]
+    assert roles.findings[1].text == (
+        "/ship/gps: not used as gps, because of the name taken for a sensor of the ship; "
+        "a sensor of the vehicle is chosen with --gps TOPIC or with topic under [gps]"
+    )
+
+
+def test_a_ship_s_receiver_is_used_if_it_is_named() -> None:
+    gps = topic("/ship/gps", GPS.type, GPS.fields)
+
+    assert taken(choose_roles(LOG, [DVL, gps], {"gps": "/ship/gps"}, {})) == {"dvl": DVL.name, "gps": "/ship/gps"}
+    assert taken(choose_roles(LOG, [DVL, gps], {}, {"gps": "/ship/gps"})) == {"dvl": DVL.name, "gps": "/ship/gps"}
+
+
+def test_on_a_boat_with_its_own_dvl_the_word_distinguishes_nothing() -> None:
+    names = ("/boat/dvl", "/boat/imu", "/boat/gps")
+    kinds = (DVL.type, IMU_DATA.type, GPS.type)
+    topics = [topic(*one) for one in zip(names, kinds, (DVL.fields, IMU, GPS.fields), strict=True)]
+
+    roles = choose_roles(LOG, topics, {}, {})
+
+    assert taken(roles) == dict(zip(("dvl", "compass", "gps"), names, strict=True))
+    assert roles.findings == ()
+
+
+def test_a_usbl_on_the_ship_is_the_vehicle_s_usbl() -> None:
+    usbl = topic("/ship/usbl", "geometry_msgs/msg/PointStamped", ("header.stamp", "point.x", "point.y", "point.z"))
+
+    assert taken(choose_roles(LOG, [DVL, usbl], {}, {})) == {"dvl": DVL.name, "usbl": "/ship/usbl"}
