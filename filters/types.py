@@ -72,6 +72,8 @@ class Truth:
     source: str  # topic or file
     max_gap_s: float = 30.0  # no errors are evaluated inside longer gaps
     lever_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its antenna: starboard, forward, up of the reference point
+    yaw_rad: Vector | None = None  # (T,) unwrapped; None: unknown
+    velocity_mps: Array | None = None  # (T, 2) starboard, forward
     place_unknown: bool = False  # its origin on the map of the fixes is not stated: errors share an unknown shift
 
 

@@ -10,9 +10,9 @@ from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.filters.types import Mask, Trajectory, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.dvl_depth import chosen_convention
-from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes
+from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.conventions.truth import find_truth_file, heading_of_quaternion, read_truth_file
+from usbldr.io.conventions.truth import find_truth_file, read_truth_file
 from usbldr.io.log import Log
 from usbldr.io.messages.layouts import raw_records, wanted_paths
 from usbldr.io.messages.roles import find_topic, topic_named
@@ -20,7 +20,6 @@ from usbldr.io.opening import Request, open_configured
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.settings.sensor_sections import TruthSection
 
-ORIENTATIONS = ("pose.pose.orientation", "pose.orientation")  # the first that a message has
 COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
 
 
@@ -69,9 +68,7 @@ def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple
         raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic", path=log.path)
     choice = topic_named(log.path, reader.topics(), "truth", name, "option")
     topic, layout = choice.topic, choice.layout
-    prefix = next((path for path in ORIENTATIONS if topic.has(f"{path}.w")), None)
-    turned = {} if prefix is None else {f"q{axis}": f"{prefix}.{axis}" for axis in "xyzw"}
-    paths = wanted_paths(topic, layout) | turned
+    paths = wanted_paths(topic, layout)
     raw = raw_records(log.path, topic, layout, reader.read({topic.name: list(paths.values())})[topic.name], paths)
     try:
         default = "NED" if named_ned(raw.frame_id) else "ENU"
@@ -85,9 +82,7 @@ def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple
     columns: dict[str, Vector | Nanoseconds] = {"time_ns": times_of(raw, None, 0.0).time_ns}
     columns["east_m"], columns["north_m"] = on_plane(raw, used, log.origin)
     columns |= {key: covariance[:, k // 2, k % 2] for k, key in enumerate(COVARIANCE)}
-    if turned and used != "latlon":
-        heading = heading_of_quaternion(np.column_stack([raw.number(f"q{axis}") for axis in "xyzw"]), str(used))
-        columns |= {"heading_deg": heading} if np.ptp(heading) > 0 else {}
+    columns |= {key: column for key, column in pose_columns(raw, str(used)).items() if key == "heading_deg"}
     return pd.DataFrame({key: values[good] for key, values in columns.items()}), topic.name, str(used)
 
 

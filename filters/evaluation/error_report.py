@@ -21,6 +21,7 @@ from usbldr.filters.evaluation.metrics import (
     by_name,
     declared,
 )
+from usbldr.filters.evaluation.motion_errors import HeadingErrors, VelocityErrors
 from usbldr.filters.evaluation.relative_error import RelativeError
 from usbldr.filters.evaluation.whiteness import Whiteness
 from usbldr.filters.types import Array, Vector
@@ -74,6 +75,8 @@ class ErrorReport:
     shift: ConstantShift
     surfacing: SurfacingErrors | None
     travel: Travel | None
+    heading: HeadingErrors | None
+    velocity: VelocityErrors | None
     nees: Nees | None
     sigma_shares: SigmaShares | None
     fixes: FixUpdates | None
@@ -132,6 +135,8 @@ PARTS: tuple[tuple[str, type], ...] = (
     ("shift", ConstantShift),
     ("surfacing", SurfacingErrors),
     ("travel", Travel),
+    ("heading", HeadingErrors),
+    ("velocity", VelocityErrors),
     ("nees", Nees),
     ("sigma_shares", SigmaShares),
     ("fixes", FixUpdates),

@@ -20,6 +20,7 @@ from usbldr.filters.evaluation.metrics import (
     surfacing_errors,
     surfacings,
 )
+from usbldr.filters.evaluation.motion_errors import heading_errors, velocity_errors
 from usbldr.filters.evaluation.relative_error import relative_errors
 from usbldr.filters.evaluation.whiteness import whiteness
 from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
@@ -157,6 +158,8 @@ def evaluate(
         shift=shift,
         surfacing=surfacing_errors(found),
         travel=travel,
+        heading=heading_errors(trajectory, scored, truth, alignment.rotation_rad),
+        velocity=velocity_errors(trajectory, scored, truth),
         nees=nees,
         sigma_shares=sigma_shares,
         fixes=fix_updates(trajectory),

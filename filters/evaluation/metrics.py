@@ -111,10 +111,15 @@ def horizontal_errors(error_m: Array) -> HorizontalErrors:
     return HorizontalErrors(*_statistics(length), float(length[-1]))
 
 
+def rms(e: Vector) -> float:
+    """Return the root mean square of errors (M,)."""
+    return float(np.sqrt(np.mean(e**2)))
+
+
 def _statistics(e: Vector) -> tuple[float, float, float, float, float, float, float]:
     """Return rmse, mean, median, std, min, 95th percentile and max of errors that have no sign."""
     return (
-        float(np.sqrt(np.mean(e**2))),
+        rms(e),
         float(e.mean()),
         float(np.median(e)),
         float(e.std()),

@@ -118,6 +118,30 @@ def _round(sd_m: Vector) -> Array:
     return np.eye(2) * np.where(known, sd_m, np.nan)[:, None, None] ** 2
 
 
+def heading_of_quaternion(xyzw: Array, frame: str) -> Vector:
+    """Return headings (n,) in degrees of quaternions (n, 4) that turn x to the bow: from east in ENU, north in NED."""
+    x, y, z, w = xyzw.T
+    yaw_deg = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
+    heading_deg: Vector = np.mod(yaw_deg if frame == "NED" else 90.0 - yaw_deg, 360.0)
+    return heading_deg
+
+
+def pose_columns(raw: RawRecords, frame: str) -> dict[str, Vector]:
+    """Return heading_deg of poses, unless all are the same, and starboard_mps and forward_mps of odometry, (n,) each.
+
+    The axes of the vehicle are forward, left, up in ENU, and forward, starboard, down in NED (REP 103).
+    """
+    if frame == "latlon" or "qw" not in raw.values:
+        return {}
+    heading_deg = heading_of_quaternion(np.column_stack([raw.number(f"q{axis}") for axis in "xyzw"]), frame)
+    if not np.ptp(heading_deg) > 0:
+        return {}
+    if "vx" not in raw.values:
+        return {"heading_deg": heading_deg}
+    starboard_mps = raw.number("vy") if frame == "NED" else -raw.number("vy")
+    return {"heading_deg": heading_deg, "starboard_mps": starboard_mps, "forward_mps": raw.number("vx")}
+
+
 def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> ConvertedTable:
     """Turn GPS fixes, or another reference's positions, to east and north; fixes without validity are left out."""
     latlon = "lat_deg" in raw.layout.required
@@ -138,6 +162,7 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     if origin is not None and not np.isfinite(lat).any():
         lat, lon = to_geodetic(origin, east, north)
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
+    columns |= pose_columns(raw, str(frame))
     times = times_of(raw, section.time, section.latency_s)
     chosen = [Convention("frame", frame, frame_by), sd_chosen]
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid])

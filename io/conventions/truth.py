@@ -1,5 +1,6 @@
 """The reference track: a topic of the log or a file of its own, with its frame, its columns and its time."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Array, Mask, Truth, Vector
+from usbldr.io.conventions.positions import heading_of_quaternion
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain
 from usbldr.io.formats.csv_text import (
@@ -58,6 +60,7 @@ PLACES = (
     PlaceColumns("x_m", "y_m", None),
     PlaceColumns("x", "y", None),
 )
+VELOCITY = ("starboard_mps", "forward_mps")
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
 
@@ -83,6 +86,10 @@ def truth_from_table(
         rows = rows[~repeated]
     if rows.empty:
         raise LogError(f"{source}: no truth row is left of {len(table)} (skip_rows = {section.skip_rows})")
+    yaw_rad = None
+    if "heading_deg" in rows and np.isfinite(rows["heading_deg"]).all():
+        yaw_rad = np.unwrap(-np.radians(rows["heading_deg"].to_numpy(dtype=float)))
+    velocity = rows[[*VELOCITY]].to_numpy(dtype=float) if set(VELOCITY) <= set(rows) else None
     truth = Truth(
         time_s=(rows["time_ns"].to_numpy() - start_ns) / 1e9,
         position_m=rows[["east_m", "north_m"]].to_numpy(dtype=float),
@@ -91,6 +98,8 @@ def truth_from_table(
         source=source,
         max_gap_s=section.max_gap_s,
         lever_m=section.lever_arm_m,
+        yaw_rad=yaw_rad,
+        velocity_mps=velocity if velocity is not None and np.isfinite(velocity).all() else None,
     )
     return truth, findings
 
@@ -118,7 +127,12 @@ def by_fixes(
         f"{truth.source}: read as {other}, because the fixes then fit to {exchanged_m:.2g} m (median) instead of "
         f"{as_read_m:.2g} m; state --truth-frame or frame under [truth] if that is wrong"
     )
-    turned = replace(truth, position_m=truth.position_m[:, ::-1])
+    turned = replace(
+        truth,
+        position_m=truth.position_m[:, ::-1],
+        yaw_rad=None if truth.yaw_rad is None else -math.pi / 2 - truth.yaw_rad,
+        velocity_mps=None if truth.velocity_mps is None else truth.velocity_mps * [-1, 1],
+    )
     return turned, replace(provenance, conventions=conventions), [Finding("TRUTH-FRAME", text, truth.source)]
 
 
@@ -188,14 +202,6 @@ def _heading(more: Mapping[str, Column], frame: str) -> dict[str, Vector]:
     quaternion = np.column_stack([np.asarray(more[name], float) for name in ("qx", "qy", "qz", "qw")])
     heading = heading_of_quaternion(quaternion, frame)
     return {} if np.ptp(heading) == 0 else {"heading_deg": heading}
-
-
-def heading_of_quaternion(xyzw: Array, frame: str) -> Vector:
-    """Return headings (n,) in degrees of quaternions (n, 4) that turn x to the bow: from east in ENU, north in NED."""
-    x, y, z, w = xyzw.T
-    yaw_deg = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
-    heading_deg: Vector = np.mod(yaw_deg if frame == "NED" else 90.0 - yaw_deg, 360.0)
-    return heading_deg
 
 
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:

@@ -8,11 +8,15 @@ COVARIANCE = plane_covariance("position_covariance", 0, 1, 4) | {"covariance_typ
 NAVSAT_MORE = COVARIANCE | {"status": "status.status"}
 LATLON = {"frame": "latlon"}
 
+ORIENTATION = {f"q{axis}": f"pose.orientation.{axis}" for axis in "xyzw"}
+POSE = {key: f"pose.{path}" for key, path in ORIENTATION.items()} | POSE_COVARIANCE
+TWIST = {"vx": "twist.twist.linear.x", "vy": "twist.twist.linear.y"}
+
 PLACES = (
     MessageLayout("pointstamped", xyz("point")),
-    MessageLayout("posestamped", xyz("pose.position")),
-    MessageLayout("posewithcovariancestamped", xyz("pose.pose.position"), POSE_COVARIANCE),
-    MessageLayout("odometry", xyz("pose.pose.position"), POSE_COVARIANCE),
+    MessageLayout("posestamped", xyz("pose.position"), ORIENTATION),
+    MessageLayout("posewithcovariancestamped", xyz("pose.pose.position"), POSE),
+    MessageLayout("odometry", xyz("pose.pose.position"), POSE | TWIST),
     *(
         MessageLayout(kind, xyz(place), stamp="timestamp", frame="frame_id")
         for kind, place in (("poseinframe", "pose.position"), ("point3inframe", "point"))  # foxglove

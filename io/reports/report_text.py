@@ -237,6 +237,12 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
             inside = ", ".join(f"{100 * share:.0f}" for share in report.sigma_shares)
             expected = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_COVERAGE)
             lines.append(("sigmas", f"{inside} % of the errors inside 1, 2, 3 sigma (expected {expected} %)"))
+        if (heading := report.heading) is not None:
+            text = f"error {heading.rmse_deg:.2f} deg RMS, mean {heading.bias_deg:+.2f} deg clockwise"
+            lines.append(("heading", f"{text}, at most {heading.max_abs_deg:.1f} deg"))
+        if (velocity := report.velocity) is not None:
+            starboard, forward = velocity.rmse_starboard_mps, velocity.rmse_forward_mps
+            lines.append(("velocity", f"error {forward:.3f} m/s forward, {starboard:.3f} m/s to starboard (RMS)"))
         for sensor, updates in report.sensors.items():
             lines.append((sensor, _sensor(updates, report.fixes if sensor == "usbl" else None)))
         if (white := report.whiteness) is not None:

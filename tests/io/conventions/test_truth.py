@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, write_mcap
+from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, turned, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.read import Request, read_log
@@ -210,6 +210,35 @@ def test_a_topic_of_poses_can_be_the_truth(tmp_path: Path, kind: str) -> None:
     np.testing.assert_allclose(log.truth.position_m, [[20, 11], [20, 12]])
     np.testing.assert_allclose(log.truth.time_s, [1, 2])
     assert (log.truth.source, log.truth.kind) == ("/slam", "slam")
+
+
+@pytest.mark.parametrize(("frame", "yaws_deg", "left"), [("ENU", (30.0, 40.0), 1.0), ("NED", (60.0, 50.0), -1.0)])
+def test_odometry_has_the_heading_and_the_velocity_of_the_truth(
+    tmp_path: Path, frame: str, yaws_deg: tuple[float, float], left: float
+) -> None:
+    """Bow 60, then 50 degrees from north; 2 m/s ahead and 0.5 m/s to port, y to port in ENU and to starboard in NED."""
+    rows: list[Row] = []
+    for k, yaw_deg in enumerate(yaws_deg):
+        ns, topic, kind, values = pose(T0 + k * SECOND, 1.0, 2.0, ODOMETRY)
+        values |= turned("pose.pose.orientation", yaw_deg)
+        values |= {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": 0.5 * left}
+        rows.append((ns, topic, kind, values))
+
+    truth = dive(tmp_path, f'[truth]\ntopic = "/slam"\nframe = "{frame}"', rows).truth
+
+    assert truth is not None
+    assert truth.yaw_rad is not None
+    assert truth.velocity_mps is not None
+    np.testing.assert_allclose(np.degrees(truth.yaw_rad), [-60.0, -50.0])
+    np.testing.assert_allclose(truth.velocity_mps, [[-0.5, 2.0], [-0.5, 2.0]])
+
+
+def test_poses_that_are_all_turned_alike_state_no_heading(tmp_path: Path) -> None:
+    truth = dive(tmp_path, '[truth]\ntopic = "/slam"', [pose(T0 + k * SECOND, k, 0.0, POSE) for k in range(3)]).truth
+
+    assert truth is not None
+    assert truth.yaw_rad is None
+    assert truth.velocity_mps is None
 
 
 def test_an_option_beats_the_configured_truth_and_keeps_its_frame(tmp_path: Path) -> None:
