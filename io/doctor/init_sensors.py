@@ -67,7 +67,10 @@ def _mount(result: InterpretationResult | None, found: Identification | None) ->
     if significant:
         why = f"fitted to the fixes, ±{max(sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
         return f"mount_deg = {wrapped(offset_deg, 180.0):.1f}", why
-    return "mount_deg = 0.0", f"fitted to the fixes: {offset_deg:+.1f} deg, ±{sd_deg:.1f}: not significant"
+    return (
+        "mount_deg = 0.0",
+        f"fitted to the fixes: {offset_deg:+.1f} deg, ±{sd_deg:.1f}; replay estimates so small an angle",
+    )
 
 
 def _no_evidence(found: Identification | None, key: str) -> str:
