@@ -1,43 +1,73 @@
 """``usbldr check``: runs the rows of a baseline again and compares each metric with its stored value, for CI."""
 
 import os
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from usbldr.filters.errors import CheckError, LogError, UsageError
-from usbldr_cli.options.log_options import inputs, read_request, selection_options
+from usbldr.filters.errors import CheckError, UsageError
+from usbldr_cli.options.filter_list import filter_list, refuse_repeats
+from usbldr_cli.options.log_options import inputs, read_request
 from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
-from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
-    from usbldr.io.settings.regression_baseline import BaselineRow, Option, RegressionBaseline
-    from usbldr_cli.runs.job_store import JobResult
+    from usbldr.io.settings.regression_baseline import RegressionBaseline
     from usbldr_cli.runs.jobs import Job
     from usbldr_cli.tables.check_verdicts import CheckedRow
 
-FILES = ("config", "truth", "with", "msg_path")  # options whose value may be a file or folder beside the baseline
+DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and a filter on top
+NAME_LETTERS = 60  # of a row in the name of its folder
 
 
 @click.command()
-@click.argument("baseline", type=click.Path(path_type=Path))
-@click.option("--update", is_flag=True, help="Show the differences and store the new values.")
-@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]")
-@json_option("result")
+@click.argument("files", metavar="BASELINE | LOG...", nargs=-1, required=True)
+@click.option("--init", "first", is_flag=True, help="Write a first baseline for each LOG instead.")
 @click.option(
-    "--markdown", "markdown_to", metavar="FILE", help="Write the result as a page for the summary of a CI run."
+    "--baseline",
+    type=click.Path(path_type=Path),
+    default="baseline.toml",
+    show_default=True,
+    metavar="FILE",
+    help="With --init: the file to write.",
 )
-@click.option("--force", is_flag=True, help="Replace the files of --json and --markdown.")
+@click.option(
+    "--filters",
+    "-f",
+    metavar="LIST",
+    default=DEFAULT_FILTERS,
+    show_default=True,
+    help="With --init: a row for each method.",
+)
+@click.option("--update", is_flag=True, help="Show the differences and store the new values.")
+@click.option(
+    "--jobs", "-j", metavar="N", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]"
+)
+@click.option(
+    "--output",
+    "-o",
+    metavar="DIR",
+    help='Folder for the run directories of failed rows; "none" keeps none.  [default: BASELINE-failed]',
+)
+@json_option("result")
+@click.option("--junit", metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
+@click.option("--markdown", "markdown_to", metavar="FILE", help="Write the result as a page for a CI run.")
+@click.option("--force", is_flag=True, help="Replace the files of other options, and kept runs.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def check(
+    files: tuple[str, ...],
+    first: bool,
     baseline: Path,
+    filters: str,
     update: bool,
     jobs: int | None,
+    output: str | None,
     json_to: str | None,
+    junit: str | None,
     markdown_to: str | None,
     force: bool,
     quiet: bool,
@@ -45,29 +75,62 @@ def check(
     """Run the rows of BASELINE again; exit 1 if a metric is missing or worse than its limit allows.
 
     A missing row or log is a failure. A metric that is better by more than its limit passes, and is reported because
-    the baseline is stale.
+    the baseline is stale. For a row that fails, the doctor's findings on its log are printed, and its run directory
+    with pictures is kept. With --init, write a first baseline for each LOG.
 
     \b
-    $ usbldr check sample_logs/baseline.toml
+    $ usbldr check --init dive.mcap --baseline gate.toml
+    $ usbldr check gate.toml
     """
     from usbldr.io.settings.regression_baseline import read_baseline
+    from usbldr_cli.runs.baseline_rows import jobs_of_row
     from usbldr_cli.tables.check_verdicts import as_json, markdown
+    from usbldr_cli.tables.checked_rows import checked_rows
+    from usbldr_cli.tables.junit import junit as junit_text
 
-    wanted = read_baseline(baseline)
-    units = {row.name: _units(wanted.file, row) for row in wanted.rows}
-    for option, target in (("--json", json_to), ("--markdown", markdown_to)):
+    parallel = jobs or os.cpu_count() or 1
+    if first:
+        return _write_first(baseline, files, filters, parallel, force)
+    file, *others = files
+    if others:
+        raise UsageError(f"check takes one BASELINE, not {len(files)}; --init LOG... writes one for several logs")
+    wanted = read_baseline(Path(file))
+    units = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
+    for option, target in (("--json", json_to), ("--markdown", markdown_to), ("--junit", junit)):
         if target is not None and (option, target) != ("--json", "-"):
             _refuse(option, Path(target), force, wanted, units)
-    checked = _checked(wanted, units, jobs or os.cpu_count() or 1)
+    place = None if update or output == "none" else _place(output, wanted.file, force)
+    checked = checked_rows(wanted, units, parallel)
+    if place is not None:
+        checked = _explained(checked, units, place, force)
     failed = not all(one.passed for one in checked)
     code = max(one.exit_code for one in checked) or (CheckError.exit_code if failed else 0)
     if markdown_to is not None:
-        write_file("--markdown", Path(markdown_to), markdown(baseline.name, checked))
+        write_file("--markdown", Path(markdown_to), markdown(wanted, checked))
+    if junit is not None:
+        write_file("--junit", Path(junit), junit_text(wanted.file.name, checked))
     if json_to is not None:
-        write_json(json_to, as_json(baseline.name, checked, code))
+        write_json(json_to, as_json(wanted, checked, code))
     if json_to != "-":
-        _print_result(checked, quiet, update)
+        _print_result(wanted, checked, quiet, update)
     return _update(wanted, checked, show=json_to != "-") if update else code
+
+
+def _write_first(file: Path, logs: Sequence[str], filters: str, jobs: int, force: bool) -> int:
+    """Write a first baseline, values included."""
+    from usbldr_cli.runs.baseline_rows import default_choices
+    from usbldr_cli.runs.first_baseline import first_baseline
+
+    refuse_repeats("LOG", logs)
+    methods = filter_list(filters, default_choices())
+    for log in logs:
+        refuse_file("--baseline", file, force, inputs(log, read_request()))
+    text, left_out = first_baseline(file, logs, methods, jobs)
+    for sentence in left_out:
+        click.echo(f"usbldr: {sentence}", err=True)
+    write_file("--baseline", file, text)
+    click.echo(f"{file}: written, {text.count('[[row]]')} rows; run them again with: usbldr check {file}")
+    return 0
 
 
 def _refuse(
@@ -81,95 +144,70 @@ def _refuse(
     refuse_file(option, file, force, ())
 
 
-def _checked(baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]", jobs: int) -> "list[CheckedRow]":
-    from usbldr_cli.runs.jobs import run_jobs
-
-    outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], jobs))
-    by_row = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
-    return [_compared(baseline.file, row, units[row.name], by_row[row.name]) for row in baseline.rows]
-
-
-def _units(file: Path, row: "BaselineRow") -> "list[Job]":
-    from usbldr.filters.replay.methods import method_named
-    from usbldr.io.scenarios.shipped import scenario_names
-    from usbldr_cli.runs.jobs import Job
-
-    try:
-        method_named(row.filter)
-    except UsageError as err:
-        raise UsageError(f"{file}: row {row.name!r}: {err}") from err
-    choices, selection = _choices(file, row)
-    beside = file.parent / row.log
-    if not beside.exists() and row.log not in scenario_names():
-        return []
-    log = str(beside) if beside.exists() else row.log
-    seeds = range(choices.seed, choices.seed + row.seeds)
-    return [Job(log, row.filter, replace(choices, seed=seed), selection) for seed in seeds]
+def _place(output: str | None, baseline: Path, force: bool) -> Path:
+    """Return the folder of kept runs; the default one gets a number if it exists, an explicit one must be new."""
+    if output is None:
+        place, number = Path(f"{baseline.stem}-failed"), 1
+        while place.exists() and not force:
+            number += 1
+            place = Path(f"{baseline.stem}-failed-{number}")
+        return place
+    place = Path(output)
+    if place.exists() and not place.is_dir():
+        raise UsageError(f"{place} is a file: --output takes the name of a new folder")
+    if place.exists() and os.listdir(place) and not force:
+        raise UsageError(f"{place} is not empty: choose another --output, or --force to replace the runs in it")
+    return place
 
 
-def _choices(file: Path, row: "BaselineRow") -> tuple[RunChoices, Mapping[str, Any]]:
-    arguments = [f"--{name.replace('_', '-')}={value}" for name, value in _stated(file.parent, row.options)]
-    try:
-        return _run_of_a_row.main(arguments, prog_name="row", standalone_mode=False)
-    except click.ClickException as err:
-        raise UsageError(f"{file}: row {row.name!r}: {err.format_message()}") from err
-    except UsageError as err:
-        raise UsageError(f"{file}: row {row.name!r}: {err}") from err
+def _explained(
+    checked: "Sequence[CheckedRow]", units: "Mapping[str, Sequence[Job]]", place: Path, force: bool
+) -> "list[CheckedRow]":
+    """Run the failed rows again: keep their run directories, and let the doctor examine their logs."""
+    explained: list[CheckedRow] = []
+    for number, one in enumerate(checked, start=1):
+        unit = next((unit for unit in units[one.row.name] if unit.choices.seed == one.worst_seed), None)
+        if one.passed or unit is None:
+            explained.append(one)
+            continue
+        name = re.sub(r"[^\w.-]+", "_", one.row.name).strip("._")[:NAME_LETTERS]
+        explained.append(_kept(one, unit, place / f"{number:02d}-{name}", force))
+    return explained
 
 
-def _stated(folder: Path, options: "Mapping[str, Option]") -> "list[tuple[str, Option]]":
-    """Return each option and value; a file is sought beside the baseline."""
-    found: list[tuple[str, Option]] = []
-    for name, stated in options.items():
-        for value in stated if isinstance(stated, list) else [stated]:
-            beside = folder / str(value)
-            found.append((name, str(beside) if name.replace("-", "_") in FILES and beside.exists() else value))
-    return found
+def _kept(one: "CheckedRow", unit: "Job", target: Path, force: bool) -> "CheckedRow":
+    """Keep the run of a failed row, that of its worst seed, with what the doctor finds in its log."""
+    from usbldr.io.doctor.doctor import examine_log
+    from usbldr.io.reports.run_directory import run_directory
+    from usbldr_cli.run_output import write_run
+    from usbldr_cli.runs.jobs import relevant_choices
+    from usbldr_cli.runs.one_run import RunPlan, run_again
+
+    run = run_again(RunPlan(unit.log, unit.method, relevant_choices(unit.method, unit.choices), unit.selection))
+    with run_directory(target, force) as folder:
+        write_run(folder, run)
+    findings = [f for f in examine_log(run.log).findings if f.level != "info"]
+    return replace(one, findings=tuple(f"{f.text} [{f.code}]" for f in findings), kept=target)
 
 
-@click.command(add_help_option=False)
-@selection_options
-@run_options
-def _run_of_a_row(choices: RunChoices, **selection: Any) -> tuple[RunChoices, Mapping[str, Any]]:
-    return choices, selection
-
-
-def _compared(file: Path, row: "BaselineRow", units: "Sequence[Job]", outcomes: "Sequence[JobResult]") -> "CheckedRow":
-    from usbldr.filters.replay.methods import METHODS
-    from usbldr_cli.runs import seed_table
-    from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
-
-    if not units:
-        return CheckedRow(row, (), f"{file.parent / row.log}: no such log or scenario", CheckError.exit_code)
-    bad = [outcome for outcome in outcomes if outcome.fault is not None]
-    if bad:
-        return CheckedRow(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
-    seeds = tuple(unit.choices.seed for unit in units)
-    dives = units[0].simulated
-    run = seed_table.ComparisonRow(
-        row.log, row.filter, row.filter, seeds, tuple(outcomes), METHODS[row.filter].draws, dives
-    )
-    found = seed_table.row_metrics(run)
-    lost = run.scored_against.lost if run.scored_against is not None else ()
-    changes = tuple(compare_metric(name, metric, found.get(name)) for name, metric in row.metrics.items())
-    return CheckedRow(row, changes, None, LogError.exit_code if lost else 0, lost)
-
-
-def _print_result(checked: "Sequence[CheckedRow]", quiet: bool, update: bool) -> None:
+def _print_result(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", quiet: bool, update: bool) -> None:
     """Print the table and the last line, which is left out if the values are about to be replaced."""
-    from usbldr_cli.tables.check_verdicts import notes, summary, table
+    from usbldr_cli.tables.check_verdicts import notes, summary, table, values_text
     from usbldr_cli.tables.run_table import WIDTH, aligned, pairs
 
     if not quiet:
         click.echo(aligned(table(checked)) + "\n")
         if lines := notes(checked):
             click.echo(pairs(lines) + "\n")
+        if text := values_text(baseline):
+            click.echo(text)
     if not update:
         click.echo(textwrap.fill(summary(checked), WIDTH, break_long_words=False, break_on_hyphens=False))
 
 
 def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", show: bool) -> int:
-    from usbldr.io.settings.regression_baseline import with_new_values
+    from usbldr.io.settings.regression_baseline import NewValues, with_new_values
+    from usbldr_cli.runs.baseline_rows import today, tool_text
     from usbldr_cli.tables.check_verdicts import MISSING
 
     absent = [
@@ -179,7 +217,8 @@ def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", sho
         codes = [one.exit_code for one in checked]
         click.echo(f"usbldr: {baseline.file}: unchanged, because a metric is missing in {', '.join(absent)}", err=True)
         return max(*codes, CheckError.exit_code)
-    text = with_new_values(baseline, [{c.metric: c.new for c in one.changes if c.new is not None} for one in checked])
+    values = [NewValues({c.metric: c.new for c in one.changes if c.new is not None}, one.log_sha256) for one in checked]
+    text = with_new_values(baseline, values, tool_text(), today())
     if text != baseline.text:
         write_file("--update", baseline.file, text)
     if show:

@@ -2,9 +2,11 @@
 
 Each ``[[row]]`` names a run: name, log (relative to the file's folder, or a scenario), filter, seeds, any long option
 of ``usbldr replay`` (``dr_from`` for --dr-from), and a table ``metrics`` by their names in report.json. Each metric has
-a value, a tolerance (limit = abs + rel |value|) and, unless it is the usual one, a direction.
+a value, a tolerance (limit = abs + rel |value|) and, unless it is the usual one, a direction. ``log_sha256``, and
+``tool`` and ``date`` of the file, are written with the values: of which log they are, and who made them when.
 """
 
+import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,6 +52,7 @@ class BaselineRow:
     seeds: int
     options: Mapping[str, Option]  # by their names on the command line, with _ for -
     metrics: Mapping[str, Metric]
+    log_sha256: str = ""  # of the log that the values are of; "" if not known
 
 
 class _Stated(Struct, frozen=True, kw_only=True):
@@ -60,12 +63,15 @@ class _Stated(Struct, frozen=True, kw_only=True):
     filter: str
     seeds: Annotated[int, Meta(ge=1)] = 1
     metrics: dict[str, object]
+    log_sha256: str = ""
 
 
 class _Document(Struct, frozen=True, kw_only=True):
     """A whole file; the keys of a row are not known in advance."""
 
     schema: Literal[1]
+    tool: str = ""
+    date: datetime.date | None = None
     row: tuple[dict[str, object], ...] = ()
 
 
@@ -76,6 +82,8 @@ class RegressionBaseline:
     file: Path
     text: str
     rows: tuple[BaselineRow, ...]
+    tool: str = ""  # which version made the values; "" if not known
+    date: datetime.date | None = None  # when
 
 
 def usual_direction(metric: str) -> Direction:
@@ -85,14 +93,15 @@ def usual_direction(metric: str) -> Direction:
 
 def read_baseline(file: Path) -> RegressionBaseline:
     """Read and check a baseline; raise UsageError that names row and key."""
-    stated = checked(read_document(file), _Document, file).row
+    document = checked(read_document(file), _Document, file)
+    stated = document.row
     if not stated:
         raise UsageError(f"{file}: has no [[row]]: such a check would always pass")
     rows = tuple(_row(file, number, row) for number, row in enumerate(stated, start=1))
     names = [row.name for row in rows]
     if repeated := [name for name in names if names.count(name) > 1]:
         raise UsageError(f"{file}: two rows are called {repeated[0]!r}: give each its own name")
-    return RegressionBaseline(file, read_text(file), rows)
+    return RegressionBaseline(file, read_text(file), rows, document.tool, document.date)
 
 
 def _row(file: Path, number: int, stated: Mapping[str, object]) -> BaselineRow:
@@ -109,17 +118,45 @@ def _row(file: Path, number: int, stated: Mapping[str, object]) -> BaselineRow:
     for key, metric in metrics.items():
         if metric.abs is None and metric.rel is None:
             raise UsageError(f"{where}: metrics.{key} states no tolerance: give abs, rel or both")
-    return BaselineRow(known.name, known.log, known.filter, known.seeds, options, metrics)
+    return BaselineRow(known.name, known.log, known.filter, known.seeds, options, metrics, known.log_sha256)
 
 
-def with_new_values(baseline: RegressionBaseline, values: Sequence[Mapping[str, float]]) -> str:
-    """Return the file's text with new values, ``values`` by row and metric; all else is preserved."""
+@dataclass(frozen=True, slots=True)
+class NewValues:
+    """What a run of a row gave."""
+
+    metrics: Mapping[str, float]
+    log_sha256: str = ""  # "" for a simulated log, whose last bits depend on the machine
+
+
+def with_new_values(baseline: RegressionBaseline, values: Sequence[NewValues], tool: str, date: datetime.date) -> str:
+    """Return the file's text with the new values of each row; all else is preserved.
+
+    ``tool`` and ``date`` say who made them when; they stay as they were if no value changes.
+    """
     document: Any = tomlkit.parse(baseline.text)
     for row, new in zip(document["row"], values, strict=True):
-        for name, value in new.items():
+        if new.log_sha256:
+            _set(row, "log_sha256", tomlkit.string(new.log_sha256), after="log")
+        for name, value in new.metrics.items():
             metric, number = row["metrics"][name], f"{value:.6g}"
             if "value" in metric or not isinstance(metric, InlineTable):
                 metric["value"] = tomlkit.value(number)
             else:  # a first value is inserted at the front
                 row["metrics"][name] = tomlkit.value(f"{{ value = {number}, {metric.as_string().lstrip('{ ')}")
+    text = tomlkit.dumps(document)
+    if text == baseline.text:
+        return text
+    document = tomlkit.parse(text)
+    _set(document, "tool", tomlkit.string(tool), after="schema")
+    _set(document, "date", tomlkit.item(date), after="schema")
     return tomlkit.dumps(document)
+
+
+def _set(table: Any, key: str, value: Any, after: str) -> None:
+    """Set a key; a new one gets the line after another."""
+    if key in table or isinstance(table, InlineTable):
+        table[key] = value
+    else:
+        before = table[after].trivia
+        before.trail = f"{before.trail.rstrip(' ') or chr(10)}{key} = {value.as_string()}\n"

@@ -1,21 +1,25 @@
 """The gate: verdicts by hand, and the command on short simulated dives, with a model whole and broken."""
 
 import dataclasses
+import hashlib
 import json
 import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
-from checkout import ROOT
+from checkout import ROOT, SAMPLES
 from commands import USBLDR
+from commands import run as command_here
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.settings.regression_baseline import BaselineRow, Metric
-from usbldr_cli.check import _stated
+from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline
+from usbldr_cli.runs.baseline_rows import stated_options
 from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, markdown, summary
 
 LAWNMOWER = find_scenario("lawnmower")
@@ -44,7 +48,8 @@ final_horizontal_m = { rel = 0.001 }
 
 
 def _check(*arguments: object, **more: str) -> subprocess.CompletedProcess[str]:
-    command = [*USBLDR, "check", "--jobs", "1", *map(str, arguments)]
+    words = list(map(str, arguments))
+    command = [*USBLDR, "check", "--jobs", "1", *words, *([] if "--output" in words else ["--output", "none"])]
     return subprocess.run(
         command, capture_output=True, text=True, check=False, env={**os.environ, **more}, cwd=ROOT / "docs"
     )
@@ -118,7 +123,7 @@ def test_the_summary_counts_and_names_failures_and_stale_values() -> None:
     assert summary([CheckedRow(row, (good, worse))]) == "FAILED: dive: a_m REGRESSION"
     assert summary([CheckedRow(row, (), "no such log", 1)]) == "FAILED: dive: not run"
     assert summary([CheckedRow(row, (good,), lost=("cut",))]) == "FAILED: dive: log partly unreadable"
-    page = markdown("baseline.toml", [CheckedRow(row, (good, worse))])
+    page = markdown(RegressionBaseline(Path("baseline.toml"), "", ()), [CheckedRow(row, (good, worse))])
     assert "| dive | a_m | 1.00 | 2.00 | +1.00 | 0.10 | **REGRESSION** |" in page
 
 
@@ -227,6 +232,127 @@ def test_a_wrong_baseline_exits_2_and_names_row_and_key(gate: Path, old: str, ne
     assert len(run.stderr.splitlines()) == 1
 
 
+def test_another_log_under_the_same_name_is_no_regression(gate: Path) -> None:
+    digest = hashlib.sha256(gate.with_name("dive.mcap").read_bytes()).hexdigest()
+    assert gate.read_text().count(f'log_sha256 = "{digest}"') == 2
+    _moved(gate, "mean_horizontal_m", 0.9)
+    _spoil(gate, digest, "0" * 64)
+
+    run, told = _check(gate), json.loads(_check(gate, "--json").stdout)
+
+    assert run.returncode == 1
+    assert run.stdout.endswith("\nFAILED: dive adf: the log is another one\n")
+    told_apart = f"the log is another one (sha256 {digest[:12]}..., the values are of 000000000000...)"
+    assert told_apart in " ".join(run.stdout.split())
+    assert "REGRESSION" not in run.stdout
+    assert [row["another_log"] for row in told["rows"]] == [True, False]
+    assert {metric["verdict"] for metric in told["rows"][0]["metrics"]} == {"another log"}
+    assert _check(gate, "--update").returncode == 0
+    assert _check(gate, "-q").returncode == 0
+
+
+def test_a_failed_row_keeps_its_run_and_says_what_the_doctor_finds(gate: Path, tmp_path: Path) -> None:
+    _moved(gate, "mean_horizontal_m", 0.9)
+    place = tmp_path / "failed runs"
+
+    run = _check(gate, "--output", place, "--junit", tmp_path / "junit.xml")
+
+    assert run.returncode == 1
+    (kept,) = place.iterdir()  # the other row passed
+    assert kept.name == "01-dive_adf"
+    assert {"report.json", "errors.png", "track.png"} <= {file.name for file in kept.iterdir()}
+    assert f"run kept in {kept}" in " ".join(run.stdout.split())
+    report = json.loads((kept / "report.json").read_text())
+    assert report["filter"] == "adf"
+    assert report["provenance"]["command"][:2] == ["usbldr", "check"]
+    doctor = json.loads(
+        subprocess.run(
+            [*USBLDR, "doctor", gate.with_name("dive.mcap"), "--json"], capture_output=True, text=True, check=False
+        ).stdout
+    )
+    warned = [finding for finding in doctor["findings"] if finding["level"] != "info"]
+    assert warned
+    for finding in warned:
+        assert f"[{finding['code']}]" in run.stdout
+
+    again = _check(gate, "--output", place)
+
+    assert again.returncode == 2
+    assert again.stderr == (
+        f"usbldr: {place} is not empty: choose another --output, or --force to replace the runs in it\n"
+    )
+
+
+def test_without_an_output_the_runs_of_failed_rows_get_a_folder_of_their_own(
+    gate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(gate.parent)
+    _moved(gate, "final_horizontal_m", 0.9)
+    (gate.parent / "baseline-failed").mkdir()
+
+    done = command_here("check", gate.name, "--jobs", 1)
+
+    assert done.return_value == 1
+    assert (gate.parent / "baseline-failed-2" / "02-dive_dr" / "report.json").is_file()
+    assert not list((gate.parent / "baseline-failed").iterdir())
+
+
+def test_the_junit_file_has_a_suite_for_each_row_and_a_case_for_each_metric(gate: Path, tmp_path: Path) -> None:
+    _moved(gate, "mean_horizontal_m", 0.9)
+    gate.write_text(gate.read_text() + "[[row]]\n" + ROWS.split("[[row]]\n")[1].replace("dive", "gone", 2))
+    _spoil(gate, 'name = "gone adf"', 'name = "g<o>ne & \\u0007"')
+
+    assert _check(gate, "--junit", tmp_path / "junit.xml").returncode == 1
+
+    root = ElementTree.parse(tmp_path / "junit.xml").getroot()
+    assert (root.tag, root.get("tests"), root.get("failures"), root.get("errors")) == ("testsuites", "5", "1", "1")
+    first, second, gone = root
+    assert [suite.get("name") for suite in root] == ["dive adf", "dive dr", "g<o>ne & \\x07"]
+    assert [case.get("name") for case in first] == ["mean_abs_east_m", "mean_horizontal_m", "nees_mean"]
+    failed = {str(case.get("name")): failure for case in first for failure in case}
+    assert list(failed) == ["mean_horizontal_m"]
+    assert str(failed["mean_horizontal_m"].get("message")).startswith("REGRESSION: ")
+    assert not [failure for case in second for failure in case]
+    assert "no such log or scenario" in str(gone[0][0].get("message"))
+
+
+def test_a_first_baseline_passes_and_its_log_is_named_from_its_folder(made: Path, tmp_path: Path) -> None:
+    target = tmp_path / "gate.toml"
+
+    first = _check("--init", made / "dive.mcap", "--baseline", target, "--filters", "usbl,adf")
+
+    assert (first.returncode, first.stderr) == (0, "")
+    assert (
+        tomllib.loads(target.read_text())["row"][0]["log"]
+        == Path(os.path.relpath(made / "dive.mcap", tmp_path)).as_posix()
+    )
+    run = _check(target, "-q")
+    assert (run.returncode, run.stdout) == (0, "passed: 12 of 12 metrics in 2 rows within their limits\n")
+    again = _check("--init", made / "dive.mcap", "--baseline", target)
+    assert again.returncode == 2
+    assert again.stderr == f"usbldr: {target} exists already: choose another file for --baseline, or --force\n"
+
+
+def test_a_first_baseline_leaves_out_what_a_log_has_no_sensor_for(tmp_path: Path) -> None:
+    (tmp_path / "d").mkdir()
+    for name in ("usbl", "gps"):
+        shutil.copy(SAMPLES / "lawnmower_csv" / f"{name}.csv", tmp_path / "d")
+
+    done = _check("--init", tmp_path / "d", "--baseline", tmp_path / "b.toml", "--filters", "usbl,dr")
+
+    assert done.returncode == 0
+    assert done.stderr.startswith("usbldr: dr is left out: ")
+    assert "no dvl data" in done.stderr
+    assert (tmp_path / "b.toml").read_text().count("[[row]]") == 1
+
+
+def test_two_baselines_at_once_are_refused(gate: Path) -> None:
+    run = _check(gate, gate)
+
+    assert run.returncode == 2
+    assert run.stderr == "usbldr: check takes one BASELINE, not 2; --init LOG... writes one for several logs\n"
+
+
 def test_results_of_an_earlier_check_are_not_overwritten_without_force(gate: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("mine")
@@ -267,7 +393,7 @@ def test_an_option_may_be_spelt_as_on_the_command_line_and_still_name_what_lies_
 ) -> None:
     (tmp_path / "msgs").mkdir()
 
-    stated = _stated(tmp_path, {key: ["msgs", "gone"], "dvl": "msgs"})
+    stated = stated_options(tmp_path, {key: ["msgs", "gone"], "dvl": "msgs"})
 
     assert stated == [(key, str(tmp_path / "msgs")), (key, "gone"), ("dvl", "msgs")]
 

@@ -2,14 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from usbldr.filters.evaluation.metrics import Direction
 from usbldr.io.reports.report_text import Table
-from usbldr.io.settings.regression_baseline import BaselineRow, Metric, usual_direction
+from usbldr.io.reports.run_provenance import RunProvenance, provenance_content
+from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline, usual_direction
+from usbldr_cli.options.command_line import given_command
 
 OK, REGRESSION, STALE, MISSING, UNKNOWN = "ok", "REGRESSION", "better: stale", "MISSING", "NO VALUE"
-FAILURES = (REGRESSION, MISSING, UNKNOWN)
+ANOTHER_LOG = "another log"  # of which the stored values are
+FAILURES = (REGRESSION, MISSING, UNKNOWN, ANOTHER_LOG)
+SHORT_DIGEST = 12  # [characters] of a SHA-256 that a person compares
 HEADS = ("old", "new", "change", "limit", "verdict")
 
 
@@ -34,6 +39,15 @@ class CheckedRow:
     fault: str | None = None
     exit_code: int = 0  # of the fault
     lost: tuple[str, ...] = ()  # sentences on parts of the log that could not be read
+    log_sha256: str = ""  # of the log that was read; "" if it was not run
+    worst_seed: int | None = None  # with the largest mean error
+    findings: tuple[str, ...] = ()  # sentences of the doctor on the log of a row that failed
+    kept: Path | None = None  # the run directory of a row that failed
+
+    @property
+    def another_log(self) -> bool:
+        """Whether the stored values are of another log."""
+        return bool(self.row.log_sha256 and self.log_sha256) and self.row.log_sha256 != self.log_sha256
 
     @property
     def passed(self) -> bool:
@@ -41,12 +55,14 @@ class CheckedRow:
         return self.fault is None and not self.lost and all(change.verdict not in FAILURES for change in self.changes)
 
 
-def compare_metric(name: str, metric: Metric, new: float | None) -> MetricChange:
-    """Compare one metric: a change beyond its limit is a regression, unless it is better."""
+def compare_metric(name: str, metric: Metric, new: float | None, another_log: bool = False) -> MetricChange:
+    """Compare one metric: a change beyond its limit is a regression, unless it is better, or of another log."""
     direction = metric.direction or usual_direction(name)
     verdict = OK
     if new is None:
         verdict = MISSING
+    elif another_log:
+        verdict = ANOTHER_LOG
     elif metric.value is None:
         verdict = UNKNOWN
     elif abs(new - metric.value) > metric.limit:
@@ -81,17 +97,30 @@ def _digits(limit: float) -> int | None:
 
 
 def notes(checked: Sequence[CheckedRow]) -> list[tuple[str, str]]:
-    """Return why rows were not run, and which parts of their logs could not be read."""
-    faults = [(one.row.name, f"not run: {one.fault}") for one in checked if one.fault is not None]
-    return faults + [(one.row.name, text) for one in checked for text in one.lost]
+    """Return why rows failed aside from their numbers: what could not be read, another log, findings of the doctor."""
+    lines: list[tuple[str, str]] = []
+    for one in checked:
+        found = [f"not run: {one.fault}"] if one.fault is not None else []
+        if one.another_log:
+            was, now = one.row.log_sha256[:SHORT_DIGEST], one.log_sha256[:SHORT_DIGEST]
+            found.append(
+                f"the log is another one (sha256 {now}..., the values are of {was}...); --update takes it over"
+            )
+        found += [*one.lost, *(f"doctor: {text}" for text in one.findings)]
+        found += [f"run kept in {one.kept}"] if one.kept is not None else []
+        lines += [(one.row.name, text) for text in found]
+    return lines
 
 
 def summary(checked: Sequence[CheckedRow]) -> str:
     """Return the last line."""
     every = [c for one in checked for c in one.changes]
-    failed = [
-        f"{one.row.name}: {c.metric} {c.verdict}" for one in checked for c in one.changes if c.verdict in FAILURES
-    ]
+    failed: list[str] = []
+    for one in checked:
+        if one.another_log:
+            failed.append(f"{one.row.name}: the log is another one")
+        else:
+            failed += [f"{one.row.name}: {c.metric} {c.verdict}" for c in one.changes if c.verdict in FAILURES]
     failed += [f"{one.row.name}: not run" for one in checked if one.fault is not None]
     failed += [f"{one.row.name}: log partly unreadable" for one in checked if one.fault is None and one.lost]
     stale = sum(c.verdict == STALE for c in every)
@@ -103,31 +132,47 @@ def summary(checked: Sequence[CheckedRow]) -> str:
     return f"passed: {good} of {len(every)} metrics in {len(checked)} rows within their limits{hint}"
 
 
-def as_json(baseline: str, checked: Sequence[CheckedRow], exit_code: int) -> dict[str, Any]:
+def values_text(baseline: RegressionBaseline) -> str:
+    """Return who made the values of a baseline when; empty if it does not say so."""
+    day = f" on {baseline.date.isoformat()}" if baseline.date is not None else ""
+    return f"values of {baseline.file.name} by {baseline.tool}{day}" if baseline.tool else ""
+
+
+def as_json(baseline: RegressionBaseline, checked: Sequence[CheckedRow], exit_code: int) -> dict[str, Any]:
     """Return the result for JSON."""
     return {
-        "baseline": baseline,
+        "baseline": {
+            "file": baseline.file.name,
+            "tool": baseline.tool or None,
+            "date": baseline.date and str(baseline.date),
+        },
         "exit_code": exit_code,
-        "summary": summary(checked),
+        "verdict": summary(checked),
         "rows": [
             {
                 "name": one.row.name,
                 "log": one.row.log,
+                "log_sha256": one.log_sha256 or None,
+                "another_log": one.another_log,
                 "filter": one.row.filter,
                 "seeds": one.row.seeds,
                 "passed": one.passed,
                 "fault": one.fault,
                 "lost": list(one.lost),
+                "findings": list(one.findings),
+                "run": None if one.kept is None else str(one.kept),
                 "metrics": [asdict(c) for c in one.changes],
             }
             for one in checked
         ],
+        "provenance": provenance_content(RunProvenance(given_command())),
     }
 
 
-def markdown(baseline: str, checked: Sequence[CheckedRow]) -> str:
-    """Return the result as a page: the verdict, then failures alone, then everything."""
-    parts = [f"# usbldr check {baseline}", f"**{summary(checked)}.**"]
+def markdown(baseline: RegressionBaseline, checked: Sequence[CheckedRow]) -> str:
+    """Return the result as a page: the verdict, then why rows failed, then every metric, failures in bold."""
+    parts = [f"# usbldr check {baseline.file.name}", f"**{summary(checked)}.**"]
+    parts += [f"{text}." for text in [values_text(baseline)] if text]
     parts += [f"* **{name}**: {text}" for name, text in notes(checked)]
     lines = ["| row | metric | old | new | change | limit | verdict |", "|---|---|---:|---:|---:|---:|---|"]
     for one in checked:

@@ -1,6 +1,8 @@
 """The baseline file: its allowed content, the errors, and what an update does not change."""
 
+import datetime
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -8,15 +10,25 @@ import pytest
 from checkout import ROOT
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import METRICS
-from usbldr.io.settings.regression_baseline import Metric, read_baseline, usual_direction, with_new_values
+from usbldr.io.settings.regression_baseline import (
+    Metric,
+    NewValues,
+    RegressionBaseline,
+    read_baseline,
+    usual_direction,
+    with_new_values,
+)
 
 GOOD = """\
 # what the gate holds
-schema = 1
+schema = 1  # of this file
+tool = "usbldr 0.2.0"
+date = 2026-01-31
 
 [[row]]
 name = "first"            # by hand
-log = "dive.mcap"
+log = "dive.mcap"         # from the lake
+log_sha256 = "first digest"
 filter = "adf"
 dr_from = "first-gps"
 [row.metrics]
@@ -26,6 +38,7 @@ nees_mean = { abs = 0.5, value = -1e-3, direction = "both" }
 [[row]]
 name = "second"
 log = "paper"
+log_sha256 = "second digest"
 filter = "cpf"
 particles = 50
 seeds = 3
@@ -42,6 +55,18 @@ def _baseline(tmp_path: Path, text: str) -> Path:
     file = tmp_path / "baseline.toml"
     file.write_text(text)
     return file
+
+
+TODAY = datetime.date(2026, 2, 1)
+
+
+def _updated(baseline: RegressionBaseline, *values: Mapping[str, float]) -> str:
+    new = [NewValues(one, row.log_sha256 or "new") for one, row in zip(values, baseline.rows, strict=True)]
+    return with_new_values(baseline, new, "usbldr 0.3.0", TODAY)
+
+
+def _signed(text: str) -> str:
+    return text.replace("0.2.0", "0.3.0").replace("2026-01-31", "2026-02-01")
 
 
 def test_rows_keep_their_options_apart_from_their_metrics(tmp_path: Path) -> None:
@@ -92,12 +117,9 @@ def test_the_direction_of_every_metric_and_of_its_statistics_over_seeds_is_the_d
 def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path: Path) -> None:
     baseline = read_baseline(_baseline(tmp_path, GOOD))
 
-    text = with_new_values(
-        baseline,
-        [{"mean_abs_east_m": 0.2612345678, "nees_mean": 2.0}, {"rmse_horizontal_m": 4.5e-7, "coverage": 0.9}],
-    )
+    values = {"mean_abs_east_m": 0.2612345678, "nees_mean": 2.0}, {"rmse_horizontal_m": 4.5e-7, "coverage": 0.9}
 
-    assert text == (
+    assert _updated(baseline, *values) == _signed(
         GOOD.replace("value = 0.25,", "value = 0.261235,")
         .replace("value = -1e-3,", "value = 2,")
         .replace("value = 3\n", "value = 4.5e-07\n")
@@ -105,30 +127,53 @@ def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path: Path) 
     )
 
 
+def test_an_update_without_a_change_keeps_its_date(tmp_path: Path) -> None:
+    same = {"mean_abs_east_m": 0.25, "nees_mean": -1e-3}, {"rmse_horizontal_m": 3.0, "coverage": 1.0}
+    plain = GOOD.replace("-1e-3", "-0.001").replace("value = 1.0", "value = 1")
+
+    assert _updated(read_baseline(_baseline(tmp_path, plain)), *same) == plain
+
+
+def test_a_file_by_hand_gets_its_digests_its_tool_and_its_date(tmp_path: Path) -> None:
+    by_hand = re.sub(r"(tool|date|log_sha256) = .*\n", "", GOOD)
+    baseline = read_baseline(_baseline(tmp_path, by_hand))
+    assert (baseline.tool, baseline.date, baseline.rows[0].log_sha256) == ("", None, "")
+
+    text = _updated(baseline, {}, {})
+
+    assert text == _signed(GOOD).replace("first digest", "new").replace("second digest", "new")
+    again = read_baseline(_baseline(tmp_path, text))
+    assert (again.tool, again.date, again.rows[1].log_sha256) == ("usbldr 0.3.0", TODAY, "new")
+
+
 def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
     text = GOOD.replace("{ value = 0.25, rel", "{ rel")
     baseline = read_baseline(_baseline(tmp_path, text))
     assert baseline.rows[0].metrics["mean_abs_east_m"].value is None
 
-    assert with_new_values(baseline, [{"mean_abs_east_m": 0.25}, {}]) == GOOD
+    assert _updated(baseline, {"mean_abs_east_m": 0.25}, {}) == _signed(GOOD)
 
 
 def test_an_update_follows_any_layout(tmp_path: Path) -> None:
     unusual = 'schema = 1\nrow = [{ name = "a", log = "l", filter = "f", metrics = { x = { value = 1, abs = 1 } } }]\n'
     baseline = read_baseline(_baseline(tmp_path, unusual))
 
-    assert with_new_values(baseline, [{"x": 2.0}]) == unusual.replace("value = 1", "value = 2")
+    text = _updated(baseline, {"x": 2.0})
+
+    (row,) = read_baseline(_baseline(tmp_path, text)).rows
+    assert (row.metrics["x"].value, row.log_sha256) == (2.0, "new")
+    assert text.startswith('schema = 1\ntool = "usbldr 0.3.0"\ndate = 2026-02-01\nrow = [{ name = "a", log = "l"')
 
 
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
         ("schema = 1", "schema = 2", "schema: 2 is not allowed (allowed: 1)"),
-        ("schema = 1", "schema = 1\nextra = 3", "there is no section extra (allowed: schema, row)"),
+        ("schema = 1", "schema = 1\nextra = 3", "there is no section extra (allowed: schema, tool, date, row)"),
         ("schema = 1", "schema = ", "is not valid TOML (Invalid value (at line 2, column 10))"),
         ('name = "first"', 'name = ""', "row 1: name: expected text of length >= 1"),
         ('name = "second"', 'name = "first"', "two rows are called 'first': give each its own name"),
-        ('log = "dive.mcap"\n', "", "row 'first': the key log is missing"),
+        ('log = "dive.mcap" ', "#", "row 'first': the key log is missing"),
         ('filter = "adf"', "filter = 3", "row 'first': filter: expected text, got number"),
         ("seeds = 3", "seeds = 0", "row 'second': seeds: expected number >= 1"),
         ("particles = 50", "particles = true", "row 'second': particles: expected"),

@@ -1,0 +1,67 @@
+"""The first baseline of some logs: a row for each log and method, with the metrics that its run has."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import tomlkit
+
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.filters.replay.methods import METHODS, Method
+from usbldr_cli.runs.baseline_rows import default_choices, today, tool_text
+from usbldr_cli.runs.job_store import JobResult
+from usbldr_cli.runs.jobs import Job, run_jobs
+
+HEAD = """\
+# `usbldr check` runs these rows again; `--update` stores new values.
+# limit = abs + rel |value|. Errors fail if they grow beyond it, consistency if it moves beyond it either way.
+schema = 1
+"""
+ERRORS = ("mean_abs_east_m", "mean_abs_north_m", "rmse_horizontal_m", "p95_horizontal_m")
+EXACT = "rel = 0.001, abs = 0.0005"  # tracks without a filter repeat to the last bits of floating point
+FILTERED = "rel = 0.01, abs = 0.001"  # without chance, but with the rounding of another machine
+SAMPLED = "rel = 0.03, abs = 0.002"  # on another machine a draw may fall to the other side
+CONSISTENCY = {"nees_mean": "rel = 0.05", "nis_mean_usbl": "rel = 0.02"}
+COUNTED = "abs = 0"
+
+
+def first_baseline(file: Path, logs: Sequence[str], methods: Sequence[str], jobs: int) -> tuple[str, list[str]]:
+    """Return the text of a baseline, and a sentence for each row that is left out because its run failed.
+
+    Raises the error of the runs if all of them fail.
+    """
+    choices = default_choices()
+    units = [Job(log, name, choices) for log in logs for name in methods]
+    results = run_jobs(units, jobs)
+    rows = [_row(file, unit, one) for unit, one in zip(units, results, strict=True) if one.fault is None]
+    if not rows:
+        worst = max(one.exit_code for one in results)
+        kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(worst, UsbldrError)
+        raise kind("; ".join(dict.fromkeys(str(one.fault) for one in results)))
+    signed = f"{HEAD}tool = {_text(tool_text())}\ndate = {today().isoformat()}\n"
+    pairs = zip(units, results, strict=True)
+    left_out = [f"{unit.method} is left out: {one.fault}" for unit, one in pairs if one.fault is not None]
+    return "\n".join([signed, *rows]), left_out
+
+
+def _row(file: Path, unit: Job, result: JobResult) -> str:
+    """Return the text of a row; the log is named relative to the file's folder."""
+    log = Path(os.path.relpath(unit.log, file.parent)).as_posix() if Path(unit.log).exists() else unit.log
+    judged = result.scored_against
+    digest = "" if judged is None or unit.simulated else judged.log_sha256
+    stated = {"name": f"{log} {unit.method}", "log": log, "log_sha256": digest, "filter": unit.method}
+    lines = ["[[row]]", *(f"{key} = {_text(value)}" for key, value in stated.items() if value), "[row.metrics]"]
+    for name, limit in _limits(METHODS[unit.method]).items():
+        if name in result.metrics:
+            lines.append(f"{name} = {{ value = {result.metrics[name]:.6g}, {limit} }}")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: str) -> str:
+    return tomlkit.string(value).as_string()
+
+
+def _limits(method: Method) -> dict[str, str]:
+    """Return the tolerance of each metric of a row."""
+    of_errors = SAMPLED if method.draws else FILTERED if method.is_filter else EXACT
+    return dict.fromkeys(ERRORS, of_errors) | (CONSISTENCY if method.is_filter else {}) | {"matched": COUNTED}

@@ -1,0 +1,40 @@
+"""The rows of a baseline run again, each metric beside its stored value."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from usbldr.filters.errors import CheckError, LogError
+from usbldr.filters.replay.methods import METHODS
+from usbldr.io.settings.regression_baseline import BaselineRow, RegressionBaseline
+from usbldr_cli.runs import seed_table
+from usbldr_cli.runs.job_store import JobResult
+from usbldr_cli.runs.jobs import Job, run_jobs
+from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
+
+
+def checked_rows(baseline: RegressionBaseline, units: Mapping[str, Sequence[Job]], jobs: int) -> list[CheckedRow]:
+    """Run every row, ``units`` by its name, ``jobs`` in parallel, and compare its metrics with the stored ones."""
+    outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], jobs))
+    by_row = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
+    return [_compared(baseline.file, row, units[row.name], by_row[row.name]) for row in baseline.rows]
+
+
+def _compared(file: Path, row: BaselineRow, units: Sequence[Job], outcomes: Sequence[JobResult]) -> CheckedRow:
+    if not units:
+        return CheckedRow(row, (), f"{file.parent / row.log}: no such log or scenario", CheckError.exit_code)
+    bad = [outcome for outcome in outcomes if outcome.fault is not None]
+    if bad:
+        return CheckedRow(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
+    seeds = tuple(unit.choices.seed for unit in units)
+    dives = units[0].simulated
+    run = seed_table.ComparisonRow(
+        row.log, row.filter, row.filter, seeds, tuple(outcomes), METHODS[row.filter].draws, dives
+    )
+    found = seed_table.row_metrics(run)
+    judged = outcomes[0].scored_against
+    digest, lost = ("", ()) if judged is None else (judged.log_sha256, judged.lost)
+    digest = "" if dives else digest  # the last bits of a simulated log depend on the machine
+    other = bool(row.log_sha256 and digest) and row.log_sha256 != digest
+    changes = tuple(compare_metric(name, metric, found.get(name), other) for name, metric in row.metrics.items())
+    worst = max(range(len(seeds)), key=lambda k: outcomes[k].metrics.get("mean_horizontal_m", 0.0))
+    return CheckedRow(row, changes, None, LogError.exit_code if lost else 0, lost, digest, worst_seed=seeds[worst])
