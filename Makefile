@@ -8,7 +8,7 @@ SEEDS ?= 20
 
 KERNEL := $(wildcard filters/kernel/*.c filters/kernel/*.h)
 
-.PHONY: demo test fuzz lint check sanitize sample_logs paper field drills logs clean
+.PHONY: demo test fuzz docs lint check sanitize sample_logs paper field drills logs clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -62,6 +62,12 @@ logs: $(VENV)/installed
 		cat $$scratch/usbldr.toml; \
 	done; \
 	rm -r $$scratch
+
+# the documentation as a site in build/site; a dead link is an error
+docs: $(VENV)/installed-dev
+	$(BIN)/sphinx-build -q -n -W --keep-going -c docs . build/site
+	@echo '<meta http-equiv="refresh" content="0; url=README.html">' > build/site/index.html
+	@echo "The documentation is in build/site/index.html."
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

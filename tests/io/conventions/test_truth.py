@@ -220,9 +220,8 @@ def test_odometry_has_the_heading_and_the_velocity_of_the_truth(
     rows: list[Row] = []
     for k, yaw_deg in enumerate(yaws_deg):
         ns, topic, kind, values = pose(T0 + k * SECOND, 1.0, 2.0, ODOMETRY)
-        values |= turned("pose.pose.orientation", yaw_deg)
-        values |= {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": 0.5 * left}
-        rows.append((ns, topic, kind, values))
+        twist = {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": 0.5 * left}
+        rows.append((ns, topic, kind, {**values, **turned("pose.pose.orientation", yaw_deg), **twist}))
 
     truth = dive(tmp_path, f'[truth]\ntopic = "/slam"\nframe = "{frame}"', rows).truth
 
