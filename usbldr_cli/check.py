@@ -12,6 +12,7 @@ import click
 
 from usbldr.filters.errors import CheckError, UsageError
 from usbldr_cli.options.filter_list import filter_list, refuse_repeats
+from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
 from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
 
@@ -56,6 +57,7 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 @json_option("result")
 @click.option("--junit", metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
 @click.option("--markdown", "markdown_to", metavar="FILE", help="Write the result as a page for a CI run.")
+@html_file_option
 @click.option("--force", is_flag=True, help="Replace the files of other options, and kept runs.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def check(
@@ -69,6 +71,7 @@ def check(
     json_to: str | None,
     junit: str | None,
     markdown_to: str | None,
+    html_to: str | None,
     force: bool,
     quiet: bool,
 ) -> int:
@@ -96,7 +99,8 @@ def check(
         raise UsageError(f"check takes one BASELINE, not {len(files)}; --init LOG... writes one for several logs")
     wanted = read_baseline(Path(file))
     units = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
-    for option, target in (("--json", json_to), ("--markdown", markdown_to), ("--junit", junit)):
+    targets = {"--json": json_to, "--markdown": markdown_to, "--junit": junit, "--html": html_to}
+    for option, target in targets.items():
         if target is not None and (option, target) != ("--json", "-"):
             _refuse(option, Path(target), force, wanted, units)
     place = None if update or output == "none" else _place(output, wanted.file, force)
@@ -107,6 +111,8 @@ def check(
     code = max(one.exit_code for one in checked) or (CheckError.exit_code if failed else 0)
     if markdown_to is not None:
         write_file("--markdown", Path(markdown_to), markdown(wanted, checked))
+    if html_to is not None:
+        _write_html(Path(html_to), wanted, checked)
     if junit is not None:
         write_file("--junit", Path(junit), junit_text(wanted.file.name, checked))
     if json_to is not None:
@@ -114,6 +120,15 @@ def check(
     if json_to != "-":
         _print_result(wanted, checked, quiet, update)
     return _update(wanted, checked, show=json_to != "-") if update else code
+
+
+def _write_html(file: Path, baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]") -> None:
+    from usbldr_cli.pages.compare_plots import check_plots  # imports Bokeh
+    from usbldr_cli.pages.html_page import html
+    from usbldr_cli.tables.check_verdicts import page
+
+    blocks, drawn = check_plots(checked)
+    write_file("--html", file, html(page(baseline, checked, blocks), drawn))
 
 
 def _write_first(file: Path, logs: Sequence[str], filters: str, jobs: int, force: bool) -> int:

@@ -12,7 +12,8 @@ import click
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.log_options import inputs, read_request, selection_options
+from usbldr_cli.options.html_option import html_option, require_output
+from usbldr_cli.options.log_options import inputs, read_request, request_provenance, selection_options
 from usbldr_cli.options.output_files import json_option, refuse_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
 @json_option("table")
+@html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def compare(
     logs: tuple[str, ...],
@@ -47,6 +49,7 @@ def compare(
     output: Path | None,
     force: bool,
     json_to: str | None,
+    html: bool,
     quiet: bool,
     **selection: Any,
 ) -> int:
@@ -62,6 +65,7 @@ def compare(
     from usbldr_cli.runs.compare_directory import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
 
+    require_output(html, output)
     _refuse_inputs(logs, selection, output, json_to, force)
     refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
@@ -83,7 +87,7 @@ def compare(
         store = None if output is None else output / UNITS
         rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, selection, store, bound)
         _refuse_empty(rows)
-    _write(output, rows, request)
+    _write(output, rows, request, html)
     _print_result(rows, request, output, json_to, quiet)
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
@@ -183,15 +187,25 @@ def _refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
     raise kind("; ".join(str(fault) for fault in faults))
 
 
-def _write(output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[str, Any]) -> None:
+def _write(output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[str, Any], html: bool) -> None:
+    from usbldr.io.reports.markdown_report import markdown
+    from usbldr.io.reports.page import Picture
     from usbldr_cli.figures.compare import write_figures
     from usbldr_cli.runs.compare_directory import write_tables
-    from usbldr_cli.tables.compare_table import markdown
+    from usbldr_cli.tables.compare_table import page
 
     if output is None:
         return
     try:
-        write_tables(output, rows, request, markdown(rows, write_figures(output, rows)))
+        made = request_provenance(request)
+        pictures = [Picture(*picture) for picture in write_figures(output, rows)]
+        if html:
+            from usbldr_cli.pages.compare_plots import compare_plots  # imports Bokeh
+            from usbldr_cli.pages.html_page import REPORT_HTML, write_html
+
+            blocks, drawn = compare_plots(rows)
+            write_html(output / REPORT_HTML, page(rows, blocks, made), drawn)
+        write_tables(output, rows, request, markdown(page(rows, pictures, made)))
     except OSError as err:
         raise UsageError(f"{output}: cannot be written ({err.strerror or err})") from err
 

@@ -15,11 +15,13 @@ from usbldr.io.drills.kinds import KINDS
 from usbldr_cli.options.fault_options import chosen_drills, fault_options
 from usbldr_cli.options.filter_list import filter_list
 from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.log_options import inputs, log_options, read_request
+from usbldr_cli.options.html_option import html_option, require_output
+from usbldr_cli.options.log_options import inputs, log_options, read_request, request_provenance
 from usbldr_cli.options.output_files import json_option, refuse_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 
 if TYPE_CHECKING:
+    from usbldr.io.reports.run_provenance import RunProvenance
     from usbldr_cli.runs.drill_rows import DrillReport
 
 DEFAULT_FILTERS = "adf,cpf"
@@ -39,6 +41,7 @@ DEFAULT_FILTERS = "adf,cpf"
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of other drills in this folder.")
 @json_option("table")
+@html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def drill(
     log: str,
@@ -50,6 +53,7 @@ def drill(
     output: Path | None,
     force: bool,
     json_to: str | None,
+    html: bool,
     quiet: bool,
     **others: Any,
 ) -> int:
@@ -62,13 +66,16 @@ def drill(
     \b
     $ usbldr drill dive.mcap --drop usbl@300:600 --spike compass:120deg@0.02
     """
+    from usbldr.io.reports.markdown_report import markdown
+    from usbldr.io.reports.page import Picture
     from usbldr_cli.figures.drill import write_figures
     from usbldr_cli.runs.compare_directory import prepare
     from usbldr_cli.runs.drill_directory import TABLES, write_report
     from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
-    from usbldr_cli.tables.drill_table import markdown
+    from usbldr_cli.tables.drill_table import page
 
     drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
+    require_output(html, output)
     _refuse_inputs(log, others, output, json_to, force)
     plan = DrillPlan(log, drills, filter_list(filters or DEFAULT_FILTERS, choices), seeds, choices, others)
     plan.require_fitting()
@@ -78,7 +85,11 @@ def drill(
         report = run_drills(plan, jobs or os.cpu_count() or 1, store)
         _refuse_empty(report)
         if output is not None:
-            write_report(output, report, plan.request, markdown(report, write_figures(output, report)))
+            made = request_provenance(plan.request)
+            pictures = [Picture(*picture) for picture in write_figures(output, report)]
+            if html:
+                _write_html(output, report, made)
+            write_report(output, report, plan.request, markdown(page(report, pictures, made)))
         _print_result(report, plan.request, output, json_to, quiet)
     return max(outcome.exit_code for row in report.rows for outcome in row.runs.outcomes)
 
@@ -92,6 +103,15 @@ def _refuse_inputs(log: str, selection: dict[str, Any], output: Path | None, jso
         raise UsageError(f"{output} {what}: choose another --output")
     if json_to not in (None, "-"):
         refuse_file("--json", Path(str(json_to)), force, read, output)
+
+
+def _write_html(output: Path, report: "DrillReport", made: "RunProvenance") -> None:
+    from usbldr_cli.pages.compare_plots import drill_plots  # imports Bokeh
+    from usbldr_cli.pages.html_page import REPORT_HTML, write_html
+    from usbldr_cli.tables.drill_table import page
+
+    blocks, drawn = drill_plots(report)
+    write_html(output / REPORT_HTML, page(report, blocks, made), drawn)
 
 
 @contextmanager

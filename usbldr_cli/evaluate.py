@@ -7,6 +7,7 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, printable
 from usbldr_cli.options.command_line import given_command
+from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
 from usbldr_cli.options.output_files import json_option, refuse_file
 from usbldr_cli.options.run_options import RunChoices
@@ -33,6 +34,7 @@ DEFAULTS: dict[str, Any] = {
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-ESTIMATE]")
 @click.option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
+@html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def evaluate(
     log: str,
@@ -44,6 +46,7 @@ def evaluate(
     output: Path | None,
     force: bool,
     json_to: str | None,
+    html: bool,
     quiet: bool,
     **selection: Any,
 ) -> int:
@@ -91,6 +94,6 @@ def evaluate(
     scored = ScoredTrack(track, report)
     run = Run(placed, grid, found, scored, references, request=asked, configuration=content, made=made)
     with run_directory(target, force) as folder:
-        write_run(folder, run)
+        write_run(folder, run, html=html)
     print_run(run, target, json_to, quiet)
     return LogError.exit_code if any(finding.lost_data for finding in dive.findings) else 0

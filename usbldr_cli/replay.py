@@ -8,6 +8,7 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, printable
 from usbldr_cli.options.help_groups import GroupedCommand
+from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import log_options, request_and_inputs
 from usbldr_cli.options.output_files import json_option, refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Figures in the run directory; none saves about a second.",
 )
+@html_option
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def replay(
@@ -64,6 +66,7 @@ def replay(
     leave_one_out: int | None,
     bound: bool,
     plots: str,
+    html: bool,
     strict: bool,
     quiet: bool,
     log: str,
@@ -107,7 +110,7 @@ def replay(
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
         run = finish_run(plan, request, ready)
-        write_run(folder, run, plots)
+        write_run(folder, run, plots, html)
         if write_calibration is not None:
             _write_calibration(Path(write_calibration), run)
     print_run(run, target, json_to, quiet)

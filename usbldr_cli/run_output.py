@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from usbldr.io.reports.report_json import Run
 
 
-def write_run(folder: Path, run: "Run", plots: str = "all") -> None:
-    """Write everything of the run; report.json, which names all files, comes last."""
-    from usbldr.io.reports.markdown_report import write_markdown
+def write_run(folder: Path, run: "Run", plots: str = "all", html: bool = False) -> None:
+    """Write everything of the run, report.html if asked for; report.json, which names all files, comes last."""
     from usbldr.io.reports.report_json import write_json, write_tables
+    from usbldr.io.reports.run_page import write_markdown
 
     write_tables(folder, run)
     pictures: list[tuple[str, str]] = []
@@ -24,6 +24,13 @@ def write_run(folder: Path, run: "Run", plots: str = "all") -> None:
 
         pictures = write_figures(folder, run)
     write_markdown(folder, run, pictures)
+    if html:
+        from usbldr.io.reports.run_page import run_page
+        from usbldr_cli.pages.html_page import REPORT_HTML, write_html
+        from usbldr_cli.pages.run_plots import run_plots  # imports Bokeh
+
+        blocks, drawn = run_plots(run)
+        write_html(folder / REPORT_HTML, run_page(run, blocks), drawn)
     write_json(folder, run)
 
 

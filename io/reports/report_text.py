@@ -35,6 +35,7 @@ class Table(NamedTuple):
     title: str
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    numbers: bool = True  # beside the labels: to the right; False: words
 
 
 def order_text(run: Run) -> str:

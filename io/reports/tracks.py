@@ -132,7 +132,7 @@ def _kml_line(line: list[list[float]]) -> str:
 def _track_line(trajectory: Trajectory, origin: Origin) -> list[list[float]]:
     defined = np.isfinite(trajectory.position_m).all(axis=1)
     time_s, position_m = trajectory.time_s[defined], trajectory.position_m[defined]
-    line = _coordinates(position_m[_a_point_a_second(time_s)], origin)
+    line = _coordinates(position_m[a_point_a_second(time_s)], origin)
     return line if len(line) > 1 else line * 2  # a line has two ends
 
 
@@ -140,13 +140,13 @@ def _truth_lines(truth: Truth, origin: Origin) -> list[list[list[float]]]:
     cuts = np.flatnonzero(np.diff(truth.time_s) > truth.max_gap_s) + 1
     lines: list[list[list[float]]] = []
     for part in np.split(np.arange(len(truth.time_s)), cuts):
-        shown = part[_a_point_a_second(truth.time_s[part])]
+        shown = part[a_point_a_second(truth.time_s[part])]
         if len(shown) > 1:
             lines.append(_coordinates(truth.position_m[shown], origin))
     return lines
 
 
-def _a_point_a_second(time_s: Vector) -> Indices:
+def a_point_a_second(time_s: Vector) -> Indices:
     """Return the indices of the first point of each second, and of the last of all."""
     if not len(time_s):
         return np.empty(0, dtype=np.intp)

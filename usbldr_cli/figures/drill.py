@@ -42,7 +42,7 @@ def write_figures(folder: Path, report: DrillReport) -> list[tuple[str, str]]:
 
 def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
     """Draw the horizontal error over time of every filter under one drill, thin without the faults, first seed."""
-    drawn = [(row, found) for row in rows if (found := _traces(row)) is not None]
+    drawn = [(row, found) for row in rows if (found := first_errors(row)) is not None]
     if not drawn:
         return None
     first = drawn[0][0]
@@ -73,7 +73,7 @@ def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
     return figure
 
 
-def _traces(row: DrillRow) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector]] | None:
+def first_errors(row: DrillRow) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector]] | None:
     """Return times and horizontal errors of the first seed, with and without the faults."""
     if not row.runs.good or not row.usual.good:
         return None

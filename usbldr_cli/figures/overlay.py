@@ -37,10 +37,10 @@ Drawn: TypeAlias = tuple[ComparisonRow, Trace]
 
 def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw the errors of all methods over one dive, one panel per axis."""
-    drawn = _first_traces(rows)
+    drawn = first_traces(rows)
     if not drawn:
         return None
-    figure = overlay_canvas(rows, "Errors over time", f"{_seed_text(rows)}", 11, 7)
+    figure = overlay_canvas(rows, "Errors over time", f"{seed_text(rows)}", 11, 7)
     panels: Any = figure.subplots(2, 1, sharex=True)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
@@ -62,10 +62,10 @@ def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
 
 def track_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     """Draw all tracks with the truth, and a close-up of the largest error of the best filter."""
-    drawn = _first_traces(rows)
+    drawn = first_traces(rows)
     if not drawn:
         return None
-    figure = overlay_canvas(rows, "Tracks", f"{_seed_text(rows)}; at the scored epochs", 12.5, 7.3)
+    figure = overlay_canvas(rows, "Tracks", f"{seed_text(rows)}; at the scored epochs", 12.5, 7.3)
     whole, close = figure.subplots(1, 2)
     leader, best = min(scaling(drawn), key=lambda one: float(np.mean(one[1].horizontal_m)))
     worst = int(np.argmax(best.horizontal_m))
@@ -99,7 +99,7 @@ def overlay_canvas(rows: Sequence[ComparisonRow], what: str, detail: str, width_
     return titled_figure(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
 
 
-def _first_traces(rows: Sequence[ComparisonRow]) -> list[Drawn]:
+def first_traces(rows: Sequence[ComparisonRow]) -> list[Drawn]:
     """Return each method's trace of the first seed that all have, else of its own first."""
     seeds = [set(row.good) for row in rows if row.dives]
     common = min(_common(seeds), default=None) if seeds else None
@@ -108,7 +108,8 @@ def _first_traces(rows: Sequence[ComparisonRow]) -> list[Drawn]:
     return [(row, read_trace(path)) for row, path in paths if path is not None]
 
 
-def _seed_text(rows: Sequence[ComparisonRow]) -> str:
+def seed_text(rows: Sequence[ComparisonRow]) -> str:
+    """Return which run of several is drawn."""
     seeds = [set(row.good) for row in rows if len(row.seeds) > 1]
     if not seeds:
         return "one run of each"

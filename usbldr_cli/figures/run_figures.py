@@ -65,7 +65,7 @@ def error_figure(run: Run) -> Figure | None:
     figure = run_figure(run, "Errors", 11, 6.6)
     panels: Any = figure.subplots(2, 1, sharex=True)
     raw = next((other.report for other in other_tracks(run) if raw_fixes(other.trajectory.method)), None)
-    half = _half_height(report)
+    half = half_height(report)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
         shade_outages(axes, run)
@@ -120,7 +120,7 @@ def _longest_step_s(report: ErrorReport) -> float:
     return 3 * float(np.median(np.diff(report.time_s))) if len(report.time_s) > 1 else np.inf
 
 
-def _half_height(report: ErrorReport) -> float:
+def half_height(report: ErrorReport) -> float:
     """Return the height, the same for both axes, which gross errors do not set: they are marked at the edge."""
     size = np.abs(report.error_m)
     half = min(float(size.max()), 1.6 * float(np.percentile(size, 99)))

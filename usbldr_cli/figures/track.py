@@ -54,7 +54,7 @@ def track_figure(run: Run) -> Figure:
     return figure
 
 
-def _aligned(scored: ScoredTrack, time_s: Vector, position_m: Array) -> Array:
+def aligned(scored: ScoredTrack, time_s: Vector, position_m: Array) -> Array:
     """Return positions of a track, or its fixes, moved as the track was moved before scoring."""
     if scored.report is None:
         return position_m
@@ -63,7 +63,7 @@ def _aligned(scored: ScoredTrack, time_s: Vector, position_m: Array) -> Array:
     return scored.report.alignment.points(position_m, yaw)
 
 
-def _scored_truth(run: Run) -> tuple[Vector, Array]:
+def scored_truth(run: Run) -> tuple[Vector, Array]:
     """Return time and place of the truth inside the run and the window that is scored."""
     if run.truth is None:
         return np.empty(0), np.empty((0, 2))
@@ -77,7 +77,7 @@ def _scored_truth(run: Run) -> tuple[Vector, Array]:
 def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
     for other in other_tracks(run):
         if other.trajectory.method == "dr":
-            path = _aligned(other, other.trajectory.time_s, other.trajectory.position_m)[
+            path = aligned(other, other.trajectory.time_s, other.trajectory.position_m)[
                 within(other.trajectory.time_s, span)
             ]
             label = "dr (partly outside the axes)" if _outside(axes, path) else "dr"
@@ -94,9 +94,9 @@ def _outside(axes: Axes, points_m: Array) -> int:
 
 def _draw_track(axes: Axes, run: Run, span: Span) -> None:
     trajectory = run.scored.trajectory
-    position_m = _aligned(run.scored, trajectory.time_s, trajectory.position_m)
+    position_m = aligned(run.scored, trajectory.time_s, trajectory.position_m)
     if run.truth is not None:
-        time_s, truth_m = _scored_truth(run)
+        time_s, truth_m = scored_truth(run)
         during = within(time_s, span)
         _, line_m = broken_at_gaps(time_s[during], truth_m[during], run.truth.max_gap_s)
         style: dict[str, Any] = {"lw": 2.2, "marker": ".", "ms": 2.2, "mew": 0, "zorder": 3}
@@ -119,7 +119,7 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
         "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
     }
     during = within(run.timeline.fix_time_s, span)
-    fix_m = _aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during]
+    fix_m = aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during]
     outcomes = fix_outcomes(run.timeline, run.scored.trajectory)[during]
     for outcome, style in styles.items():
         at = outcomes == outcome
@@ -166,11 +166,11 @@ def _draw_worst(axes: Axes, report: ErrorReport, span: Span) -> None:
 
 def _extent(run: Run) -> Array:
     """Return the points that the figure must show: track and truth, and fixes and dr that are not far from them."""
-    track_m = _aligned(run.scored, run.scored.trajectory.time_s, run.scored.trajectory.position_m)
-    fix_m = _aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)
-    drifting = [_aligned(other, other.trajectory.time_s, other.trajectory.position_m) for other in other_tracks(run)]
+    track_m = aligned(run.scored, run.scored.trajectory.time_s, run.scored.trajectory.position_m)
+    fix_m = aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)
+    drifting = [aligned(other, other.trajectory.time_s, other.trajectory.position_m) for other in other_tracks(run)]
     core = np.vstack(
-        [np.percentile(fix_m, [1, 99], axis=0) if raw_fixes(run.method) else track_m, _scored_truth(run)[1]]
+        [np.percentile(fix_m, [1, 99], axis=0) if raw_fixes(run.method) else track_m, scored_truth(run)[1]]
     )
     core = core[np.isfinite(core).all(axis=1)]
     middle, half = (core.min(axis=0) + core.max(axis=0)) / 2, float(np.max(np.ptp(core, axis=0))) / 2

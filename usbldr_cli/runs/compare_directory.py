@@ -5,6 +5,7 @@ compare.json    every row and every number
 compare.csv     the same rows
 compare.md      the tables and figures
 *.png           the figures
+report.html     all of it as one page, if asked for
 """
 
 import json
@@ -20,7 +21,9 @@ from usbldr_cli.options.log_options import request_provenance
 from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_content
 
 UNITS, TABLES = "units", "compare.json"
-OWN = re.compile(r"(compare|drill)\.(json|csv|md)|\.?(track|errors|error_cdf|by_filter|drill)[\w.-]*\.png|\..*\.part")
+OWN = re.compile(
+    r"(compare|drill)\.(json|csv|md)|report\.html|\.?(track|errors|error_cdf|by_filter|drill)[\w.-]*\.png|\..*\.part"
+)
 OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
 
 

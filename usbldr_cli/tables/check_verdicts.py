@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from usbldr.filters.evaluation.metrics import Direction
+from usbldr.io.reports.page import Labelled, Page, Plot, Section
 from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance, provenance_content
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline, usual_direction
 from usbldr_cli.options.command_line import given_command
@@ -167,6 +169,28 @@ def as_json(baseline: RegressionBaseline, checked: Sequence[CheckedRow], exit_co
         ],
         "provenance": provenance_content(RunProvenance(given_command())),
     }
+
+
+def page(baseline: RegressionBaseline, checked: Sequence[CheckedRow], figures: Sequence[Plot]) -> Page:
+    """Return the result as a page: the verdict, why rows failed, failures alone, then every metric."""
+    every = [(one.row.name, c) for one in checked for c in one.changes]
+    failed = [(name, c) for name, c in every if c.verdict in FAILURES]
+    told = values_text(baseline)
+    sections = (
+        Section(
+            "", (*((f"{told}.",) if told else ()), *((Labelled(tuple(lines)),) if (lines := notes(checked)) else ()))
+        ),
+        Section("Failures", (_flat(failed),) if failed else ()),
+        Section("Figures", tuple(figures)),
+        Section("Metrics", (_flat(every),)),
+        provenance_section(RunProvenance(given_command())),
+    )
+    return Page(f"usbldr check {baseline.file.name}", summary(checked), sections)
+
+
+def _flat(changes: Sequence[tuple[str, MetricChange]]) -> Table:
+    """Return metrics with the names of their rows."""
+    return Table("metric", ("row", *HEADS), tuple((c.metric, name, *_cells(c)) for name, c in changes))
 
 
 def markdown(baseline: RegressionBaseline, checked: Sequence[CheckedRow]) -> str:

@@ -5,8 +5,10 @@ import textwrap
 from collections.abc import Sequence
 
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.io.reports.markdown_report import labelled, markdown_table
+from usbldr.io.reports.page import Block, Labelled, Page, Picture, Plot, Section
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
+from usbldr.io.reports.run_page import provenance_section
+from usbldr.io.reports.run_provenance import RunProvenance
 from usbldr_cli.runs.seed_table import (
     BOUND,
     ComparisonRow,
@@ -131,19 +133,25 @@ def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
     return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(filled(overall(rows)), colour)])
 
 
-def markdown(rows: Sequence[ComparisonRow], pictures: Sequence[tuple[str, str]]) -> str:
-    """Return compare.md; the figures, file name and caption, are beside it."""
-    parts = ["# Comparison", f"**{overall(rows)}.**"]
-    for log, group in grouped(rows).items():
-        parts += [f"## {log}", labelled(context(group))] if context(group) else [f"## {log}"]
+def page(rows: Sequence[ComparisonRow], figures: Sequence[Picture | Plot], made: RunProvenance) -> Page:
+    """Return the page of a comparison with its figures, and how it was made."""
+    sections: list[Section] = []
+    groups = grouped(rows)
+    for log, group in groups.items():
+        blocks: list[Block] = [Labelled(tuple(lines))] if (lines := context(group)) else []
         if any(row.good for row in group):
-            parts += [markdown_table(error_table(_shown(group))), markdown_table(health_table(group))]
+            blocks += [error_table(_shown(group)), health_table(group)]
         if lines := notes(group):
-            parts.append(labelled(lines))
-        parts.append(f"{best_method_sentence(group)}.")
-    parts += [LEGEND.replace("*", r"\*"), "Every number is in `compare.json` under its name in `report.json`."]
-    parts += [f"![{caption}]({name})\n\n*{caption}*" for name, caption in pictures]
-    return "\n\n".join(parts) + "\n"
+            blocks.append(Labelled(tuple(lines)))
+        if len(groups) > 1:
+            blocks.append(f"{best_method_sentence(group)}.")
+        sections.append(Section(log, tuple(blocks)))
+    sections.append(Section("Figures", tuple(figures)))
+    sections.append(provenance_section(made))
+    sections.append(
+        Section("How to read this", (LEGEND, "Every number is in `compare.json` under its name in `report.json`."))
+    )
+    return Page("Comparison", overall(rows), tuple(sections))
 
 
 def _shown(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:

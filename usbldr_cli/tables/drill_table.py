@@ -3,8 +3,10 @@
 import textwrap
 from collections.abc import Sequence
 
-from usbldr.io.reports.markdown_report import labelled, markdown_table
+from usbldr.io.reports.page import Labelled, Page, Picture, Plot, Section
 from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.run_page import provenance_section
+from usbldr.io.reports.run_provenance import RunProvenance
 from usbldr_cli.runs.drill_rows import DrillReport, DrillRow, mean_response, overall, worst_first
 from usbldr_cli.runs.seed_table import ComparisonRow
 from usbldr_cli.tables.compare_table import context, filled, notes
@@ -87,11 +89,15 @@ def _failures(rows: Sequence[DrillRow]) -> list[tuple[str, str]]:
     return [("failed", f"{row.drill.name}, {row.runs.label}: {row.runs.fault}") for row in rows if row.runs.fault]
 
 
-def markdown(report: DrillReport, pictures: Sequence[tuple[str, str]]) -> str:
-    """Return drill.md; the figures, file name and caption, are beside it."""
+def page(report: DrillReport, figures: Sequence[Picture | Plot], made: RunProvenance) -> Page:
+    """Return the page of drills with its figures, and how it was made."""
     rows, usual = report.rows, report.usual
-    lines = [*context(usual), *finding_lines(rows), *_failures(rows), *notes(usual)]
-    parts = [f"# Drills on {usual[0].log}", f"**{overall(rows)}.**", markdown_table(usual_table(usual))]
-    parts += [markdown_table(drill_table(rows, "faults, m", None)), LEGEND, labelled(lines)]
-    parts += [f"![{caption}]({name})\n\n*{caption}*" for name, caption in pictures]
-    return "\n\n".join(parts) + "\n"
+    told = (*finding_lines(rows), *_failures(rows), *notes(usual))
+    sections = (
+        Section("", (Labelled(tuple(context(usual))),)),
+        Section("Errors", (usual_table(usual), drill_table(rows, "faults, m", None), LEGEND)),
+        Section("Findings", (Labelled(told),)),
+        Section("Figures", tuple(figures)),
+        provenance_section(made),
+    )
+    return Page(f"Drills on {usual[0].log}", overall(rows), sections)

@@ -4,7 +4,9 @@ import pytest
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import Window
+from usbldr.io.reports.markdown_report import markdown
 from usbldr.io.reports.report_text import window_text
+from usbldr.io.reports.run_provenance import RunProvenance
 from usbldr_cli.runs.job_store import JobResult, ScoringContext
 from usbldr_cli.runs.seed_table import (
     ComparisonRow,
@@ -15,7 +17,7 @@ from usbldr_cli.runs.seed_table import (
     row_content,
     row_metrics,
 )
-from usbldr_cli.tables.compare_table import markdown, render
+from usbldr_cli.tables.compare_table import page, render
 from usbldr_cli.tables.run_table import WIDTH
 
 JUDGED = ScoringContext("dive.mcap", "MCAP", "0" * 64, "", "gps", "/gps", None, None, "none")
@@ -139,7 +141,7 @@ def test_the_tables_fit_the_terminal_and_mark_what_is_significant() -> None:
     cpf, pf = (next(line for line in text.splitlines() if line.startswith(name)) for name in ("cpf", "pf"))
     assert not cpf.endswith("*")
     assert pf.endswith("*")
-    assert r"\|east\|" in markdown(rows, [])
+    assert r"\|east\|" in markdown(page(rows, [], RunProvenance()))
 
 
 def test_a_window_is_told_as_replay_tells_it() -> None:

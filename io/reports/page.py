@@ -1,0 +1,59 @@
+"""A report as a page: its verdict, and sections of sentences, tables and figures, which Markdown and HTML format."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+from usbldr.io.reports.report_text import Table
+
+
+class Labelled(NamedTuple):
+    """Sentences, each with its label."""
+
+    lines: tuple[tuple[str, str], ...]
+
+
+class Bullets(NamedTuple):
+    """Sentences of equal rank."""
+
+    lines: tuple[str, ...]
+
+
+class Code(NamedTuple):
+    """A line for the shell."""
+
+    line: str
+
+
+class Picture(NamedTuple):
+    """A figure beside the page: file name and caption."""
+
+    name: str
+    caption: str
+
+
+class Plot(NamedTuple):
+    """An interactive figure inside the page, by the name under which the page's writer has it; and its caption."""
+
+    name: str
+    caption: str
+
+
+Block: TypeAlias = str | Table | Labelled | Bullets | Code | Picture | Plot
+"""A part of a section; a plain sentence may hold code between backticks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Blocks under a title, "" for those at the beginning of the page."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A report; sections without blocks are left out."""
+
+    title: str
+    verdict: str
+    sections: tuple[Section, ...]
