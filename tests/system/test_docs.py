@@ -1,4 +1,4 @@
-"""The README is held to the commands: each one runs, in order, in one folder, and prints what the README shows."""
+"""README and tutorial are held to the commands: each runs, in order, in one folder, and prints what the page shows."""
 
 import doctest
 import re
@@ -20,13 +20,15 @@ def commands(text: str) -> list[tuple[str, str]]:
     return [found for block in blocks for found in COMMAND.findall(block)]
 
 
-def test_every_command_of_the_readme_prints_what_the_readme_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
+def test_every_command_of_a_page_prints_what_the_page_shows(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     runner = CliRunner()
-    assert runner.invoke(cli, ["simulate", "paper", "-o", "dive.mcap"]).exit_code == 0  # the reader's own log
-    shown = commands(README)
+    if page == "README.md":
+        assert runner.invoke(cli, ["simulate", "paper", "-o", "dive.mcap"]).exit_code == 0  # the reader's own log
+    shown = commands((ROOT / page).read_text(encoding="utf-8"))
     assert len(shown) >= 6
     for line, want in shown:
         done = runner.invoke(cli, line.split())
