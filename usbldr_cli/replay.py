@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import LogError, UsageError, printable
+from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
-from usbldr_cli.options.log_options import log_options, request_and_inputs
+from usbldr_cli.options.log_options import request_and_inputs, selection_options
 from usbldr_cli.options.output_files import json_option, refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.run_output import print_run, write_run
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=GroupedCommand)
-@log_options
+@click.argument("log", metavar="LOG", required=False)
+@selection_options
 @click.option(
     "--filter",
     "-f",
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     help="Figures in the run directory; none saves about a second.",
 )
 @html_option
+@click.option("--verify", metavar="REPORT", help="Repeat the run of a report.json; exit 1 if it is not the same.")
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def replay(
@@ -67,9 +69,10 @@ def replay(
     bound: bool,
     plots: str,
     html: bool,
+    verify: str | None,
     strict: bool,
     quiet: bool,
-    log: str,
+    log: str | None,
     **selection: Any,
 ) -> int:
     """Run a filter over LOG and report its east and north errors against the truth.
@@ -85,6 +88,10 @@ def replay(
     from usbldr.io.session import open_log, require_scenario
     from usbldr_cli.runs.one_run import RunPlan, finish_run, prepare_run
 
+    if verify is not None:
+        return _verify(Path(verify), log, quiet)
+    if log is None:
+        raise click.MissingParameter(ctx=click.get_current_context(), param_type="argument", param_hint="'LOG'")
     chosen = method_named(method)
     request, read = request_and_inputs(log, **selection)
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
@@ -117,6 +124,22 @@ def replay(
     if write_calibration is not None and not quiet and json_to != "-":
         click.echo(f"configuration for the next dive written to {write_calibration}")
     return LogError.exit_code if lost else 0
+
+
+def _verify(report: Path, log: str | None, quiet: bool) -> int:
+    """Repeat the run of a report and say whether it is the same."""
+    from usbldr_cli.runs.verify import verify
+
+    ctx = click.get_current_context()
+    for param in ctx.command.params:
+        given = ctx.get_parameter_source(str(param.name)) is click.core.ParameterSource.COMMANDLINE
+        if given and param.name not in ("log", "verify", "quiet"):
+            raise UsageError(f"--verify repeats the run of its report as it was: leave {param.opts[0]} out")
+    found = verify(report, log)
+    if found.differences and not quiet and found.environment_text:
+        click.echo(found.environment_text)
+    click.echo(found.verdict)
+    return 0 if found.passed else CheckError.exit_code
 
 
 def _say(log: "Log", findings: "Sequence[Finding]") -> None:

@@ -26,7 +26,7 @@ from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
-from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
+from usbldr.io.reports.tracks import track_content, track_table, write_csv, write_geojson, write_kml, write_tum
 
 
 class ScoredTrack(NamedTuple):
@@ -242,6 +242,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "request": run.request,
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
         "assumptions": _assumptions(run.identification),
+        "track": track_content(trajectory),
         "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in estimated_errors(trajectory)},
         "influential_fixes": [_influence(fix) for fix in most_influential(trajectory)],
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],

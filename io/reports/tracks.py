@@ -3,6 +3,7 @@
 East and north metres in, with seconds since the log's start; absolute Unix time and WGS84 degrees out.
 """
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,14 @@ def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
             **calibrated,
         }
     )
+
+
+def track_content(trajectory: Trajectory) -> dict[str, Any]:
+    """Return what report.json says of a track: epochs, states, and the digest of times, means and covariances."""
+    digest = hashlib.sha256()
+    for part in (trajectory.time_s, trajectory.mean, trajectory.cov):
+        digest.update(b"" if part is None else np.ascontiguousarray(part, dtype="<f8").tobytes())
+    return {"epochs": len(trajectory.time_s), "states": trajectory.names, "sha256": digest.hexdigest()}
 
 
 def write_tum(path: Path, start_ns: int, time_s: Vector, position_m: Array, yaw_rad: Vector | None = None) -> None:

@@ -17,7 +17,7 @@ RARE = {
     "Log": ("dvl", "compass", "usbl", "gps", "depth", "truth_frame", "msg_path", "limits", "strict"),
     "Faults": (),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
-    "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound"),
+    "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),
     "Output": ("html", "write_calibration", "plots"),
 }
 """The parameters of each group, in the order in which help lists them."""
