@@ -107,7 +107,7 @@ def test_comparisons_and_checks_write_the_same_kind_of_page(tmp_path: Path) -> N
     assert run("compare", log, "-f", "dr,usbl", "-j", 1, "--html", "-o", out).exception is None
     row = f'[[row]]\nname = "a"\nlog = "{log}"\nfilter = "dr"\n[row.metrics.mean_horizontal_m]\nvalue = 0\nabs = 0.1\n'
     (tmp_path / "baseline.toml").write_text(f"schema = 1\n{row}")
-    run("check", tmp_path / "baseline.toml", "-j", 1, "--html", tmp_path / "check.html")
+    run("check", tmp_path / "baseline.toml", "-j", 1, "-o", tmp_path / "failed", "--html", tmp_path / "check.html")
 
     compared = HtmlPage((out / "report.html").read_text(encoding="utf-8"))
     table = json.loads((out / "compare.json").read_text(encoding="utf-8"))
