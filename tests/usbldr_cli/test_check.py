@@ -346,6 +346,16 @@ def test_a_first_baseline_leaves_out_what_a_log_has_no_sensor_for(tmp_path: Path
     assert (tmp_path / "b.toml").read_text().count("[[row]]") == 1
 
 
+def test_one_log_that_is_not_there_leaves_no_baseline_of_the_others(made: Path, tmp_path: Path) -> None:
+    done = _check(
+        "--init", made / "dive.mcap", tmp_path / "gone.bag", "--baseline", tmp_path / "b.toml", "-f", "usbl,dr"
+    )
+
+    assert (done.returncode, list(tmp_path.iterdir())) == (3, [])
+    assert done.stderr.startswith(f"usbldr: {tmp_path / 'gone.bag'}: no such file, folder or scenario")
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_two_baselines_at_once_are_refused(gate: Path) -> None:
     run = _check(gate, gate)
 

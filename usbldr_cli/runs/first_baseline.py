@@ -28,20 +28,25 @@ COUNTED = "abs = 0"
 def first_baseline(file: Path, logs: Sequence[str], methods: Sequence[str], jobs: int) -> tuple[str, list[str]]:
     """Return the text of a baseline, and a sentence for each row that is left out because its run failed.
 
-    Raises the error of the runs if all of them fail.
+    Raises the error of its runs if all runs of a log fail.
     """
     choices = default_choices()
     units = [Job(log, name, choices) for log in logs for name in methods]
     results = run_jobs(units, jobs)
+    for first in range(0, len(units), len(methods)):
+        _raise_if_none_ran(results[first : first + len(methods)])
     rows = [_row(file, unit, one) for unit, one in zip(units, results, strict=True) if one.fault is None]
-    if not rows:
-        worst = max(one.exit_code for one in results)
-        kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(worst, UsbldrError)
-        raise kind("; ".join(dict.fromkeys(str(one.fault) for one in results)))
     signed = f"{HEAD}tool = {_text(tool_text())}\ndate = {today().isoformat()}\n"
     pairs = zip(units, results, strict=True)
     left_out = [f"{unit.method} is left out: {one.fault}" for unit, one in pairs if one.fault is not None]
     return "\n".join([signed, *rows]), left_out
+
+
+def _raise_if_none_ran(results: Sequence[JobResult]) -> None:
+    if all(one.fault is not None for one in results):
+        worst = max(one.exit_code for one in results)
+        kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(worst, UsbldrError)
+        raise kind("; ".join(dict.fromkeys(str(one.fault) for one in results)))
 
 
 def _row(file: Path, unit: Job, result: JobResult) -> str:
