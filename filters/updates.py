@@ -4,7 +4,7 @@ Rows are updates, or their parts: an update of a fix whose axes were used in seq
 own part. A table is a sequence, too: it makes an Update when one is asked for.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain
@@ -78,12 +78,12 @@ class UpdateTable(Sequence[Update]):
     def axis(self) -> NDArray[np.str_]:
         """The axis of each update, (U,)."""
         axis = np.array([*self.names, "position"])
-        return axis[np.where(self._counts == 2, len(self.names), self.parts.axis[self.first])]
+        return axis[np.where(self.counts == 2, len(self.names), self.parts.axis[self.first])]
 
     @property
     def last(self) -> Indices:
         """The last part of each update, (U,)."""
-        return self.first + self._counts - 1
+        return self.first + self.counts - 1
 
     @cached_property
     def outcome(self) -> NDArray[np.str_]:
@@ -119,7 +119,7 @@ class UpdateTable(Sequence[Update]):
         """Return ``innovation``, ``innovation_sd``, ``nominal_sd`` or ``scores`` of each update, (U, 2)."""
         column = getattr(self.parts, name)
         joined = column[self.first].copy()
-        two = np.flatnonzero(self._counts == 2)
+        two = np.flatnonzero(self.counts == 2)
         joined[two, 1] = column[self.first[two] + 1, 0]
         return joined
 
@@ -129,7 +129,8 @@ class UpdateTable(Sequence[Update]):
         return self._reduced(np.add, known[self.parts.shift])
 
     @property
-    def _counts(self) -> Indices:
+    def counts(self) -> Indices:
+        """How many parts each update has, (U,)."""
         return np.diff(self.first, append=len(self.parts.row))
 
     def _reduced(self, by: np.ufunc, column: NDArray[Any]) -> NDArray[Any]:
@@ -194,7 +195,10 @@ class UpdateTableBuilder:
         self._shifted = 0  # parts with a shift
 
     def add(self, updates: Iterable[Update]) -> None:
-        """Append updates."""
+        """Append updates, or a table of them."""
+        if isinstance(updates, UpdateTable):
+            self._add_table(updates)
+            return
         self._waiting += updates
         if len(self._waiting) >= CHUNK:
             self._convert()
@@ -207,7 +211,20 @@ class UpdateTableBuilder:
         parts = Parts(*(np.concatenate(self._columns.pop(name)) for name in COLUMNS))  # not all columns twice at once
         return UpdateTable(parts, np.cumsum(counts) - counts, tuple(self._names), shifts)
 
+    def _add_table(self, table: UpdateTable) -> None:
+        self._convert()
+        codes = np.array([self._code(name) for name in table.names], np.uint8)
+        columns: dict[str, NDArray[Any]] = {name: getattr(table.parts, name) for name in COLUMNS}
+        shift = columns["shift"]
+        columns |= {"sensor": codes[table.parts.sensor], "axis": codes[table.parts.axis]}
+        columns |= {"shift": np.where(shift < 0, -1, self._shifted + shift).astype(np.int32), "counts": table.counts}
+        if table.shifts.size:
+            columns["shifts"] = table.shifts
+        self._append(columns, len(table.shifts))
+
     def _convert(self) -> None:
+        if not self._waiting and self._columns["counts"]:
+            return
         updates, self._waiting = self._waiting, []
         parts = [part for update in updates for part in update.in_sequence or (update,)]
         shifts = [part.shift for part in parts if part.shift is not None]
@@ -230,7 +247,10 @@ class UpdateTableBuilder:
         }
         if shifts:
             columns["shifts"] = np.array(shifts)
-        self._shifted += len(shifts)
+        self._append(columns, len(shifts))
+
+    def _append(self, columns: Mapping[str, NDArray[Any]], shifts: int) -> None:
+        self._shifted += shifts
         for name, column in columns.items():
             self._columns[name].append(column)
 

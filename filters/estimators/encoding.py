@@ -1,6 +1,7 @@
 """Steps and measurements as the bytes that the compiled kernel reads: the structures of kernel/layout.h.
 
 A function of the state is coded by its kind, its numbers, and the states that it depends on, nonlinear ones first.
+Here a step is coded alone, as late fixes and a loop of one's own have it; encoded_columns.py codes many at once.
 """
 
 import math
@@ -9,10 +10,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usbldr.filters.kernel import MAX_MODES, MAX_STATES
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.noise import Noise
+from usbldr.filters.models.noise import is_nominal
 from usbldr.filters.models.sensors import (
     BodyVelocity,
     DeviatingCompass,
@@ -23,8 +25,10 @@ from usbldr.filters.models.sensors import (
 )
 from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import MOTION_STATES, StateLayout
+from usbldr.filters.types import Array, Vector
 
 MAX_COLUMNS = 10  # fixed: as in layout.h
+NO_GAP = (0.0,) * 6  # fixed: of the velocity outside a gap
 ARGUMENTS = (
     *MOTION_STATES,
     "dvl_scale",
@@ -41,11 +45,19 @@ ARGUMENTS = (
 """The states that a function may depend on, in the order of layout.h."""
 SELECTED, VELOCITY, COMPASS, FIX = range(4)  # kinds of functions, as in layout.h
 FUNCTION = struct.Struct(f"=4d4i{2 * MAX_COLUMNS}i4i")
-NOISE = struct.Struct(f"={6 * MAX_MODES}d")
 READING_END = struct.Struct("=2d2i")
 STEP = struct.Struct("=7d4Q4I4i")
 FILTER = struct.Struct(f"=2d{MAX_STATES}d2d6i")
-POSITION_AXES = ("position", "east", "north")
+FIXES = {"gps": 1, "usbl": 2}  # as in layout.h
+# the same structures as columns
+NOISES = np.dtype(
+    [
+        ("probability", f"{MAX_MODES}f8"),
+        ("log_probability", f"{MAX_MODES}f8"),
+        ("R", f"({MAX_MODES},3)f8"),
+        ("nominal", f"{MAX_MODES}f8"),
+    ]
+)
 
 
 class EncodedStep(NamedTuple):
@@ -73,12 +85,10 @@ class Encoder:
             parts += of_one
             counts.append(len(of_one))
         dt_s = step.t1_s - step.t0_s
-        gap = self.motion.history.in_gap(step.t0_s, self.motion.process.velocity_mps) if dt_s else None
-        velocity = (0.0,) * 6
-        if gap is not None:
-            velocity = (*gap.remaining(dt_s), *gap.mean_mps, *gap.added_variance(dt_s))
+        velocity = relaxation(self.motion, step.t0_s, dt_s)
+        gap = velocity is not None
         seeds = words if words is not None else (0, 0, 0, 0)
-        packed = STEP.pack(dt_s, *velocity, *state, *seeds, words is not None, gap is not None, len(parts), 0)
+        packed = STEP.pack(dt_s, *(velocity or NO_GAP), *state, *seeds, words is not None, gap, len(parts), 0)
         return EncodedStep(packed, b"".join(map(self._reading, parts)), tuple(parts), tuple(counts))
 
     def _reading(self, part: Measurement) -> bytes:
@@ -87,11 +97,18 @@ class Encoder:
         if known is None:
             if len(self._known) > 4096:  # fixed: bounds the memory; every fix has a model of its own
                 self._known.clear()
-            coded = function_bytes(part.model, self.motion.layout, part.bilinear) + noise_bytes(part.noise)
+            noise = noise_columns(part.noise.probabilities, part.noise.cov[:, None]).tobytes()
+            coded = function_bytes(part.model, self.motion.layout, part.bilinear) + noise
             known = self._known[both] = (part, coded)
         z = part.z.tolist()
-        ending = READING_END.pack(z[0], z[-1], len(part.noise.probabilities), part.axis in POSITION_AXES)
+        ending = READING_END.pack(z[0], z[-1], len(part.noise.probabilities), FIXES.get(part.sensor, 0))
         return known[1] + ending
+
+
+def relaxation(motion: VehicleMotion, t0_s: float, dt_s: float) -> tuple[float, ...] | None:
+    """Return six numbers of the velocity in a gap of the DVL, None outside of one."""
+    gap = motion.history.in_gap(t0_s, motion.process.velocity_mps) if dt_s else None
+    return None if gap is None else (*gap.remaining(dt_s), *gap.mean_mps, *gap.added_variance(dt_s))
 
 
 def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> bytes:
@@ -141,16 +158,18 @@ def _function(
     return FUNCTION.pack(*numbers, *counts, *arguments, *none, *rows, *none, axis, angle, bilinear, uses)
 
 
-def noise_bytes(noise: Noise) -> bytes:
-    """Return the code of J modes of one or two scalars."""
-    probability: list[float] = noise.probabilities.tolist()
-    J, k = noise.cov.shape[:2]
-    R = [(*row[:2], row[-1]) if k == 2 else (row[0], 0.0, row[0]) for row in noise.cov.reshape(J, -1).tolist()]
-    log_probability = [math.log(p) if p > 0 else -math.inf for p in probability]
-    columns = (probability, log_probability, [number for row in R for number in row], noise.is_nominal.tolist())
-    widths = (1, 1, 3, 1)  # numbers of each mode
-    padded = ([*column, *[0.0] * (width * (MAX_MODES - J))] for column, width in zip(columns, widths, strict=True))
-    return NOISE.pack(*(number for column in padded for number in column))
+def noise_columns(probabilities: Vector, cov: Array) -> NDArray[np.void]:
+    """Return the code of J modes, their covariances (J, F, k, k) of one or two scalars in each of F measurements."""
+    J, F = cov.shape[:2]
+    coded = np.zeros(F, NOISES)
+    coded["probability"][:, :J] = probabilities
+    coded["log_probability"][:, :J] = [math.log(p) if p > 0 else -math.inf for p in probabilities.tolist()]
+    by_measurement = cov.swapaxes(0, 1)
+    coded["R"][:, :J, 0], coded["R"][:, :J, 2] = by_measurement[..., 0, 0], by_measurement[..., -1, -1]
+    if cov.shape[-1] == 2:
+        coded["R"][:, :J, 1] = by_measurement[..., 0, 1]
+    coded["nominal"][:, :J] = is_nominal(np.einsum("jfkk->jf", cov)).T
+    return coded
 
 
 def filter_bytes(
@@ -171,13 +190,17 @@ def filter_bytes(
     return FILTER.pack(*numbers, n, particles, update, move_steps, bias_row, 0)
 
 
-def seed_words(seed: int, epoch: int) -> tuple[int, ...] | None:
-    """Return the four words of 32 bits that seed the generator of an epoch; None if there are more."""
+def seed_words(*numbers: int) -> tuple[int, ...] | None:
+    """Return the four words of 32 bits that seed the generator of (seed, epoch); None if there are more."""
     words: list[int] = []
-    for number in (seed, epoch):
-        count = max(1, math.ceil(number.bit_length() / 32))
-        words += [number >> 32 * i & 0xFFFFFFFF for i in range(count)]
+    for number in numbers:
+        words += [number >> 32 * i & 0xFFFFFFFF for i in range(word_count(number))]
     return None if len(words) > 4 else (*words, *[0] * (4 - len(words)))
+
+
+def word_count(number: int) -> int:
+    """Return how many words of 32 bits a number has."""
+    return max(1, math.ceil(number.bit_length() / 32))
 
 
 def generator_state(rng: np.random.Generator) -> tuple[int, ...]:

@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from usbldr.filters.estimators.protocol import Estimate
-from usbldr.filters.models.states import POSITION
+from usbldr.filters.estimators.protocol import Estimate, Estimates
+from usbldr.filters.frames import wrapped
+from usbldr.filters.models.states import POSITION, YAW
 from usbldr.filters.types import Reacquisition, Vector
 
 MEDIAN_CHI_SQUARE_2 = 2 * math.log(2)  # fixed: median of chi-square for two
+Reported = TypeVar("Reported", Estimate, Estimates)
 MIN_CLUSTER_FIXES = 2  # one rejected fix is a single outlier and not reported
 
 
@@ -94,3 +96,25 @@ def same_position(a: Hypothesis, b: Hypothesis) -> bool:
 def position_m(hypothesis: Hypothesis) -> Vector:
     """Return the east and north position (2,), m."""
     return hypothesis.estimate.mean[POSITION]
+
+
+def reported(belief: MultiHypothesisBelief, each: Sequence[Reported], decision_odds: float) -> Reported:
+    """Return the mean of the leader and the second moment of all hypotheses about it.
+
+    ``each`` are the estimates of the hypotheses, of one epoch or of several. If only the nominal hypothesis accepts the
+    fixes and the odds of the leader are above ``decision_odds``, return the leader's own covariance: its noise model
+    already allows for outliers.
+    """
+    reacquisitions, leader = belief.reacquisitions, belief.hypotheses[0]
+    if belief.ambiguity is not None:  # the outcome if no more fixes came
+        reacquisitions = with_outcome(reacquisitions, belief.ambiguity, leader, "rejecting")
+    first = each[0]._replace(reacquisitions=reacquisitions)
+    ahead = math.exp(leader.log_weight) > 1 - 1 / decision_odds
+    if belief.ambiguity is None or (ahead and belief.ambiguity.accepting == ("nominal",)):
+        return first
+    cov = np.zeros_like(first.cov)
+    for hypothesis, one in zip(belief.hypotheses, each, strict=True):
+        offset = one.mean - first.mean
+        offset[..., YAW] = wrapped(offset[..., YAW])
+        cov += math.exp(hypothesis.log_weight) * (one.cov + offset[..., :, None] * offset[..., None, :])
+    return first._replace(cov=cov)

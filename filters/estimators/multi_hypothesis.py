@@ -32,6 +32,7 @@ from usbldr.filters.estimators.hypotheses import (
     MultiHypothesisBelief,
     position_m,
     pruned,
+    reported,
     same_position,
     with_outcome,
 )
@@ -41,26 +42,27 @@ from usbldr.filters.estimators.hypothesis_likelihoods import (
     usbl_measurements,
     without_fixes,
 )
+from usbldr.filters.estimators.hypothesis_spans import hypotheses_over
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.protocol import (
     Estimate,
+    Estimates,
     Filter,
     MakeRng,
     Prior,
     SeededRng,
     Step,
+    Steps,
     measurement_update,
-    run_span,
     with_state_shift,
 )
-from usbldr.filters.frames import wrapped
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
-from usbldr.filters.models.states import POSITION, YAW
-from usbldr.filters.types import Update
+from usbldr.filters.models.states import POSITION
+from usbldr.filters.types import Update, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +102,7 @@ class MultiHypothesisFilter:
         outage_s = step.t1_s - belief.last_fix_s
         ambiguity = belief.ambiguity or Ambiguity(step.t1_s, outage_s, step.t1_s)
         hypotheses = self._reweighted(belief, likelihoods, ambiguity.accepting, step, make_rng)
-        relocation_probability = self.relocation_probability * min(1.0, outage_s / self.long_outage_s)
+        relocation_probability = float(self.drift_probability(np.array(outage_s)))
         if new := self._new_hypotheses(belief.hypotheses, likelihoods, relocation_probability, step, make_rng):
             ambiguity = ambiguity._replace(
                 accepting=(*ambiguity.accepting, "relocated" if new[-1].kind == "relocated" else "nominal")
@@ -127,53 +129,18 @@ class MultiHypothesisFilter:
         return MultiHypothesisBelief((last._replace(kind="nominal", log_weight=0.0),), None, step.t1_s, reacquisitions)
 
     def span(
-        self, belief: MultiHypothesisBelief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
-    ) -> tuple[MultiHypothesisBelief, list[Estimate]]:
-        """Return the belief after the last step, and the estimate after each: from fix to fix in one go."""
-        estimates: list[Estimate] = []
-        fixes = [k for k, step in enumerate(steps) if usbl_measurements(step)]
-        for first, fix in zip([0, *(k + 1 for k in fixes)], [*fixes, len(steps)], strict=True):
-            if fix > first:
-                belief, some = self._between_fixes(belief, steps[first:fix], make_rngs[first:fix])
-                estimates += some
-            if fix < len(steps):
-                belief = self.step(belief, steps[fix], make_rngs[fix])
-                estimates.append(self.estimate(belief))
-        return belief, estimates
-
-    def _between_fixes(
-        self, belief: MultiHypothesisBelief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
-    ) -> tuple[MultiHypothesisBelief, list[Estimate]]:
-        runs = [run_span(self.filter, hypothesis.belief, steps, make_rngs) for hypothesis in belief.hypotheses]
-        estimates: list[Estimate] = []
-        for k in range(len(steps)):
-            after = tuple(
-                hypothesis._replace(belief=last, estimate=each[k])
-                for hypothesis, (last, each) in zip(belief.hypotheses, runs, strict=True)
-            )
-            belief = belief._replace(hypotheses=after)
-            estimates.append(self.estimate(belief))
-        return belief, estimates
+        self, belief: MultiHypothesisBelief, steps: Steps, epochs: range, seed: int
+    ) -> tuple[MultiHypothesisBelief, Estimates]:
+        """Return the belief after the last of some of the steps, and the estimates after each."""
+        return hypotheses_over(self, belief, steps, epochs, seed)
 
     def estimate(self, belief: MultiHypothesisBelief) -> Estimate:
-        """Return the mean of the leader and the second moment of all hypotheses about it.
+        """Return the mean of the leader with a covariance that includes all hypotheses."""
+        return reported(belief, [hypothesis.estimate for hypothesis in belief.hypotheses], self.decision_odds)
 
-        If only the nominal hypothesis accepts the fixes and the odds of the leader are above ``decision_odds``, return
-        the leader's own covariance: its noise model already allows for outliers.
-        """
-        reacquisitions, leader = belief.reacquisitions, belief.hypotheses[0]
-        if belief.ambiguity is not None:  # the outcome if no more fixes came
-            reacquisitions = with_outcome(reacquisitions, belief.ambiguity, leader, "rejecting")
-        first = leader.estimate._replace(reacquisitions=reacquisitions)
-        ahead = math.exp(leader.log_weight) > 1 - 1 / self.decision_odds
-        if belief.ambiguity is None or (ahead and belief.ambiguity.accepting == ("nominal",)):
-            return first
-        cov = np.zeros_like(first.cov)
-        for hypothesis in belief.hypotheses:
-            offset = hypothesis.estimate.mean - first.mean
-            offset[YAW] = wrapped(offset[YAW])
-            cov += math.exp(hypothesis.log_weight) * (hypothesis.estimate.cov + np.outer(offset, offset))
-        return first._replace(cov=cov)
+    def drift_probability(self, outage_s: Vector) -> Vector:
+        """Return the probability of a relocation after outages, (F,)."""
+        return self.relocation_probability * np.minimum(1.0, outage_s / self.long_outage_s)
 
     def _survival(self, time_s: float) -> float:
         """Return the probability that a cluster of outliers lasts for longer."""

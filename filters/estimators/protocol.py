@@ -3,16 +3,20 @@
 Beliefs are immutable, so a driver may keep them, go back to one and run forward again.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+from functools import cached_property
+from typing import NamedTuple, Protocol, TypeVar, cast, overload
 
 import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import mode_likelihoods
 from usbldr.filters.models.normal_scores import normal_scores
+from usbldr.filters.models.readings import Readings
 from usbldr.filters.models.sensors import Measurement
-from usbldr.filters.types import Array, Reacquisition, Update, Vector
+from usbldr.filters.types import Array, Indices, Reacquisition, Update, Vector
+from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
 MakeRng = Callable[[], np.random.Generator]
 """Makes the generator of one step from seed and epoch, so that a repeated step gives the same numbers.
@@ -39,6 +43,46 @@ class Step(NamedTuple):
     measurements: tuple[Measurement, ...]
 
 
+class Steps(Sequence[Step]):
+    """The steps to K neighbouring epochs, their readings as columns; a Step is made if one is asked for."""
+
+    def __init__(self, first: int, t0_s: Vector, t1_s: Vector, readings: Sequence[Readings]) -> None:
+        self.first, self.t0_s, self.t1_s, self.readings = first, t0_s, t1_s, tuple(readings)  # t: (K,)
+
+    def __len__(self) -> int:
+        return len(self.t1_s)
+
+    @overload
+    def __getitem__(self, index: int) -> Step: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Step, ...]: ...
+    def __getitem__(self, index: int | slice) -> Step | tuple[Step, ...]:
+        if isinstance(index, slice):
+            return tuple(self.step(k) for k in range(len(self))[index])
+        return self.step(range(len(self))[index])
+
+    def step(self, k: int, received_by_s: float = math.inf) -> Step:
+        """Return step k with those of its readings that had arrived by then."""
+        measurements = [
+            one.measurement(r)
+            for one, begin in zip(self.readings, self._begin, strict=True)
+            for r in range(begin[k], begin[k + 1])
+            if one.received_s[r] <= received_by_s
+        ]
+        measurements.sort(key=lambda measurement: (measurement.time_s, measurement.sensor))  # stable: order in the log
+        return Step(self.first + k, float(self.t0_s[k]), float(self.t1_s[k]), tuple(measurements))
+
+    def of_sensor(self, sensor: str) -> Indices:
+        """Return the steps that have a measurement of a sensor."""
+        return np.unique(np.concatenate([one.epoch for one in self.readings if one.sensor == sensor])) - self.first
+
+    @cached_property
+    def _begin(self) -> list[list[int]]:
+        """The first reading of each step, and the end, in each of the columns."""
+        edges = self.first + np.arange(len(self) + 1)
+        return [one.epoch.searchsorted(edges).tolist() for one in self.readings]
+
+
 class Prior(NamedTuple):
     """Mean and covariance of the n states before the first measurement."""
 
@@ -57,6 +101,59 @@ class Estimate(NamedTuple):
     inflation: float = 1.0  # factor on the predicted covariance
     reacquisitions: tuple[Reacquisition, ...] = ()  # so far
     widening: Vector | None = None  # (n,) variances that the recovery of a gate added to the prediction
+
+
+class Estimates(NamedTuple):
+    """The estimates of K epochs as columns, named as in Estimate."""
+
+    mean: Array  # (K, n)
+    cov: Array  # (K, n, n)
+    updates: UpdateTable  # of all of them
+    ess: Vector  # (K,)
+    acceptance: Vector  # (K,)
+    inflation: Vector  # (K,)
+    reacquisitions: tuple[Reacquisition, ...] = ()  # up to the last
+    widening: Array | None = None  # (K, n)
+
+    @classmethod
+    def of(cls, each: Sequence[Estimate]) -> "Estimates":
+        """Return the estimates of at least one epoch as columns."""
+        none = np.zeros(len(each[0].mean))
+        return cls(
+            np.array([one.mean for one in each]),
+            np.array([one.cov for one in each]),
+            UpdateTable.of([update for one in each for update in one.updates]),
+            np.array([one.ess for one in each], np.float64),
+            np.array([one.acceptance for one in each], np.float64),
+            np.array([one.inflation for one in each], np.float64),
+            each[-1].reacquisitions,
+            np.array([none if one.widening is None else one.widening for one in each]),
+        )
+
+    @classmethod
+    def joined(cls, each: "Sequence[Estimates]") -> "Estimates":
+        """Return the estimates of neighbouring spans."""
+        if len(each) == 1:
+            return each[0]
+        updates = UpdateTableBuilder()
+        for one in each:
+            updates.add(one.updates)
+        return cls(
+            np.concatenate([one.mean for one in each]),
+            np.concatenate([one.cov for one in each]),
+            updates.table(),
+            np.concatenate([one.ess for one in each]),
+            np.concatenate([one.acceptance for one in each]),
+            np.concatenate([one.inflation for one in each]),
+            each[-1].reacquisitions,
+            np.concatenate([np.zeros_like(one.mean) if one.widening is None else one.widening for one in each]),
+        )
+
+    @property
+    def last(self) -> Estimate:
+        """The estimate of the last epoch, without its updates."""
+        ess, acceptance, inflation = float(self.ess[-1]), float(self.acceptance[-1]), float(self.inflation[-1])
+        return Estimate(self.mean[-1], self.cov[-1], (), ess, acceptance, inflation, self.reacquisitions)
 
 
 Belief = TypeVar("Belief")
@@ -78,28 +175,25 @@ class Filter(Protocol[Belief]):
         ...
 
 
-@runtime_checkable
 class SpanFilter(Filter[Belief], Protocol[Belief]):
     """A filter that runs many steps at once faster than one by one."""
 
-    def span(
-        self, belief: Belief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
-    ) -> tuple[Belief, list[Estimate]]:
-        """Return the belief after the last step, and the estimate after each."""
+    def span(self, belief: Belief, steps: Steps, epochs: range, seed: int) -> tuple[Belief, Estimates]:
+        """Return the belief after the last of some of the steps, and the estimates after each."""
         ...
 
 
 def run_span(
-    estimator: Filter[Belief], belief: Belief, steps: Sequence[Step], make_rngs: Sequence[MakeRng]
-) -> tuple[Belief, list[Estimate]]:
-    """Run a filter over steps; return the belief after the last, and the estimate after each."""
-    if isinstance(estimator, SpanFilter):
-        return estimator.span(belief, steps, make_rngs)
+    estimator: Filter[Belief], belief: Belief, steps: Steps, epochs: range, seed: int
+) -> tuple[Belief, Estimates]:
+    """Run a filter over some of the steps, at least one; return the belief after the last, and the estimates."""
+    if hasattr(estimator, "span"):
+        return cast(SpanFilter[Belief], estimator).span(belief, steps, epochs, seed)
     estimates: list[Estimate] = []
-    for step, make_rng in zip(steps, make_rngs, strict=True):
-        belief = estimator.step(belief, step, make_rng)
+    for k in epochs:
+        belief = estimator.step(belief, steps[k], SeededRng(seed, steps.first + k))
         estimates.append(estimator.estimate(belief))
-    return belief, estimates
+    return belief, Estimates.of(estimates)
 
 
 def measurement_update(measurement: Measurement, projection: Projection, weight: Vector, rejected: bool) -> Update:
@@ -119,7 +213,7 @@ def measurement_update(measurement: Measurement, projection: Projection, weight:
         measurement.time_s,
         tuple(e.tolist()),
         tuple(np.sqrt(S.diagonal()).tolist()),
-        sum(score**2 for score in scores),
+        sum(score * score for score in scores),
         len(e),
         "rejected" if rejected else "used" if nominal >= 0.5 else "down-weighted",
         nominal,

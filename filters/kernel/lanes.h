@@ -25,6 +25,7 @@ INLINE I less(V a, V b) { return (I)(a < b); }
 INLINE V all(double x) { return (V){0} + x; }
 INLINE int any(I mask) { int64_t found = 0; for (int l = 0; l < W; l++) found |= mask[l]; return found != 0; }
 INLINE V root(V x) { V r; for (int l = 0; l < W; l++) r[l] = sqrt(x[l]); return r; }
+INLINE double first_of(V x) { return x[0]; }
 #else
 #undef W
 #define W 1
@@ -39,6 +40,7 @@ INLINE I less(V a, V b) { return -(I)(a < b); }
 INLINE V all(double x) { return x; }
 INLINE int any(I mask) { return mask != 0; }
 INLINE V root(V x) { return sqrt(x); }
+INLINE double first_of(V x) { return x; }
 #endif
 
 #define AT(p, i) (*(InMemory *)((p) + LANES * (i)))  /* number i of W particles of a block */

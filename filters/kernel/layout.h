@@ -29,8 +29,10 @@ typedef struct {
     double probability[MAX_MODES], log_probability[MAX_MODES], R[MAX_MODES][3]; /* R: xx, xy, yy */
     double nominal[MAX_MODES];  /* 1 if the mode is of good measurements, else 0 */
     double z[2];
-    int32_t modes, is_fix;
+    int32_t modes, fix;         /* fix: of which kind */
 } Reading;
+
+enum { NO_FIX, GPS_FIX, USBL_FIX }; /* outliers of USBL come in clusters */
 
 /* From one epoch to the next: motion over dt_s, then the readings. */
 typedef struct {
@@ -52,11 +54,18 @@ typedef struct {
     int32_t n, N, update, move_steps, bias_row, padding; /* bias_row: -1 if it is not a state */
 } Filter;
 
-/* A row of the estimates: mean (n), covariance (n, n), least effective size, share of accepted moves. */
+/* A row of the estimates: mean (n), covariance (n, n), least effective size, share of accepted moves. The first row is
+   given: of the epoch before. */
 /* A row of the records: */
 enum { E = 0, SD = 2, NOMINAL_SD = 4, SCORE = 6, NOMINAL = 8, SHIFT = 9 };
 
-enum { GOOD, SINGULAR, NO_MEMORY };
+enum { GOOD, SINGULAR = -1, NO_MEMORY = -2 };
+
+/* When a step calls for hypotheses about its fixes (guard.h), so that the kernel stops before it. */
+typedef struct {
+    const double *log_relocation; /* of each step: log probability of a drift that nothing has shown; NaN: no fix */
+    double outlier_m2;            /* variance of an outlier */
+} Guard;
 
 /* A pass over the fixes for N members of a bank, linear in n states: usbl_likelihood.py of identification. F fixes, M
    members with noise and drift of their own, G linearisations; N is M, or 2 M hypotheses. Arrays as NumPy has them. */
@@ -77,7 +86,8 @@ enum { PASS_ARRAYS = 12 };
 
 /* Return the first fix that was not used, or -1 without memory. */
 typedef int RunPass(const Pass *, const PassArrays *);
-typedef int Advance(const Filter *, const Step *, int past, int count, const Reading *, double *state,
+/* Return how many steps were run, or what went wrong. */
+typedef int Advance(const Filter *, const Step *, int past, int count, const Reading *, const Guard *, double *state,
                     double *estimates, double *records);
 typedef struct {
     Advance *advance;

@@ -28,14 +28,17 @@ static int can_run(int variant) {
     return variant < COUNT;
 }
 
-/* advance(variant, filter, past, count, steps, readings, state, estimates, records) -> status */
+/* advance(variant, filter, past, count, steps, readings, log_relocation, outlier_m2, state, estimates, records) -> steps
+   that were run, or what went wrong; without log_relocation (None) nothing stops it */
 static PyObject *py_advance(PyObject *self, PyObject *args) {
     (void)self;
     int variant, past, count;
-    Py_buffer part[6];
-    if (!PyArg_ParseTuple(args, "iy*iiy*y*w*w*w*", &variant, &part[0], &past, &count, &part[1], &part[2], &part[3],
-                          &part[4], &part[5]))
+    Guard guard;
+    Py_buffer part[7];
+    if (!PyArg_ParseTuple(args, "iy*iiy*y*z*dw*w*w*", &variant, &part[0], &past, &count, &part[1], &part[2], &part[6],
+                          &guard.outlier_m2, &part[3], &part[4], &part[5]))
         return NULL;
+    guard.log_relocation = part[6].buf;
     const Filter *f = part[0].buf;
     const Step *steps = part[1].buf;
     Py_ssize_t readings = 0, n = 0, N = 0, depth = 0, blocks, tri;
@@ -51,12 +54,14 @@ static PyObject *py_advance(PyObject *self, PyObject *args) {
         blocks = (N + LANES - 1) / LANES, tri = n + n * (n + 1) / 2;
         good = part[2].len == (Py_ssize_t)sizeof(Reading) * readings &&
                part[3].len == 8 * LANES * blocks * (tri * (1 + depth) + (depth ? 2 + depth : 0)) &&
-               part[4].len == 8 * (n + n * n + 2) * count && part[5].len == 8 * (SHIFT + n) * used;
+               part[4].len == 8 * (n + n * n + 2) * (count + 1) && part[5].len == 8 * (SHIFT + n) * used &&
+               (!part[6].buf || part[6].len == 8 * (Py_ssize_t)count);
     }
     int status = GOOD;
     if (good)
-        status = VARIANTS[variant].run->advance(f, steps, past, count, part[2].buf, part[3].buf, part[4].buf, part[5].buf);
-    for (int i = 0; i < 6; i++) PyBuffer_Release(&part[i]);
+        status = VARIANTS[variant].run->advance(f, steps, past, count, part[2].buf, part[6].buf ? &guard : NULL,
+                                                part[3].buf, part[4].buf, part[5].buf);
+    for (int i = 0; i < 7; i++) PyBuffer_Release(&part[i]);
     if (good) return PyLong_FromLong(status);
     PyErr_SetString(PyExc_ValueError, "the kernel was given arrays that do not fit together");
     return NULL;

@@ -1,5 +1,6 @@
 /* Resampling, the Markov chain Monte Carlo move, and the loop over steps: step (4) of the paper, see cpf.py. */
 #include "fixes.h"
+#include "guard.h"
 #include "span.h"
 
 static void gather(const Work *w, double **bank, double **spare, const int *ancestor) {
@@ -83,7 +84,7 @@ static int use(Work *w, const Reading *reading, double *out) {
     project_bank(w, reading, &noise, w->bank);
     int status = record(w, reading, noise.modes, out);
     if (status != GOOD) return status;
-    if (reading->is_fix) mean_of(w, before);
+    if (reading->fix) mean_of(w, before);
     if (f->update == DRAWN) {
         double size = reweigh(w), *log_l = w->past_log[w->past - 1];
         for (int i = 0; i < w->N; i++) log_l[i] += w->log_likelihood[i];
@@ -95,7 +96,7 @@ static int use(Work *w, const Reading *reading, double *out) {
         }
     }
     update_bank(w, reading, &noise, w->bank);
-    if (reading->is_fix) {
+    if (reading->fix) {
         mean_of(w, after);
         for (int i = 0; i < w->n; i++) out[SHIFT + i] = after[i] - before[i];
     }
@@ -134,10 +135,14 @@ static void exchange(Work *w, double *state, int out) {
         out ? memcpy(state, parts[i], 8 * sizes[i]) : memcpy(parts[i], state, 8 * sizes[i]);
 }
 
-static int run_steps(Work *w, const Step *step, int count, const Reading *reading, double *estimates, double *records) {
+static int run_steps(Work *w, const Step *step, int count, const Reading *reading, const Guard *guard, double *estimates,
+                     double *records) {
     int width = w->n + w->n * w->n + 2;
-    for (int s = 0; s < count; s++, step++, estimates += width) {
-        double acceptance = NAN;
+    for (int s = 0; s < count; s++, step++) {
+        double acceptance = NAN, *before = estimates, log_relocation = guard ? guard->log_relocation[s] : NAN;
+        if (!isnan(log_relocation) &&
+            calls_for_hypotheses(w->f, step, reading, before, guard->outlier_m2, log_relocation))
+            return s;
         w->random.of = step, w->least = w->N, w->resampled = 0;
         if (w->depth) remember(w, step, reading);
         predict_bank(w, step, w->bank);
@@ -146,14 +151,14 @@ static int run_steps(Work *w, const Step *step, int count, const Reading *readin
             if (status != GOOD) return status;
         }
         if (w->resampled && w->f->move_steps) acceptance = move(w);
-        estimate(w, estimates);
+        estimate(w, estimates += width);
         estimates[width - 1] = acceptance;
     }
-    return GOOD;
+    return count;
 }
 
-static int advance(const Filter *f, const Step *steps, int past, int count, const Reading *readings, double *state,
-                   double *estimates, double *records) {
+static int advance(const Filter *f, const Step *steps, int past, int count, const Reading *readings, const Guard *guard,
+                   double *state, double *estimates, double *records) {
     Work w;
     memset(&w, 0, sizeof w);
     w.f = f;
@@ -179,7 +184,7 @@ static int advance(const Filter *f, const Step *steps, int past, int count, cons
         w.past_step[w.past] = steps, w.past_reading[w.past] = readings;
         readings += steps->readings;
     }
-    int status = run_steps(&w, steps, count, readings, estimates, records);
+    int status = run_steps(&w, steps, count, readings, guard, estimates, records);
     exchange(&w, state, 1);
     free(memory);
     return status;

@@ -28,8 +28,7 @@ class Noise:
     @property
     def is_nominal(self) -> Mask:
         """Whether each mode is of good measurements, (J,): its sigma is at most twice that of mode 0."""
-        variance: Array = np.einsum("jkk...->j...", self.cov)
-        return variance <= MAX_NOMINAL_RATIO * variance[0]
+        return is_nominal(np.einsum("jkk...->j...", self.cov))
 
     @property
     def mixture_cov(self) -> Array:
@@ -57,6 +56,11 @@ class Noise:
         return Noise(np.outer(self.probabilities, self.probabilities).ravel(), cov)
 
 
+def is_nominal(variance: Array) -> Mask:
+    """Return which of J modes are of good measurements, for their summed variances: (J, ...) both."""
+    return variance <= MAX_NOMINAL_RATIO * variance[0]
+
+
 class NoiseFamily(Protocol):
     """The distribution of a sensor's noise, for any nominal covariance."""
 
@@ -66,7 +70,7 @@ class NoiseFamily(Protocol):
         ...
 
     def modes(self, R: Array) -> Noise:
-        """Return the modes for the nominal covariance R, (k, k)."""
+        """Return the modes for the nominal covariance R, (k, k); of F measurements, (F, k, k), as (J, F, k, k)."""
         ...
 
 
@@ -108,7 +112,7 @@ class Contamination:
 
     def modes(self, R: Array) -> Noise:
         """Return the two modes."""
-        cov = np.array([R, R + self.sd**2 * np.eye(len(R))])
+        cov = np.array([R, R + self.sd**2 * np.eye(R.shape[-1])])
         return Noise(np.array([1 - self.share, self.share]), cov, self.per_scalar)
 
 
@@ -129,7 +133,7 @@ class StudentT:
         middles = (np.arange(9) + 0.5) / 9
         order = np.argsort(np.abs(middles - 0.5), kind="stable")
         precision = np.array([chi_square_quantile(p, self.dof) / self.dof for p in middles[order]])
-        return Noise(np.full(9, 1 / 9), R / precision[:, None, None], self.per_scalar)
+        return Noise(np.full(9, 1 / 9), R / precision.reshape(-1, *[1] * R.ndim), self.per_scalar)
 
 
 FAMILIES: dict[str, type[Any]] = {

@@ -5,49 +5,55 @@ before that time, uses the fix, and runs forward again. Beliefs are immutable, s
 numbers depend on seed and epoch, so a repeated step gives the same result.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import bisect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.protocol import Estimate, Filter, Prior, SeededRng, run_span
+from usbldr.filters.estimators.protocol import Estimates, Filter, Prior, run_span
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S, RunningFilter
 from usbldr.filters.replay.steps import StepSource
 from usbldr.filters.types import Update
 
-SPAN = 100  # [epochs] that a filter is given at once: enough that the call itself costs nothing
+SPAN = 1000  # [epochs] that a filter is given at once: enough that the call itself costs nothing
 
 
-class EpochEstimate(NamedTuple):
-    """The estimate at an epoch when it is reached."""
+class Stretch(NamedTuple):
+    """The estimates of neighbouring epochs when they are reached, and updates that no late fix repeats any more."""
 
-    epoch: int
-    estimate: Estimate
-    updates: Mapping[int, Sequence[Update]]  # epoch -> updates, of each step that was run or repeated
+    first: int  # epoch
+    estimates: Estimates
+    settled: Iterable[Update]
 
 
-def by_validity(estimator: Filter[Any], prior: Prior, source: StepSource, seed: int) -> Iterator[EpochEstimate]:
-    """Yield the estimate of every epoch with all fixes up to it."""
+def by_validity(estimator: Filter[Any], prior: Prior, source: StepSource, seed: int) -> Iterator[Stretch]:
+    """Yield the estimates of all epochs, each with all fixes up to it."""
     belief, count = estimator.start(prior), len(source.time_s)
     for first in range(0, count, SPAN):
-        epochs = range(first, min(first + SPAN, count))
-        rngs = [SeededRng(seed, k) for k in epochs]
-        belief, estimates = run_span(estimator, belief, [source.step(k) for k in epochs], rngs)
-        yield from (EpochEstimate(k, one, {k: one.updates}) for k, one in zip(epochs, estimates, strict=True))
+        steps = source.steps(first, min(first + SPAN, count))
+        belief, estimates = run_span(estimator, belief, steps, range(len(steps)), seed)
+        yield Stretch(first, estimates, estimates.updates)
 
 
 def by_arrival(
     estimator: Filter[Any], prior: Prior, source: StepSource, seed: int, memory_s: float = MAX_FIX_DELAY_S
-) -> Iterator[EpochEstimate]:
+) -> Iterator[Stretch]:
     """Yield the estimate of every epoch with the fixes that had arrived by then."""
     used, arrived = source.arrivals()
     running = RunningFilter(estimator, prior, seed, memory_s)
-    for k, time_s in enumerate(source.time_s.tolist()):
+    updates: dict[int, Sequence[Update]] = {}  # of the last epochs, which a late fix may run again
+    times_s: list[float] = source.time_s.tolist()
+    for k, time_s in enumerate(times_s):
         late = [j for j in used[arrived == k].tolist() if time_s - source.time_s[j] <= memory_s + 1e-9]
         first = min([k, *late])
         running.go_back(k - first)
-        again = [running.advance(source.step(i, time_s)) for i in range(first, k + 1)]
-        yield EpochEstimate(k, again[-1], {first + i: estimate.updates for i, estimate in enumerate(again)})
+        again = [running.advance(source.every.step(i, time_s)) for i in range(first, k + 1)]
+        updates |= {first + i: estimate.updates for i, estimate in enumerate(again)}
+        last = k + 1 == len(times_s)
+        oldest = k + 1 if last else bisect.bisect_left(times_s, time_s - memory_s - 1e-6)
+        settled = [update for i in range(min(updates), oldest) for update in updates.pop(i)]
+        yield Stretch(k, Estimates.of([again[-1]._replace(updates=())]), settled)
 
 
 def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> int:
@@ -59,4 +65,4 @@ def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> in
     return int(np.count_nonzero(~inside) + np.count_nonzero(age_s > memory_s + 1e-9))
 
 
-FIX_ORDERS: Mapping[str, Callable[..., Iterator[EpochEstimate]]] = {"validity": by_validity, "arrival": by_arrival}
+FIX_ORDERS: Mapping[str, Callable[..., Iterator[Stretch]]] = {"validity": by_validity, "arrival": by_arrival}

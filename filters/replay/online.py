@@ -115,7 +115,9 @@ class OnlineFilter:
         if self._running is None:
             self._mps = mps
             return self._start_as_stated(time_s)
-        updates = self._advance(time_s, tuple(self._sensors.dvl(self._count, time_s, mps, sd_mps)))
+        sd_mps *= self._sensors.dvl_sd_scale
+        axes = (one.measurement(self._count, time_s, mps[k : k + 1], sd_mps) for k, one in enumerate(self._sensors.dvl))
+        updates = self._advance(time_s, tuple(axes))
         self._history.add(time_s, mps)
         return Update.combined(updates)._replace(axis="velocity")
 
@@ -127,7 +129,7 @@ class OnlineFilter:
             self._yaw = (yaw_rad, sd_rad)
             return self._start_as_stated(time_s)
         yaw_rad += self._north_rad(self._running.estimate.mean[POSITION])
-        measured = self._sensors.compass(self._count, time_s, np.array([yaw_rad]), sd_rad)
+        measured = self._sensors.compass.measurement(self._count, time_s, np.array([yaw_rad]), sd_rad)
         return self._advance(time_s, (measured,))[0]
 
     def fix(self, time_s: float, east_m: float, north_m: float, cov_m2: ArrayLike) -> Update | None:

@@ -35,7 +35,7 @@ from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_wa
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
 from usbldr.filters.replay.steps import StepSource
-from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Update, Vector
+from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Vector
 from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
 MAX_OUTLIER_FRACTION = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
@@ -83,28 +83,23 @@ def _run(
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     widening = np.zeros((count, len(layout)))
-    by_epoch: dict[int, Sequence[Update]] = {}  # of the last epochs, which late fixes may run again
-    settled = UpdateTableBuilder()
+    updates = UpdateTableBuilder()
     reacquisitions: tuple[Reacquisition, ...] = ()
     source, start = StepSource(timeline, parameters, layout), prior(timeline, parameters, layout)
-    for k, estimate, updates in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
-        mean[k], cov[k], ess[k], acceptance[k] = estimate.mean, estimate.cov, estimate.ess, estimate.acceptance
-        inflation[k], reacquisitions = estimate.inflation, estimate.reacquisitions
-        widening[k] = 0.0 if estimate.widening is None else estimate.widening
-        by_epoch.update(updates)
-        while timeline.time_s[oldest := next(iter(by_epoch))] < timeline.time_s[k] - MAX_FIX_DELAY_S - 1e-6:
-            settled.add(by_epoch.pop(oldest))
-        if k % 100 == 0:
-            progress(k, count)
+    for first, found, settled in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
+        k = slice(first, first + len(found.mean))
+        mean[k], cov[k], ess[k], acceptance[k] = found.mean, found.cov, found.ess, found.acceptance
+        inflation[k], reacquisitions = found.inflation, found.reacquisitions
+        widening[k] = 0.0 if found.widening is None else found.widening
+        updates.add(settled)
+        progress(k.stop, count)
     progress(count, count)
     psi = layout.index("psi")
     mean[:, psi] = np.unwrap(mean[:, psi])  # hypotheses of an unknown heading may differ by whole turns
     recoveries = outage_recoveries(timeline, parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
         mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)
-    for updates in by_epoch.values():
-        settled.add(updates)
-    done = settled.table()
+    done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1
     track = Trajectory(

@@ -14,7 +14,7 @@ from usbldr.filters.estimators.hypotheses import Ambiguity, Hypothesis, MultiHyp
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
-from usbldr.filters.estimators.protocol import Estimate
+from usbldr.filters.estimators.protocol import Estimate, Estimates
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
@@ -25,7 +25,7 @@ from usbldr.filters.replay.late_fixes import by_validity
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import run
-from usbldr.filters.replay.steps import StepSource
+from usbldr.filters.replay.steps import StepSource, steps
 from usbldr.filters.types import Reacquisition, Timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -96,14 +96,14 @@ def replayed(
     assert build is not None
     estimator = build(motion, FilterSettings(particles=20, gate=gate))
     estimator = MultiHypothesisFilter(estimator, motion) if guarded else estimator
-    epochs = list(
-        by_validity(estimator, prior(line, assumed, StateLayout()), StepSource(line, assumed, StateLayout()), 0)
-    )
-    mean, cov = np.array([one.estimate.mean for one in epochs]), np.array([one.estimate.cov for one in epochs])
+    source = StepSource(line, assumed, StateLayout())
+    stretches = by_validity(estimator, prior(line, assumed, StateLayout()), source, 0)
+    found = Estimates.joined([one.estimates for one in stretches])
+    mean, cov = found.mean, found.cov
     error = mean[:, 4:6] - truth
-    outcomes = {u.row: u.outcome for one in epochs for u in one.estimate.updates if u.sensor == "usbl"}
+    outcomes = {u.row: u.outcome for u in found.updates if u.sensor == "usbl"}
     normalised = nees(error, cov[:, 4:6, 4:6])
-    return FilterRun(mean, cov, np.hypot(*error.T), normalised, epochs[-1].estimate.reacquisitions, outcomes)
+    return FilterRun(mean, cov, np.hypot(*error.T), normalised, found.reacquisitions, outcomes)
 
 
 @pytest.mark.parametrize("off_m", [20.0, 50.0, 200.0])
@@ -268,10 +268,10 @@ def test_estimates_repeat_when_a_step_is_run_again() -> None:
     assumed = Parameters(process=UNCERTAIN)
     motion = VehicleMotion(StateLayout(), UNCERTAIN)
     guard = MultiHypothesisFilter(CubatureParticleFilter(motion, cubature, 20), motion)
-    readings = StepSource(line, assumed, StateLayout())
+    every = steps(line, assumed, StateLayout())
     belief = guard.start(prior(line, assumed, StateLayout()))
     for k in range(OUTAGE[1] * RATE_HZ + 8):
-        before, step, make_rng = belief, readings.step(k), functools.partial(np.random.default_rng, (0, k))
+        before, step, make_rng = belief, every[k], functools.partial(np.random.default_rng, (0, k))
         belief = guard.step(before, step, make_rng)
         if len(before.hypotheses) > 1:
             again = guard.step(before, step, make_rng)
