@@ -1,5 +1,6 @@
 """The compiled kernel against the NumPy reference, which owes it nothing: equal for every filter, state and noise."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,12 @@ import pytest
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.estimators import compiled
-from usbldr.filters.estimators.compiled import CompiledFilter
+from usbldr.filters.estimators.compiled import CompiledFilter, Doubt
 from usbldr.filters.estimators.encoding import seed_words
+from usbldr.filters.estimators.hypothesis_likelihoods import hypothesis_likelihoods, usbl_measurements
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
+from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Prior, SeededRng, Step
 from usbldr.filters.kernel import KERNEL, Kernel
 from usbldr.filters.models.calibration import STATES, layout_for
@@ -18,9 +21,14 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.models.sigma_points import linearised
-from usbldr.filters.replay.methods import FilterSettings
-from usbldr.filters.replay.run import run
+from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.dead_reckoning import velocity_history
+from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.prior import prior
+from usbldr.filters.replay.run import make_estimator, run
+from usbldr.filters.replay.steps import steps
 from usbldr.filters.types import Timeline, Trajectory
+from usbldr.filters.updates import UpdateTable
 from weaving import Faults, weaving_dive
 
 if KERNEL.advance is None:
@@ -112,6 +120,91 @@ def test_every_noise_family_gives_the_same_track(name: str, family: NoiseFamily)
 def test_hypotheses_and_late_fixes_give_the_same_track(name: str, settings: FilterSettings) -> None:
     line = replace(LINE, fix_received_s=LINE.fix_time_s + np.random.default_rng(1).uniform(0, 5, len(LINE.fix_time_s)))
     assert_equal(name, replace(PARAMETERS, calibrate=("scale",)), settings, line)
+
+
+@pytest.mark.parametrize("seconds", [8, 3])
+@pytest.mark.parametrize(
+    "family", [Gaussian(), Mixture(), Mixture(per_scalar=False), Contamination(), StudentT()], ids=repr
+)
+def test_a_cluster_after_an_outage_stops_the_kernel_for_the_same_hypotheses(family: NoiseFamily, seconds: int) -> None:
+    """Fixes whose axes are taken together and in sequence, at their epochs and between them."""
+    out = (LINE.fix_time_s > 4) & (LINE.fix_time_s < 8)
+    cluster = (LINE.fix_time_s >= 8) & (LINE.fix_time_s < 8 + seconds)
+    fix_m = np.where(cluster[:, None], LINE.fix_m + 60.0, LINE.fix_m)
+    coupled = np.where(np.arange(len(fix_m)) % 2, 1.0, 0.0)[:, None, None] * np.array([[0, 0.1], [0.1, 0]])
+    cov_m2 = LINE.fix_cov_m2 * np.eye(2) + coupled
+    at_epochs = np.where(np.arange(len(fix_m)) % 3, LINE.fix_time_s, np.round(LINE.fix_time_s * 5) / 5)
+    line = replace(LINE, fix_m=fix_m, fix_cov_m2=cov_m2, fix_time_s=at_epochs).with_fixes(~out)
+    parameters = Parameters(usbl=family, process=ProcessNoise(position_m=0.1))
+
+    alone, guarded = (assert_equal("adf", parameters, FilterSettings(guard=on), line) for on in (False, True))
+
+    assert not np.array_equal(alone.cov, guarded.cov)
+
+
+@pytest.mark.parametrize(
+    "family", [Gaussian(), Mixture(), Mixture(per_scalar=False), Contamination(), StudentT()], ids=repr
+)
+@pytest.mark.parametrize("offset_s", [0.0, 0.07])
+def test_the_kernel_stops_before_the_fixes_that_call_for_hypotheses_and_no_others(
+    family: NoiseFamily, offset_s: float
+) -> None:
+    """Each fix is off by another distance, so that some are just near enough."""
+    epochs_s = np.round(LINE.fix_time_s * 5) / 5
+    off_m = np.linspace(0, 12, len(epochs_s))[:, None] * [[1.0, -0.3]]
+    line = replace(
+        LINE, fix_time_s=epochs_s - offset_s, fix_m=LINE.fix_m + off_m, fix_cov_m2=LINE.fix_cov_m2 * np.eye(2)
+    )
+    parameters, layout = Parameters(usbl=family), StateLayout()
+    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(line))
+    guard = make_estimator(METHODS["adf"], motion, FilterSettings(), ())
+    assert isinstance(guard, MultiHypothesisFilter)
+    kernel, linear = guard.filter, KalmanFilter(motion, linearised, moment_matched)
+    assert isinstance(kernel, CompiledFilter)
+    every, belief = steps(line, parameters, layout), kernel.start(prior(line, parameters, layout))
+
+    stops = 0
+    for k, step in enumerate(every):
+        if fixes := usbl_measurements(step):
+            before = linear.start(Prior(belief.estimate.mean, belief.estimate.cov))
+            bank = linear.step(before, step._replace(measurements=()), SeededRng(0, 0)).bank
+            told = hypothesis_likelihoods(bank, fixes, guard.outlier_noise)
+            log_relocation = math.log(0.05)
+            calls = told.informative or log_relocation + told.relocated > told.inlier
+            doubt = Doubt(np.array([log_relocation]), guard.outlier_noise.sd**2)
+            _, run_on = kernel.span_until(belief, every, range(k, k + 1), 0, doubt)
+            assert len(run_on.mean) == (not calls)
+            stops += calls
+        belief = kernel.step(belief, step, SeededRng(0, step.epoch))
+    assert 2 < stops < 0.9 * len(line.fix_time_s)
+
+
+def test_a_cluster_that_the_guard_refuses_is_reported_alike() -> None:
+    cluster = (LINE.fix_time_s >= 8) & (LINE.fix_time_s < 11)
+    line = replace(LINE, fix_m=np.where(cluster[:, None], LINE.fix_m + 60.0, LINE.fix_m))
+    track = assert_equal("adf", Parameters(), FilterSettings(), line)
+    assert "rejected" in UpdateTable.of(track.updates).outcome
+
+
+@pytest.mark.parametrize("name", ["ukf", "adf", "cpf"])
+def test_steps_as_columns_give_the_numbers_of_the_steps_one_by_one(name: str) -> None:
+    parameters = replace(PARAMETERS, dvl=Mixture(), usbl=StudentT(), calibrate=("scale", "latency"))
+    layout, settings = layout_for(parameters.calibrate), FilterSettings(particles=9, guard=False)
+    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(LINE))
+    kernel = make_estimator(METHODS[name], motion, settings, parameters.calibrate)
+    assert isinstance(kernel, CompiledFilter)
+    every, at_start = steps(LINE, parameters, layout), prior(LINE, parameters, layout)
+
+    belief, at_once = kernel.span(kernel.start(at_start), every, range(len(every)), seed=3)
+    one_by_one = [kernel.start(at_start)]
+    for step in every:
+        one_by_one.append(kernel.step(one_by_one[-1], step, SeededRng(3, step.epoch)))
+
+    np.testing.assert_array_equal(at_once.mean, [one.estimate.mean for one in one_by_one[1:]])
+    np.testing.assert_array_equal(at_once.cov, [one.estimate.cov for one in one_by_one[1:]])
+    np.testing.assert_array_equal(belief.state, one_by_one[-1].state)
+    assert belief.past == one_by_one[-1].past
+    assert at_once.updates == [update for one in one_by_one[1:] for update in one.estimate.updates]
 
 
 @pytest.mark.parametrize("name", ["afukf", "aekf"])
