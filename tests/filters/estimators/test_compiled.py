@@ -139,6 +139,8 @@ def test_a_cluster_after_an_outage_stops_the_kernel_for_the_same_hypotheses(fami
 
     alone, guarded = (assert_equal("adf", parameters, FilterSettings(guard=on), line) for on in (False, True))
 
+    assert alone.cov is not None
+    assert guarded.cov is not None
     assert not np.array_equal(alone.cov, guarded.cov)
 
 
