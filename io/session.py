@@ -39,6 +39,7 @@ from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Log
 from usbldr.io.opening import DEFAULT_REQUEST, Request, open_configured
 from usbldr.io.read import read, require
+from usbldr.io.remote import is_url
 from usbldr.io.reports.report_json import ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -61,8 +62,8 @@ class RunSettings(FilterSettings):
 
 
 def is_simulated(log: str | Path) -> bool:
-    """Return whether LOG is a scenario: a file NAME.toml, or a name that is not a file or folder."""
-    return not Path(log).exists() or (Path(log).suffix == ".toml" and Path(log).is_file())
+    """Return whether LOG is a scenario: a file NAME.toml, or a name that is not a file, folder or URL."""
+    return not (Path(log).exists() or is_url(log)) or (Path(log).suffix == ".toml" and Path(log).is_file())
 
 
 def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0) -> Log:

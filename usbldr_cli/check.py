@@ -15,6 +15,7 @@ from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
 from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
+from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
     from usbldr.io.settings.regression_baseline import RegressionBaseline
@@ -45,9 +46,7 @@ NAME_LETTERS = 60  # of a row in the name of its folder
     help="With --init: a row for each method.",
 )
 @click.option("--update", is_flag=True, help="Show the differences and store the new values.")
-@click.option(
-    "--jobs", "-j", metavar="N", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]"
-)
+@worker_options
 @click.option(
     "--output",
     "-o",
@@ -66,7 +65,7 @@ def check(
     baseline: Path,
     filters: str,
     update: bool,
-    jobs: int | None,
+    workers: WorkerChoices,
     output: str | None,
     json_to: str | None,
     junit: str | None,
@@ -87,13 +86,13 @@ def check(
     """
     from usbldr.io.settings.regression_baseline import read_baseline
     from usbldr_cli.runs.baseline_rows import jobs_of_row
+    from usbldr_cli.runs.executors import executor
     from usbldr_cli.tables.check_verdicts import as_json, markdown
     from usbldr_cli.tables.checked_rows import checked_rows
     from usbldr_cli.tables.junit import junit as junit_text
 
-    parallel = jobs or os.cpu_count() or 1
     if first:
-        return _write_first(baseline, files, filters, parallel, force)
+        return _write_first(baseline, files, filters, workers, force)
     file, *others = files
     if others:
         raise UsageError(f"check takes one BASELINE, not {len(files)}; --init LOG... writes one for several logs")
@@ -104,7 +103,8 @@ def check(
         if target is not None and (option, target) != ("--json", "-"):
             _refuse(option, Path(target), force, wanted, units)
     place = None if update or output == "none" else _place(output, wanted.file, force)
-    checked = checked_rows(wanted, units, parallel)
+    with executor(workers) as where:
+        checked = checked_rows(wanted, units, where)
     if place is not None:
         checked = _explained(checked, units, place, force)
     failed = not all(one.passed for one in checked)
@@ -131,16 +131,18 @@ def _write_html(file: Path, baseline: "RegressionBaseline", checked: "Sequence[C
     write_file("--html", file, html(page(baseline, checked, blocks), drawn))
 
 
-def _write_first(file: Path, logs: Sequence[str], filters: str, jobs: int, force: bool) -> int:
+def _write_first(file: Path, logs: Sequence[str], filters: str, workers: WorkerChoices, force: bool) -> int:
     """Write a first baseline, values included."""
     from usbldr_cli.runs.baseline_rows import default_choices
+    from usbldr_cli.runs.executors import executor
     from usbldr_cli.runs.first_baseline import first_baseline
 
     refuse_repeats("LOG", logs)
     methods = filter_list(filters, default_choices())
     for log in logs:
         refuse_file("--baseline", file, force, inputs(log, read_request()))
-    text, left_out = first_baseline(file, logs, methods, jobs)
+    with executor(workers) as where:
+        text, left_out = first_baseline(file, logs, methods, where)
     for sentence in left_out:
         click.echo(f"usbldr: {sentence}", err=True)
     write_file("--baseline", file, text)

@@ -1,6 +1,5 @@
 """``usbldr compare``: every filter on every log over seeds, side by side; or finished runs side by side."""
 
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -14,8 +13,9 @@ from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option, require_output
 from usbldr_cli.options.log_options import inputs, read_request, request_provenance, selection_options
-from usbldr_cli.options.output_files import json_option, refuse_file, write_json
+from usbldr_cli.options.output_files import json_option, plots_option, refuse_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
     from usbldr_cli.runs.jobs import Job
@@ -29,13 +29,12 @@ if TYPE_CHECKING:
 @click.option(
     "--seeds", type=click.IntRange(min=1), default=5, show_default=True, metavar="N", help="Runs of each method."
 )
-@click.option(
-    "--jobs", "-j", metavar="N", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]"
-)
+@worker_options
 @run_options
 @click.option("--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.")
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
+@plots_option("of each log, which take about a second each log")
 @json_option("table")
 @html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
@@ -43,11 +42,12 @@ def compare(
     logs: tuple[str, ...],
     filters: str | None,
     seeds: int,
-    jobs: int | None,
+    workers: WorkerChoices,
     choices: RunChoices,
     bound: bool,
     output: Path | None,
     force: bool,
+    plots: str,
     json_to: str | None,
     html: bool,
     quiet: bool,
@@ -85,9 +85,9 @@ def compare(
         if output is not None:
             prepare(output, request, force)
         store = None if output is None else output / UNITS
-        rows = _run(logs, methods, seeds, jobs or os.cpu_count() or 1, choices, selection, store, bound)
+        rows = _run(logs, methods, seeds, workers, choices, selection, store, bound)
         _refuse_empty(rows)
-    _write(output, rows, request, html)
+    _write(output, rows, request, plots, html)
     _print_result(rows, request, output, json_to, quiet)
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
@@ -125,7 +125,7 @@ def _run(
     logs: Sequence[str],
     methods: Sequence[str],
     seeds: int,
-    jobs: int,
+    workers: WorkerChoices,
     choices: RunChoices,
     selection: dict[str, Any],
     store: Path | None,
@@ -137,7 +137,8 @@ def _run(
     """
     from usbldr.filters.replay.methods import METHODS, track_name
     from usbldr.io.reports.report_text import BOUND_NAMES
-    from usbldr_cli.runs.jobs import run_jobs
+    from usbldr_cli.runs.executors import executor
+    from usbldr_cli.runs.run_jobs import run_jobs
     from usbldr_cli.runs.seed_table import BOUND, ComparisonRow
 
     cells: dict[tuple[str, str], dict[int, Job]] = {}
@@ -151,7 +152,8 @@ def _run(
         ((log, seed, method) for (log, method), units in cells.items() for seed in units),
         key=lambda at: (logs.index(at[0]), at[1]),  # units of one dive follow each other: it is read once
     )
-    outcomes = run_jobs([cells[log, method][seed] for log, seed, method in seed_major], jobs, store)
+    with executor(workers) as where:
+        outcomes = run_jobs([cells[log, method][seed] for log, seed, method in seed_major], where, store)
     by_place = dict(zip(seed_major, outcomes, strict=True))
     reused = sum(outcome.reused for outcome in outcomes)
     if reused:
@@ -187,10 +189,11 @@ def _refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
     raise kind("; ".join(str(fault) for fault in faults))
 
 
-def _write(output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[str, Any], html: bool) -> None:
+def _write(
+    output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[str, Any], plots: str, html: bool
+) -> None:
     from usbldr.io.reports.markdown_report import markdown
     from usbldr.io.reports.page import Picture
-    from usbldr_cli.figures.compare import write_figures
     from usbldr_cli.runs.compare_directory import write_tables
     from usbldr_cli.tables.compare_table import page
 
@@ -198,7 +201,11 @@ def _write(output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[s
         return
     try:
         made = request_provenance(request)
-        pictures = [Picture(*picture) for picture in write_figures(output, rows)]
+        pictures: list[Picture] = []
+        if plots != "none":
+            from usbldr_cli.figures.compare import write_figures
+
+            pictures = [Picture(*picture) for picture in write_figures(output, rows)]
         if html:
             from usbldr_cli.pages.compare_plots import compare_plots  # imports Bokeh
             from usbldr_cli.pages.html_page import REPORT_HTML, write_html

@@ -1,6 +1,5 @@
 """``usbldr drill``: filters on a log as it is and with faults put into its records, side by side."""
 
-import os
 import sys
 import tempfile
 from collections.abc import Generator
@@ -19,6 +18,7 @@ from usbldr_cli.options.html_option import html_option, require_output
 from usbldr_cli.options.log_options import inputs, log_options, read_request, request_provenance
 from usbldr_cli.options.output_files import json_option, refuse_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
     from usbldr.io.reports.run_provenance import RunProvenance
@@ -34,9 +34,7 @@ DEFAULT_FILTERS = "adf,cpf"
 @click.option(
     "--seeds", type=click.IntRange(min=1), default=3, show_default=True, metavar="N", help="Runs of each method."
 )
-@click.option(
-    "--jobs", "-j", metavar="N", type=click.IntRange(min=1), help="Runs in parallel.  [default: one per core]"
-)
+@worker_options
 @run_options
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of other drills in this folder.")
@@ -48,7 +46,7 @@ def drill(
     suite: str | None,
     filters: str | None,
     seeds: int,
-    jobs: int | None,
+    workers: WorkerChoices,
     choices: RunChoices,
     output: Path | None,
     force: bool,
@@ -72,6 +70,7 @@ def drill(
     from usbldr_cli.runs.compare_directory import prepare
     from usbldr_cli.runs.drill_directory import TABLES, write_report
     from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
+    from usbldr_cli.runs.executors import executor
     from usbldr_cli.tables.drill_table import page
 
     drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
@@ -82,7 +81,8 @@ def drill(
     if output is not None:
         prepare(output, plan.request, force, TABLES)
     with _store(output) as store:
-        report = run_drills(plan, jobs or os.cpu_count() or 1, store)
+        with executor(workers) as where:
+            report = run_drills(plan, where, store)
         _refuse_empty(report)
         if output is not None:
             made = request_provenance(plan.request)

@@ -10,7 +10,7 @@ from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
-from usbldr_cli.options.output_files import json_option, refuse_file, write_file
+from usbldr_cli.options.output_files import json_option, plots_option, refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.run_output import print_run, write_run
 
@@ -47,13 +47,7 @@ if TYPE_CHECKING:
     help="Repeat the run without each of the N most influential fixes.",
 )
 @click.option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.")
-@click.option(
-    "--plots",
-    type=click.Choice(["all", "none"]),
-    default="all",
-    show_default=True,
-    help="Figures in the run directory; none saves about a second.",
-)
+@plots_option("in the run directory; none saves about a second")
 @html_option
 @click.option("--verify", metavar="REPORT", help="Repeat the run of a report.json; exit 1 if it is not the same.")
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")

@@ -9,15 +9,18 @@ from paper.runs import Way
 from usbldr.io.drills.drill import Drill
 from usbldr_cli.runs.drill_rows import DrillReport
 from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
+from usbldr_cli.runs.executors import Executor
 
 
-def run_log(log: DrilledLog, ways: Sequence[Way], drills: tuple[Drill, ...], jobs: int, store: Path) -> DrillReport:
+def run_log(
+    log: DrilledLog, ways: Sequence[Way], drills: tuple[Drill, ...], where: Executor, store: Path
+) -> DrillReport:
     """Run what is not there yet; the first way's report holds what the doctor says, once for all."""
     first: DrillReport | None = None
     usual, rows = [], []
     for way in ways:
         plan = DrillPlan(log.path, drills, [way.method], log.seeds, log.choices(way), log.selection)
-        report = run_drills(plan, jobs, store, examine=first is None)
+        report = run_drills(plan, where, store, examine=first is None)
         first = first or report
         usual += [replace(report.usual[0], label=label(way))]
         for row, examined in zip(report.rows, first.rows, strict=True):

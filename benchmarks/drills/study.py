@@ -7,7 +7,6 @@ an interrupted study goes on where it was.
 """
 
 import argparse
-import os
 import sys
 import time
 from importlib.metadata import version
@@ -27,6 +26,8 @@ from usbldr_cli.figures.compare import save_whole
 from usbldr_cli.figures.drill import error_figure, ratio_figure
 from usbldr_cli.figures.style import in_style
 from usbldr_cli.runs.drill_rows import DrillReport, worst_first
+from usbldr_cli.runs.executors import executor
+from workers import add_worker_options, worker_choices
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
@@ -44,11 +45,12 @@ def main() -> int:
         standard = picked(read_suite(STANDARD), options.only)
         of_papers = picked(read_suite(str(HERE / "papers.toml")), options.only)
         parts: list[str] = []
-        for log in chosen:
-            report = run_log(log, WAYS, standard, options.jobs, store)
-            parts.append(section(log, report, figures))
-            print(f"{log.name}: {minutes(began)}", flush=True)
-        papers = run_log(chosen[0], OF_PAPERS, of_papers, options.jobs, store)
+        with executor(worker_choices(options)) as where:
+            for log in chosen:
+                report = run_log(log, WAYS, standard, where, store)
+                parts.append(section(log, report, figures))
+                print(f"{log.name}: {minutes(began)}", flush=True)
+            papers = run_log(chosen[0], OF_PAPERS, of_papers, where, store)
     except UsbldrError as fault:
         print(f"benchmarks/drills/study.py: {fault}", file=sys.stderr)
         return fault.exit_code
@@ -60,7 +62,7 @@ def main() -> int:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=8, help="dives of `turns`; a quarter of them of the other logs")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    add_worker_options(parser)
     parser.add_argument("--runs", type=Path, default=ROOT / "drill-runs", help="folder of finished runs")
     parser.add_argument(
         "--output", type=Path, default=ROOT / "docs" / "studies", help="folder of drills.md and drills/"

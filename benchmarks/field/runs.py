@@ -1,4 +1,4 @@
-"""How the runs of field.md are made: in processes of their own, and each is kept when it is done.
+"""How the runs of field.md are made: on any executor, and each is kept when it is done.
 
 A run is judged by each of its log's definitions.
 """
@@ -6,13 +6,11 @@ A run is judged by each of its log's definitions.
 import functools
 import hashlib
 import math
-import os
 import pickle
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import groupby
-from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeAlias
 
 from field.changes import CHANGES, constants
 from field.logs import CASES, Case, Dive, dive, truth_for
@@ -27,23 +25,27 @@ from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.io.session import replay, resolve
 from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
-from usbldr_cli.runs.jobs import THREADS, relevant_choices
+from usbldr_cli.runs.jobs import FinishedJob, relevant_choices
 from usbldr_cli.runs.seed_table import ComparisonRow
 
+Task: TypeAlias = tuple[Cell, int, Path]  # what runs, its seed, and the folder of the logs
 
-def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
+
+def run_plan(wanted: Plan, where: Executor, store: Path, folder: Path) -> Rows:
     """Run what is not there yet and return every row. A fault of a run is a sentence in its row and stops no other."""
-    tasks = [(cell, seed) for cell, count in wanted.items() for seed in range(count)]
+    tasks = [(cell, seed, folder.absolute()) for cell, count in wanted.items() for seed in range(count)]
     tasks.sort(key=lambda task: (task[0].case, task[1]))  # runs on one dive follow each other and read it once
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # read when a spawned process loads its BLAS
+    kept = JobStore(store)
+    stored = kept.read_all()
     results: dict[tuple[Cell, int], list[JobResult]] = {}
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        waiting = {pool.submit(run_task, *task, store, folder): task for task in tasks}
-        for done, future in enumerate(as_completed(waiting), 1):
-            results[waiting[future]] = future.result()
-            if done % 50 == 0:
-                print(f"{done} of {len(tasks)} runs", flush=True)
+    for done, (place, found) in enumerate(where.finished(run_task, tasks, frozenset(stored)), 1):
+        results[tasks[place][:2]] = [
+            stored[str(one.key)] if one.outcome is None else _written(kept, one.outcome, one) for one in found
+        ]
+        if done % 50 == 0:
+            print(f"{done} of {len(tasks)} runs", flush=True)
     rows: dict[tuple[str, Way, str], ComparisonRow] = {}
     for cell, group in groupby(sorted(results, key=lambda task: (repr(task[0]), task[1])), key=lambda task: task[0]):
         seeds = [seed for _, seed in group]
@@ -57,24 +59,26 @@ def run_plan(wanted: Plan, jobs: int, store: Path, folder: Path) -> Rows:
     return rows
 
 
-def run_task(cell: Cell, seed: int, store: Path, folder: Path) -> list[JobResult]:
-    """Make one run, or take it from those that are kept; one outcome for each definition of the case."""
+def _written(kept: JobStore, outcome: JobResult, one: FinishedJob) -> JobResult:
+    return outcome if one.key is None else kept.write(one.key, outcome, one.trace)
+
+
+def run_task(task: Task, stored: frozenset[str]) -> list[FinishedJob]:
+    """Make one run, unless its results are among those stored; one result for each definition of the case."""
+    cell, seed, folder = task
     case = CASES[cell.case]
     try:
         given = dive(cell.case, seed, folder)
         line, found = resolved_input(cell, seed, given)
         key = _key(line, given, found.parameters, cell, seed)
         names = [f"{key}{definition.name}" for definition in case.definitions]
-        kept = [JobStore(store).read(name) for name in names]
-        if all(kept):
-            return [one for one in kept if one is not None]
+        if stored.issuperset(names):
+            return [FinishedJob(None, key=name) for name in names]
         with constants(CHANGES[cell.change].constants):
             made = replay(given.log, line, cell.way.method, _choices(cell, seed).settings(), found)
-        return [
-            JobStore(store).write(name, *_judged(case, k, made, given, line, found)) for k, name in enumerate(names)
-        ]
+        return [FinishedJob(*_judged(case, k, made, given, line, found), name) for k, name in enumerate(names)]
     except UsbldrError as fault:
-        return [JobResult(fault=str(fault), exit_code=fault.exit_code)] * len(case.definitions)
+        return [FinishedJob(JobResult(fault=str(fault), exit_code=fault.exit_code))] * len(case.definitions)
 
 
 def resolved_input(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Identification]:

@@ -30,6 +30,8 @@ from field.runs import run_plan
 from paper.study import filled, minutes
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.reports.run_directory import write_atomically
+from usbldr_cli.runs.executors import executor
+from workers import add_worker_options, worker_choices
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = Path(__file__).with_name("text.md")
@@ -55,12 +57,11 @@ def main() -> int:
             case for case in CASES.values() if case.name in options.logs and (options.held_back or not case.held_back)
         ]
         wanted = plan(cases, options.sensitivity)
-        print(
-            f"{sum(wanted.values())} runs of {len(wanted)} rows, {options.jobs} at a time; finished ones are in {store}"
-        )
-        rows = run_plan(wanted, options.jobs, store, folder)
+        with executor(worker_choices(options)) as where:
+            print(f"{sum(wanted.values())} runs of {len(wanted)} rows, {where.workers} at a time; kept in {store}")
+            rows = run_plan(wanted, where, store, folder)
         print(f"runs took {minutes(began)}", flush=True)
-        drawn = draw(cases, rows, options.jobs, folder, figures)
+        drawn = draw(cases, rows, options.jobs or os.cpu_count() or 1, folder, figures)
         agreed = {case.name: agreement(dive(case.name, 0, folder)) for case in cases}
     except UsbldrError as fault:
         print(f"benchmarks/field/study.py: {fault}", file=sys.stderr)
@@ -75,7 +76,7 @@ def main() -> int:
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    add_worker_options(parser)
     parser.add_argument("--runs", type=Path, default=ROOT / "field-runs", help="folder of finished runs")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "studies", help="folder of field.md and field/")
     parser.add_argument("--logs", nargs="+", default=list(CASES), choices=list(CASES), help="these alone")

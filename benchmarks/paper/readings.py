@@ -3,7 +3,7 @@
 from paper.cpf_gaussian import GaussianParticleFilter
 from paper.cpf_literal import LiteralParticleFilter
 from usbldr.filters.models.sigma_points import cubature, unscented
-from usbldr.filters.replay.methods import Method
+from usbldr.filters.replay.methods import METHODS, Method
 
 _METHODS = (
     Method(
@@ -26,3 +26,8 @@ _METHODS = (
     ),
 )
 ROWS = {method.name: method for method in _METHODS}
+
+
+def dask_setup(_worker: object) -> None:
+    """Add the rows in a worker: dask worker --preload paper.readings."""
+    METHODS.update(ROWS)

@@ -11,7 +11,9 @@ from typing import TypeAlias
 
 from usbldr.filters.replay.methods import METHODS
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.jobs import Job, run_jobs
+from usbldr_cli.runs.executors import Executor
+from usbldr_cli.runs.jobs import Job
+from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 HERE = Path(__file__).parent
@@ -176,12 +178,12 @@ def drift_text(drift: float) -> str:
     return f'schema = 1\nlike = "paper"\nabout = "{about}"\n\n[process]\nuncalibrated_m = {drift!r}\n'
 
 
-def run_plan(wanted: Plan, jobs: int, store: Path) -> Rows:
+def run_plan(wanted: Plan, where: Executor, store: Path) -> Rows:
     """Run what is not in the store yet, seed by seed, so that a dive is made once for all its filters."""
     logs = list(dict.fromkeys(log for log, _ in wanted))
     runs = [(cell, seed) for cell, count in wanted.items() for seed in range(count)]
     runs.sort(key=lambda run: (logs.index(run[0][0]), run[1]))
-    found = run_jobs([Job(log, way.method, way.choices(seed)) for (log, way), seed in runs], jobs, store)
+    found = run_jobs([Job(log, way.method, way.choices(seed)) for (log, way), seed in runs], where, store)
     outcomes = dict(zip(runs, found, strict=True))
     return {
         (log, way): ComparisonRow(

@@ -6,7 +6,6 @@ Finished runs are kept in a folder and used again, so an interrupted study goes 
 """
 
 import argparse
-import os
 import re
 import sys
 import time
@@ -27,7 +26,9 @@ from usbldr.filters.errors import UsbldrError
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr_cli.runs.executors import executor
 from usbldr_cli.runs.seed_table import ComparisonRow, difference
+from workers import add_worker_options, worker_choices
 
 ROOT = Path(__file__).resolve().parents[2]
 BOUND_DIVES = 16  # over which the bound is averaged: from dive to dive it differs by some 3 %
@@ -41,9 +42,10 @@ def main() -> int:
     store.mkdir(parents=True, exist_ok=True)
     write_sweeps(sweeps)
     wanted = plan(options.seeds, sweeps, options.unseen)
-    print(f"{sum(wanted.values())} runs of {len(wanted)} rows, {options.jobs} at a time; finished ones are in {store}")
     try:
-        rows = run_plan(wanted, options.jobs, store)
+        with executor(worker_choices(options)) as where:
+            print(f"{sum(wanted.values())} runs of {len(wanted)} rows, {where.workers} at a time; kept in {store}")
+            rows = run_plan(wanted, where, store)
     except UsbldrError as fault:
         print(f"benchmarks/paper/study.py: {fault}", file=sys.stderr)
         return fault.exit_code
@@ -67,7 +69,7 @@ def main() -> int:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20, help="dives of each scenario, at least 2; 50 for the goals")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    add_worker_options(parser)
     parser.add_argument("--runs", type=Path, default=ROOT / "paper-runs", help="folder of finished runs")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "studies", help="folder of paper.md and paper/")
     parser.add_argument("--without-unseen", dest="unseen", action="store_false", help="without the unseen dive")

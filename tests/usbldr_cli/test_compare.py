@@ -12,8 +12,10 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.executors import LocalProcesses
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.jobs import Job, relevant_choices, run_jobs
+from usbldr_cli.runs.jobs import Job, relevant_choices
+from usbldr_cli.runs.run_jobs import run_jobs
 
 PAPER = find_scenario("paper")
 
@@ -65,6 +67,13 @@ def test_the_folder_holds_tables_pictures_and_units_and_nothing_else(compared: P
     assert all(path.suffix in (".json", ".npz") for path in (compared / "units").iterdir())
 
 
+def test_without_plots_the_folder_holds_no_pictures(dive: Path, tmp_path: Path) -> None:
+    output_of("compare", dive, "--filters", "usbl", "--jobs", 1, "--plots", "none", "-o", tmp_path / "out")
+
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"compare.csv", "compare.json", "compare.md", "units"}
+
+
 def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tmp_path: Path) -> None:
     output_of("replay", dive, "--filter", "ckf", "-o", tmp_path / "run")
 
@@ -75,7 +84,7 @@ def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tm
 
 
 def test_the_kept_errors_are_those_of_the_metrics(dive: Path, tmp_path: Path) -> None:
-    (outcome,) = run_jobs([Job(str(dive), "ckf", CHOICES)], 1, tmp_path)
+    (outcome,) = run_jobs([Job(str(dive), "ckf", CHOICES)], LocalProcesses(1), tmp_path)
 
     assert outcome.trace is not None
     errors = read_trace(outcome.trace).error_m
@@ -85,7 +94,7 @@ def test_the_kept_errors_are_those_of_the_metrics(dive: Path, tmp_path: Path) ->
 def test_the_number_of_jobs_changes_no_bit(dive: Path) -> None:
     units = [Job(str(dive), m, dataclasses.replace(CHOICES, seed=k)) for m in ("pf", "cpf") for k in (0, 1)]
 
-    one, two = run_jobs(units, 1), run_jobs(units, 2)
+    one, two = run_jobs(units, LocalProcesses(1)), run_jobs(units, LocalProcesses(2))
 
     def told(outcomes: list[Any]) -> list[dict[str, float]]:
         return [dict(outcome.metrics) for outcome in outcomes]
@@ -98,7 +107,7 @@ def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_p
     units = [Job("paper", "usbl", dataclasses.replace(CHOICES, seed=k)) for k in (0, 1, 0)]
     missing = Job(str(tmp_path / "nothing"), "usbl", CHOICES)
 
-    first, second, again, lost = run_jobs([*units, missing], 1)
+    first, second, again, lost = run_jobs([*units, missing], LocalProcesses(1))
 
     assert first.metrics == again.metrics
     assert first.metrics != second.metrics
@@ -140,11 +149,11 @@ def test_a_changed_log_is_run_anew(tmp_path: Path) -> None:
     store = tmp_path / "units"
     store.mkdir()
 
-    first = run_jobs([unit], 1, store)[0]
-    kept = run_jobs([unit], 1, store)[0]
+    first = run_jobs([unit], LocalProcesses(1), store)[0]
+    kept = run_jobs([unit], LocalProcesses(1), store)[0]
     configuration = dive / "usbldr.toml"
     configuration.write_text(configuration.read_text().replace("sd_m = 1.0", "sd_m = 3.0"))
-    changed = run_jobs([unit], 1, store)[0]
+    changed = run_jobs([unit], LocalProcesses(1), store)[0]
 
     assert (first.reused, kept.reused, changed.reused) == (False, True, False)
     assert kept.metrics == first.metrics

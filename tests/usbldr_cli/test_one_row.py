@@ -2,9 +2,10 @@
 
 import contextlib
 import json
-from concurrent.futures import Future
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,8 +16,7 @@ from usbldr.filters.models.states import POSITION
 from usbldr.filters.replay.methods import METHODS, Method
 from usbldr_cli.figures.run_figures import write_figures
 from usbldr_cli.figures.style import colour
-from usbldr_cli.runs import jobs
-from usbldr_cli.runs.job_store import JobStore
+from usbldr_cli.runs import executors
 
 DIVE = str(SAMPLES / "paper.mcap")
 
@@ -45,16 +45,19 @@ def own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(METHODS, row.name, row)
 
 
+class InThisProcess:
+    """Runs the jobs of a comparison here: a process of their own would not have the row."""
+
+    elsewhere, workers = False, 1
+
+    def finished(self, call: Callable[[Any, Any], Any], tasks: Iterable[Any], shared: Any) -> Generator[Any]:
+        for place, task in enumerate(tasks):
+            yield place, call(task, shared)
+
+
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run the jobs of a comparison here: a process of their own would not have the row."""
-
-    def submit(unit: jobs.Job, kept: JobStore | None) -> Future:
-        done: Future = Future()
-        done.set_result(jobs._run(unit, kept))
-        return done
-
-    monkeypatch.setattr(jobs, "_workers", lambda count: contextlib.nullcontext(submit))
+    monkeypatch.setattr(executors, "executor", lambda asked: contextlib.nullcontext(InThisProcess()))
 
 
 @pytest.mark.usefixtures("own")

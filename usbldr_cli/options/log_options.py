@@ -84,17 +84,20 @@ def read_request(
 
 
 def labelled_inputs(log: str, request: "Request") -> "tuple[InputFile, ...]":
-    """Return the files that are read, LOG first, each with what it is for. A shipped scenario has none."""
+    """Return the files that are read, LOG first, each with what it is for. A shipped scenario and a URL have none."""
     from usbldr.io.inputs import InputFile, input_files
+    from usbldr.io.remote import is_url
     from usbldr.io.session import is_simulated
 
+    if is_url(log):
+        return ()
     if not is_simulated(log):
         return input_files(Path(log), request)
     return (InputFile("log", Path(log)),) if Path(log).exists() else ()
 
 
 def inputs(log: str, request: "Request") -> tuple[Path, ...]:
-    """Return the files that are read, LOG first: none may be overwritten. A shipped scenario has none."""
+    """Return the files that are read, LOG first: none may be overwritten. A shipped scenario and a URL have none."""
     return tuple(one.path for one in labelled_inputs(log, request))
 
 

@@ -17,6 +17,12 @@ def json_option(what: str) -> Callable[[Any], Any]:
     return click.option("--json", "json_to", is_flag=False, flag_value="-", metavar="[FILE]", help=text)
 
 
+def plots_option(what: str) -> Callable[[Any], Any]:
+    """Add --plots, which says whether figures are drawn; ``what`` they are, and what they cost."""
+    kinds = click.Choice(["all", "none"])
+    return click.option("--plots", type=kinds, default="all", show_default=True, help=f"Figures {what}.")
+
+
 def write_json(target: str, content: object) -> None:
     """Write the content to the file of --json, or to stdout for "-"."""
     if target == "-":

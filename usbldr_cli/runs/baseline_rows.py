@@ -11,6 +11,7 @@ import click
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.methods import method_named
+from usbldr.io.remote import is_url
 from usbldr.io.scenarios.shipped import scenario_names
 from usbldr.io.settings.regression_baseline import BaselineRow, Option
 from usbldr_cli.options.log_options import selection_options
@@ -28,7 +29,7 @@ def jobs_of_row(file: Path, row: BaselineRow) -> list[Job]:
         raise UsageError(f"{file}: row {row.name!r}: {err}") from err
     choices, selection = _choices(file, row)
     beside = file.parent / row.log
-    if not beside.exists() and row.log not in scenario_names():
+    if not (beside.exists() or is_url(row.log) or row.log in scenario_names()):
         return []
     log = str(beside) if beside.exists() else row.log
     seeds = range(choices.seed, choices.seed + row.seeds)

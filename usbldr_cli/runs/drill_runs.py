@@ -9,12 +9,15 @@ from typing import Any
 from usbldr.filters.replay.methods import METHODS, track_name
 from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged, log_length_s
 from usbldr.io.log import Log
+from usbldr.io.remote import local_log
 from usbldr.io.session import is_simulated, open_log
 from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.drill_rows import DrillReport, DrillRow
+from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult
-from usbldr_cli.runs.jobs import Job, run_jobs
+from usbldr_cli.runs.jobs import Job
+from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 RAW = "usbl"  # the method whose errors are those of the raw fixes
@@ -45,7 +48,9 @@ class DrillPlan:
             damaged(log, drill, self.choices.seed)
 
     def _opened(self) -> Log:
-        return open_log(self.log, read_request(**self.selection), self.choices.seed)
+        request = read_request(**self.selection)
+        with local_log(self.log, request) as path:
+            return open_log(path, request, self.choices.seed)
 
     def length_s(self) -> float:
         """Return the length of the log, seconds."""
@@ -62,8 +67,8 @@ class DrillPlan:
         return Job(self.log, method or RAW, choices, self.selection, drill=drill, examine=method is None)
 
 
-def run_drills(plan: DrillPlan, jobs: int, store: Path, examine: bool = True) -> DrillReport:
-    """Run a plan, ``jobs`` in parallel; finished runs are kept in ``store``, an existing folder.
+def run_drills(plan: DrillPlan, where: Executor, store: Path, examine: bool = True) -> DrillReport:
+    """Run a plan; finished runs are kept in ``store``, an existing folder.
 
     ``examine``: let the doctor examine every log, too.
     """
@@ -76,7 +81,7 @@ def run_drills(plan: DrillPlan, jobs: int, store: Path, examine: bool = True) ->
     # seed by seed, so that a dive is simulated once
     places = sorted(((seed, k) for k, seeds in enumerate(cells.values()) for seed in seeds), key=lambda at: at[0])
     keys = list(cells)
-    results = run_jobs([plan.job(*keys[k], seed) for seed, k in places], jobs, store)
+    results = run_jobs([plan.job(*keys[k], seed) for seed, k in places], where, store)
     found: defaultdict[tuple[Drill, str | None], list[JobResult]] = defaultdict(list)
     for (_, k), result in zip(places, results, strict=True):
         found[keys[k]].append(result)

@@ -9,8 +9,10 @@ import tomlkit
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.filters.replay.methods import METHODS, Method
 from usbldr_cli.runs.baseline_rows import default_choices, today, tool_text
+from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult
-from usbldr_cli.runs.jobs import Job, run_jobs
+from usbldr_cli.runs.jobs import Job
+from usbldr_cli.runs.run_jobs import run_jobs
 
 HEAD = """\
 # `usbldr check` runs these rows again; `--update` stores new values.
@@ -25,14 +27,14 @@ CONSISTENCY = {"nees_mean": "rel = 0.05", "nis_mean_usbl": "rel = 0.02"}
 COUNTED = "abs = 0"
 
 
-def first_baseline(file: Path, logs: Sequence[str], methods: Sequence[str], jobs: int) -> tuple[str, list[str]]:
+def first_baseline(file: Path, logs: Sequence[str], methods: Sequence[str], where: Executor) -> tuple[str, list[str]]:
     """Return the text of a baseline, and a sentence for each row that is left out because its run failed.
 
     Raises the error of its runs if all runs of a log fail.
     """
     choices = default_choices()
     units = [Job(log, name, choices) for log in logs for name in methods]
-    results = run_jobs(units, jobs)
+    results = run_jobs(units, where)
     for first in range(0, len(units), len(methods)):
         _raise_if_none_ran(results[first : first + len(methods)])
     rows = [_row(file, unit, one) for unit, one in zip(units, results, strict=True) if one.fault is None]

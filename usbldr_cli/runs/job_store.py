@@ -88,6 +88,11 @@ class JobStore:
 
     folder: Path
 
+    def read_all(self) -> dict[str, JobResult]:
+        """Return every stored result that can be read, by its key."""
+        found = {file.stem: self.read(file.stem) for file in sorted(self.folder.glob("*.json"))}
+        return {key: outcome for key, outcome in found.items() if outcome is not None}
+
     def read(self, key: str) -> JobResult | None:
         """Return a stored result, None if there is none that can be read."""
         try:

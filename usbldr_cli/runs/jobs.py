@@ -1,6 +1,5 @@
-"""Many runs at once: each job is one method on one log with one seed, and finished jobs are stored.
+"""One job: one method on one log with one seed.
 
-Jobs run in processes of their own, one BLAS thread each, so that the number of parallel jobs does not change a result.
 A result is stored under a digest of everything that it depends on: records, assumptions (so the configuration, too),
 truth, the method, its options, and the code of the filters.
 """
@@ -9,33 +8,23 @@ import functools
 import hashlib
 import json
 import math
-import multiprocessing
-import os
-import signal
-import sys
-import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import click
-
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged
+from usbldr.io.remote import is_url, local_log
+from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.code_digest import code_digest
-from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
+from usbldr_cli.runs.job_store import JobResult, ScoringContext, Trace
+from usbldr_cli.runs.verification import UnfitWorkerError, require_digest
 
 if TYPE_CHECKING:
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
-
-MAX_DEATHS = 3  # of processes in succession, with no run finished between them: then the command ends
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +47,12 @@ class Job:
         return is_simulated(self.log)
 
 
-class _FinishedJob(NamedTuple):
-    """The result from a worker; ``key`` is None if it is not to be stored."""
+class FinishedJob(NamedTuple):
+    """The result from a worker: None if it is in the store; ``key`` is None if it is not to be stored."""
 
-    outcome: JobResult
-    trace: Trace | None
-    key: str | None
+    outcome: JobResult | None
+    trace: Trace | None = None
+    key: str | None = None
 
 
 def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
@@ -81,97 +70,28 @@ def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
     )
 
 
-def run_jobs(units: Sequence[Job], jobs: int, store: Path | None = None) -> list[JobResult]:
-    """Run the jobs, ``jobs`` in parallel, and return their results in the same order.
+def run_job(unit: Job, stored: frozenset[str] = frozenset(), digest: str | None = None) -> FinishedJob:
+    """Run a job, unless its result is among those ``stored``, given by their keys; a fault is a sentence in its result.
 
-    A fault of a job is a sentence in its result and does not stop the others. With a ``store``, an existing folder,
-    finished jobs are written there and read from there later, also after an interruption. If a process is killed from
-    outside, the jobs left run again, half as many in parallel; raises UsbldrError if that does not help.
+    With a ``digest``, raises UnfitWorkerError for a log with another one.
     """
-    kept = JobStore(store) if store is not None else None
-    outcomes: dict[int, JobResult] = {}
-    deaths = 0
-    with _bar(len(units)) as advance:
-        while left := [k for k in range(len(units)) if k not in outcomes]:
-            with suppress(BrokenProcessPool), _workers(min(jobs, len(left))) as submit:
-                waiting = {submit(units[k], kept): k for k in left}
-                for future in as_completed(waiting):
-                    if isinstance(future.exception(), BrokenProcessPool):
-                        continue
-                    done = future.result()
-                    outcomes[waiting[future]] = done.outcome
-                    if kept is not None and done.key is not None:
-                        outcomes[waiting[future]] = kept.write(done.key, done.outcome, done.trace)
-                    advance()
-            if len(outcomes) < len(units):
-                deaths = deaths + 1 if len(outcomes) + len(left) == len(units) else 1
-                jobs = max(1, jobs // 2)  # most likely memory ran out
-            if deaths == MAX_DEATHS:
-                raise UsbldrError(
-                    f"a run was killed from outside {MAX_DEATHS} times, probably because memory ran out: try fewer "
-                    "--jobs or --particles; with --output, finished runs are kept"
-                )
-    return [outcomes[k] for k in range(len(units))]
-
-
-@contextmanager
-def _workers(jobs: int) -> "Generator[Callable[[Job, JobStore | None], Future[_FinishedJob]]]":
-    """Give a function that submits to a pool; an interruption ends its processes without waiting."""
-    if jobs < 1:
-        yield lambda unit, kept: Future()
-        return
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # read by the BLAS of a spawned process
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _init_worker)
-    try:
-        yield functools.partial(pool.submit, _run)
-    except BaseException:  # also on Ctrl-C: end the workers before the error goes on
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True)
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
-
-
-def _init_worker() -> None:
-    """Ignore Ctrl-C, and end when the parent ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None  # this is a spawned process
-    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
-
-
-@contextmanager
-def _bar(total: int) -> Generator[Callable[[], None]]:
-    """Show how many runs are done, if stderr is a terminal."""
-    hidden = total < 2 or not sys.stderr.isatty()
-    with click.progressbar(length=total, label="runs", file=sys.stderr, hidden=hidden, show_pos=True) as bar:
-        bar.update(0)
-        yield lambda: bar.update(1)
-
-
-def _run(unit: Job, kept: JobStore | None) -> _FinishedJob:
     selection = tuple(sorted(unit.selection.items()))
     choices = relevant_choices(unit.method, unit.choices)
     try:
         seeds = choices.seed if unit.simulated else 0, choices.seed if unit.drill.draws else 0
-        source = _read(unit.log, selection, unit.drill, seeds, choices.fast_hz, choices.slow_hz)
+        source = _read(unit.log, selection, unit.drill, seeds, choices.fast_hz, choices.slow_hz, digest)
         if unit.examine:
-            return _FinishedJob(JobResult(findings=_codes(source.log)), None, None)
+            return FinishedJob(JobResult(findings=_codes(source.log)))
         if unit.bound:
-            return _FinishedJob(_bound(unit, source, choices), None, None)
+            return FinishedJob(_bound(unit, source, choices))
         key = _key(source, unit.method, choices)
-        if kept is not None and (outcome := kept.read(key)) is not None:
-            return _FinishedJob(outcome, None, None)
-        return _FinishedJob(*_score_job(source, unit.method, choices), key)
+        if key in stored:
+            return FinishedJob(None, key=key)
+        return FinishedJob(*_score_job(source, unit.method, choices), key)
+    except UnfitWorkerError:
+        raise
     except UsbldrError as fault:
-        return _FinishedJob(JobResult(fault=str(fault), exit_code=fault.exit_code), None, None)
+        return FinishedJob(JobResult(fault=str(fault), exit_code=fault.exit_code))
 
 
 class _Source(NamedTuple):
@@ -183,12 +103,16 @@ class _Source(NamedTuple):
 
 
 @functools.lru_cache(maxsize=2)
-def _open(log: str, selection: tuple[tuple[str, Any], ...], seed: int) -> "Log":
-    """Read a log; successive drills on the same log share it."""
+def _open(log: str, selection: tuple[tuple[str, Any], ...], seed: int, digest: str | None) -> "Log":
+    """Read a log, whose bytes must have the digest; successive drills on the same log share it."""
     from usbldr.io.session import open_log
-    from usbldr_cli.options.log_options import read_request
 
-    return open_log(log, read_request(**dict(selection)), seed)
+    request = read_request(**dict(selection))
+    with local_log(log, request) as path:
+        if digest is not None:
+            require_digest(log, path, dict(selection), digest)
+        found = open_log(path, request, seed)
+    return replace(found, path=Path(log)) if is_url(log) else found
 
 
 @functools.lru_cache(maxsize=2)
@@ -199,13 +123,14 @@ def _read(
     seeds: tuple[int, int],
     fast_hz: float,
     slow_hz: float,
+    digest: str | None,
 ) -> _Source:
     """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
     from usbldr.io.conventions.implausible import without_implausible
     from usbldr.io.timeline import timeline
 
     of_dive, of_faults = seeds
-    found = without_implausible(damaged(_open(log, selection, of_dive), drill, of_faults))
+    found = without_implausible(damaged(_open(log, selection, of_dive, digest), drill, of_faults))
     dive_timeline = timeline(found, fast_hz, slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))
 

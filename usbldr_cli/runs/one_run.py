@@ -100,10 +100,13 @@ def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
 
 def run_again(plan: RunPlan) -> "Run":
     """Run a plan from its log on, without a word to the user."""
+    from usbldr.io.remote import local_log
     from usbldr.io.session import open_log
 
     request = configured_request(plan.log, plan.selection)
-    return finish_run(plan, request, prepare_run(plan, open_log(plan.log, request, plan.choices.seed)))
+    with local_log(plan.log, request) as path:
+        log = open_log(path, request, plan.choices.seed)
+    return finish_run(plan, request, prepare_run(plan, log))
 
 
 def _score(method: str, ready: PreparedRun, dive_timeline: "Timeline | None" = None) -> "ScoredTrack":

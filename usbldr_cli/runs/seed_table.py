@@ -25,6 +25,7 @@ from usbldr_cli.runs.job_store import JobResult, ScoringContext
 
 BOUND = "bound"  # stands for a method in the row of the least error that any filter could have
 DIVERGED_LIMIT = 0.5  # fixed: share of diverged runs from which the mean is not that of usual runs
+MOST_NAMED = 20  # fixed: logs that the last line lists by name
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
 """The metrics whose difference to the first row is reported."""
 
@@ -227,5 +228,8 @@ def overall(rows: Sequence[ComparisonRow]) -> str:
         for winner in _ranked(group)[:1]:
             best.setdefault(winner.label, []).append(log)
     order = sorted(best.items(), key=lambda item: -len(item[1]))
-    texts = [f"{label} on {len(logs)} of {len(groups)} logs ({', '.join(logs)})" for label, logs in order]
+    texts = [
+        f"{label} on {len(logs)} of {len(groups)} logs" + (f" ({', '.join(logs)})" if len(groups) <= MOST_NAMED else "")
+        for label, logs in order
+    ]
     return f"lowest mean horizontal error: {'; '.join(texts)}" if texts else "no run succeeded"

@@ -7,14 +7,16 @@ from usbldr.filters.errors import CheckError, LogError
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.settings.regression_baseline import BaselineRow, RegressionBaseline
 from usbldr_cli.runs import seed_table
+from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult
-from usbldr_cli.runs.jobs import Job, run_jobs
+from usbldr_cli.runs.jobs import Job
+from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
 
 
-def checked_rows(baseline: RegressionBaseline, units: Mapping[str, Sequence[Job]], jobs: int) -> list[CheckedRow]:
-    """Run every row, ``units`` by its name, ``jobs`` in parallel, and compare its metrics with the stored ones."""
-    outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], jobs))
+def checked_rows(baseline: RegressionBaseline, units: Mapping[str, Sequence[Job]], where: Executor) -> list[CheckedRow]:
+    """Run every row, ``units`` by its name, and compare its metrics with the stored ones."""
+    outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], where))
     by_row = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
     return [_compared(baseline.file, row, units[row.name], by_row[row.name]) for row in baseline.rows]
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 import usbldr_cli.compare
-import usbldr_cli.runs.jobs
 import usbldr_cli.runs.one_run
+import usbldr_cli.runs.run_jobs
 from checkout import SAMPLES
 from commands import run
 from usbldr.filters.errors import UsageError
@@ -44,7 +44,7 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(usbldr_cli.runs.one_run, "finish_run", never)
     monkeypatch.setattr(usbldr_cli.compare, "_run", never)
-    monkeypatch.setattr(usbldr_cli.runs.jobs, "run_jobs", never)
+    monkeypatch.setattr(usbldr_cli.runs.run_jobs, "run_jobs", never)
 
 
 def refusal(*arguments: object) -> str:

@@ -18,8 +18,10 @@ from usbldr.filters.errors import UsbldrError
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs import jobs
-from usbldr_cli.runs.jobs import Job, run_jobs
+from usbldr_cli.runs import executors
+from usbldr_cli.runs.executors import LocalProcesses
+from usbldr_cli.runs.jobs import Job
+from usbldr_cli.runs.run_jobs import run_jobs
 
 CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")
 
@@ -40,29 +42,29 @@ def test_runs_of_a_killed_worker_are_repeated_and_give_the_same_numbers(tmp_path
 
     killer = threading.Thread(target=kill_one_after_the_first_run, daemon=True)
     killer.start()
-    found = run_jobs(units, 2, tmp_path / "store")
+    found = run_jobs(units, LocalProcesses(2), tmp_path / "store")
     killer.join()
 
     assert killed
-    assert [one.metrics for one in found] == [one.metrics for one in run_jobs(units, 1)]
+    assert [one.metrics for one in found] == [one.metrics for one in run_jobs(units, LocalProcesses(1))]
     assert not [one.fault for one in found if one.fault]
 
 
 def test_runs_that_always_die_end_the_command_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     counts: list[int] = []
 
-    def workers(count: int) -> AbstractContextManager[Callable[..., Future[None]]]:
+    def pool(count: int, shared: object) -> AbstractContextManager[Callable[..., Future[None]]]:
         counts.append(count)
         return nullcontext(dies)
 
-    def dies(unit: Job, kept: object) -> Future[None]:
+    def dies(call: object, task: object) -> Future[None]:
         dead: Future[None] = Future()
         dead.set_exception(BrokenProcessPool())
         return dead
 
-    monkeypatch.setattr(jobs, "_workers", workers)
+    monkeypatch.setattr(executors, "_pool", pool)
 
     with pytest.raises(UsbldrError, match=r"killed from outside 3 times.*try fewer --jobs"):
-        run_jobs([Job("dive", "cpf", CHOICES)] * 6, 4)
+        run_jobs([Job("dive", "cpf", CHOICES)] * 6, LocalProcesses(4))
 
     assert counts == [4, 2, 1]  # fewer at once, because memory may have run out

@@ -119,6 +119,8 @@ def test_over_several_logs_the_verdict_counts_where_each_was_best() -> None:
     rows += [dataclasses.replace(r, log=log) for log in ("b", "c") for r in (row("cpf", 3.0), row("ekf", 2.0))]
 
     assert overall(rows) == "lowest mean horizontal error: ekf on 2 of 3 logs (b, c); cpf on 1 of 3 logs (dive)"
+    fleet = [dataclasses.replace(row("cpf", 1.0), log=f"dive {k}") for k in range(100)]
+    assert overall(fleet) == "lowest mean horizontal error: cpf on 100 of 100 logs"
 
 
 def test_a_failed_row_carries_its_sentence_and_the_others_their_numbers() -> None:

@@ -1,0 +1,88 @@
+"""Many runs at once, on any executor (executors.py); this process alone writes the store of finished runs."""
+
+import sys
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, contextmanager
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from usbldr_cli.runs.executors import Executor
+from usbldr_cli.runs.job_store import JobResult, JobStore
+from usbldr_cli.runs.jobs import FinishedJob, Job, run_job
+from usbldr_cli.runs.verification import Expected, expected, require_log, require_software, with_whole_paths
+
+DIVES_PER_WORKER = 8  # [dives] from which a worker runs a whole dive: waiting for the last one costs an eighth at most
+
+
+class Order(NamedTuple):
+    """Runs that one worker makes one after the other."""
+
+    units: tuple[Job, ...]
+    expected: Expected | None = None  # what a worker elsewhere has to have
+
+
+def run_jobs(units: Sequence[Job], where: Executor, store: Path | None = None) -> list[JobResult]:
+    """Run the jobs and return their results in the same order.
+
+    A fault of a job is a sentence in its result and does not stop the others. With a ``store``, an existing folder,
+    finished jobs are written there and read from there later, also after an interruption. Raises UsbldrError if workers
+    are lost again and again, UnfitWorkerError for a worker elsewhere with other code or files.
+    """
+    kept = JobStore(store) if store is not None else None
+    stored = kept.read_all() if kept is not None else {}
+    outcomes: dict[int, JobResult] = {}
+    places = _shares(units, where.workers)
+    orders = (_order([units[k] for k in share], where.elsewhere) for share in places)
+    finished = where.finished(run_order, orders, frozenset(stored))
+    with _bar(len(units)) as advance, closing(finished):
+        for share, found in finished:
+            for k, (outcome, trace, key) in zip(places[share], found, strict=True):
+                if outcome is None:
+                    outcome = stored[str(key)]
+                elif kept is not None and key is not None:
+                    outcome = kept.write(key, outcome, trace)
+                outcomes[k] = outcome
+                advance()
+    return [outcomes[k] for k in range(len(units))]
+
+
+def _shares(units: Sequence[Job], workers: int) -> list[list[int]]:
+    """Return the places of the jobs that go to one worker together.
+
+    With many dives for each worker these are all successive jobs of a dive, which is read once; else one job.
+    """
+
+    def dive(k: int) -> tuple[Any, ...]:
+        unit = units[k]
+        return unit.log, sorted(unit.selection.items()), unit.choices.seed if unit.simulated else 0
+
+    dives = [list(group) for _, group in groupby(range(len(units)), key=dive)]
+    return dives if len(dives) >= DIVES_PER_WORKER * workers else [[k] for k in range(len(units))]
+
+
+def _order(units: Sequence[Job], elsewhere: bool) -> Order:
+    if not elsewhere:
+        return Order(tuple(units))
+    return Order(tuple(with_whole_paths(unit) for unit in units), expected(units[0]))
+
+
+@contextmanager
+def _bar(total: int) -> Generator[Callable[[], None]]:
+    """Show how many runs are done, if stderr is a terminal."""
+    hidden = total < 2 or not sys.stderr.isatty()
+    with click.progressbar(length=total, label="runs", file=sys.stderr, hidden=hidden, show_pos=True) as bar:
+        bar.update(0)
+        yield lambda: bar.update(1)
+
+
+def run_order(order: Order, stored: frozenset[str]) -> list[FinishedJob]:
+    """Run the jobs of an order on a worker; ``stored`` are the keys of the results that the client has."""
+    digest = None
+    if order.expected is not None:
+        require_software(order.expected)
+        require_log(order.units[0].log, order.expected)
+        digest = order.expected.digest
+    return [run_job(unit, stored, digest) for unit in order.units]

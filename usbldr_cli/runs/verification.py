@@ -1,0 +1,128 @@
+"""What a worker elsewhere must have before it runs anything: the same code, and the same bytes of the log."""
+
+import functools
+import hashlib
+import os
+import socket
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.limits import VARIABLE as LIMITS
+from usbldr.io.remote import local_log
+from usbldr_cli.options.log_options import inputs, read_request
+from usbldr_cli.runs.code_digest import code_digest
+
+if TYPE_CHECKING:
+    from usbldr_cli.runs.jobs import Job
+
+SHOWN = 8  # [characters] of a digest in a sentence
+FILES = ("config", "truth", "joined", "msg_path")  # of a selection: what may be paths
+
+
+class UnfitWorkerError(UsageError):
+    """A worker lacks what the runs need; nothing that it would compute is a result."""
+
+
+class Software(NamedTuple):
+    """What makes the numbers of a run, as installed."""
+
+    version: str
+    code: str  # digest
+    numpy: str
+    compiled: bool
+
+    def __str__(self) -> str:
+        runs = "compiled kernel" if self.compiled else "no compiled kernel"
+        return f"usbldr {self.version} (code {self.code[:SHOWN]}, NumPy {self.numpy}, {runs})"
+
+
+@functools.cache
+def installed() -> Software:
+    """Return what runs in this process; the digest is that of all code: filters, kernel, readers, commands."""
+    import usbldr.io
+    import usbldr_cli
+    from usbldr.filters.kernel import KERNEL
+
+    digest = hashlib.sha256(code_digest().encode())
+    for package in (usbldr.io, usbldr_cli):
+        files = Path(str(package.__file__)).parent.rglob("*")
+        for file in sorted(file for file in files if file.suffix in (".py", ".toml")):
+            digest.update(file.read_bytes())
+    return Software(version("usbldr"), digest.hexdigest(), version("numpy"), KERNEL.advance is not None)
+
+
+class Expected(NamedTuple):
+    """What the client has."""
+
+    software: Software
+    digest: str  # of the log and the files that belong to it; "" if it cannot be read
+    limits: str | None  # the option --limits
+
+
+def expected(unit: "Job") -> Expected:
+    """Return what a worker has to have for a run."""
+    request = read_request(**unit.selection)
+    try:
+        with local_log(unit.log, request) as path:
+            digest = _digest(path, unit.selection)
+    except LogError:
+        digest = ""  # the worker says what is wrong with the log
+    return Expected(installed(), digest, os.environ.get(LIMITS))
+
+
+def with_whole_paths(unit: "Job") -> "Job":
+    """Return the run with absolute paths of the files that exist here: a worker has another current folder."""
+    selection = {name: _whole(value) if name in FILES else value for name, value in unit.selection.items()}
+    return replace(unit, log=_whole(unit.log), selection=selection)
+
+
+def _whole(value: Any) -> Any:
+    if isinstance(value, str):
+        return os.path.abspath(value) if os.path.exists(value) else value
+    return value if value is None else tuple(_whole(one) for one in value)
+
+
+def require_software(wanted: Expected) -> None:
+    """Raise UnfitWorkerError if this process has other software than the client; take over its limits."""
+    here = installed()
+    if here != wanted.software:
+        raise UnfitWorkerError(
+            f"worker on {socket.gethostname()} runs {here}, this command {wanted.software}: install the same for both"
+        )
+    os.environ.pop(LIMITS, None)
+    if wanted.limits is not None:
+        os.environ[LIMITS] = wanted.limits
+
+
+def require_log(log: str, wanted: Expected) -> None:
+    """Raise UnfitWorkerError if a log is not here, but was at the client."""
+    if wanted.digest and os.path.isabs(log) and not os.path.exists(log):
+        raise UnfitWorkerError(
+            f"worker on {socket.gethostname()} does not have {log}: keep logs where all workers reach them by "
+            "the same path, or name them by URL"
+        )
+
+
+def require_digest(log: str, path: Path, selection: Mapping[str, Any], wanted: str) -> None:
+    """Raise UnfitWorkerError if a log and its configuration, here at ``path``, differ from those of the client."""
+    found = _digest(path, selection)
+    if wanted and found != wanted:
+        raise UnfitWorkerError(
+            f"{log} or a file that belongs to it differs on {socket.gethostname()} (digest {found[:SHOWN]}) from what "
+            f"this command reads ({wanted[:SHOWN]}): give all workers the same files"
+        )
+
+
+def _digest(path: Path, selection: Mapping[str, Any]) -> str:
+    from usbldr.io.opening import digest_paths
+
+    if path.is_absolute() and not path.exists():
+        return ""
+    try:
+        return digest_paths(inputs(str(path), read_request(**selection)))
+    except OSError:
+        return ""
