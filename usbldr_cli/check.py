@@ -15,6 +15,7 @@ from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
 from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
+from usbldr_cli.options.run_outputs import RunOutputs
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
@@ -202,7 +203,7 @@ def _kept(one: "CheckedRow", unit: "Job", target: Path, force: bool) -> "Checked
 
     run = run_again(RunPlan(unit.log, unit.method, relevant_choices(unit.method, unit.choices), unit.selection))
     with run_directory(target, force) as folder:
-        write_run(folder, run)
+        write_run(folder, run, RunOutputs())
     findings = [f for f in examine_log(run.log).findings if f.level != "info"]
     return replace(one, findings=tuple(f"{f.text} [{f.code}]" for f in findings), kept=target)
 

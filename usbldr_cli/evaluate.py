@@ -7,10 +7,10 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, printable
 from usbldr_cli.options.command_line import given_command
-from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
 from usbldr_cli.options.output_files import json_option, refuse_file
 from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.run_output import print_run, write_run
 
 FRAMES = ("ENU", "NED", "latlon")
@@ -34,7 +34,7 @@ DEFAULTS: dict[str, Any] = {
 @click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-ESTIMATE]")
 @click.option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
-@html_option
+@run_outputs
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def evaluate(
     log: str,
@@ -46,7 +46,7 @@ def evaluate(
     output: Path | None,
     force: bool,
     json_to: str | None,
-    html: bool,
+    outputs: RunOutputs,
     quiet: bool,
     **selection: Any,
 ) -> int:
@@ -76,6 +76,7 @@ def evaluate(
         refuse_file("--json", Path(str(json_to)), force, read, target)
     if what := output_conflict(target, read, inside=False):
         raise UsageError(f"{target} {what}: choose another --output")
+    outputs.require_fitting(Path(log))
     dive = open_log(log, request)
     for finding in dive.findings:
         click.echo(f"usbldr: {printable(dive.path.name)}: {finding.text} [{finding.code}]", err=True)
@@ -94,6 +95,6 @@ def evaluate(
     scored = ScoredTrack(track, report)
     run = Run(placed, grid, found, scored, references, request=asked, configuration=content, made=made)
     with run_directory(target, force) as folder:
-        write_run(folder, run, html=html)
+        write_run(folder, run, outputs)
     print_run(run, target, json_to, quiet)
     return LogError.exit_code if any(finding.lost_data for finding in dive.findings) else 0

@@ -8,10 +8,10 @@ import click
 
 from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
-from usbldr_cli.options.output_files import json_option, plots_option, refuse_file, write_file
+from usbldr_cli.options.output_files import json_option, refuse_file, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.run_output import print_run, write_run
 
 if TYPE_CHECKING:
@@ -47,8 +47,7 @@ if TYPE_CHECKING:
     help="Repeat the run without each of the N most influential fixes.",
 )
 @click.option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.")
-@plots_option("in the run directory; none saves about a second")
-@html_option
+@run_outputs
 @click.option("--verify", metavar="REPORT", help="Repeat the run of a report.json; exit 1 if it is not the same.")
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
@@ -61,8 +60,7 @@ def replay(
     write_calibration: str | None,
     leave_one_out: int | None,
     bound: bool,
-    plots: str,
-    html: bool,
+    outputs: RunOutputs,
     verify: str | None,
     strict: bool,
     quiet: bool,
@@ -94,6 +92,7 @@ def replay(
     if bound:
         require_scenario(log)
     plan = RunPlan(log, method, choices, selection, leave_one_out, bound)
+    outputs.require_fitting(Path(log))
     opened = open_log(log, request, choices.seed)
     lost = [finding.text for finding in opened.findings if finding.lost_data]
     _say(opened, opened.findings)
@@ -111,7 +110,7 @@ def replay(
         raise UsageError(f"{target} {what}: choose another --output")
     with run_directory(target, force) as folder:
         run = finish_run(plan, request, ready)
-        write_run(folder, run, plots, html)
+        write_run(folder, run, outputs)
         if write_calibration is not None:
             _write_calibration(Path(write_calibration), run)
     print_run(run, target, json_to, quiet)

@@ -7,30 +7,35 @@ from typing import TYPE_CHECKING
 import click
 
 from usbldr_cli.options.output_files import write_json
+from usbldr_cli.options.run_outputs import RunOutputs
 
 if TYPE_CHECKING:
     from usbldr.io.reports.report_json import Run
 
 
-def write_run(folder: Path, run: "Run", plots: str = "all", html: bool = False) -> None:
-    """Write everything of the run, report.html if asked for; report.json, which names all files, comes last."""
+def write_run(folder: Path, run: "Run", outputs: RunOutputs) -> None:
+    """Write everything of the run, and what else is asked for; report.json, which names all files, comes last."""
     from usbldr.io.reports.report_json import write_json, write_tables
     from usbldr.io.reports.run_page import write_markdown
 
     write_tables(folder, run)
     pictures: list[tuple[str, str]] = []
-    if plots != "none":
+    if outputs.plots != "none":
         from usbldr_cli.figures.run_figures import write_figures  # imports matplotlib
 
         pictures = write_figures(folder, run)
     write_markdown(folder, run, pictures)
-    if html:
+    if outputs.html:
         from usbldr.io.reports.run_page import run_page
         from usbldr_cli.pages.html_page import REPORT_HTML, write_html
         from usbldr_cli.pages.run_plots import run_plots  # imports Bokeh
 
         blocks, drawn = run_plots(run)
         write_html(folder / REPORT_HTML, run_page(run, blocks), drawn)
+    if outputs.mcap is not None:
+        from usbldr.io.reports.run_mcap import TRACK_MCAP, write_run_mcap  # imports rosbags
+
+        write_run_mcap(folder / TRACK_MCAP, run, outputs.mcap == "merge")
     write_json(folder, run)
 
 

@@ -26,7 +26,8 @@ HINTS: Mapping[str, str] = {
 """Words of topic names that suggest a role."""
 
 NO_SENSOR = re.compile(
-    r"(^|[/_])(filtered|odometry|odom|ekf|ukf|estimate|estimated|ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
+    r"(^|[/_])(usbldr|filtered|odometry|odom|ekf|ukf|estimate|estimated|"
+    r"ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
 )
 """Words of topic names that suggest computed values, or simulated ones beside the sensors."""
 

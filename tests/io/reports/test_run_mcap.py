@@ -1,0 +1,172 @@
+"""track.mcap: what a run found, as messages that players show, read back by mcap and by rosbags."""
+
+import json
+import math
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from checkout import ROOT, SAMPLES
+from commands import output_of, run
+from usbldr.filters.errors import LogError, UsageError
+
+LOG = SAMPLES / "paper.mcap"
+CONFIG = SAMPLES / "paper.usbldr.toml"
+METRICS = ("mean_horizontal_m", "rmse_east_m", "bias_north_m", "max_horizontal_m", "nees_mean", "inside_1_sigma")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("run") / "adf"
+    options = ("--calibrate", "heading", "--plots", "none", "-q")
+    output_of("replay", LOG, "-f", "adf", "--mcap", "merge", *options, "-o", out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def messages(folder: Path) -> dict[str, list[Any]]:
+    """Return by topic the messages as rosbags decodes them by the definitions in the file."""
+    store = get_typestore(Stores.EMPTY)
+    found: dict[str, list[Any]] = {}
+    with (folder / "track.mcap").open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            if channel.topic.startswith("/usbldr"):
+                assert schema is not None
+                if schema.name not in store.types:
+                    store.register(get_types_from_msg(schema.data.decode(), schema.name))
+                decoded: Any = store.deserialize_cdr(message.data, schema.name)
+                stamp = decoded.header.stamp
+                assert stamp.sec * 10**9 + stamp.nanosec == message.log_time
+                found.setdefault(channel.topic, []).append(decoded)
+    return found
+
+
+def report(folder: Path) -> Any:
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+
+def judged(log: Path, out: Path, *options: object) -> dict[str, float]:
+    told = output_of(
+        "evaluate", log, "-e", "/usbldr/estimate", "--truth", "/usbldr/truth", "--json", "-o", out, *options
+    )
+    return json.loads(told)["metrics"]
+
+
+def test_evaluating_the_file_gives_the_numbers_of_the_run(folder: Path, tmp_path: Path) -> None:
+    own = report(folder)["metrics"]
+
+    found = judged(folder / "track.mcap", tmp_path / "merged", "--config", CONFIG)
+
+    assert found["matched"] == own["matched"]
+    for name in METRICS:
+        assert found[name] == pytest.approx(own[name], rel=1e-6, abs=1e-6), name
+
+
+def test_a_file_without_the_log_is_judged_alike(folder: Path, tmp_path: Path) -> None:
+    options = ("--calibrate", "heading", "--plots", "none", "-q", "--mcap", "alone")
+    output_of("replay", LOG, "-f", "adf", *options, "-o", tmp_path / "run")
+
+    found, own = judged(tmp_path / "run" / "track.mcap", tmp_path / "judged"), report(folder)["metrics"]
+
+    for name in METRICS:
+        assert found[name] == pytest.approx(own[name], rel=1e-6, abs=1e-6), name
+
+
+def test_the_copy_holds_every_message_of_the_log_unchanged(folder: Path) -> None:
+    def held(file: Path) -> Counter[tuple[str, str, int, int, bytes]]:
+        with file.open("rb") as stream:
+            return Counter(
+                (c.topic, s.name if s else "", m.log_time, m.publish_time, m.data)
+                for s, c, m in make_reader(stream).iter_messages()
+                if not c.topic.startswith("/usbldr")
+            )
+
+    assert held(folder / "track.mcap") == held(LOG)
+
+
+def test_estimate_and_places_are_those_of_the_table(folder: Path, messages: dict[str, list[Any]]) -> None:
+    track = pd.read_csv(folder / "track_5hz.csv")
+    odometry, places = messages["/usbldr/estimate"], messages["/usbldr/estimate/place"]
+
+    assert len(odometry) == len(track)
+    at = [m.pose.pose.position for m in odometry]
+    np.testing.assert_allclose([[p.x, p.y] for p in at], track[["east_m", "north_m"]], atol=1e-4)
+    cov = np.array([m.pose.covariance for m in odometry])
+    np.testing.assert_allclose(np.sqrt(cov[:, [0, 7]]), track[["sd_east_m", "sd_north_m"]], atol=1e-4)
+    yaw = np.array([2 * math.atan2(m.pose.pose.orientation.z, m.pose.pose.orientation.w) for m in odometry])
+    heading = np.radians(90 - track["heading_deg"].to_numpy())  # REP 103
+    np.testing.assert_allclose(np.cos(yaw - heading), 1, atol=1e-9)
+    np.testing.assert_allclose([m.twist.twist.linear.x for m in odometry], track["forward_mps"], atol=1e-5)
+    np.testing.assert_allclose([-m.twist.twist.linear.y for m in odometry], track["starboard_mps"], atol=1e-5)
+    each_second = track[::5]
+    np.testing.assert_allclose([m.latitude for m in places], each_second["lat_deg"], atol=1e-8)
+    np.testing.assert_allclose([m.longitude for m in places], each_second["lon_deg"], atol=1e-8)
+
+
+def test_each_fix_stands_in_the_topic_of_its_outcome(folder: Path, messages: dict[str, list[Any]]) -> None:
+    fixes = pd.read_csv(folder / "fixes.csv")
+
+    for outcome, mine in fixes.groupby("outcome"):
+        found = messages[f"/usbldr/fixes/{str(outcome).replace('-', '_')}"]
+        position = [[m.pose.pose.position.x, m.pose.pose.position.y] for m in found]
+        np.testing.assert_allclose(position, mine[["east_m", "north_m"]], atol=1e-4)
+    told = [m.status[0] for m in messages["/usbldr/fixes/outcome"]]
+    assert [one.message.split(":")[0] for one in told] == fixes["outcome"].tolist()
+    nis = [float(next(v.value for v in one.values if v.key == "nis")) for one in told]
+    np.testing.assert_allclose(nis, fixes["nis"], rtol=1e-4)
+
+
+def test_errors_and_sensor_errors_are_those_of_the_report(folder: Path, messages: dict[str, list[Any]]) -> None:
+    own = report(folder)
+
+    size = [m.vector.z for m in messages["/usbldr/error"]]
+    assert np.mean(size) == pytest.approx(own["metrics"]["mean_horizontal_m"])
+    last = messages["/usbldr/sensor_errors"][-1].status[0]
+    numbers = {value.key: value.value for value in last.values}
+    found = next(iter(own["calibration"].values()))
+    assert float(numbers["value"]) == pytest.approx(found["value"], rel=1e-4)
+    assert float(numbers["sd"]) == pytest.approx(found["sd"], rel=1e-4)
+
+
+def test_topics_of_an_earlier_run_are_no_sensors(folder: Path, tmp_path: Path) -> None:
+    output_of("replay", folder / "track.mcap", "-f", "adf", "--plots", "none", "-q", "-o", tmp_path / "again")
+
+    assert {one["topic"] for one in report(tmp_path / "again")["sensors"].values()} == {
+        *("/dvl/data", "/imu/data", "/usbl/fix", "/gps/fix")
+    }
+
+
+def test_only_an_mcap_file_is_merged(tmp_path: Path) -> None:
+    done = run("replay", SAMPLES / "lawnmower.bag", "--mcap", "merge", "-o", tmp_path / "run")
+
+    assert isinstance(done.exception, UsageError)
+    assert "usbldr export" in str(done.exception)
+
+
+def test_a_damaged_log_is_not_merged_but_judged(tmp_path: Path) -> None:
+    (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:150_000])
+
+    done = run("replay", tmp_path / "cut.mcap", "-f", "dr", "--mcap", "merge", "-o", tmp_path / "run")
+
+    assert isinstance(done.exception, LogError)
+    assert "leave merge out" in str(done.exception)
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_layout_for_foxglove_shows_topics_of_the_file(messages: dict[str, list[Any]]) -> None:
+    layout = (ROOT / "docs" / "players" / "foxglove.json").read_text(encoding="utf-8")
+
+    shown = set(re.findall(r"/usbldr/[a-z_/]+", layout))
+    fates = {"/usbldr/fixes/rejected/place", "/usbldr/fixes/rejected"}  # this dive has none
+    assert {"/usbldr/estimate", "/usbldr/truth/place", "/usbldr/error"} <= shown
+    assert shown - fates <= set(messages)
+    found = json.loads(layout)
+    placed = set(re.findall(r"\w+![a-z]+", json.dumps(found["layout"])))
+    assert placed == set(found["configById"])

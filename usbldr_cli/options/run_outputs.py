@@ -1,0 +1,52 @@
+"""What a run writes beside its reports and tables, if asked for."""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import click
+
+from usbldr_cli.options.html_option import html_option
+from usbldr_cli.options.output_files import plots_option
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutputs:
+    """The options of more files in the run directory, as given."""
+
+    plots: str = "all"
+    html: bool = False
+    mcap: str | None = None  # "alone" or "merge"
+
+    def require_fitting(self, log: Path) -> None:
+        """Raise UsageError for a file that cannot be made of this log."""
+        if self.mcap == "merge":
+            from usbldr.io.reports.run_mcap import require_mergeable
+
+            require_mergeable(log)
+
+
+def run_outputs(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options; the command gets them as one RunOutputs, ``outputs``."""
+    names = [field.name for field in fields(RunOutputs)]
+
+    @functools.wraps(command)
+    def packed(**given: Any) -> Any:
+        return command(outputs=RunOutputs(**{name: given.pop(name) for name in names}), **given)
+
+    decorated: Callable[..., Any] = packed
+
+    options = (
+        plots_option("in the run directory; none saves about a second"),
+        html_option,
+        click.option(
+            "--mcap",
+            type=click.Choice(["alone", "merge"]),
+            help="Write track.mcap for Foxglove, Lichtblick or PlotJuggler: alone, or with a copy of LOG.",
+        ),
+    )
+    for option in reversed(options):
+        decorated = option(decorated)
+    return decorated
