@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -89,22 +90,14 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
     choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
     refuse_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
-    as_logged = _raws(reader, choices, raw_fields or {})
-    raws, shifted = align_clocks(as_logged, _timed_by_log(configuration))
-
-    origin = _origin(configuration, raws)
     try:
-        made, findings = _converted(configuration, raws, origin, source.chosen_by)
+        tables, provenance, origin, findings, raws = _sensor_tables(
+            reader, choices, configuration, source.chosen_by, raw_fields
+        )
     except SettingError as err:
         raise UsageError(err.text, path=opened.file or path) from err
-    tables: dict[str, pd.DataFrame] = {}
-    for role, sensor in made.items():
-        tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
-        findings += [*sensor.findings, *more]
     _refuse_apart(path, tables)
     start_ns = _start_ns(tables, topics)
-
-    provenance = {role: _provenance(choices[role], made[role], tables[role]) for role in tables}
     if source.file is not None:
         truth_table, provenance["truth"] = read_truth_file(
             source.file, source.chosen_by, configuration.truth, start_ns, origin
@@ -125,7 +118,6 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
             truth, provenance["truth"], more = by_fixes(truth, provenance["truth"], tables["usbl"], start_ns)
             findings += more
     findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]
-    findings += covariance_findings(raws)
     if truth_table is not None:
         findings += repeated_fix_findings(
             truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns
@@ -144,9 +136,9 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         truth=truth,
         configuration=opened.file,
         settings=configuration,
-        findings=(*reader.findings(), *roles.findings, *shifted, *findings),
+        findings=(*reader.findings(), *roles.findings, *findings),
         unread={topic.name: topic.problem for topic in topics if topic.problem},
-        raws={} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES},
+        raws=raws,
     )
     return without_implausible(log)
 
@@ -208,6 +200,44 @@ def _origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Ori
             if len(lat):
                 return Origin(float(lat[0]), float(lon[0]), f"first {what} fix")
     return None
+
+
+class SensorTables(NamedTuple):
+    """Canonical records by role, how they were read, and the unconverted records if they were asked for."""
+
+    tables: dict[str, pd.DataFrame]
+    provenance: dict[str, Provenance]
+    origin: Origin | None
+    findings: list[Finding]
+    raws: dict[str, RawRecords]
+
+
+def _sensor_tables(
+    reader: Reader,
+    choices: Mapping[str, TopicChoice],
+    configuration: Configuration,
+    truth_by: str,
+    raw_fields: Mapping[str, Sequence[str]] | None,
+) -> SensorTables:
+    """Read and convert the chosen topics; the unconverted records, larger than the tables, end here unless asked for.
+
+    Raises SettingError for a setting that does not fit a topic.
+    """
+    as_logged = _raws(reader, choices, raw_fields or {})
+    raws, findings = align_clocks(as_logged, _timed_by_log(configuration))
+    origin = _origin(configuration, raws)
+    made, more = _converted(configuration, raws, origin, truth_by)
+    findings = [*findings, *more]
+    tables: dict[str, pd.DataFrame] = {}
+    provenance: dict[str, Provenance] = {}
+    for role in list(made):
+        sensor = made.pop(role)
+        tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
+        findings += [*sensor.findings, *more]
+        provenance[role] = _provenance(choices[role], sensor, tables[role])
+    findings += covariance_findings(raws)
+    asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES}
+    return SensorTables(tables, provenance, origin, findings, asked)
 
 
 def _converted(

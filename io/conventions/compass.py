@@ -17,7 +17,7 @@ from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.compass import BY_RANGE, PER_RECORD
-from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.layouts import BLOCK_RECORDS, RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import CompassSection
 
@@ -140,6 +140,11 @@ def _vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:
 
     Their body is FLU in an ENU world, FRD in an NED one, and is turned clockwise from the bow by the bias.
     """
+    blocks = (raw.part(slice(first, first + BLOCK_RECORDS)) for first in range(0, len(raw.received_ns), BLOCK_RECORDS))
+    return np.concatenate([np.empty((0, 3)), *(_vertical_of(block, convention, bias_deg) for block in blocks)])
+
+
+def _vertical_of(raw: RawRecords, convention: str, bias_deg: float) -> Array:
     x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
     forward = 2 * (x * z - w * y) * (1 if convention == "ENU" else -1)
     starboard, up = -2 * (y * z + w * x), w * w + z * z - x * x - y * y

@@ -74,9 +74,9 @@ def covariance_findings(raws: Mapping[str, RawRecords]) -> list[Finding]:
     found: list[Finding] = []
     for raw in raws.values():
         bad = np.zeros(len(raw.received_ns), dtype=np.bool_)
-        for variance in (raw.number(name) for name in VARIANCES):
+        for variance in (raw.number(name) for name in VARIANCES if name in raw.values):
             bad |= (variance < 0) & (variance != UNKNOWN_VARIANCE)
-        for xx, xy, yy in ON_THE_PLANE:
+        for xx, xy, yy in (names for names in ON_THE_PLANE if set(names) <= set(raw.values)):
             bad |= positions.indefinite(raw.number(xx), raw.number(xy), raw.number(yy))
         if bad.any():
             name = raw.topic.name

@@ -7,7 +7,6 @@ be further away than a vehicle moves there, and back, in the time between record
 """
 
 from itertools import pairwise
-from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -15,6 +14,7 @@ import pandas as pd
 from usbldr.filters.frames import wrapped
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs
+from usbldr.io.messages.layouts import BLOCK_RECORDS
 
 HALF_WINDOW_RECORDS = 6  # the median of 13 records endures bursts of 6
 HALF_WINDOW_S = 1.0  # the same of a sensor faster than 6 Hz
@@ -95,7 +95,12 @@ def _window(time_s: Vector) -> int:
 
 def _running_median(values: Vector, window: int) -> Vector:
     """Return the median of each record's neighbours, (n,); windows at the borders are shorter."""
-    return cast(Vector, pd.Series(values).rolling(window, center=True, min_periods=1).median().to_numpy())
+    half, found = window // 2, np.empty_like(values)
+    for first in range(0, len(values), BLOCK_RECORDS):
+        end, before = first + BLOCK_RECORDS, min(first, half)
+        near = pd.Series(values[first - before : end + half]).rolling(window, center=True, min_periods=1)
+        found[first:end] = near.median().to_numpy()[before : before + len(found[first:end])]
+    return found
 
 
 def _turns_deg(heading_deg: Vector) -> Vector:

@@ -96,15 +96,18 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
         why = "fixes arrive late; sorted by stamp, arrival kept" if sensor == "usbl" else "sorted by stamp"
         text = f"{topic}: {late} of {len(time)} records are stamped earlier than the previous one ({why})"
         findings.append(Finding("OUT-OF-ORDER", text, topic))
-    table = table.sort_values("time_ns", kind="stable", ignore_index=True)
+        table = table.sort_values("time_ns", kind="stable", ignore_index=True)
 
     values = [column for column in table if column not in ("received_ns", "stamp_ns")]
-    repeated = table.duplicated(subset=values)
+    same = np.diff(table["time_ns"].to_numpy()) == 0
+    rows = np.append(same, False) | np.append(False, same)  # only records of one stamp can be repeats
+    repeated = np.zeros(len(table), dtype=np.bool_)
+    repeated[rows] = table[rows].duplicated(subset=values)
     if repeated.any():
         text = f"{topic}: {repeated.sum()} of {len(table)} records repeat another's stamp and values and are left out"
         findings.append(Finding("REPEATED", text, topic))
         table = table[~repeated].reset_index(drop=True)
-    shared = table.duplicated(subset="time_ns")
+    shared = np.diff(table["time_ns"].to_numpy()) == 0
     if shared.any():
         what = "all are kept" if sensor == "usbl" else "records of one stamp are averaged"
         text = f"{topic}: {shared.sum()} of {len(table)} records have another's stamp and other values; {what}"

@@ -20,6 +20,7 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
+BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need more memory than the records
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
 
 
@@ -71,6 +72,12 @@ class RawRecords:
     def fault(self, text: str) -> LogError:
         """Return an error of the topic."""
         return LogError(text, path=self.log, topic=self.topic.name)
+
+    def part(self, rows: slice) -> "RawRecords":
+        """Return some of the records."""
+        stamp_ns = None if self.stamp_ns is None else self.stamp_ns[rows]
+        values = {quantity: column[rows] for quantity, column in self.values.items()}
+        return replace(self, stamp_ns=stamp_ns, received_ns=self.received_ns[rows], values=values)
 
     def number(self, quantity: str) -> Vector:
         """Return a quantity as floats in its own unit, (n,).
