@@ -1,16 +1,22 @@
 """What setuptools, the type checker and a user's first import find of this checkout."""
 
 import ast
+import math
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 import usbldr
 import usbldr.filters
 import usbldr.io
 from commands import output_of
+from needed_kernel import require_kernel
+from usbldr.filters.kernel import KERNEL
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
@@ -72,3 +78,60 @@ def test_every_public_name_is_there_whether_asked_for_or_seen_by_a_type_checker(
         (checked,) = (block for block in body if isinstance(block, ast.If))
         imported = [alias.name for line in checked.body if isinstance(line, ast.ImportFrom) for alias in line.names]
         assert sorted(imported) == sorted(package.__all__)
+
+
+@pytest.fixture(scope="module")
+def without_a_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the source distribution, from that a wheel without a compiler, and install the wheel: its folder."""
+    work = tmp_path_factory.mktemp("install")
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    if not tracked:
+        pytest.skip("not a git checkout: nothing tells which files belong to it")
+    for name in tracked:
+        if name.split("/")[0] in (*FOLDERS, "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+            (work / "source" / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, work / "source" / name)
+    tools, environment = work / "tools", {**os.environ, "CC": "no-compiler", "PYTHONPATH": str(work / "tools")}
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--target"]
+    subprocess.run([*pip, str(tools), "setuptools>=77"], check=True)
+
+    def build(what: str, source: Path) -> Path:
+        call = f"from setuptools import build_meta; build_meta.build_{what}({str(work)!r})"
+        subprocess.run([sys.executable, "-c", call], cwd=source, env=environment, check=True, capture_output=True)
+        return next(work.glob("*.tar.gz" if what == "sdist" else "*.whl"))
+
+    sdist = build("sdist", work / "source")
+    shutil.unpack_archive(sdist, work / "unpacked", filter="data")
+    (unpacked,) = (work / "unpacked").iterdir()
+    wheel = build("wheel", unpacked)
+    subprocess.run([*pip, str(work / "installed"), str(wheel)], check=True)
+    return work / "installed"
+
+
+def test_without_a_compiler_the_install_succeeds_and_numpy_runs(without_a_compiler: Path) -> None:
+    call = (
+        "from usbldr.filters.kernel import KERNEL; from usbldr.io.session import open_log, score; "
+        "from usbldr.io.timeline import timeline; import usbldr; "
+        f"log = open_log({str(ROOT / 'sample_logs' / 'lawnmower_turn_db3')!r}); "
+        "print(usbldr.__file__, score(log, timeline(log), 'ekf').trajectory.mean[-1, 4], KERNEL.name, KERNEL.reason)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(without_a_compiler)}
+    command = [sys.executable, "-c", call]
+    done = subprocess.run(command, cwd=without_a_compiler, env=environment, capture_output=True, text=True, check=True)
+    place, east_m, kernel, reason = done.stdout.split(maxsplit=3)
+    assert Path(place).is_relative_to(without_a_compiler)
+    assert math.isfinite(float(east_m))
+    assert (kernel, reason.strip()) == ("numpy", "the kernel is not there: usbldr was installed without a C compiler")
+
+
+def test_the_source_distribution_has_every_file_of_the_kernel(without_a_compiler: Path) -> None:
+    (unpacked,) = (without_a_compiler.parent / "unpacked").iterdir()
+    (kernel,) = SETUPTOOLS["ext-modules"]
+    there = {path.name for path in (ROOT / "filters" / "kernel").glob("*.[ch]")}
+    assert {Path(name).name for name in (*kernel["sources"], *kernel["depends"])} == there
+    assert there == {path.name for path in (unpacked / "filters" / "kernel").glob("*.[ch]")}
+
+
+def test_the_kernel_is_compiled_if_there_is_a_compiler() -> None:
+    require_kernel()
+    assert KERNEL.advance is not None

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from needed_kernel import require_kernel
 from usbldr.filters.errors import LogError
 from usbldr.filters.estimators import compiled
 from usbldr.filters.estimators.compiled import CompiledFilter, Doubt
@@ -31,8 +32,7 @@ from usbldr.filters.types import Timeline, Trajectory
 from usbldr.filters.updates import UpdateTable
 from weaving import Faults, weaving_dive
 
-if KERNEL.advance is None:
-    pytest.skip(f"no compiled kernel: {KERNEL.reason}", allow_module_level=True)
+require_kernel()
 
 NUMPY = Kernel("numpy", "as the test says")
 EVERYTHING = tuple(STATES)

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from needed_kernel import require_kernel
 from usbldr.filters.identification import compiled_fixes
 from usbldr.filters.identification.usbl_likelihood import CLOCK, LEVER, Member, fix_likelihoods
-from usbldr.filters.kernel import KERNEL, Kernel
+from usbldr.filters.kernel import Kernel
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors
 from usbldr.filters.types import Outage
 from weaving import Faults, weaving_dive
 
-if KERNEL.run_pass is None:
-    pytest.skip(f"no compiled kernel: {KERNEL.reason}", allow_module_level=True)
+require_kernel()
 
 LINE = weaving_dive(Faults(0.01, 0.0, 1.0, 2.0, 1.0, 0.4), seconds=150)
 CLUSTER = slice(60, 75)
