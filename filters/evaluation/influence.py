@@ -3,7 +3,7 @@
 A recursive filter that leaves a fix out has, until the next one, the track of before: so the shift at the update is the
 effect of leaving it out (the case deletion of R. D. Cook, "Detection of influential observation in linear regression",
 Technometrics 19(1), 1977, for a filter as it stands at that moment). Later fixes wear it off, and how soon they do, or
-whether they are now believed at all, only a run without the fix tells. Metres, east and north.
+whether later fixes are accepted at all then, only a run without the fix shows. Metres, east and north.
 """
 
 import math
@@ -44,7 +44,7 @@ class LeaveOneOut(NamedTuple):
 
 
 def influences(trajectory: Trajectory) -> Mapping[int, Influence]:
-    """Return by row every fix that the filter judged; none for a method that tells of no shift."""
+    """Return by row every fix that the filter judged; none for a method that reports no shift."""
     x, y = (trajectory.names.index(state) for state in ("x", "y"))
     fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
     columns = (

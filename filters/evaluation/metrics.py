@@ -130,7 +130,7 @@ def _statistics(e: Vector) -> tuple[float, float, float, float, float, float, fl
 
 
 def distance_travelled_m(trajectory: Trajectory) -> Vector | None:
-    """Return the distance travelled since the track's start, (T,), metres; None where the track tells no speed.
+    """Return the distance travelled since the track's start, (T,), metres; None if the track has no speed.
 
     The estimated speed is integrated, not the track: corrections by fixes are no way made good.
     """
@@ -158,7 +158,7 @@ class Surfacing(NamedTuple):
     time_s: float
     gap_s: float
     error_m: float
-    distance_m: float  # travelled since the last truth sample; NaN where the track tells no speed
+    distance_m: float  # travelled since the last truth sample; NaN if the track has no speed
     percent: float  # error in per cent of that
 
 
@@ -167,8 +167,8 @@ def surfacings(
 ) -> tuple[Surfacing, ...]:
     """Return each end of a truth gap over 30 s between start and end, with the track's error there.
 
-    The one place where the track is interpolated, to the instant of the truth; where its own epochs are further apart
-    than the truth's longest allowed gap, nothing is said.
+    The one place where the track is interpolated, to the instant of the truth. If its own epochs are further apart
+    than the truth's longest allowed gap, there is no error.
     """
     known = np.isfinite(position_m).all(axis=1)
     t, track_m = time_s[known], position_m[known]

@@ -37,7 +37,7 @@ class UsualVelocity(NamedTuple):
 
 
 class VelocityHistory:
-    """The DVL records so far; what it tells about a time depends on the records up to that time alone."""
+    """The DVL records so far; what it states about a time depends on the records up to that time alone."""
 
     def __init__(self) -> None:
         self._count = 0

@@ -57,7 +57,7 @@ def run(
     """Run a method of METHODS over the timeline and return its track; a filter's has an estimate at every epoch.
 
     ``anchor`` is where dead reckoning starts; a filter has its own start. Raises UsageError for an unknown method and
-    for settings that do not fit it, LogError where nothing tells the start or a covariance becomes singular.
+    for settings that do not fit it, LogError if nothing gives the start or a covariance becomes singular.
     """
     method = method_named(name)
     if method.make_track is not None:

@@ -1,6 +1,6 @@
 """Velocities of a DVL and lever arms turned level by roll and pitch, if the log has an attitude.
 
-A DVL measures along its own axes, and some correct for roll and pitch themselves. The change of depth tells which.
+A DVL measures along its own axes, and some correct for roll and pitch themselves. The change of depth shows which.
 The filters place a lever arm in the horizontal plane by the heading alone; here a fix moves by what the tilt changes.
 """
 
