@@ -13,7 +13,7 @@ from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option, require_output
 from usbldr_cli.options.log_options import inputs, read_request, request_provenance, selection_options
-from usbldr_cli.options.output_files import json_option, plots_option, refuse_file, write_json
+from usbldr_cli.options.output_files import json_option, plot_format_option, plots_option, refuse_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
 @plots_option("of each log, which take about a second each log")
 @json_option("table")
+@plot_format_option
 @html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def compare(
@@ -49,6 +50,7 @@ def compare(
     force: bool,
     plots: str,
     json_to: str | None,
+    plot_format: str,
     html: bool,
     quiet: bool,
     **selection: Any,
@@ -87,7 +89,7 @@ def compare(
         store = None if output is None else output / UNITS
         rows = _run(logs, methods, seeds, workers, choices, selection, store, bound)
         _refuse_empty(rows)
-    _write(output, rows, request, plots, html)
+    _write(output, rows, request, plots, plot_format, html)
     _print_result(rows, request, output, json_to, quiet)
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
@@ -190,7 +192,12 @@ def _refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
 
 
 def _write(
-    output: Path | None, rows: "Sequence[ComparisonRow]", request: dict[str, Any], plots: str, html: bool
+    output: Path | None,
+    rows: "Sequence[ComparisonRow]",
+    request: dict[str, Any],
+    plots: str,
+    plot_format: str,
+    html: bool,
 ) -> None:
     from usbldr.io.reports.markdown_report import markdown
     from usbldr.io.reports.page import Picture
@@ -205,7 +212,7 @@ def _write(
         if plots != "none":
             from usbldr_cli.figures.compare import write_figures
 
-            pictures = [Picture(*picture) for picture in write_figures(output, rows)]
+            pictures = [Picture(*picture) for picture in write_figures(output, rows, plot_format)]
         if html:
             from usbldr_cli.pages.compare_plots import compare_plots  # imports Bokeh
             from usbldr_cli.pages.html_page import REPORT_HTML, write_html

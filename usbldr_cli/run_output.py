@@ -23,7 +23,7 @@ def write_run(folder: Path, run: "Run", outputs: RunOutputs) -> None:
     if outputs.plots != "none":
         from usbldr_cli.figures.run_figures import write_figures  # imports matplotlib
 
-        pictures = write_figures(folder, run)
+        pictures = write_figures(folder, run, outputs.plot_format)
     write_markdown(folder, run, pictures)
     if outputs.html:
         from usbldr.io.reports.run_page import run_page

@@ -26,8 +26,8 @@ DOTS_WIDE = 0.08  # of the distance between two filters: half the width of a clo
 CROWDED = 20.0  # largest over smallest error from which the axis is logarithmic
 
 
-def write_figures(folder: Path, rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
-    """Draw every figure of every log into the folder; return file names and captions."""
+def write_figures(folder: Path, rows: Sequence[ComparisonRow], form: str = "png") -> list[tuple[str, str]]:
+    """Draw every figure of every log into the folder as png, svg or pdf; return file names and captions."""
     groups = grouped(rows)
     written: list[tuple[str, str]] = []
     with in_style():
@@ -36,8 +36,8 @@ def write_figures(folder: Path, rows: Sequence[ComparisonRow]) -> list[tuple[str
             for name, caption, draw in PICTURES:
                 figure = draw([row for row in group if row.good and row.method != BOUND])
                 if figure is not None:
-                    save_whole(figure, folder / f"{name}{end}.png")
-                    written.append((f"{name}{end}.png", f"{caption} ({log})"))
+                    save_whole(figure, folder / f"{name}{end}.{form}")
+                    written.append((f"{name}{end}.{form}", f"{caption} ({log})"))
     return written
 
 

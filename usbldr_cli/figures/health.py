@@ -18,6 +18,7 @@ from usbldr_cli.figures.style import (
     broken_at_gaps,
     colour,
     legend_below,
+    logarithmic,
     one_a_dot,
     run_figure,
     shade_outages,
@@ -139,16 +140,16 @@ def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     mine = colour(run.method)
     ends = float(run.timeline.time_s[0]), float(run.timeline.time_s[-1])
     edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
-    bins = _bin_means(t, nis, edges)
+    bins = bin_means(t, nis, edges)
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
     shown_s, log_nis = one_a_dot(t, np.log(np.clip(nis, low, high)))
     axes.plot(shown_s, np.exp(log_nis), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
     bound = "95 % bounds of the mean NIS"
     style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
-    axes.fill_between(edges, *_bounds(bins[:, 2], dof), step="post", label=bound, **style)
+    axes.fill_between(edges, *mean_bounds(bins[:, 2], dof), step="post", label=bound, **style)
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3)
-    axes.set_yscale("log")  # shows outliers of hundreds, values near 0, and the means
+    logarithmic(axes)  # shows outliers of hundreds, values near 0, and the means
     axes.set_ylim(low, high)
     axes.set_ylabel(f"NIS, {sensor}")
     axes.set_title(
@@ -156,7 +157,7 @@ def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     )
 
 
-def _bin_means(t: Vector, nis: Vector, edges: Vector) -> Array:
+def bin_means(t: Vector, nis: Vector, edges: Vector) -> Array:
     """Return middle, mean and count of each bin, (B, 3); an empty bin has no mean."""
     bins = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)
     count = np.bincount(bins, minlength=len(edges) - 1)
@@ -165,8 +166,8 @@ def _bin_means(t: Vector, nis: Vector, edges: Vector) -> Array:
     return np.column_stack([(edges[1:] + edges[:-1]) / 2, mean, count.astype(np.float64)])
 
 
-def _bounds(count: Vector, dof: float) -> tuple[Vector, Vector]:
-    """Return the 95 % bounds of the mean of ``count`` chi-square values, one more than bins so that steps end."""
+def mean_bounds(count: Vector, dof: float) -> tuple[Vector, Vector]:
+    """Return the 95 % bounds of the mean of ``count`` independent chi-square values, one more so that steps end."""
     low, high = np.full(len(count) + 1, np.nan), np.full(len(count) + 1, np.nan)
     for k, n in enumerate(count):
         if n > 0:

@@ -8,6 +8,7 @@ import numpy as np
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Vector
+from usbldr_cli.figures.plane import EAST_NORTH, frame_plane, plane_of
 from usbldr_cli.figures.style import (
     AXES,
     EVER,
@@ -16,9 +17,7 @@ from usbldr_cli.figures.style import (
     Figure,
     broken_at_gaps,
     colour,
-    frame_square,
     legend_below,
-    plane_axes,
     raw_fixes,
     time_axis,
     titled_figure,
@@ -29,7 +28,8 @@ from usbldr_cli.runs.job_store import Trace, read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 CLOSE_ERRORS = 8.0  # times the largest error: path length of the close-up to either side
-WIDE, THIN = 2.4, 0.8  # of the first and the last line: tracks that coincide show as edges
+WIDTH = 1.4  # [points] of every filter's line: none looks more certain than another
+COINCIDE = 0.01  # of the largest error of the two: closer tracks cannot be told apart in the picture
 GAP_STEPS = 3.0  # times the usual step: a longer gap breaks the line
 
 Drawn: TypeAlias = tuple[ComparisonRow, Trace]
@@ -40,7 +40,7 @@ def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     drawn = first_traces(rows)
     if not drawn:
         return None
-    figure = overlay_canvas(rows, "Errors over time", f"{seed_text(rows)}", 11, 7)
+    figure = overlay_canvas(rows, "Errors over time", f"{seed_text(rows)}{coincident_text(drawn)}", 11, 7)
     panels: Any = figure.subplots(2, 1, sharex=True)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
@@ -65,24 +65,26 @@ def track_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     drawn = first_traces(rows)
     if not drawn:
         return None
-    figure = overlay_canvas(rows, "Tracks", f"{seed_text(rows)}; at the scored epochs", 12.5, 7.3)
+    detail = f"{seed_text(rows)}; at the scored epochs{coincident_text(drawn)}"
+    figure = overlay_canvas(rows, "Tracks", detail, 12.5, 7.3)
     whole, close = figure.subplots(1, 2)
     leader, best = min(scaling(drawn), key=lambda one: float(np.mean(one[1].horizontal_m)))
     worst = int(np.argmax(best.horizontal_m))
     worst_m = best.horizontal_m[worst]
     for axes, span_s in ((whole, EVER), (close, _close_up_span(best, worst, CLOSE_ERRORS * worst_m))):
         mark, truth_mark = ("", "") if span_s == EVER else (".", "o")
+        plane = plane_of(best.truth_m) if span_s == EVER else EAST_NORTH
         for row, trace in drawn:
             now = within(trace.time_s, span_s)
-            _draw_track(axes, rows, row, trace.time_s[now], trace.estimate_m[now], mark)
+            _draw_track(axes, rows, row, trace.time_s[now], plane.points(trace.estimate_m[now]), mark)
         now = within(best.time_s, span_s)
         _, truth_m = _broken(best.time_s[now], best.truth_m[now])
         style = {"color": TRUTH_COLOUR, "lw": 1.6, "marker": truth_mark, "ms": 5, "mfc": "white", "zorder": 2.5}
-        axes.plot(*truth_m.T, label="truth", **style)
+        axes.plot(*plane.points(truth_m).T, label="truth", **style)
         points = [trace.estimate_m[within(trace.time_s, span_s)] for _, trace in scaling(drawn)]
-        plane_axes(axes)
-        frame_square(axes, np.vstack([*points, best.truth_m[now]]), 0.08)
-    whole.set_title("whole track")
+        frame_plane(axes, plane, np.vstack([*points, best.truth_m[now]]), 0.08)
+        if span_s == EVER:
+            axes.set_title("; ".join(filter(None, ("whole track", plane.text))))
     at_s = best.time_s[worst]
     close.set_title(f"around the largest error of {leader.label}: {worst_m:.2f} m at {at_s:.0f} s")
     legend_below(figure, (whole,), 8)
@@ -128,17 +130,33 @@ def filtered(row: ComparisonRow) -> bool:
 
 
 def line_style(rows: Sequence[ComparisonRow], row: ComparisonRow) -> dict[str, Any]:
-    """Return colour, dashes that distinguish rows of one method, and a width that shows coinciding lines.
+    """Return colour, and dashes that distinguish rows of one method.
 
-    Tracks without a filter are thin and behind the filters.
+    Tracks without a filter are thin and behind the filters, which are equally wide: `coincident_text` names those that
+    hide each other.
     """
     same = [other.label for other in rows if other.method == row.method]
     style = {"color": colour(row.method), "ls": ("-", "--", ":", "-.")[same.index(row.label) % 4]}
     if not filtered(row):
         return {**style, "lw": 1.0, "zorder": 2}
-    filters = [other.label for other in rows if filtered(other)]
-    width = np.linspace(WIDE, THIN, len(filters))[filters.index(row.label)] if len(filters) > 1 else 1.4
-    return {**style, "lw": float(width), "zorder": 3}
+    return {**style, "lw": WIDTH, "zorder": 3}
+
+
+def coincident_text(drawn: Sequence[Drawn]) -> str:
+    """Return which filters' tracks cannot be told apart, for the line under the title; empty if all can."""
+    groups: list[list[Drawn]] = []
+    for one in [one for one in drawn if filtered(one[0])]:
+        group = next((group for group in groups if _coincide(group[0][1], one[1])), None)
+        groups.append([one]) if group is None else group.append(one)
+    texts = [", ".join(row.label for row, _ in group) for group in groups if len(group) > 1]
+    return "".join(f"; {text} coincide" for text in texts)
+
+
+def _coincide(one: Trace, other: Trace) -> bool:
+    if one.estimate_m.shape != other.estimate_m.shape:
+        return False
+    apart_m = float(np.max(np.hypot(*(one.estimate_m - other.estimate_m).T)))
+    return apart_m <= COINCIDE * max(float(one.horizontal_m.max()), float(other.horizontal_m.max()))
 
 
 def _draw_over_time(

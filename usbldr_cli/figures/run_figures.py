@@ -10,6 +10,7 @@ from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Vector
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.calibration import calibration_figure
+from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.style import (
     AXES,
@@ -20,6 +21,8 @@ from usbldr_cli.figures.style import (
     colour,
     in_style,
     legend_below,
+    longest_step_s,
+    one_a_dot,
     other_tracks,
     raw_fixes,
     run_figure,
@@ -30,30 +33,36 @@ from usbldr_cli.figures.style import (
 from usbldr_cli.figures.track import track_figure
 
 LEAST_ERRORS = 20  # [epochs] below it a distribution is drawn as single points, not as a curve
+EDGE = 0.97  # of the height of the axes: where larger errors are drawn
 DENSE = 1500  # [epochs] from which lines are thinner
 
 
-def write_figures(folder: Path, run: Run) -> list[tuple[str, str]]:
-    """Draw every figure that applies to the run; return file names and captions."""
+def write_figures(folder: Path, run: Run, form: str = "png") -> list[tuple[str, str]]:
+    """Draw every figure that applies to the run as png, svg or pdf; return file names and captions."""
     pictures: tuple[tuple[str, str, Callable[[Run], Figure | None]], ...] = (
-        ("track.png", "Track, truth and USBL fixes", track_figure),
-        ("errors.png", "East and north error over time with the 2-sigma band of the filter", error_figure),
-        ("error_cdf.png", "Cumulative distribution of the errors", cdf_figure),
-        ("innovations.png", "Innovations and NIS of each sensor with their bounds", innovation_figure),
+        ("track", "Track, truth and USBL fixes", track_figure),
+        ("errors", "East and north error over time with the 2-sigma band of the filter", error_figure),
         (
-            "calibration.png",
+            "consistency",
+            "The track coloured by its error with 2-sigma ellipses; NEES over time",
+            consistency_figure,
+        ),
+        ("error_cdf", "Cumulative distribution of the errors", cdf_figure),
+        ("innovations", "Innovations and NIS of each sensor with their bounds", innovation_figure),
+        (
+            "calibration",
             "Estimated sensor errors with their 2-sigma band and the prior",
             calibration_figure,
         ),
-        ("ess.png", "Effective number of particles and acceptance of their moves", particle_figure),
+        ("ess", "Effective number of particles and acceptance of their moves", particle_figure),
     )
     written: list[tuple[str, str]] = []
     with in_style():
         for name, caption, draw in pictures:
             figure = draw(run)
             if figure is not None:
-                save(figure, folder / name)
-                written.append((name, caption))
+                save(figure, folder / f"{name}.{form}")
+                written.append((f"{name}.{form}", caption))
     return written
 
 
@@ -65,12 +74,15 @@ def error_figure(run: Run) -> Figure | None:
     figure = run_figure(run, "Errors", 11, 6.6)
     panels: Any = figure.subplots(2, 1, sharex=True)
     raw = next((other.report for other in other_tracks(run) if raw_fixes(other.trajectory.method)), None)
+    dr = next((other.report for other in other_tracks(run) if other.trajectory.method == "dr"), None)
     half = half_height(report)
     for k, axis in enumerate(AXES):
         axes: Axes = panels[k]
         shade_outages(axes, run)
         if raw is not None:
             _draw_raw(axes, raw, k, half)
+        if dr is not None:
+            _draw_dr(axes, dr, k, half)
         _draw_error(axes, report, k, half)
         if run.bound is not None:
             smoothed = run.scored.trajectory.smoothed
@@ -88,18 +100,25 @@ def error_figure(run: Run) -> Figure | None:
 
 
 def _draw_raw(axes: Axes, raw: ErrorReport, k: int, half: float) -> None:
-    """Draw the errors of the raw fixes, those outside the axes as ticks at the edge."""
-    e, beyond = raw.error_m[:, k], np.abs(raw.error_m) > half
-    outside = int(np.count_nonzero(beyond.any(axis=1)))
-    more = f" (ticks at the edge: {outside} of {len(e)} are outside)" if outside else ""
-    style = {"ls": "", "color": colour("usbl"), "alpha": 0.45, "zorder": 1.5}
-    inside, size = ~beyond[:, k], 3.5 if len(e) < DENSE else 2.2
-    axes.plot(raw.time_s[inside], e[inside], marker=".", ms=size, label=f"raw USBL fix{more}", **style)
-    axes.plot(raw.time_s[~inside], 0.975 * half * np.sign(e[~inside]), marker="|", ms=5, mew=0.7, **style)
+    """Draw the errors of all raw fixes, those outside the axes at the edge, as in innovations.png."""
+    edge = EDGE * half
+    outside = int(np.count_nonzero((np.abs(raw.error_m) > edge).any(axis=1)))
+    more = f" ({outside} of {len(raw.error_m)} drawn at the edge)" if outside else ""
+    style: dict[str, Any] = {"ls": "", "color": colour("usbl"), "marker": ".", "mew": 0, "alpha": 0.55, "zorder": 1.5}
+    size = 4.5 if len(raw.error_m) < DENSE else 3.0
+    shown = one_a_dot(raw.time_s, np.clip(raw.error_m[:, k], -edge, edge))
+    axes.plot(*shown, ms=size, label=f"raw USBL fix{more}", **style)
+
+
+def _draw_dr(axes: Axes, dr: ErrorReport, k: int, half: float) -> None:
+    """Draw the error of dead reckoning, along the edge where it is larger than the axes."""
+    t, e = broken_at_gaps(dr.time_s, np.clip(dr.error_m[:, k], -EDGE * half, EDGE * half), longest_step_s(dr))
+    more = " (at the edge: larger)" if np.abs(dr.error_m).max() > EDGE * half else ""
+    axes.plot(t, e, color=colour("dr"), lw=1.0, alpha=0.8, label=f"dr{more}", zorder=1.6)
 
 
 def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
-    mine, longest_s = colour(report.method), _longest_step_s(report)
+    mine, longest_s = colour(report.method), longest_step_s(report)
     t, e = broken_at_gaps(report.time_s, report.error_m[:, k], longest_s)
     beyond = np.abs(report.error_m[:, k]) > half
     for sign, marker in ((1, "^"), (-1, "v")):
@@ -113,11 +132,6 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
         axes.fill_between(tb, -2 * sd, 2 * sd, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
         axes.plot(tb, np.column_stack([-2 * sd, 2 * sd]), color=mine, alpha=0.55, lw=0.7, zorder=1.9)
     axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.label, zorder=3)
-
-
-def _longest_step_s(report: ErrorReport) -> float:
-    """Return the step beyond which the line is broken, because epochs were left out."""
-    return 3 * float(np.median(np.diff(report.time_s))) if len(report.time_s) > 1 else np.inf
 
 
 def half_height(report: ErrorReport) -> float:

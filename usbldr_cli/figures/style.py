@@ -14,9 +14,11 @@ import numpy as np
 from matplotlib import figure as mpl_figure
 from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.ticker import NullLocator, StrMethodFormatter
 from PIL import Image
 
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
+from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack
@@ -58,6 +60,7 @@ STYLE: Mapping[str, Any] = {
 }
 DPI = 130  # [dots per inch] sharp on a page, and small as a file
 COMPRESSION = 3  # [of 9] of PNG: two thirds of the time of 6, the usual one, for files 4 % larger
+UNDATED: Mapping[str, str] = {".svg": "Date", ".pdf": "CreationDate"}  # key of the date in a file's metadata
 MANY_POINTS = 5000  # [points] of one colour, from which those at the same dot are drawn once
 DOTS = 1000  # [dots] width of a panel, in which a mark is three dots wide
 TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the lines under it, inches
@@ -121,9 +124,13 @@ def truth_text(kind: str, source: str) -> str:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG without the program's version or a date in it; unlike ``savefig``, draw only once."""
+    """Write a figure in the format of its suffix (.png, .svg, .pdf), without a version or a date in it."""
+    if path.suffix != ".png":
+        with rc_context({"svg.hashsalt": "usbldr"}):
+            figure.savefig(path, metadata={UNDATED[path.suffix]: None})
+        return
     figure.dpi = DPI
-    canvas = FigureCanvasAgg(figure)
+    canvas = FigureCanvasAgg(figure)  # unlike savefig, this draws only once
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
     picture.save(path, "PNG", compress_level=COMPRESSION, dpi=(DPI, DPI))
@@ -151,10 +158,22 @@ def time_axis(axes: Axes, *times_s: Vector) -> None:
     axes.set_xlim(first, last if last > first else first + 1.0)
 
 
+def logarithmic(axes: Axes) -> None:
+    """Give the vertical axis a logarithmic scale with plain numbers, without the minor ticks that take long to draw."""
+    axes.set_yscale("log")
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
 def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vector, Array]:
     """Return a line with NaN in gaps longer than ``longest_s``."""
     cuts = np.flatnonzero(np.diff(time_s) > longest_s) + 1
     return np.insert(time_s, cuts, np.nan), np.insert(values, cuts, np.nan, axis=0)
+
+
+def longest_step_s(report: ErrorReport) -> float:
+    """Return the step beyond which the line is broken, because epochs were left out."""
+    return 3 * float(np.median(np.diff(report.time_s))) if len(report.time_s) > 1 else np.inf
 
 
 def one_a_dot(x: Vector, y: Vector) -> tuple[Vector, Vector]:
@@ -170,22 +189,6 @@ def one_a_dot(x: Vector, y: Vector) -> tuple[Vector, Vector]:
 def within(time_s: Vector, span_s: Span) -> Mask:
     """Return which times are in a span, ends included."""
     return (time_s >= span_s[0]) & (time_s <= span_s[1])
-
-
-def plane_axes(axes: Axes) -> None:
-    """Label the axes of a plane, on which metres are as long east as north."""
-    axes.set_aspect("equal")
-    axes.set_xlabel("east [m]")
-    axes.set_ylabel("north [m]")
-    axes.ticklabel_format(useOffset=False)
-
-
-def frame_square(axes: Axes, points_m: Array, margin: float) -> None:
-    """Frame the points in a square."""
-    middle = (points_m.min(axis=0) + points_m.max(axis=0)) / 2
-    half = max(float(np.max(np.ptp(points_m, axis=0))) / 2, 0.5) * (1 + margin)
-    axes.set_xlim(middle[0] - half, middle[0] + half)
-    axes.set_ylim(middle[1] - half, middle[1] + half)
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 6) -> None:

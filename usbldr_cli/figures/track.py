@@ -3,11 +3,19 @@
 from typing import Any
 
 import numpy as np
-from matplotlib.patches import Ellipse
 
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack, fix_outcomes
+from usbldr_cli.figures.plane import (
+    EAST_NORTH,
+    Plane,
+    frame_plane,
+    frame_square,
+    plane_axes,
+    plane_of,
+    sigma_ellipses,
+)
 from usbldr_cli.figures.style import (
     EVER,
     REJECTED_COLOUR,
@@ -17,16 +25,17 @@ from usbldr_cli.figures.style import (
     Span,
     broken_at_gaps,
     colour,
-    frame_square,
     legend_below,
     other_tracks,
-    plane_axes,
     raw_fixes,
     run_figure,
     within,
 )
 
 CLOSE_S = 60.0  # shown at most before and after the largest error, because a survey passes the same place often
+CLOSE_ERRORS = 4.0  # times the largest error: from it to the edge of the close-up
+CLOSE_M, CLOSE_SHARE = 8.0, 0.15  # [m, share of the track's extent] surroundings that it shows, the smaller one
+LEAST_CLOSE_M = 3.0  # [m] from the largest error to the edge, if errors and track are tiny
 MAX_GROWTH = 2.0  # times the frame of track and truth: what fixes and dr may add to it
 DENSE = 500  # [fixes] from which their marks are smaller, so that they do not hide the tracks
 DENSE_SCALE = 0.6  # times the usual size of a mark
@@ -39,14 +48,19 @@ def track_figure(run: Run) -> Figure:
     figure = run_figure(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
     panels: Any = figure.subplots(1, 2 if closer else 1, squeeze=False)
     whole: Axes = panels[0, 0]
-    frame_square(whole, _extent(run), 0.06)
-    _draw_context(whole, run, EVER, DENSE_SCALE if len(run.timeline.fix_m) > DENSE else 1.0)
-    _draw_track(whole, run, EVER)
-    aligned = report is not None and report.alignment.name != "none"
-    whole.set_title("whole track, aligned; fixes moved with it" if aligned else "whole track")
+    extent_m = _extent(run)
+    plane = EAST_NORTH if raw_fixes(run.method) else plane_of(_track(run))
+    frame_plane(whole, plane, extent_m, 0.06)
+    _draw_context(whole, run, EVER, DENSE_SCALE if len(run.timeline.fix_m) > DENSE else 1.0, plane)
+    _draw_track(whole, run, EVER, plane)
+    moved = report is not None and report.alignment.name != "none"
+    title = "whole track, aligned; fixes moved with it" if moved else "whole track"
+    whole.set_title("\n".join(filter(None, (title, plane.text))))
     if report is not None and closer:
         close: Axes = panels[0, 1]
-        span = _frame_worst(close, report)
+        span, corners_m = _frame_worst(close, report)
+        _draw_surroundings(close, run)
+        whole.plot(*plane.points(corners_m).T, color=REJECTED_COLOUR, lw=1.0, zorder=7)
         _draw_context(close, run, span, 1.8)
         _draw_track(close, run, span)
         _draw_worst(close, report, span)
@@ -74,15 +88,30 @@ def scored_truth(run: Run) -> tuple[Vector, Array]:
     return t[rows], run.truth.position_m[rows]
 
 
-def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
+def _track(run: Run) -> Array:
+    """Return the track as it was scored, without unknown positions."""
+    track_m = aligned(run.scored, run.scored.trajectory.time_s, run.scored.trajectory.position_m)
+    return track_m[np.isfinite(track_m).all(axis=1)]
+
+
+def _draw_surroundings(axes: Axes, run: Run) -> None:
+    """Draw the whole track and truth faintly: what passes here at other times."""
+    if run.truth is not None:
+        _, line_m = broken_at_gaps(*scored_truth(run), run.truth.max_gap_s)
+        axes.plot(*line_m.T, color=TRUTH_COLOUR, lw=0.8, alpha=0.25, zorder=1)
+    axes.plot(*_track(run).T, color=colour(run.method), lw=0.8, alpha=0.3, zorder=1)
+
+
+def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float, plane: Plane = EAST_NORTH) -> None:
     for other in other_tracks(run):
         if other.trajectory.method == "dr":
             path = aligned(other, other.trajectory.time_s, other.trajectory.position_m)[
                 within(other.trajectory.time_s, span)
             ]
+            path = plane.points(path)
             label = "dr (partly outside the axes)" if _outside(axes, path) else "dr"
             axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label=label, zorder=1)
-    _draw_fixes(axes, run, span, marker_scale)
+    _draw_fixes(axes, run, span, marker_scale, plane)
 
 
 def _outside(axes: Axes, points_m: Array) -> int:
@@ -92,13 +121,13 @@ def _outside(axes: Axes, points_m: Array) -> int:
     return int(np.count_nonzero((x < west) | (x > east) | (y < south) | (y > north)))
 
 
-def _draw_track(axes: Axes, run: Run, span: Span) -> None:
+def _draw_track(axes: Axes, run: Run, span: Span, plane: Plane = EAST_NORTH) -> None:
     trajectory = run.scored.trajectory
-    position_m = aligned(run.scored, trajectory.time_s, trajectory.position_m)
+    position_m = plane.points(aligned(run.scored, trajectory.time_s, trajectory.position_m))
     if run.truth is not None:
         time_s, truth_m = scored_truth(run)
         during = within(time_s, span)
-        _, line_m = broken_at_gaps(time_s[during], truth_m[during], run.truth.max_gap_s)
+        _, line_m = broken_at_gaps(time_s[during], plane.points(truth_m[during]), run.truth.max_gap_s)
         style: dict[str, Any] = {"lw": 2.2, "marker": ".", "ms": 2.2, "mew": 0, "zorder": 3}
         axes.plot(*line_m.T, color=TRUTH_COLOUR, label=f"truth ({run.truth.kind})", **style)
     if not raw_fixes(run.method):
@@ -109,17 +138,16 @@ def _draw_track(axes: Axes, run: Run, span: Span) -> None:
         if len(row) and span[0] <= trajectory.time_s[row[0]] <= span[1]:
             style = {"ls": "", "ms": 7, "mfc": "white", "mew": 1.6, "zorder": 6}
             axes.plot(*position_m[row[0]], marker=marker, label=label, color=colour(run.method), **style)
-    plane_axes(axes)
 
 
-def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
+def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float, plane: Plane) -> None:
     styles: dict[str, dict[str, Any]] = {
         "used": {"marker": ".", "ms": 5, "color": colour("usbl"), "alpha": 0.75, "zorder": 2},
         "down-weighted": {"marker": "o", "ms": 4.5, "mfc": "none", "mec": colour("usbl"), "alpha": 0.9, "zorder": 2},
         "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
     }
     during = within(run.timeline.fix_time_s, span)
-    fix_m = aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during]
+    fix_m = plane.points(aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during])
     outcomes = fix_outcomes(run.timeline, run.scored.trajectory)[during]
     for outcome, style in styles.items():
         at = outcomes == outcome
@@ -132,17 +160,23 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float) -> None:
             axes.plot(*fix_m[at].T, ls="", label=label, **style)
 
 
-def _frame_worst(axes: Axes, report: ErrorReport) -> Span:
-    """Frame the surroundings of the largest error, and return the time around it that track or truth spend there."""
+def _frame_worst(axes: Axes, report: ErrorReport) -> tuple[Span, Array]:
+    """Frame the surroundings of the largest error.
+
+    Return the time around it that track or truth spend there, and the outline of the frame, closed, (5, 2).
+    """
     worst = int(np.argmax(report.horizontal_m))
     middle = (report.truth_m[worst] + report.estimate_m[worst]) / 2
-    half = max(4.0 * float(report.horizontal_m[worst]), 3.0)
+    surroundings_m = min(CLOSE_M, CLOSE_SHARE * float(np.max(np.ptp(report.truth_m, axis=0))))
+    half = max(CLOSE_ERRORS * float(report.horizontal_m[worst]), surroundings_m, LEAST_CLOSE_M)
+    plane_axes(axes)
     frame_square(axes, np.stack([middle - half, middle + half]), 0.0)
     off_m = np.max(np.abs(np.stack([report.estimate_m, report.truth_m]) - middle), axis=2)
     away = np.flatnonzero(off_m.min(axis=0) > half)
     first, last = away[away < worst].max(initial=0), away[away > worst].min(initial=len(report.time_s) - 1)
     worst_s = report.time_s[worst]
-    return max(float(report.time_s[first]), worst_s - CLOSE_S), min(float(report.time_s[last]), worst_s + CLOSE_S)
+    span = max(float(report.time_s[first]), worst_s - CLOSE_S), min(float(report.time_s[last]), worst_s + CLOSE_S)
+    return span, middle + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
 
 
 def _draw_worst(axes: Axes, report: ErrorReport, span: Span) -> None:
@@ -152,14 +186,11 @@ def _draw_worst(axes: Axes, report: ErrorReport, span: Span) -> None:
     axes.plot(*ends.T, color=REJECTED_COLOUR, lw=1.5, marker="o", ms=4, zorder=7)
     ellipse = ""
     if report.cov_m2 is not None and np.isfinite(report.cov_m2[worst]).all():
-        variance, vectors = np.linalg.eigh(report.cov_m2[worst])
-        length = 2 * 2 * np.sqrt(np.maximum(variance, 0))
-        turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
-        face = colour(report.method)
-        axes.add_patch(Ellipse(tuple(ends[1]), length[1], length[0], angle=turn, fc=face, alpha=0.2, zorder=3.5))
+        outline = sigma_ellipses(ends[1:], report.cov_m2[worst][None], 2.0)[0]
+        axes.fill(*outline.T, fc=colour(report.method), alpha=0.2, lw=0, zorder=3.5)
         ellipse = ", 2-sigma ellipse"
     axes.set_title(
-        f"largest error: {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}; "
+        f"largest error (red frame): {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}; "
         f"{span[0]:.0f} to {span[1]:.0f} s"
     )
 

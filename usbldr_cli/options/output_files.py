@@ -23,6 +23,13 @@ def plots_option(what: str) -> Callable[[Any], Any]:
     return click.option("--plots", type=kinds, default="all", show_default=True, help=f"Figures {what}.")
 
 
+def plot_format_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --plot-format; the command gets it as ``plot_format``."""
+    forms = click.Choice(["png", "svg", "pdf"])
+    text = "Format of the figures; svg and pdf scale without loss."
+    return click.option("--plot-format", type=forms, default="png", show_default=True, help=text)(command)
+
+
 def write_json(target: str, content: object) -> None:
     """Write the content to the file of --json, or to stdout for "-"."""
     if target == "-":

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from usbldr_cli.options.html_option import html_option
-from usbldr_cli.options.output_files import plots_option
+from usbldr_cli.options.output_files import plot_format_option, plots_option
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +17,7 @@ class RunOutputs:
     """The options of more files in the run directory, as given."""
 
     plots: str = "all"
+    plot_format: str = "png"
     html: bool = False
     mcap: str | None = None  # "alone" or "merge"
 
@@ -40,6 +41,7 @@ def run_outputs(command: Callable[..., Any]) -> Callable[..., Any]:
 
     options = (
         plots_option("in the run directory; none saves about a second"),
+        plot_format_option,
         html_option,
         click.option(
             "--mcap",

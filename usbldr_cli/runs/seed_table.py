@@ -20,6 +20,7 @@ from usbldr.filters.evaluation.seed_statistics import (
     paired_difference,
     pooled_nees,
 )
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.windows import windows_text
 from usbldr_cli.runs.job_store import JobResult, ScoringContext
 
@@ -85,9 +86,10 @@ def difference(row: ComparisonRow, other: ComparisonRow, metric: str = "mean_hor
 
 
 def diverged(row: ComparisonRow) -> bool:
-    """Return whether half of several runs or more diverged, so that their mean says nothing."""
+    """Return whether half of several runs of a filter or more diverged, so that their mean says nothing."""
     values = list(row.values("mean_horizontal_m").values())
-    return row.sampled and len(values) > 1 and diverged_share(values) >= DIVERGED_LIMIT
+    filtered = row.method in METHODS and METHODS[row.method].is_filter  # dead reckoning drifts, and has not diverged
+    return (row.sampled or (row.dives and filtered)) and len(values) > 1 and diverged_share(values) >= DIVERGED_LIMIT
 
 
 def _for_all(values: dict[int, float], sampled: bool, seeds: list[int]) -> dict[int, float]:

@@ -18,9 +18,11 @@ from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
+from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.health import innovation_figure, particle_figure
+from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, write_figures
-from usbldr_cli.figures.style import OTHER_COLOUR, broken_at_gaps, in_style
+from usbldr_cli.figures.style import OTHER_COLOUR, broken_at_gaps, in_style, save
 from usbldr_cli.figures.track import track_figure
 
 PAPER = find_scenario("paper")
@@ -41,6 +43,23 @@ def a_run(trajectory: Trajectory, align: str = "none") -> Run:
     return Run(LOG, TIMELINE, Identification(LOG.parameters), scored(trajectory), (scored(USBL), scored(DR)))
 
 
+def a_curved_run(method: str, align: str = "none") -> Run:
+    """Return a run on a track with a turn, which is drawn with east and north."""
+    log = simulated_log(dataclasses.replace(find_scenario("turns"), duration_s=150.0), seed=1)
+    grid = timeline(log)
+    settings = FilterSettings(gate=0.9) if method == "ekf" else FilterSettings()
+    tracks = [run_filter(method, grid, log.parameters, settings), dead_reckoning.usbl(grid)]
+    tracks += [dead_reckoning.dr(grid, np.zeros(2))]
+    assert log.truth is not None
+    scored = [
+        ScoredTrack(
+            t, evaluate(t, log.truth, align=align, times_s=None if t.method == "usbl" else grid.time_s[grid.slow])
+        )
+        for t in tracks
+    ]
+    return Run(log, grid, Identification(log.parameters), scored[0], tuple(scored[1:]))
+
+
 def labels(figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
@@ -49,15 +68,16 @@ def words(figure) -> str:
     return " ".join(text.get_text() for text in figure.texts)
 
 
-def test_a_particle_filter_has_five_pictures_and_a_single_gaussian_no_particles(tmp_path: Path) -> None:
+def test_a_particle_filter_has_six_pictures_and_a_single_gaussian_no_particles(tmp_path: Path) -> None:
     (tmp_path / "cpf").mkdir()
     (tmp_path / "ekf").mkdir()
 
-    five = write_figures(tmp_path / "cpf", a_run(CPF))
-    four = write_figures(tmp_path / "ekf", a_run(EKF))
+    six = write_figures(tmp_path / "cpf", a_run(CPF))
+    five = write_figures(tmp_path / "ekf", a_run(EKF))
 
-    assert [name for name, _ in five] == ["track.png", "errors.png", "error_cdf.png", "innovations.png", "ess.png"]
-    assert [name for name, _ in four] == ["track.png", "errors.png", "error_cdf.png", "innovations.png"]
+    names = ["track.png", "errors.png", "consistency.png", "error_cdf.png", "innovations.png"]
+    assert [name for name, _ in six] == [*names, "ess.png"]
+    assert [name for name, _ in five] == names
     for path in tmp_path.glob("*/*.png"):
         width, height = struct.unpack(">II", path.read_bytes()[16:24])
         assert width > 1000
@@ -86,7 +106,9 @@ def test_every_method_has_a_colour_of_its_own() -> None:
     assert len({OTHER_COLOUR, *(method.colour for method in METHODS.values())}) == len(METHODS) + 1
 
 
-@pytest.mark.parametrize("draw", [track_figure, error_figure, cdf_figure, innovation_figure, particle_figure])
+@pytest.mark.parametrize(
+    "draw", [track_figure, error_figure, consistency_figure, cdf_figure, innovation_figure, particle_figure]
+)
 def test_every_title_states_method_log_truth_order_and_alignment(draw) -> None:
     with in_style():
         said = words(draw(a_run(CPF, align="first")))
@@ -98,20 +120,22 @@ def test_every_title_states_method_log_truth_order_and_alignment(draw) -> None:
 
 
 def test_a_track_is_drawn_with_a_metre_as_long_east_as_north_and_its_fixes_by_fate() -> None:
+    run = a_curved_run("ekf")
+
     with in_style():
-        figure = track_figure(a_run(EKF))
+        figure = track_figure(run)
 
     assert [axes.get_aspect() for axes in figure.axes] == [1.0, 1.0]
     fates = [label.split(" (")[0] for label in labels(figure)]
     assert {"truth", "ekf", "dr", "USBL fix used", "USBL fix rejected", "start", "end"} <= set(fates)
-    counted = sum(int(label.split("(")[1].rstrip(")")) for label in labels(figure) if "fix" in label)
-    assert counted == len(TIMELINE.fix_time_s)
+    counted = sum(int(re.split(r"[(,)]", label)[1]) for label in labels(figure) if "fix" in label)
+    assert counted == len(run.timeline.fix_time_s)
 
 
 def test_both_panels_show_the_aligned_track_and_its_close_up_states_the_time() -> None:
-    run = a_run(CPF, align="first")
+    run = a_curved_run("cpf", align="first")
     assert run.scored.report is not None
-    aligned_m = run.scored.report.alignment.points(CPF.position_m)
+    aligned_m = run.scored.report.alignment.points(run.scored.trajectory.position_m)
 
     with in_style():
         whole, close = track_figure(run).axes
@@ -135,7 +159,24 @@ def test_the_truth_is_drawn_inside_the_scored_window_only() -> None:
     assert len(truth.get_xdata()) == 31
 
 
-def test_raw_fixes_outside_the_axes_are_ticks_at_the_edge_and_counted() -> None:
+def test_a_straight_track_is_turned_so_that_its_errors_show() -> None:
+    with in_style():
+        whole = track_figure(a_run(CPF)).axes[0]
+
+    line = next(line for line in whole.get_lines() if line.get_label() == "cpf")
+    drawn_m = np.column_stack(line.get_data())
+    np.testing.assert_allclose(pairwise_m(drawn_m), pairwise_m(CPF.position_m), atol=1e-6)  # turned and moved, no more
+    assert np.ptp(drawn_m[:, 1]) < 0.05 * np.ptp(drawn_m[:, 0])
+    assert whole.get_aspect() == "auto"
+    assert "turned: 040 deg points right" in whole.get_title(loc="left")  # the course of the scenario
+
+
+def pairwise_m(points_m):
+    some = points_m[::50]
+    return np.hypot(*(some[:, None] - some[None]).T)
+
+
+def test_every_raw_fix_is_drawn_at_the_edge_if_it_is_outside_and_counted() -> None:
     run = a_run(CPF)
     raw = run.reference_tracks[0].report
     assert raw is not None
@@ -144,12 +185,60 @@ def test_raw_fixes_outside_the_axes_are_ticks_at_the_edge_and_counted() -> None:
         figure = error_figure(run)
 
     assert figure is not None
-    top = figure.axes[0].get_ylim()[1]
-    ticks = next(line for line in figure.axes[0].get_lines() if line.get_marker() == "|")
-    assert len(ticks.get_xdata()) == np.sum(np.abs(raw.error_m[:, 0]) > top)
-    assert np.all(np.abs(ticks.get_ydata()) < top)
+    top = 0.97 * figure.axes[0].get_ylim()[1]
+    fixes = next(line for line in figure.axes[0].get_lines() if str(line.get_label()).startswith("raw USBL fix"))
+    np.testing.assert_allclose(fixes.get_ydata(), np.clip(raw.error_m[:, 0], -top, top))
     outside = np.sum(np.any(np.abs(raw.error_m) > top, axis=1))
-    assert f"raw USBL fix (ticks at the edge: {outside} of {len(raw.error_m)} are outside)" in labels(figure)
+    assert outside > 0
+    assert f"raw USBL fix ({outside} of {len(raw.error_m)} drawn at the edge)" in labels(figure)
+    assert any(label.startswith("dr") for label in labels(figure))
+
+
+def test_the_picture_of_consistency_has_the_errors_as_colours_and_the_nees_of_the_report() -> None:
+    run = a_curved_run("ekf")
+    report = run.scored.report
+    assert report is not None
+    assert report.nees is not None
+    assert report.cov_m2 is not None
+
+    with in_style():
+        figure = consistency_figure(run)
+
+    assert figure is not None
+    left, right, bar = figure.axes
+    track, ellipses = sorted(left.collections, key=lambda one: one.get_array() is None)
+    np.testing.assert_allclose(track.get_array(), report.horizontal_m[1:])
+    assert len(ellipses.get_segments()) == 25
+    assert bar.get_ylabel() == "horizontal error [m]"
+    dots = next(line for line in right.get_lines() if line.get_label() == "NEES of an epoch")
+    bottom, top = right.get_ylim()
+    inside = (dots.get_ydata() > 1.01 * bottom) & (dots.get_ydata() < 0.99 * top)
+    true = np.einsum("ni,nij,nj->n", report.error_m, np.linalg.inv(report.cov_m2), report.error_m)  # the truth is exact
+    np.testing.assert_allclose(np.asarray(dots.get_ydata())[inside], true[inside], rtol=1e-6)
+    assert f"mean {report.nees.mean:.2f}" in right.get_title(loc="left")
+
+
+def test_every_corner_of_an_ellipse_is_as_many_sigmas_from_its_centre() -> None:
+    center_m = np.array([[3.0, -2.0], [100.0, 5.0]])
+    cov_m2 = np.array([[[4.0, 1.5], [1.5, 1.0]], [[0.01, 0.0], [0.0, 9.0]]])
+
+    for outline, middle, cov in zip(sigma_ellipses(center_m, cov_m2, 2.0), center_m, cov_m2, strict=True):
+        away = outline - middle
+        np.testing.assert_allclose(np.einsum("ni,ij,nj->n", away, np.linalg.inv(cov), away), 4.0)
+        assert np.ptp(np.arctan2(*away.T)) > 5.0  # all the way round
+
+
+@pytest.mark.parametrize(("form", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_vector_graphics_have_the_same_bytes_each_time(tmp_path: Path, form: str, head: bytes) -> None:
+    figures = []
+    for name in ("one", "two"):
+        with in_style():
+            figure = error_figure(a_run(EKF))
+            save(figure, tmp_path / f"{name}.{form}")
+        figures.append((tmp_path / f"{name}.{form}").read_bytes())
+
+    assert figures[0] == figures[1]
+    assert figures[0].startswith(head)
 
 
 def test_a_distribution_of_two_errors_is_two_points() -> None:

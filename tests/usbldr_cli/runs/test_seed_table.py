@@ -97,10 +97,10 @@ def test_a_described_row_names_what_it_is_compared_with() -> None:
 
 
 def test_the_verdict_ranks_and_says_what_chance_explains() -> None:
-    rows = [row("pf", 4.0, 5.0, 6.0, sampled=False), row("cpf", 1.0, 2.0, 3.0), row("adf", 1.1, 1.9, 3.1)]
+    rows = [row("dr", 4.0, 5.0, 6.0, sampled=False), row("cpf", 1.0, 2.0, 3.0), row("adf", 1.1, 1.9, 3.1)]
 
     assert best_method_sentence(rows) == (
-        "dive: lowest mean horizontal error: cpf, 4.00 m over 3 dives; difference to adf not significant; 60 % below pf"
+        "dive: lowest mean horizontal error: cpf, 4.00 m over 3 dives; difference to adf not significant; 60 % below dr"
     )
 
 
@@ -112,6 +112,14 @@ def test_a_single_method_a_pair_of_runs_and_diverged_runs_are_not_ranked() -> No
     assert best_method_sentence(few).endswith("cpf, 3.00 m over 2 dives; too few runs to judge ekf")
     assert best_method_sentence(lost).endswith("cpf, 4.20 m over 3 dives; pf diverged")
     assert difference(*lost).significant is None  # type: ignore[union-attr]
+
+
+def test_a_filter_without_random_numbers_that_lost_half_of_its_dives_is_not_judged() -> None:
+    lost = [row("ekf", 0.1, 9.0, 9.1, sampled=False), row("adf", 2.0, 2.1, 2.2, sampled=False)]
+
+    assert best_method_sentence(lost).endswith("adf, 4.20 m over 3 dives; ekf diverged")
+    assert difference(*lost).significant is None  # type: ignore[union-attr]
+    assert not render(lost).splitlines()[6].endswith("*")
 
 
 def test_over_several_logs_the_verdict_counts_where_each_was_best() -> None:
@@ -134,15 +142,15 @@ def test_a_failed_row_carries_its_sentence_and_the_others_their_numbers() -> Non
 
 
 def test_the_tables_fit_the_terminal_and_mark_what_is_significant() -> None:
-    sizes = {"ckf": (11.0, 12.0, 33.0), "cpf": (10.0, 12.5, 30.0), "pf": (91.0, 92.1, 113.0)}
+    sizes = {"ckf": (1.1, 1.2, 3.3), "cpf": (1.0, 1.25, 3.0), "dr": (91.0, 92.1, 113.0)}
     rows = [row(name, *east_m, sampled=False) for name, east_m in sizes.items()]
 
     text = render(rows)
 
     assert max(map(len, text.splitlines())) <= WIDTH
-    cpf, pf = (next(line for line in text.splitlines() if line.startswith(name)) for name in ("cpf", "pf"))
+    cpf, dr = (next(line for line in text.splitlines() if line.startswith(name)) for name in ("cpf", "dr"))
     assert not cpf.endswith("*")
-    assert pf.endswith("*")
+    assert dr.endswith("*")
     assert r"\|east\|" in markdown(page(rows, [], RunProvenance()))
 
 

@@ -1,0 +1,111 @@
+"""Errors beside what the filter says of them: the track coloured by its error with ellipses, and NEES over time."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+
+from usbldr.filters.evaluation.consistency import DOF, nees, with_truth
+from usbldr.filters.evaluation.error_report import ErrorReport
+from usbldr.io.reports.report_json import Run
+from usbldr_cli.figures.health import BINS, bin_means, mean_bounds
+from usbldr_cli.figures.plane import Plane, frame_plane, plane_of, sigma_ellipses
+from usbldr_cli.figures.style import (
+    TRUTH_COLOUR,
+    Axes,
+    Figure,
+    broken_at_gaps,
+    colour,
+    legend_below,
+    logarithmic,
+    longest_step_s,
+    one_a_dot,
+    run_figure,
+    shade_outages,
+    time_axis,
+)
+
+ELLIPSES = 25  # along the track: more would cover each other
+VISIBLE = 0.02  # of the track's extent: smaller ellipses are drawn larger, and the title says how much
+SCALES = (1, 2, 5, 10, 20, 50, 100, 200, 500)  # fixed: round numbers
+SEGMENTS = 600  # of the coloured track: each is drawn by itself, which takes time
+SHOWN_ERRORS = 99.0  # [%] of the errors that the scale of colours covers
+
+
+def consistency_figure(run: Run) -> Figure | None:
+    """Draw where the errors are and whether their covariance is right; None without a covariance."""
+    report = run.scored.report
+    if report is None or report.cov_m2 is None or report.nees is None:
+        return None
+    figure = run_figure(run, "Errors and their covariance", 13, 5.6)
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+    _draw_coloured(figure, left, report)
+    _draw_nees(right, run, report)
+    legend_below(figure, (right,), 8)
+    return figure
+
+
+def _draw_coloured(figure: Figure, axes: Axes, report: ErrorReport) -> None:
+    """Draw the scored track, its colour the horizontal error, with 2-sigma ellipses of the filter along it."""
+    plane = plane_of(report.truth_m)
+    error_m = report.horizontal_m
+    place_m = np.column_stack([plane.points(report.estimate_m), error_m])
+    every = math.ceil(len(error_m) / SEGMENTS)
+    _, line = broken_at_gaps(report.time_s[::every], place_m[::every], every * longest_step_s(report))
+    segments = np.stack([line[:-1, :2], line[1:, :2]], axis=1)
+    whole = np.isfinite(segments).all(axis=(1, 2))
+    drawn: Any = LineCollection(list(segments[whole]), linewidths=2.5, zorder=3, cmap="viridis_r")
+    drawn.set_array(line[1:, 2][whole])
+    drawn.set_clim(0, float(np.percentile(error_m, SHOWN_ERRORS)))
+    axes.add_collection(drawn)
+    bar: Any = figure.colorbar(drawn, ax=axes, shrink=0.8, pad=0.01, extend="max")
+    bar.set_label("horizontal error [m]")
+    scale = _draw_ellipses(axes, report, plane)
+    frame_plane(axes, plane, np.vstack([report.estimate_m, report.truth_m]), 0.06)
+    ellipses = "2-sigma ellipses" if scale == 1 else f"2-sigma ellipses {scale} times as large"
+    ellipses = "bars: 2 sigma across" if plane.turn is not None else ellipses
+    axes.set_title("\n".join(filter(None, (f"track by its error, {ellipses}", plane.text))))
+
+
+def _draw_ellipses(axes: Axes, report: ErrorReport, plane: Plane) -> int:
+    """Draw the filter's ellipses at equal times; return how many times as large."""
+    assert report.cov_m2 is not None
+    rows = np.unique(np.linspace(0, len(report.time_s) - 1, ELLIPSES).astype(int))
+    rows = rows[np.isfinite(report.cov_m2[rows]).all(axis=(1, 2))]
+    cov_m2 = with_truth(report.cov_m2, report.truth_sd_m)[rows]
+    usual_m = 2 * float(np.median(np.sqrt(np.trace(cov_m2, axis1=1, axis2=2) / 2)))
+    least_m = VISIBLE * float(np.max(np.ptp(report.truth_m, axis=0))) if plane.turn is None else 0.0
+    scale = next((one for one in SCALES if one * usual_m >= least_m), SCALES[-1])
+    outlines = sigma_ellipses(report.estimate_m[rows], cov_m2, 2.0 * scale)
+    lines = [plane.points(outline) for outline in outlines]
+    axes.add_collection(LineCollection(lines, colors=colour(report.method), linewidths=0.8, alpha=0.8, zorder=2))
+    return scale
+
+
+def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
+    """Draw NEES faintly, its mean over a sixtieth of the run, and the bounds of that mean."""
+    assert report.cov_m2 is not None
+    assert report.nees is not None
+    shade_outages(axes, run)
+    t, mine = report.time_s, colour(report.method)
+    values = nees(report.error_m, with_truth(report.cov_m2, report.truth_sd_m))
+    edges = np.linspace(float(t[0]), float(t[-1]), min(BINS, max(1, len(t) // 10)) + 1)
+    bins = bin_means(t, values, edges)
+    independent = np.where(bins[:, 2] > 0, np.maximum(bins[:, 2] * report.nees.independent_errors / len(t), 1.0), 0.0)
+    low, high = mean_bounds(independent, DOF)
+    bottom, top = 0.01 * DOF, max(20.0 * DOF, 1.5 * float(np.nanmax(bins[:, 1])))
+    shown_s, shown = one_a_dot(t, np.log(np.clip(values, bottom, top)))
+    axes.plot(shown_s, np.exp(shown), ls="", marker=".", ms=2, color=mine, alpha=0.3, label="NEES of an epoch")
+    style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
+    axes.fill_between(
+        edges, low, high, step="post", label="95 % bounds of the mean if the covariance is right", **style
+    )
+    axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3, label=f"mean of {edges[1] - edges[0]:.0f} s")
+    axes.axhline(DOF, color=TRUTH_COLOUR, lw=0.8)
+    logarithmic(axes)
+    axes.set_ylim(bottom, top)
+    axes.set_ylabel("NEES, position")
+    time_axis(axes, run.timeline.time_s)
+    found = report.nees
+    axes.set_title(f"NEES: mean {found.mean:.2f} (expected {DOF}; 95 % bounds {found.low:.2f} to {found.high:.2f})")
