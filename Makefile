@@ -8,7 +8,7 @@ SEEDS ?= 20
 
 KERNEL := $(wildcard filters/kernel/*.c filters/kernel/*.h)
 
-.PHONY: demo test fuzz docs lint check sanitize sample_logs paper field drills logs clean
+.PHONY: demo test fuzz docs lint check sanitize sample_logs paper field drills logs peers clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -69,6 +69,17 @@ docs: $(VENV)/installed-dev
 	@echo '<meta http-equiv="refresh" content="0; url=README.html">' > build/site/index.html
 	@echo "The documentation is in build/site/index.html."
 
+# our filters beside those of other libraries, on one thread: the table in README.md; wants an idle machine for 2 minutes
+PEERS := .venv-peers
+peers: $(PEERS)/installed
+	OMP_NUM_THREADS=1 $(PEERS)/bin/python benchmarks/speed/peers.py --json benchmarks/speed/peers.json --write README.md
+
+$(PEERS)/installed: benchmarks/speed/requirements.txt pyproject.toml $(KERNEL)
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/pip install --quiet --disable-pip-version-check -e . -r benchmarks/speed/requirements.txt
+	$(PEERS)/bin/pip install --quiet --disable-pip-version-check --no-deps particles
+	touch $@
+
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -88,4 +99,4 @@ $(VENV)/installed-dev: $(VENV)/bin/python pyproject.toml $(KERNEL)
 	touch $@ $(VENV)/installed
 
 clean:
-	rm -rf $(VENV) demo
+	rm -rf $(VENV) $(PEERS) demo

@@ -1,45 +1,60 @@
-"""The particle filters of the library `particles` beside ours: the same dive, the same six-state model, one thread.
+"""Filters of other libraries beside ours: the same dive, the same six-state model, one process on one thread.
 
-The dive is the scenario ``paper`` with seed 0, its mixture noise taken as it is. Times are CPU times of one process
-with one BLAS thread.
+    make peers
 
-    pip install . numba joblib scikit-learn && pip install --no-deps particles
-    python benchmarks/speed/peers.py
-
-(`particles` 0.4 asks for a NumPy below 2, which it does not need: hence --no-deps.) It is no dependency of usbldr.
+The dive is the scenario ``paper`` with seed 0. particles and ours take its mixture noise as it is; Kalman filters and
+proposals take the Gaussian of the same variance. Each peer is used as its documentation says (kalman_peers.py). Times
+are CPU times, the least of three runs, of all steps from measurements to estimates, without compilation. Ours run
+without --guard, which the peers do not have. The table replaces what stands between the markers of README.md, and
+peers.json has the numbers.
 """
 
+import argparse
 import importlib.util
+import json
 import math
 import os
 import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # paper is a package
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # speed is a package
 
-from paper.readings import ROWS
+from speed.kalman_peers import filterpy_ekf, stone_soup_ckf
+from speed.peers_table import Row, compared, processor, table, write
+from usbldr.filters.kernel import KERNEL
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.simulate import leg_motion as true_motion
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
+from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 
 WARM_UP = 50  # steps
+RUNS = 3
 POSITION = slice(4, 6)
+
+
+class Modes(NamedTuple):
+    """Noise of a scalar: a mixture of Gaussians."""
+
+    probabilities: np.ndarray
+    variances: np.ndarray
 
 
 class Dive(NamedTuple):
@@ -52,26 +67,17 @@ class Dive(NamedTuple):
     sd: np.ndarray  # (6,)
     walk_sd: np.ndarray  # (6,) of the process noise of a step
     z: np.ndarray  # (T, 6) readings; NaN where a state was not read
-    noise: dict[int, Noise]  # of the reading of each state that is read
+    noise: dict[int, Modes]  # of each state that is read
     truth_m: np.ndarray  # (T, 2)
 
     @property
     def matched(self) -> dict[int, float]:
         """Variance of each state's readings."""
-        return {row: float(noise.mixture_cov[0, 0]) for row, noise in self.noise.items()}
+        return {row: float(one.probabilities @ one.variances) for row, one in self.noise.items()}
 
 
-class Row(NamedTuple):
-    """A line of the table."""
-
-    name: str
-    particles: int
-    ns: float  # per particle and step
-    rmse_m: float  # horizontal
-
-
-def dive() -> Dive:
-    scenario, layout = find_scenario("paper"), StateLayout()
+def dive(duration_s: float = 1000.0) -> Dive:
+    scenario, layout = replace(find_scenario("paper"), duration_s=duration_s), StateLayout()
     log = simulated_log(scenario, seed=0)
     line = timeline(log)
     start = prior(line, log.parameters, layout)
@@ -79,12 +85,20 @@ def dive() -> Dive:
     for step in steps(line, log.parameters, layout):
         for reading in step.measurements:
             rows = reading.model.rows
-            assert rows is not None, "each reading of this dive is of one state"
-            z[step.epoch, rows.start], noise[rows.start] = reading.z[0], reading.noise
+            assert rows is not None, "each scalar of this dive is of one state"
+            z[step.epoch, rows] = reading.z
+            for k, row in enumerate(range(rows.start, rows.stop)):
+                noise[row] = marginal(reading.noise, k)
     dt_s = float(line.time_s[1] - line.time_s[0])
     walk_sd = np.sqrt(VehicleMotion(layout, log.parameters.process).noise(0.0, dt_s))
     sd = np.sqrt(start.cov.diagonal())
     return Dive(log, line, dt_s, start.mean, sd, walk_sd, z, noise, true_motion(scenario, line.time_s).position_m)
+
+
+def marginal(noise: Noise, k: int) -> Modes:
+    """Return the noise of one scalar of a reading, whose scalars are independent."""
+    variances, place = np.unique(noise.cov[:, k, k], return_inverse=True)
+    return Modes(np.bincount(place, noise.probabilities), variances)
 
 
 def moved(x: np.ndarray, dt_s: float) -> np.ndarray:
@@ -98,26 +112,27 @@ def rmse_m(track: np.ndarray, truth: np.ndarray) -> float:
     return math.sqrt(float(np.mean(np.sum((track - truth[: len(track)]) ** 2, axis=1))))
 
 
-def timed(name: str, work: Dive, particles: int, track: Callable[[], np.ndarray]) -> Row:
+def timed(name: str, work: Dive, particles: int, track: Callable[[], np.ndarray], runs: int = RUNS) -> Row:
     """Run a filter, which returns its positions (T, 2), and time it."""
-    began = time.process_time()
-    found = track()
-    spent = time.process_time() - began
-    return Row(name, particles, 1e9 * spent / (particles * len(found)), rmse_m(found, work.truth_m))
+    spent = []
+    for _ in range(runs):
+        began = time.process_time()
+        found = track()
+        spent.append(time.process_time() - began)
+    return Row(name, particles, 1e9 * min(spent) / (particles * len(found)), rmse_m(found, work.truth_m))
 
 
 def ours(work: Dive) -> Iterator[Row]:
-    METHODS.update(ROWS)
-    for label, name, count in (
-        ("usbldr cpf", "cpf", 100),
-        ("usbldr cpf", "cpf", 1000),
-        ("usbldr cpf-gaussian", "cpf-gaussian", 1000),
-        ("usbldr cpf-literal", "cpf-literal", 100),
-        ("usbldr pf (bootstrap)", "pf", 1000),
-        ("usbldr adf (no particles)", "adf", 1),
-    ):
-        settings = FilterSettings(particles=count)
-        yield timed(label, work, count, lambda n=name, s=settings: run(n, work.line, work.log.parameters, s).position_m)
+    for name, count in (("cpf", 1000), ("cpf", 100), ("pf", 1000), ("ekf", 1), ("ckf", 1), ("adf", 1)):
+        settings = FilterSettings(particles=count, guard=False)
+        yield timed(name, work, count, lambda n=name, s=settings: run(n, work.line, work.log.parameters, s).position_m)
+
+
+def of_kalman(work: Dive) -> Iterator[Row]:
+    yield timed("filterpy ExtendedKalmanFilter", work, 1, lambda: filterpy_ekf(work, moved))
+    count, steps = 100, 101
+    name = "Stone Soup KalmanProposal, CKF"
+    yield timed(name, work, count, lambda: stone_soup_ckf(work, moved, count, steps), runs=1)
 
 
 def of_particles(work: Dive) -> Iterator[Row]:
@@ -138,7 +153,7 @@ def of_particles(work: Dive) -> Iterator[Row]:
             total = np.zeros(len(self.x))
             for row in np.flatnonzero(np.isfinite(z)):
                 e, noise = z[row] - self.x[:, row], work.noise[row]
-                R = noise.cov[:, 0, 0]
+                R = noise.variances
                 modes = np.log(noise.probabilities / np.sqrt(2 * np.pi * R))[:, None] - e * e / (2 * R[:, None])
                 total += np.logaddexp.reduce(modes, axis=0)
             return total
@@ -180,21 +195,29 @@ def of_particles(work: Dive) -> Iterator[Row]:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="file for the numbers")
+    parser.add_argument("--write", type=Path, nargs="*", default=[], help="pages whose markers take the table")
+    options = parser.parse_args()
     if os.environ.get("OMP_NUM_THREADS") != "1":  # has to be said before NumPy is there
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, "OMP_NUM_THREADS": "1"})
-    if importlib.util.find_spec("particles") is None:
+    missing = [name for name in ("particles", "filterpy", "stonesoup") if importlib.util.find_spec(name) is None]
+    if missing:
         sys.exit(
-            "peers.py: particles is not installed, which this comparison is with: "
-            "pip install numba joblib scikit-learn && pip install --no-deps particles"
+            f"peers.py: {', '.join(missing)} not installed, which this comparison is with: make peers installs them"
         )
-    warnings.simplefilter("ignore")  # the library's own
+    warnings.simplefilter("ignore")  # the libraries' own
     work = dive()
-    rows = [*ours(work), *of_particles(work)]
-    unit = rows[1].ns
-    print(f"{'filter':32} {'particles':>9} {'ns/particle/step':>17} {'of our cpf':>11} {'rmse m':>7}")
-    for row in rows:
-        print(f"{row.name:32} {row.particles:9} {row.ns:17,.0f} {row.ns / unit:10,.2f}x {row.rmse_m:7.3f}")
-    print(f"our cpf: that of {rows[1].particles} particles; rmse: horizontal")
+    found = compared([*ours(work), *of_particles(work), *of_kalman(work)])
+    versions = {name: version(name) for name in ("usbldr", "numpy", "particles", "filterpy", "stonesoup")}
+    told = ", ".join(f"{name} {number}" for name, number in versions.items())
+    made = f"{processor()}, kernel {KERNEL.name}, one thread; {told}; `make peers`."
+    print(f"{table(found, goals=True)}\n\n{made}")
+    if options.json:
+        content = {"processor": processor(), "kernel": KERNEL.name, "versions": versions, "rows": found}
+        write_atomically(options.json, (json.dumps(content, indent=2) + "\n").encode())
+    for file in options.write:
+        write(file, f"{table(found, goals=False)}\n\n{made}")
 
 
 if __name__ == "__main__":
