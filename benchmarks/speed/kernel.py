@@ -84,10 +84,11 @@ def rows(variants: list[Kernel], line: Timeline, parameters: Parameters) -> Iter
         unit = 1e9 / (len(line.time_s) * work.particles) if work.particles > 1 else 1e6 / len(line.time_s)
         numpy_s, _ = seconds(work, NUMPY, line, parameters)
         each = [seconds(work, variant, line, parameters) for variant in variants]
-        alone = [f"{unit * inside:,.{0 if work.particles > 1 else 1}f}" for _, inside in each]
+        digits = 0 if work.particles > 1 else 1
+        alone = [f"{unit * inside:,.{digits}f}" for _, inside in each]
         of_unit = "ns per particle and step" if work.particles > 1 else "µs per step"
         ratio = f"{numpy_s / each[0][0]:.1f}"
-        yield [work.label, of_unit, f"{unit * numpy_s:,.0f}", f"{unit * each[0][0]:,.0f}", ratio, *alone]
+        yield [work.label, of_unit, f"{unit * numpy_s:,.0f}", f"{unit * each[0][0]:,.{digits}f}", ratio, *alone]
 
 
 def main() -> None:
