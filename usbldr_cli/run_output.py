@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from usbldr.filters.errors import UsageError
 from usbldr_cli.options.output_files import write_json
 from usbldr_cli.options.run_outputs import RunOutputs
 
@@ -32,11 +33,21 @@ def write_run(folder: Path, run: "Run", outputs: RunOutputs) -> None:
 
         blocks, drawn = run_plots(run)
         write_html(folder / REPORT_HTML, run_page(run, blocks), drawn)
+    if outputs.fnv:
+        _write_fnv(folder, run)
     if outputs.mcap is not None:
         from usbldr.io.reports.run_mcap import TRACK_MCAP, write_run_mcap  # imports rosbags
 
         write_run_mcap(folder / TRACK_MCAP, run, outputs.mcap == "merge")
     write_json(folder, run)
+
+
+def _write_fnv(folder: Path, run: "Run") -> None:
+    from usbldr.io.reports.tracks import write_fnv
+
+    if run.log.origin is None or run.log.map_unknown:
+        raise UsageError("--fnv needs latitudes: state origin_lat_deg and origin_lon_deg under [map]")
+    write_fnv(folder / "track.fnv", run.scored.trajectory, run.log.origin, run.log.start_ns)
 
 
 def print_run(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:

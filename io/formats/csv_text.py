@@ -15,6 +15,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain_names
 from usbldr.io.formats.files import opened, text_lines
+from usbldr.io.formats.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.reader import Column
 
 SECOND = Decimal(1_000_000_000)
@@ -22,8 +23,6 @@ MAX_TIME_NS = 1 << 62  # in 2116
 MAX_NAMES = 20  # of names in a sentence
 MAX_CHARACTERS = 60  # of a name or a cell in a sentence
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
-TUM: tuple[str, ...] = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-"""The columns of a TUM file (evo, trajectopy): Unix seconds, position in metres, quaternion."""
 WORDS = {"": "nan", "true": "1", "false": "0"}
 Number = TypeVar("Number", int, float)
 
@@ -47,7 +46,7 @@ def looks_like_csv(head: bytes) -> bool:
 def lacks_header(head: bytes) -> bool:
     """Return whether a file's first bytes are columns of numbers without names."""
     cells = _first_line(head).split(_separator(_first_line(head)))
-    return len(cells) > 1 and all(_is_number(_with_point(cell.strip())) for cell in cells)
+    return len(cells) > 1 and all(is_number(_with_point(cell.strip())) for cell in cells)
 
 
 def _first_line(head: bytes) -> str:
@@ -83,17 +82,16 @@ class TextTable(NamedTuple):
 def read_texts(file: Path) -> TextTable:
     """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
 
-    Eight columns of numbers between blanks, without names, are a TUM file. Its last line needs no line end; of any
-    other file, such a line is left out, and so is a row with too few or too many cells.
+    A file without names, TUM or .fnv, has the columns of its format. Its last line needs no line end; of any other
+    file, such a line is left out, and so is a row with too few or too many cells.
     """
     lines = text_lines(file)
     first = next(lines, "")
     separator = _separator(first) if _separator(first) in first else None
     header = plain_names([name.strip() for name in first.lstrip("# ").split(separator)])
-    tum = separator is None and (header == list(TUM) or (len(header) == len(TUM) and all(map(_is_number, header))))
-    if tum:
-        lines = text_lines(file) if header != list(TUM) else lines
-        header = list(TUM)
+    known = unnamed_columns(file, header if separator is None else ())
+    if known is not None:
+        lines, separator, header = text_lines(file), None, list(known)
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
         raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
@@ -101,10 +99,10 @@ def read_texts(file: Path) -> TextTable:
     numbered: list[int] = []
     left_out: dict[int, str] = {}
     cut = 0
-    for number, line in enumerate(lines, start=1 if tum and not first.startswith("#") else 2):
-        if not line.strip() or (tum and line.startswith("#")):
+    for number, line in enumerate(lines, start=2 if known is None else 1):
+        if not line.strip() or (known is not None and (line.startswith("#") or line.split() == header)):
             continue
-        cut = 0 if line.endswith("\n") or tum else number
+        cut = 0 if line.endswith("\n") or known is not None else number
         cells = _cells(line, separator)
         if len(cells) > len(header) and not any(cells[len(header) :]):
             cells = cells[: len(header)]  # separators at the end of the line
@@ -219,14 +217,6 @@ def _iso_ns(text: str) -> int:
     date, clock, fraction, zone = match.groups()
     moment = datetime.fromisoformat(f"{date}T{clock}{zone or 'Z'}")
     return int(moment.timestamp()) * 1_000_000_000 + int((fraction or "").ljust(9, "0"))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def row_findings(file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "") -> list[Finding]:

@@ -1,10 +1,11 @@
-"""Tracks in formats of other programs: TUM text (evo, trajectopy), GeoJSON and KML (any map), and our own CSV.
+"""Tracks in formats of other programs: TUM text (evo, trajectopy), .fnv (MB-System), GeoJSON and KML, and our own CSV.
 
 East and north metres in, with seconds since the log's start; absolute Unix time and WGS84 degrees out.
 """
 
 import hashlib
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -19,6 +20,7 @@ from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.types import Array, Indices, Trajectory, Truth, Vector
 from usbldr.io.geodesy import Origin, to_geodetic
 
+SECONDS_PER_HOUR = 3600.0  # fixed
 MAP_STEP_S = 1.0  # a map shows no more than a point a second
 
 DECIMALS = {"s": 9, "m": 4, "m2": 9, "deg": 9, "heading_deg": 4, "mps": 5, "scale": 7}
@@ -85,6 +87,41 @@ def write_tum(path: Path, start_ns: int, time_s: Vector, position_m: Array, yaw_
         for ns, (east, north), qz, qw in rows:
             seconds, rest = divmod(ns, 1_000_000_000)
             out.write(f"{seconds}.{rest:09d} {east:.6f} {north:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n")
+
+
+FNV_HEAD = (
+    "## <yyyy mm dd hh mm ss.ssssss> <epoch seconds> <longitude (deg)> <latitude (deg)> <heading (deg)> "
+    "<speed (km/hr)> <draft (m)> <roll (deg)> <pitch (deg)> <heave (m)> <portlon (deg)> <portlat (deg)> "
+    "<stbdlon (deg)> <stbdlat (deg)>\n"
+)
+
+
+def write_fnv(path: Path, trajectory: Trajectory, origin: Origin, start_ns: int) -> None:
+    """Write the track once a second as fast navigation of MB-System, columns tMXYHScRPr=X=Y+X+Y of mblist.
+
+    Unknown are 0: depth, roll, pitch and heave; heading and speed of a track without them. The swath has no width.
+    """
+    shown = a_point_a_second(trajectory.time_s)
+    place = np.array(_coordinates(trajectory.position_m[shown], origin)).reshape(-1, 2)
+    zero = np.zeros(len(trajectory.time_s))
+    psi, u, v = (zero if (known := trajectory.state(name)) is None else known for name in ("psi", "u", "v"))
+    heading = zero if trajectory.state("psi") is None else heading_deg(psi)
+    speed_kmph = SECONDS_PER_HOUR / 1000 * np.hypot(u, v)
+    rows = zip(trajectory.time_s[shown].tolist(), place.tolist(), heading[shown], speed_kmph[shown], strict=True)
+    with path.open("w", encoding="utf-8", newline="\n") as out:
+        out.write(FNV_HEAD)
+        for time_s, (lon, lat), degrees, kmph in rows:
+            if not np.isfinite(lon):
+                continue
+            micros = (start_ns + round(time_s * 1e9)) // 1000
+            moment = datetime.fromtimestamp(micros // 1_000_000, UTC)
+            seconds = moment.second + micros % 1_000_000 / 1e6
+            out.write(
+                f"{moment:%Y %m %d %H %M} {seconds:09.6f}\t{micros // 1_000_000}.{micros % 1_000_000:06d}\t"
+                f"{lon:.10f}\t{lat:.10f}\t{degrees:.3f}\t{kmph:.3f}\t0.0000\t0.000\t0.000\t0.0000"
+                + f"\t{lon:.10f}\t{lat:.10f}" * 2
+                + "\n"
+            )
 
 
 def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes: pd.DataFrame, origin: Origin) -> None:

@@ -20,6 +20,7 @@ class RunOutputs:
     plot_format: str = "png"
     html: bool = False
     mcap: str | None = None  # "alone" or "merge"
+    fnv: bool = False
 
     def require_fitting(self, log: Path) -> None:
         """Raise UsageError for a file that cannot be made of this log."""
@@ -48,6 +49,7 @@ def run_outputs(command: Callable[..., Any]) -> Callable[..., Any]:
             type=click.Choice(["alone", "merge"]),
             help="Write track.mcap for Foxglove, Lichtblick or PlotJuggler: alone, or with a copy of LOG.",
         ),
+        click.option("--fnv", is_flag=True, help="Write track.fnv, navigation for MB-System."),
     )
     for option in reversed(options):
         decorated = option(decorated)

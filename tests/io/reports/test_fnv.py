@@ -1,0 +1,80 @@
+"""track.fnv: the columns that MB-System documents for fast navigation, and the way back."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from checkout import SAMPLES
+from commands import output_of, run
+
+LOG = SAMPLES / "lawnmower_turn_db3"
+# one line as mblist prints it, without a head: year month day hour minute second, tab, seconds since 1970, ...
+LINE = "2026 01 01 00 01 {k:02d}.000000\t{t}.000000\t-29.99999\t45.00001\t90.000\t3.600\t12.0000\t0.000\t0.000\t0.0000"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("fnv") / "run"
+    output_of("replay", LOG, "-f", "ekf", "--fnv", "--plots", "none", "-q", "-o", out)
+    return out
+
+
+def test_every_column_is_that_of_the_format(folder: Path) -> None:
+    head, *lines = (folder / "track.fnv").read_text(encoding="utf-8").splitlines()
+    track = pd.read_csv(folder / "track_5hz.csv")[::5].reset_index(drop=True)
+    start_ns = json.loads((folder / "report.json").read_text(encoding="utf-8"))["time_base"]["start_ns"]
+
+    assert head.startswith("#")
+    assert len(lines) == len(track)
+    for line, row in zip(lines, track.to_dict("records"), strict=True):
+        date, *numbers = line.split("\t")
+        year, month, day, hour, minute = map(int, date.split()[:5])
+        moment = datetime(year, month, day, hour, minute, tzinfo=UTC).timestamp() + float(date.split()[5])
+        epoch_s, lon, lat, heading, kmph, draft, roll, pitch, heave, *swath = map(float, numbers)
+        assert moment == pytest.approx(epoch_s, abs=2e-6) == start_ns / 1e9 + row["time_s"]
+        assert (lat, lon) == pytest.approx((row["lat_deg"], row["lon_deg"]), abs=2e-9)
+        assert heading == pytest.approx(row["heading_deg"], abs=1e-3)
+        speed_mps = (row["starboard_mps"] ** 2 + row["forward_mps"] ** 2) ** 0.5
+        assert kmph == pytest.approx(3.6 * speed_mps, abs=1e-3)
+        assert (draft, roll, pitch, heave) == (0, 0, 0, 0)
+        assert swath == [lon, lat, lon, lat]
+
+
+def test_evaluating_the_file_gives_the_numbers_of_the_run(folder: Path) -> None:
+    own = json.loads((folder / "report.json").read_text(encoding="utf-8"))["metrics"]
+
+    told = output_of("evaluate", LOG, "-e", folder / "track.fnv", "--json", "-o", folder.parent / "judged")
+
+    found = json.loads(told)["metrics"]
+    assert found["matched"] == own["matched"]
+    for name in ("mean_horizontal_m", "rmse_east_m", "bias_north_m", "max_horizontal_m"):
+        assert found[name] == pytest.approx(own[name], abs=1e-3), name
+
+
+def test_lines_of_mblist_are_read_as_a_truth(tmp_path: Path) -> None:
+    start = int(datetime(2026, 1, 1, 0, 1, tzinfo=UTC).timestamp())
+    lines = [LINE.format(k=k, t=start + k) + "\t-29.99999\t45.00001" * 2 for k in range(60)]
+    (tmp_path / "ship.fnv").write_text("\n".join(lines) + "\n")
+
+    output_of(
+        "replay", LOG, "-f", "dr", "--truth", tmp_path / "ship.fnv", "--plots", "none", "-q", "-o", tmp_path / "run"
+    )
+
+    report = json.loads((tmp_path / "run" / "report.json").read_text(encoding="utf-8"))
+    assert report["truth"]["rows"] == 60
+    assert report["metrics"]["matched"] == 60
+
+
+def test_without_an_origin_a_sentence_says_what_is_missing(tmp_path: Path) -> None:
+    times = [10**18 + k * 10**9 for k in range(3)]
+    fixes = pd.DataFrame({"time_ns": times, "east_m": 0.0, "north_m": [0.0, 1.0, 2.0]})
+    fixes.to_csv(tmp_path / "usbl.csv", index=False)
+
+    done = run("replay", tmp_path, "-f", "usbl", "--fnv", "--plots", "none", "-o", tmp_path.parent / "run")
+
+    assert done.exception is not None
+    assert "[map]" in str(done.exception)
+    assert not (tmp_path.parent / "run").exists()
