@@ -29,7 +29,8 @@ from usbldr_cli.runs.seed_table import ComparisonRow
 
 CLOSE_ERRORS = 8.0  # times the largest error: path length of the close-up to either side
 WIDTH = 1.4  # [points] of every filter's line: none looks more certain than another
-COINCIDE = 0.01  # of the largest error of the two: closer tracks cannot be told apart in the picture
+COINCIDE = 0.02  # of the largest error of the two: a line is about as wide in the picture
+COINCIDE_PERCENT = 95.0  # [%] of the epochs that have to
 GAP_STEPS = 3.0  # times the usual step: a longer gap breaks the line
 
 Drawn: TypeAlias = tuple[ComparisonRow, Trace]
@@ -149,13 +150,13 @@ def coincident_text(drawn: Sequence[Drawn]) -> str:
         group = next((group for group in groups if _coincide(group[0][1], one[1])), None)
         groups.append([one]) if group is None else group.append(one)
     texts = [", ".join(row.label for row, _ in group) for group in groups if len(group) > 1]
-    return "".join(f"; {text} coincide" for text in texts)
+    return "".join(f"; {text} coincide (95 % of the time)" for text in texts)
 
 
 def _coincide(one: Trace, other: Trace) -> bool:
     if one.estimate_m.shape != other.estimate_m.shape:
         return False
-    apart_m = float(np.max(np.hypot(*(one.estimate_m - other.estimate_m).T)))
+    apart_m = float(np.percentile(np.hypot(*(one.estimate_m - other.estimate_m).T), COINCIDE_PERCENT))
     return apart_m <= COINCIDE * max(float(one.horizontal_m.max()), float(other.horizontal_m.max()))
 
 
