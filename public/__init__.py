@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from usbldr.io import *  # noqa: F403
     from usbldr.io.timeline import timeline
 
-__version__ = "0.1.0"
+__version__ = "0.3.0"
 __all__ = ["__version__", "timeline"]
 __all__ += filters.__all__
 __all__ += io.__all__

@@ -121,7 +121,7 @@ def replay(
 
 def _verify(report: Path, log: str | None, quiet: bool) -> int:
     """Repeat the run of a report and say whether it is the same."""
-    from usbldr_cli.runs.verify import verify
+    from usbldr_cli.runs.repeat_run import verify
 
     ctx = click.get_current_context()
     for param in ctx.command.params:

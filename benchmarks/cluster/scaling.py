@@ -64,12 +64,12 @@ def main() -> None:
     print("| workers | a dive per task | speed-up | a run per task | speed-up |\n|---|---|---|---|---|")
     for count, dive_s, run_s in zip(WORKERS, by_dive, one_by_one, strict=True):
         first = by_dive[0]
-        print(f"| {count} | {told(dive_s)} | {first / dive_s:.1f} | {told(run_s)} | {first / run_s:.1f} |")
+        print(f"| {count} | {reported(dive_s)} | {first / dive_s:.1f} | {reported(run_s)} | {first / run_s:.1f} |")
     if options.picture:
         draw(options.picture, by_dive, one_by_one, options.dives)
 
 
-def told(seconds: float) -> str:
+def reported(seconds: float) -> str:
     return f"{seconds / 60:.1f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 

@@ -80,8 +80,8 @@ def regressions(row: BaselineRow, metrics: Mapping[str, float]) -> list[str]:
 
 def share(one: ReseededRow, loss: float = 1.0, errors_alone: bool = False) -> str:
     """Return the share of the runs of a row that the gate reports."""
-    told = [regressions(one.row, with_loss(metrics, loss)) for metrics in one.metrics]
-    found = [any(name.endswith("_m") or not errors_alone for name in names) for names in told]
+    reported = [regressions(one.row, with_loss(metrics, loss)) for metrics in one.metrics]
+    found = [any(name.endswith("_m") or not errors_alone for name in names) for names in reported]
     return f"{100 * sum(found) / max(1, len(found)):.1f} %"
 
 
@@ -114,8 +114,8 @@ def table(rows: Sequence[ReseededRow], losses: Sequence[float]) -> str:
     ]
     lines = [f"| {' | '.join([*heads, 'false alarms by'])} |", f"|---|{'---:|' * (len(heads) - 1)}---|"]
     for one in rows:
-        told = Counter(name for metrics in one.metrics for name in regressions(one.row, metrics))
-        by = ", ".join(f"`{name}` {count}" for name, count in told.most_common(3)) or "-"
+        reported = Counter(name for metrics in one.metrics for name in regressions(one.row, metrics))
+        by = ", ".join(f"`{name}` {count}" for name, count in reported.most_common(3)) or "-"
         cells = [one.row.name, str(len(one.metrics)), share(one), share(one, errors_alone=True)]
         lines.append(f"| {' | '.join([*cells, *(share(one, loss) for loss in losses), by])} |")
     return "\n".join(lines)

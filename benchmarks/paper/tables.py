@@ -232,8 +232,8 @@ def times(row: ComparisonRow, other: ComparisonRow) -> float:
 
 def nees_text(row: ComparisonRow) -> str:
     """Return the mean NEES and whether it is what it should be."""
-    told = row_consistency(row)
-    return f"{_mean(row, 'nees_mean', 2)}, {told}" if told else ""
+    reported = row_consistency(row)
+    return f"{_mean(row, 'nees_mean', 2)}, {reported}" if reported else ""
 
 
 def _lost(row: ComparisonRow) -> float:

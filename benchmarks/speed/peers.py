@@ -210,8 +210,8 @@ def main() -> None:
     work = dive()
     found = compared([*ours(work), *of_particles(work), *of_kalman(work)])
     versions = {name: version(name) for name in ("usbldr", "numpy", "particles", "filterpy", "stonesoup")}
-    told = ", ".join(f"{name} {number}" for name, number in versions.items())
-    made = f"{processor()}, kernel {KERNEL.name}, one thread; {told}; `make peers`."
+    reported = ", ".join(f"{name} {number}" for name, number in versions.items())
+    made = f"{processor()}, kernel {KERNEL.name}, one thread; {reported}; `make peers`."
     print(f"{table(found, goals=True)}\n\n{made}")
     if options.json:
         content = {"processor": processor(), "kernel": KERNEL.name, "versions": versions, "rows": found}

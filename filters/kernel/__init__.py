@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from typing import NamedTuple
 
-SIZES = (248, 120, 600, 56)  # fixed: bytes of Filter, Step, Reading and Pass in layout.h, which Python packs
+SIZES = (248, 120, 600, 56, 2)  # fixed: bytes of Filter, Step, Reading and Pass in layout.h, then CALLS of module.c
 MAX_STATES, MAX_MODES = 24, 9  # fixed: as in layout.h
 
 

@@ -2,7 +2,7 @@ from numpy import float64, int64
 from numpy.typing import NDArray
 
 VARIANTS: list[tuple[str, int]]
-SIZES: tuple[int, int, int, int]
+SIZES: tuple[int, int, int, int, int]
 
 def advance(
     variant: int,

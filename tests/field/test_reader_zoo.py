@@ -58,15 +58,15 @@ def test_info_says_of_each_odd_file_what_it_is(zoo: Path, tmp_path: Path, name: 
     code, count, words = ZOO[name]
 
     result = run("info", path, "--config", "none")
-    told = str(result.exception) if code else result.stdout
+    reported = str(result.exception) if code else result.stdout
 
-    assert words in told
+    assert words in reported
     if code:
         assert isinstance(result.exception, UsbldrError)
         assert result.exception.exit_code == code
     else:
         assert result.return_value == code
-        assert len(told.splitlines()) < 70
+        assert len(reported.splitlines()) < 70
         described = json.loads(output_of("info", path, "--json"))["logs"][0]
         assert sum(topic["messages"] for topic in described["topics"]) == count
     assert sorted(str(file) for file in tmp_path.rglob("*")) == before

@@ -55,8 +55,8 @@ def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
     track = usbldr.replay(log, timeline, "adf", settings)
     report = usbldr.evaluate(log, timeline, track, settings)
 
-    told = reported(tmp_path, SAMPLES / "paper.mcap", "--filter", "adf", *options.split(), "--align", "first")
-    assert numbers(report.flat()) == told
+    printed = reported(tmp_path, SAMPLES / "paper.mcap", "--filter", "adf", *options.split(), "--align", "first")
+    assert numbers(report.flat()) == printed
 
 
 def test_dead_reckoning_starts_where_the_settings_say() -> None:

@@ -209,7 +209,7 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
         if name in ("", "without guard"):
             continue
         changed_line = change.records(line) if name != "cut" else None
-        told = change.after(change.before(given, line), line)
+        reported = change.after(change.before(given, line), line)
         asked = any(
             attrgetter(constant)(MODULES) != value
             for constant, value in change.constants.items()
@@ -219,7 +219,7 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
             begun = prior.prior(line, given, StateLayout())
         starts = any(not np.array_equal(one, other) for one, other in zip(begun, usual, strict=True))
         assert starts or not name.startswith("start."), name
-        assert changed_line is not line or told != given or asked or starts, name
+        assert changed_line is not line or reported != given or asked or starts, name
 
 
 def identified(line: Timeline, change: str) -> Identification:

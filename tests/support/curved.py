@@ -53,12 +53,12 @@ def curved_dive(
 
 def in_radians(rows: list[Row], times: float = 1.0) -> list[Row]:
     """Return the dive with plain headings clockwise from north, in radians times a number, in place of the Imu."""
-    told: list[Row] = []
+    reported: list[Row] = []
     for ns, topic, kind, values in rows:
         if topic == "/imu":
             angle = 2 * np.arctan2(values["orientation.z"], values["orientation.w"])
             heading = times * float(np.mod(np.pi / 2 - angle, 2 * np.pi))
-            told.append((ns, "/heading", "std_msgs/msg/Float64", {"data": heading}))
+            reported.append((ns, "/heading", "std_msgs/msg/Float64", {"data": heading}))
         else:
-            told.append((ns, topic, kind, values))
-    return told
+            reported.append((ns, topic, kind, values))
+    return reported

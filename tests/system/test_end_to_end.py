@@ -58,7 +58,7 @@ def test_the_paper_filter_beats_raw_fixes_and_dead_reckoning_on_the_papers_dive(
 
     assert run.returncode == 0
     report = _report(tmp_path / "run")
-    mean_m = {name: told["metrics"]["mean_horizontal_m"] for name, told in report["reference_tracks"].items()}
+    mean_m = {name: reported["metrics"]["mean_horizontal_m"] for name, reported in report["reference_tracks"].items()}
     assert report["metrics"]["mean_horizontal_m"] < 0.25 * min(mean_m["usbl"], mean_m["dr"])
     assert "cpf" in run.stdout.splitlines()[0]
 

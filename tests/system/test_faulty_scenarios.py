@@ -97,9 +97,9 @@ def test_every_scenario_reads_back_as_the_filters_are_given_it_in_memory(tmp_pat
     assert read.parameters == written.parameters
     for sensor, table in written.tables.items():
         pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-11)
-    told = tomllib.loads(configuration.read_text(encoding="utf-8"))
+    reported = tomllib.loads(configuration.read_text(encoding="utf-8"))
     for section in ("dvl", "compass", "usbl"):
-        assert not {"scale_error", "mount_deg", "bias_deg", "latency_s", "head"} & set(told[section])
+        assert not {"scale_error", "mount_deg", "bias_deg", "latency_s", "head"} & set(reported[section])
 
 
 def test_a_sensor_that_never_spoke_has_no_table() -> None:

@@ -56,8 +56,8 @@ def test_python_started_in_the_checkout_finds_the_package_and_its_command_line()
 def test_the_version_tells_what_the_filters_run_on() -> None:
     environment = {**os.environ, "USBLDR_KERNEL": "numpy"}
     command = [sys.executable, "-m", "usbldr", "--version", "-v"]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.splitlines()
-    assert told == [f"usbldr, version {usbldr.__version__}", "filters: NumPy; USBLDR_KERNEL=numpy"]
+    reported = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.splitlines()
+    assert reported == [f"usbldr, version {usbldr.__version__}", "filters: NumPy; USBLDR_KERNEL=numpy"]
     assert output_of("-v", "--version").splitlines()[1].startswith("filters: ")
 
 

@@ -93,5 +93,5 @@ def test_no_configuration_gives_an_error_of_a_sensor_away() -> None:
     for file in SAMPLES.rglob("*usbldr.toml"):
         stated = tomllib.loads(file.read_text())
         for sensor in ("dvl", "compass", "usbl"):
-            told = {key for key, value in stated[sensor].items() if value not in (0.0, [0.0, 0.0, 0.0])}
-            assert not told & {"bias_deg", "mount_deg", "scale_error", "latency_s", "declination_deg"}, file
+            reported = {key for key, value in stated[sensor].items() if value not in (0.0, [0.0, 0.0, 0.0])}
+            assert not reported & {"bias_deg", "mount_deg", "scale_error", "latency_s", "declination_deg"}, file

@@ -169,12 +169,12 @@ def test_a_target_that_a_format_has_as_a_float_is_the_same_target(tmp_path: Path
         number = writer.register_schema("dmac.mUSBLFix", "jsonschema", json.dumps(schema).encode())
         channel = writer.register_channel("/usbl", "json", number)
         for k, target in enumerate([2.0, 3.0, 3.0]):
-            told: dict[str, Any] = {
+            reported: dict[str, Any] = {
                 "source_id": target,
                 "type": 2,
                 "relative_position": {"x": 1.0 + k, "y": 2.0, "z": 0.0},
             }
-            writer.add_message(channel, T0 + k, json.dumps(told).encode(), T0 + k)
+            writer.add_message(channel, T0 + k, json.dumps(reported).encode(), T0 + k)
         writer.finish()
     (tmp_path / "usbldr.toml").write_text(HEAD + "target = 3", encoding="utf-8")
 

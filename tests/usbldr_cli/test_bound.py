@@ -47,15 +47,15 @@ def test_the_row_of_a_comparison_is_the_mean_of_the_seeds_own_bounds(tmp_path: P
 
     output_of("compare", dive, "-f", "dr,ekf,usbl", "--seed", 4, "--seeds", 2, "--bound", "-j", 1, "-o", out)
 
-    told = json.loads((out / "compare.json").read_text(encoding="utf-8"))
-    row = told["rows"][-1]
+    reported = json.loads((out / "compare.json").read_text(encoding="utf-8"))
+    row = reported["rows"][-1]
     assert row["filter"] == "bound"
     for name in ("mean_abs_east_m", "mean_abs_north_m", "rmse_horizontal_m"):
         assert row[name] == pytest.approx((alone[0][name] + alone[1][name]) / 2, rel=1e-12)
         assert f",{row[name]!r}," in (out / "compare.csv").read_text(encoding="utf-8").splitlines()[-1]
     line = next(line for line in (out / "compare.md").read_text(encoding="utf-8").splitlines() if "| bound |" in line)
     assert line.count(f"{row['mean_abs_east_m']:.3f} ± ") >= 1
-    assert "bound is best" not in told["verdict"]
+    assert "bound is best" not in reported["verdict"]
 
 
 @pytest.mark.parametrize("command", [replay, compare])

@@ -152,9 +152,9 @@ def test_a_metric_that_got_worse_exits_1_and_says_so_in_table_page_and_json(gate
     (line,) = [line for line in run.stdout.splitlines() if "mean_horizontal_m" in line and "FAILED" not in line]
     assert line.endswith("REGRESSION")
     assert "**REGRESSION**" in (tmp_path / "page.md").read_text()
-    told = json.loads((tmp_path / "result.json").read_text())
-    assert (told["exit_code"], [row["passed"] for row in told["rows"]]) == (1, [False, True])
-    (worse,) = [metric for metric in told["rows"][0]["metrics"] if metric["verdict"] != "ok"]
+    reported = json.loads((tmp_path / "result.json").read_text())
+    assert (reported["exit_code"], [row["passed"] for row in reported["rows"]]) == (1, [False, True])
+    (worse,) = [metric for metric in reported["rows"][0]["metrics"] if metric["verdict"] != "ok"]
     assert worse["metric"] == "mean_horizontal_m"
     assert worse["new"] == pytest.approx(worse["old"] / 0.9, rel=1e-4)
 
@@ -185,9 +185,9 @@ def test_a_missing_log_and_a_missing_metric_fail_and_the_other_rows_are_run(gate
 
     run, update = _check(gate, "--json"), _check(gate, "--update")
 
-    told = json.loads(run.stdout)
+    reported = json.loads(run.stdout)
     assert run.returncode == 1
-    by_name = {row["name"]: row for row in told["rows"]}
+    by_name = {row["name"]: row for row in reported["rows"]}
     assert by_name["gone adf"]["fault"].endswith("gone.mcap: no such log or scenario")
     assert [m["verdict"] for m in by_name["dive adf"]["metrics"]] == ["ok", "ok", "MISSING"]
     assert by_name["third"]["passed"]
@@ -238,15 +238,15 @@ def test_another_log_under_the_same_name_is_no_regression(gate: Path) -> None:
     _moved(gate, "mean_horizontal_m", 0.9)
     _spoil(gate, digest, "0" * 64)
 
-    run, told = _check(gate), json.loads(_check(gate, "--json").stdout)
+    run, reported = _check(gate), json.loads(_check(gate, "--json").stdout)
 
     assert run.returncode == 1
     assert run.stdout.endswith("\nFAILED: dive adf: the log is another one\n")
     told_apart = f"the log is another one (sha256 {digest[:12]}..., the values are of 000000000000...)"
     assert told_apart in " ".join(run.stdout.split())
     assert "REGRESSION" not in run.stdout
-    assert [row["another_log"] for row in told["rows"]] == [True, False]
-    assert {metric["verdict"] for metric in told["rows"][0]["metrics"]} == {"another log"}
+    assert [row["another_log"] for row in reported["rows"]] == [True, False]
+    assert {metric["verdict"] for metric in reported["rows"][0]["metrics"]} == {"another log"}
     assert _check(gate, "--update").returncode == 0
     assert _check(gate, "-q").returncode == 0
 
@@ -380,9 +380,9 @@ def test_a_scenario_with_seeds_has_standard_errors(tmp_path: Path) -> None:
         "[row.metrics]\nmean_horizontal_m = { rel = 0.1 }\nmean_horizontal_m_se = { rel = 0.1 }\n"
     )
 
-    told = json.loads(_check(tmp_path / "b.toml", "--json").stdout)
+    reported = json.loads(_check(tmp_path / "b.toml", "--json").stdout)
 
-    mean, se = (metric["new"] for metric in told["rows"][0]["metrics"])
+    mean, se = (metric["new"] for metric in reported["rows"][0]["metrics"])
     assert 0 < se < mean
 
 

@@ -51,11 +51,11 @@ def content(out: Path) -> Any:
 
 
 def test_samplers_run_once_a_seed_and_the_others_once_a_file(compared: Path) -> None:
-    told = content(compared)
+    reported = content(compared)
 
-    assert [(row["filter"], row["seeds"]) for row in told["rows"]] == [("ckf", 1), ("pf", 3), ("usbl", 1)]
-    assert told["rows"][1]["mean_horizontal_m_se"] > 0
-    assert "mean_horizontal_m_se" not in told["rows"][0]
+    assert [(row["filter"], row["seeds"]) for row in reported["rows"]] == [("ckf", 1), ("pf", 3), ("usbl", 1)]
+    assert reported["rows"][1]["mean_horizontal_m_se"] > 0
+    assert "mean_horizontal_m_se" not in reported["rows"][0]
     assert len(list((compared / "units").glob("*.json"))) == 5
 
 
@@ -96,11 +96,11 @@ def test_the_number_of_jobs_changes_no_bit(dive: Path) -> None:
 
     one, two = run_jobs(units, LocalProcesses(1)), run_jobs(units, LocalProcesses(2))
 
-    def told(outcomes: list[Any]) -> list[dict[str, float]]:
+    def reported(outcomes: list[Any]) -> list[dict[str, float]]:
         return [dict(outcome.metrics) for outcome in outcomes]
 
-    assert told(one) == told(two)
-    assert told(one)[0] != told(one)[1]  # another seed, other draws
+    assert reported(one) == reported(two)
+    assert reported(one)[0] != reported(one)[1]  # another seed, other draws
 
 
 def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_path: Path) -> None:
@@ -176,13 +176,13 @@ def test_finished_runs_are_compared_as_they_are(dive: Path, tmp_path: Path) -> N
     for name in ("ckf", "usbl"):
         output_of("replay", dive, "--filter", name, "-o", tmp_path / name)
 
-    told = json.loads(output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "--json"))
+    reported = json.loads(output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "--json"))
 
-    for row in told["rows"]:
+    for row in reported["rows"]:
         report = json.loads((tmp_path / row["filter"] / "report.json").read_text())
         assert row["mean_abs_north_m"] == report["metrics"]["mean_abs_north_m"]
-    ckf, usbl = (row["mean_horizontal_m"] for row in told["rows"])
-    assert told["rows"][1]["mean_horizontal_m_difference"] == usbl - ckf
+    ckf, usbl = (row["mean_horizontal_m"] for row in reported["rows"])
+    assert reported["rows"][1]["mean_horizontal_m_difference"] == usbl - ckf
 
     output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "-o", tmp_path / "out")
     assert (tmp_path / "out" / "errors.png").stat().st_size > 10_000

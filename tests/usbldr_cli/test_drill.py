@@ -110,20 +110,20 @@ def test_the_same_drills_again_use_the_finished_runs_and_others_are_refused(dive
 def test_the_faults_of_the_options_are_one_drill_and_nothing_is_written_to_the_log(dive: Path) -> None:
     before = {file: file.read_bytes() for file in dive.iterdir()}
 
-    told = json.loads(
+    reported = json.loads(
         output_of(
             *("drill", dive, "--drop", "usbl@30:60", "--spike", "dvl:3m/s@0.02", "--sd", "usbl:2"),
             *("--filters", "ekf", "--seeds", 1, "-j", 1, "--json"),
         )
     )
 
-    (one,) = told["rows"]
+    (one,) = reported["rows"]
     assert set(one["faults"]) == {"drop usbl@30:60", "spike dvl:3m/s@0.02", "sd usbl:2"}
     assert {file: file.read_bytes() for file in dive.iterdir()} == before
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "reported"),
     [
         (("--drop", "usbl"), "--drop usbl: needs a span"),
         (("--drop", "usbl@300:400"), "the log has no usbl record there (0 to 100 s)"),
@@ -133,9 +133,9 @@ def test_the_faults_of_the_options_are_one_drill_and_nothing_is_written_to_the_l
     ],
 )
 def test_what_cannot_be_done_is_refused_before_any_run(
-    dive: Path, options: tuple[str, ...], told: str, monkeypatch: pytest.MonkeyPatch
+    dive: Path, options: tuple[str, ...], reported: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(dive.parent)
     refused = run("drill", dive, *options).exception
     assert isinstance(refused, UsageError)
-    assert told in str(refused)
+    assert reported in str(refused)

@@ -100,8 +100,8 @@ def assert_same(back: Log, log: Log) -> None:
         pd.testing.assert_frame_equal(other, table, rtol=1e-13, atol=1e-12)
     assert (back.truth is None) == (log.truth is None)
     if log.truth is not None and back.truth is not None:
-        told = [(truth.kind, truth.max_gap_s, truth.lever_m) for truth in (back.truth, log.truth)]
-        assert told[0] == told[1]
+        reported = [(truth.kind, truth.max_gap_s, truth.lever_m) for truth in (back.truth, log.truth)]
+        assert reported[0] == reported[1]
         np.testing.assert_array_equal(back.truth.position_m, log.truth.position_m)
         np.testing.assert_array_equal(back.truth.sd_m, log.truth.sd_m)
         np.testing.assert_allclose(back.truth.time_s, log.truth.time_s, rtol=0, atol=1e-10)

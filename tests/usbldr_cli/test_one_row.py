@@ -78,10 +78,10 @@ def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(
 
 @pytest.mark.usefixtures("own")
 def test_help_and_refusals_know_a_filter_that_is_one_row() -> None:
-    told = commands.run("replay", "--help").output
+    reported = commands.run("replay", "--help").output
 
-    assert "the last fix, held" in told
-    assert " ".join(told.split()).count("pf-wekf, last-fix") == 1  # those that draw
+    assert "the last fix, held" in reported
+    assert " ".join(reported.split()).count("pf-wekf, last-fix") == 1  # those that draw
     refused = commands.run("replay", DIVE, "-f", "last-fix", "--smooth")
     assert "last-fix is too far from a Gaussian" in str(refused.exception)
     assert "ukf, last-fix" in str(commands.run("replay", DIVE, "-f", "cpf", "--gate", "0.9").exception)

@@ -10,7 +10,7 @@ from click.testing import Result
 from checkout import SAMPLES
 from commands import run
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.runs.verify import Difference, Verification
+from usbldr_cli.runs.repeat_run import Difference, Verification
 
 
 @pytest.fixture(scope="module")

@@ -25,8 +25,8 @@ def test_the_raw_fixes_have_the_errors_of_the_whole_log(log: Path, tmp_path: Pat
     errors: list[float] = []
     for one in (log, whole):
         (tmp_path / f"{one.stem}.usbldr.toml").write_text(ORIGIN, encoding="utf-8")
-        told = json.loads(output_of("replay", one, "-f", "usbl", "--json", "-o", tmp_path / one.stem))
-        errors.append(told["metrics"]["mean_horizontal_m"])
+        reported = json.loads(output_of("replay", one, "-f", "usbl", "--json", "-o", tmp_path / one.stem))
+        errors.append(reported["metrics"]["mean_horizontal_m"])
 
     assert errors[0] == pytest.approx(errors[1], abs=1e-9)
 

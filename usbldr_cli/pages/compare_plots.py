@@ -164,14 +164,14 @@ def _drill(rows: Sequence[DrillRow]) -> Canvas | None:
 
 def check_plots(checked: Sequence[CheckedRow]) -> Plots:
     """Return the figure of a check: the change of every metric over its limit."""
-    told = [(one.row.name, c) for one in checked for c in one.changes if c.old is not None and c.new is not None]
-    told = [(name, c) for name, c in told if c.limit > 0]
-    if not told:
+    reported = [(one.row.name, c) for one in checked for c in one.changes if c.old is not None and c.new is not None]
+    reported = [(name, c) for name, c in reported if c.limit > 0]
+    if not reported:
         return (), {}
-    canvas = categories(list(dict.fromkeys(name for name, _ in told)), "change of a metric over its limit")
+    canvas = categories(list(dict.fromkeys(name for name, _ in reported)), "change of a metric over its limit")
     entries: list[tuple[str, Sequence[Any]]] = []
     for failed, text, mark in ((False, "within the limit, or better", "circle"), (True, "failed", "diamond")):
-        mine = [(name, c) for name, c in told if (c.verdict in FAILURES) == failed]
+        mine = [(name, c) for name, c in reported if (c.verdict in FAILURES) == failed]
         if not mine:
             continue
         data = source(

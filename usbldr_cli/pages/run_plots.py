@@ -103,8 +103,8 @@ def _own(canvas: Canvas, run: Run) -> list[tuple[str, Sequence[Any]]]:
         "error": report.horizontal_m,
     }
     points = canvas.scatter("east", "north", source=source(**rows), size=9, alpha=0)
-    told = [("time", "@time{0.0} s"), ("error", "@error{0.00} m"), ("east, north", "@east{0.00}, @north{0.00} m")]
-    hover(canvas, [points], told)
+    reported = [("time", "@time{0.0} s"), ("error", "@error{0.00} m"), ("east, north", "@east{0.00}, @north{0.00} m")]
+    hover(canvas, [points], reported)
     worst = int(np.argmax(report.horizontal_m))
     ends = np.stack([report.truth_m[worst], report.estimate_m[worst]])
     largest = canvas.line(ends[:, 0], ends[:, 1], line_width=3)
@@ -143,12 +143,12 @@ def _fixes(canvas: Canvas, run: Run) -> list[tuple[str, Sequence[Any]]]:
         drawn.append(canvas.scatter("east", "north", source=shown, line_alpha=0.8, **style))
         drawn[-1].glyph.tags = ALARM if outcome == "rejected" else []
         entries.append((f"fix {outcome} ({int(at.sum())})", drawn[-1:]))
-    told = [
+    reported = [
         ("fix @fix", "@outcome at @time{0.0} s"),
         ("innovation", "@innovation{0.00} m"),
         ("shift", "@shift{0.00} m"),
     ]
-    hover(canvas, drawn, told)
+    hover(canvas, drawn, reported)
     rows = [one.row for one in most_influential(run.scored.trajectory)]
     if rows:
         ring = canvas.scatter(place_m[rows, 0], place_m[rows, 1], size=15, fill_color=None, line_width=1.8)
@@ -183,12 +183,12 @@ def _errors(run: Run, report: ErrorReport) -> Any:
         if raw_fixes(run.method):
             line.visible = False
             line = canvas.scatter("time", axis, source=data, size=3, color=colour(run.method))
-        told = [
+        reported = [
             ("time", "@time{0.0} s"),
             (f"{axis} error", f"@{axis}{{0.00}} m"),
             ("2 sigma", f"@high_{axis}{{0.00}} m"),
         ]
-        hover(canvas, [line], [*told, ("horizontal error", "@horizontal{0.00} m")])
+        hover(canvas, [line], [*reported, ("horizontal error", "@horizontal{0.00} m")])
         entries.append((run.label, [line]))
         shade_outages(canvas, run)
         if k == len(AXES) - 1:

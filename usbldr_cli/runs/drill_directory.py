@@ -32,9 +32,9 @@ def write_report(folder: Path, report: DrillReport, request: Mapping[str, Any], 
     import pandas as pd
 
     rows = [row_content(row) for row in worst_first(report.rows)]
-    told = [row | {name: "; ".join(row[name]) for name in LISTS} for row in rows]
+    reported = [row | {name: "; ".join(row[name]) for name in LISTS} for row in rows]
     try:
-        write_atomically(folder / "drill.csv", pd.DataFrame(told).to_csv(index=False, lineterminator="\n").encode())
+        write_atomically(folder / "drill.csv", pd.DataFrame(reported).to_csv(index=False, lineterminator="\n").encode())
         write_atomically(folder / "drill.md", markdown.encode())
         write_atomically(folder / TABLES, (json_text(content(report, request)) + "\n").encode())
     except OSError as err:

@@ -81,8 +81,8 @@ class DrillRow:
     @property
     def named_share(self) -> float | None:
         """Share of the seeds in which findings name every fault; None if none of them can tell."""
-        told = [one for pair in self.codes if (one := is_named(self.drill, *pair)) is not None]
-        return float(np.mean(told)) if told else None
+        reported = [one for pair in self.codes if (one := is_named(self.drill, *pair)) is not None]
+        return float(np.mean(reported)) if reported else None
 
 
 @dataclass(frozen=True, slots=True)

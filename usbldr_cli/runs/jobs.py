@@ -20,7 +20,7 @@ from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.code_digest import code_digest
 from usbldr_cli.runs.job_store import JobResult, ScoringContext, Trace
-from usbldr_cli.runs.verification import UnfitWorkerError, require_digest
+from usbldr_cli.runs.worker_checks import UnfitWorkerError, require_digest
 
 if TYPE_CHECKING:
     from usbldr.filters.types import Timeline

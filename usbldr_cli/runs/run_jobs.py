@@ -12,7 +12,7 @@ import click
 from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult, JobStore
 from usbldr_cli.runs.jobs import FinishedJob, Job, run_job
-from usbldr_cli.runs.verification import Expected, expected, require_log, require_software, with_whole_paths
+from usbldr_cli.runs.worker_checks import Expected, expected, require_log, require_software, with_whole_paths
 
 DIVES_PER_WORKER = 8  # [dives] from which a worker runs a whole dive: waiting for the last one costs an eighth at most
 

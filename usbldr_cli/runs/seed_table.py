@@ -100,8 +100,8 @@ def _for_all(values: dict[int, float], sampled: bool, seeds: list[int]) -> dict[
 
 def row_metrics(row: ComparisonRow) -> dict[str, float | None]:
     """Return every metric of a row over its seeds; null if it does not apply."""
-    told = (name for outcome in row.good.values() for name in outcome.metrics)
-    names = dict.fromkeys((*(metric.name for metric in METRICS), *told))
+    reported = (name for outcome in row.good.values() for name in outcome.metrics)
+    names = dict.fromkeys((*(metric.name for metric in METRICS), *reported))
     found: dict[str, float | None] = {}
     for name in names:
         values = list(row.values(name).values())
@@ -121,11 +121,11 @@ def row_metrics(row: ComparisonRow) -> dict[str, float | None]:
 
 def row_nees(row: ComparisonRow) -> Nees | None:
     """Return the mean NEES over the seeds: of dives with the bounds of all of them together; None if none has one."""
-    told = [list(row.values(metric.name).values()) for metric in declared(Nees, "").values()]
-    if not all(told):
+    reported = [list(row.values(metric.name).values()) for metric in declared(Nees, "").values()]
+    if not all(reported):
         return None
-    mean, _, _, independent = told
-    return pooled_nees(mean, independent) if row.dives else Nees(*(average(values).mean for values in told))
+    mean, _, _, independent = reported
+    return pooled_nees(mean, independent) if row.dives else Nees(*(average(values).mean for values in reported))
 
 
 def row_consistency(row: ComparisonRow) -> str:

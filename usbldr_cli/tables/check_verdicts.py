@@ -175,10 +175,14 @@ def page(baseline: RegressionBaseline, checked: Sequence[CheckedRow], figures: S
     """Return the result as a page: the verdict, why rows failed, failures alone, then every metric."""
     every = [(one.row.name, c) for one in checked for c in one.changes]
     failed = [(name, c) for name, c in every if c.verdict in FAILURES]
-    told = values_text(baseline)
+    reported = values_text(baseline)
     sections = (
         Section(
-            "", (*((f"{told}.",) if told else ()), *((Labelled(tuple(lines)),) if (lines := notes(checked)) else ()))
+            "",
+            (
+                *((f"{reported}.",) if reported else ()),
+                *((Labelled(tuple(lines)),) if (lines := notes(checked)) else ()),
+            ),
         ),
         Section("Failures", (_flat(failed),) if failed else ()),
         Section("Figures", tuple(figures)),

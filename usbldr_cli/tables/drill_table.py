@@ -92,11 +92,11 @@ def _failures(rows: Sequence[DrillRow]) -> list[tuple[str, str]]:
 def page(report: DrillReport, figures: Sequence[Picture | Plot], made: RunProvenance) -> Page:
     """Return the page of drills with its figures, and how it was made."""
     rows, usual = report.rows, report.usual
-    told = (*finding_lines(rows), *_failures(rows), *notes(usual))
+    reported = (*finding_lines(rows), *_failures(rows), *notes(usual))
     sections = (
         Section("", (Labelled(tuple(context(usual))),)),
         Section("Errors", (usual_table(usual), drill_table(rows, "faults, m", None), LEGEND)),
-        Section("Findings", (Labelled(told),)),
+        Section("Findings", (Labelled(reported),)),
         Section("Figures", tuple(figures)),
         provenance_section(made),
     )

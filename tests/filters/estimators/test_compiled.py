@@ -170,9 +170,9 @@ def test_the_kernel_stops_before_the_fixes_that_call_for_hypotheses_and_no_other
         if fixes := usbl_measurements(step):
             before = linear.start(Prior(belief.estimate.mean, belief.estimate.cov))
             bank = linear.step(before, step._replace(measurements=()), SeededRng(0, 0)).bank
-            told = hypothesis_likelihoods(bank, fixes, guard.outlier_noise)
+            reported = hypothesis_likelihoods(bank, fixes, guard.outlier_noise)
             log_relocation = math.log(0.05)
-            calls = told.informative or log_relocation + told.relocated > told.inlier
+            calls = reported.informative or log_relocation + reported.relocated > reported.inlier
             doubt = Doubt(np.array([log_relocation]), guard.outlier_noise.sd**2)
             _, run_on = kernel.span_until(belief, every, range(k, k + 1), 0, doubt)
             assert len(run_on.mean) == (not calls)

@@ -85,7 +85,7 @@ def on_the_grid(z: np.ndarray, noise: Noise) -> Posterior:
         density = density / total
         mean = GRID @ density * WIDTH
         rows.append((mean, np.sqrt(((GRID[:, None] - mean) ** 2 * density).sum(axis=0) * WIDTH), np.log(total)))
-    return Posterior(*(np.reshape(told, z.shape) for told in zip(*rows, strict=True)))
+    return Posterior(*(np.reshape(reported, z.shape) for reported in zip(*rows, strict=True)))
 
 
 def follow(estimator, rule, z: np.ndarray, noise: Noise, seed: int = 0) -> Posterior:
@@ -111,7 +111,7 @@ def test_the_grid_is_the_kalman_filter_where_that_is_exact() -> None:
         m, P = (PULL * m, PULL**2 * P + Q) if k else (m, P)
         log_l = -0.5 * (math.log(2 * math.pi * (P + 0.8)) + (value - m) ** 2 / (P + 0.8))
         m, P = m + P / (P + 0.8) * (value - m), P * 0.8 / (P + 0.8)
-        np.testing.assert_allclose([told[k] for told in got], [m, math.sqrt(P), log_l], atol=1e-8)
+        np.testing.assert_allclose([reported[k] for reported in got], [m, math.sqrt(P), log_l], atol=1e-8)
 
 
 BOTH_NOISES = pytest.mark.parametrize("noise", [PAPER, HARSH], ids=["eq. 23", "harsh"])
@@ -129,9 +129,9 @@ def test_particles_tend_to_the_posterior_on_the_grid(name: str, noise: Noise) ->
             runs.append(follow(CubatureParticleFilter(Walk(), cubature, 500), cubature, z, noise, seed))
         else:
             runs.append(follow(BootstrapParticleFilter(Walk(), 5000, start_seed=seed), linearised, z, noise, seed))
-    for told, want, unit in zip(zip(*runs, strict=True), right, (right.sd, right.sd, 1.0), strict=True):
-        variance = np.var(told, axis=0, ddof=1) / unit**2
-        off = np.abs(np.mean(told, axis=0) - want) / unit
+    for reported, want, unit in zip(zip(*runs, strict=True), right, (right.sd, right.sd, 1.0), strict=True):
+        variance = np.var(reported, axis=0, ddof=1) / unit**2
+        off = np.abs(np.mean(reported, axis=0) - want) / unit
 
         assert np.all(off < 4.5 * np.sqrt(variance / len(runs)) + variance + 1e-6)
         assert 4.5 * math.sqrt(variance.max() / len(runs)) < 0.05  # so the comparison is a sharp one

@@ -27,8 +27,8 @@ R = 0.8
 
 def filtered(z: np.ndarray, rule=linearised) -> tuple[np.ndarray, np.ndarray]:
     estimator = KalmanFilter(Drift(tuple(Q)), rule, moment_matched)
-    told = estimates(estimator, position_steps(z, Gaussian().modes(np.array([[R]]))), seed=None)
-    return np.array([e.mean for e in told]), np.array([e.cov for e in told])
+    reported = estimates(estimator, position_steps(z, Gaussian().modes(np.array([[R]]))), seed=None)
+    return np.array([e.mean for e in reported]), np.array([e.cov for e in reported])
 
 
 def solved_at_once(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

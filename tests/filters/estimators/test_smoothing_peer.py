@@ -23,8 +23,8 @@ def readings() -> np.ndarray:
 def filtered(motion: Drift) -> tuple[np.ndarray, np.ndarray]:
     """Return our filter's means (EPOCHS, 2) and covariances (EPOCHS, 2, 2)."""
     estimator = KalmanFilter(motion, linearised, moment_matched)
-    told = estimates(estimator, position_steps(readings(), NOISE), seed=None)
-    return np.array([e.mean for e in told]), np.array([e.cov for e in told])
+    reported = estimates(estimator, position_steps(readings(), NOISE), seed=None)
+    return np.array([e.mean for e in reported]), np.array([e.cov for e in reported])
 
 
 @pytest.mark.parametrize("rule", [linearised, cubature, unscented], ids=["ekf", "ckf", "ukf"])

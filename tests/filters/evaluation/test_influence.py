@@ -42,11 +42,11 @@ def test_without_the_most_influential_fix_the_track_lies_elsewhere_by_its_shift(
 def test_the_most_influential_come_first_and_each_fix_once() -> None:
     track = run("adf", weaving_dive(Faults(), seconds=60), ASSUMED)
 
-    told = most_influential(track, 7)
+    reported = most_influential(track, 7)
 
-    shifts = [fix.shift_m for fix in told]
+    shifts = [fix.shift_m for fix in reported]
     assert shifts == sorted(shifts, reverse=True)
-    assert len({fix.row for fix in told}) == 7
+    assert len({fix.row for fix in reported}) == 7
     assert len(influences(track)) == 59
 
 
@@ -70,14 +70,14 @@ def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> Non
     whole = run("ekf", line, assumed)
     fix = influences(whole)[30]
 
-    told = compare_without(fix, whole, run("ekf", without_fix(line, 30), assumed))
+    reported = compare_without(fix, whole, run("ekf", without_fix(line, 30), assumed))
 
     fixes_so_far = np.minimum(np.floor(line.time_s + 1e-9), 79)
     parts_m = 40 / fixes_so_far[line.time_s >= 31]
-    assert 31 <= told.largest_at_s < 32  # the next fix comes then
-    assert told.largest_shift_m == pytest.approx(40 / 31, rel=0.02)
-    assert told.mean_shift_m == pytest.approx(parts_m.sum() / len(line.time_s), rel=0.02)
-    assert math.isnan(told.error_change_m)
+    assert 31 <= reported.largest_at_s < 32  # the next fix comes then
+    assert reported.largest_shift_m == pytest.approx(40 / 31, rel=0.02)
+    assert reported.mean_shift_m == pytest.approx(parts_m.sum() / len(line.time_s), rel=0.02)
+    assert math.isnan(reported.error_change_m)
 
 
 def test_leaving_out_another_fix_changes_neither_the_timeline_nor_its_other_fixes() -> None:
@@ -113,8 +113,8 @@ def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method
     for name in ("dive", "shorter"):
         write_scenario(scenario, 3, tmp_path / name)
     _, folder = replayed(tmp_path / "dive", method, "--leave-one-out", "2")
-    told = report(folder)["leave_one_out"]
-    first = told[0]
+    reported = report(folder)["leave_one_out"]
+    first = reported[0]
     records = (tmp_path / "shorter" / "usbl.csv").read_text().splitlines(keepends=True)
     del records[1 + first["fix"]["row"]]
     (tmp_path / "shorter" / "usbl.csv").write_text("".join(records))
@@ -127,7 +127,7 @@ def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method
     errors_m = [report(f)["metrics"]["mean_horizontal_m"] for f in (other, folder)]
     assert first["error_change_m"] == pytest.approx(errors_m[0] - errors_m[1], abs=1e-9)
     assert first["largest_shift_m"] > 0.01
-    assert len({one["fix"]["row"] for one in told}) == 2
+    assert len({one["fix"]["row"] for one in reported}) == 2
 
 
 def test_terminal_and_report_show_the_largest_effect_first(tmp_path: Path) -> None:

@@ -42,20 +42,20 @@ CASES = {
 def test_what_a_sensor_reads_too_much_is_found_with_its_sign_and_unit(key: str) -> None:
     faults = CASES[key]
 
-    told = read_back("adf", weaving_dive(faults), key)
+    reported = read_back("adf", weaving_dive(faults), key)
 
-    assert set(told) == {REPORTED_QUANTITIES[state].name for state in STATES[key]}
-    for name, (value, sd) in told.items():
+    assert set(reported) == {REPORTED_QUANTITIES[state].name for state in STATES[key]}
+    for name, (value, sd) in reported.items():
         assert abs(value - getattr(faults, name)) < 4 * sd
         assert 0 < sd < getattr(faults, name) / 5
 
 
 @pytest.mark.parametrize("method", [name for name, method in METHODS.items() if method.is_filter])
 def test_every_filter_estimates_the_current(method: str) -> None:
-    told = read_back(method, weaving_dive(Faults(current_east_mps=0.3, current_north_mps=-0.2)), "current")
+    reported = read_back(method, weaving_dive(Faults(current_east_mps=0.3, current_north_mps=-0.2)), "current")
 
-    assert told["current_east_mps"][0] == pytest.approx(0.3, abs=0.02)
-    assert told["current_north_mps"][0] == pytest.approx(-0.2, abs=0.02)
+    assert reported["current_east_mps"][0] == pytest.approx(0.3, abs=0.02)
+    assert reported["current_north_mps"][0] == pytest.approx(-0.2, abs=0.02)
 
 
 def test_the_current_is_a_random_walk_and_the_dvl_through_water_lacks_it() -> None:
@@ -77,10 +77,10 @@ def test_the_current_is_a_random_walk_and_the_dvl_through_water_lacks_it() -> No
 
 @pytest.mark.parametrize("method", [name for name, method in METHODS.items() if method.is_filter and name != "pf"])
 def test_every_filter_takes_the_states(method: str) -> None:
-    told = read_back(method, weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=-4.0)), "scale", "heading")
+    reported = read_back(method, weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=-4.0)), "scale", "heading")
 
-    assert told["dvl_scale"][0] == pytest.approx(0.02, abs=0.003)
-    assert told["heading_bias_deg"][0] == pytest.approx(-4.0, abs=0.3)
+    assert reported["dvl_scale"][0] == pytest.approx(0.02, abs=0.003)
+    assert reported["heading_bias_deg"][0] == pytest.approx(-4.0, abs=0.3)
 
 
 def test_a_particle_filter_carries_constants_as_gaussians_and_agrees_with_one() -> None:

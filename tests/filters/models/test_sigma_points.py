@@ -158,9 +158,9 @@ def test_of_a_bank_only_the_members_that_lost_their_yaw_are_linearised() -> None
     m, P = np.stack([a for a, _ in members], -1), np.stack([b for _, b in members], -1)
     P[0, 0, 2] += 9.0
 
-    told = cubature(FUNCTIONS["move"], m, P)
+    reported = cubature(FUNCTIONS["move"], m, P)
 
-    for got, straight in zip(told, linearised(FUNCTIONS["move"], m, P), strict=True):
+    for got, straight in zip(reported, linearised(FUNCTIONS["move"], m, P), strict=True):
         np.testing.assert_array_equal(got[..., 2], straight[..., 2])
         assert not np.allclose(got[..., 1], straight[..., 1], atol=1e-6)
 

@@ -76,8 +76,8 @@ def test_with_one_record_per_epoch_the_track_is_that_of_replay_to_the_last_bit(m
     np.testing.assert_array_equal(online.estimate.cov, track.cov[-1])
     assert len(updates) == len(line.time_s) - 1
     for sensor in ("usbl", "compass"):
-        told = [(u.outcome, u.nis, u.innovation) for u in updates if u is not None and u.sensor == sensor]
-        assert told == [(u.outcome, u.nis, u.innovation) for u in track.updates if u.sensor == sensor]
+        reported = [(u.outcome, u.nis, u.innovation) for u in updates if u is not None and u.sensor == sensor]
+        assert reported == [(u.outcome, u.nis, u.innovation) for u in track.updates if u.sensor == sensor]
 
 
 @pytest.mark.parametrize("method", FILTERS)
@@ -118,8 +118,8 @@ def test_record_by_record_a_dive_with_late_fixes_is_known_as_well_as_in_replay(m
     assert own_m == pytest.approx(replayed_m, rel=0.05)
     for sensor in ("dvl", "compass", "usbl"):
         own, replayed = (
-            np.mean([u.nis / u.dof for u in told if u.sensor == sensor and u.time_s > 20])
-            for told in (updates, track.updates)
+            np.mean([u.nis / u.dof for u in reported if u.sensor == sensor and u.time_s > 20])
+            for reported in (updates, track.updates)
         )
         assert own == pytest.approx(replayed, rel=0.1)
 
@@ -155,8 +155,8 @@ def test_a_late_measurement_of_any_sensor_is_taken_at_its_own_time() -> None:
             lambda online=online: online.velocity(4.0, 0.1, 1.1, 0.02),
             lambda online=online: online.fix(4.5, 0.5, 4.0, COV_M2),
         ]
-        told = [calls[i]() for i in ((2, 4, 1, 3, 0) if late else range(5))]
-        assert [one.time_s for one in told if one is not None] == (
+        reported = [calls[i]() for i in ((2, 4, 1, 3, 0) if late else range(5))]
+        assert [one.time_s for one in reported if one is not None] == (
             [3.0, 4.5, 2.0, 4.0, 1.0] if late else [1, 2, 3, 4, 4.5]
         )
         both.append(online)

@@ -172,9 +172,9 @@ def test_windows_over_all_of_the_truth_leave_nothing_to_score() -> None:
 
 
 def test_a_window_without_gps_is_refused_with_what_there_is() -> None:
-    with pytest.raises(LogError) as told:
+    with pytest.raises(LogError) as reported:
         require_gps(timeline(), ((3.0, 5.0), (40.0, 60.0)), "dive.mcap")
 
-    assert str(told.value) == (
+    assert str(reported.value) == (
         "dive.mcap: no GPS fix to aid a filter from 40 to 60 s of the log (it has GPS fixes from 0.0 to 30.0 s)"
     )

@@ -135,11 +135,11 @@ def test_the_same_seed_repeats_the_run_to_the_bit() -> None:
 
 def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_is_a_fault() -> None:
     stated = prior(timeline(), Parameters(start=Start(5.0, -2.0, 0.01)), StateLayout())
-    told = prior(timeline(), Parameters(), StateLayout())
+    reported = prior(timeline(), Parameters(), StateLayout())
 
     np.testing.assert_allclose(stated.mean, [0, 0, 1, 0, 5, -2])
-    np.testing.assert_allclose(told.mean, [0, 0, 1, 0, 0, 0], atol=1e-9)
-    assert told.cov[4, 4] >= 9
+    np.testing.assert_allclose(reported.mean, [0, 0, 1, 0, 0, 0], atol=1e-9)
+    assert reported.cov[4, 4] >= 9
     with pytest.raises(LogError, match=r"no USBL fix gives a filter its start: state \[start\]"):
         prior(timeline(fixes=()), Parameters(), StateLayout())
 

@@ -126,10 +126,10 @@ def test_a_drawn_dive_is_the_filters_motion_with_its_own_process_noise_and_nothi
 def test_a_drawn_dive_starts_within_the_sigmas_that_the_filters_are_told() -> None:
     short = dataclasses.replace(DRAWN, duration_s=1.0)
     starts = np.array([_states(short, seed)[:, 0] for seed in range(1000)])
-    told = DRAWN.start
-    assert told is not None
+    reported = DRAWN.start
+    assert reported is not None
 
-    sd = [told.sd_yaw_rad, told.sd_mps, told.sd_mps, told.sd_radps, told.sd_m, told.sd_m]
+    sd = [reported.sd_yaw_rad, reported.sd_mps, reported.sd_mps, reported.sd_radps, reported.sd_m, reported.sd_m]
     np.testing.assert_allclose(
         (starts.mean(axis=0) - [math.radians(5), 1, 1, 0, 0, 0]) / sd, 0, atol=4 / math.sqrt(1000)
     )

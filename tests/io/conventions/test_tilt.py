@@ -79,9 +79,9 @@ def test_velocities_that_are_level_already_stay_so(tmp_path: Path) -> None:
 def test_without_a_depth_the_configuration_decides(tmp_path: Path) -> None:
     rows = dive(depth=False)
 
-    as_recorded, told = (end_m(logged(tmp_path, rows, settings(dvl=key))) for key in ("", "level = true"))
+    as_recorded, reported = (end_m(logged(tmp_path, rows, settings(dvl=key))) for key in ("", "level = true"))
 
-    assert told == pytest.approx(END_M, abs=0.3)
+    assert reported == pytest.approx(END_M, abs=0.3)
     assert np.linalg.norm(as_recorded - END_M) > 15  # 200 m * (1 - cos 25 deg) and a roll
 
 

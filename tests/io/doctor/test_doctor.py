@@ -266,9 +266,9 @@ def csv_dive(folder: Path, rows: list[Row]) -> Path:
         if topic not in lines:
             continue
         numbers = [value for name, value in values.items() if name.endswith((".x", ".y", "data"))]
-        told = [-numbers[1], numbers[0]] if topic == "/dvl" else numbers
-        lines[topic].append(",".join(map(str, (values.get("header.stamp", ns), *told))))
-    dvl, compass, usbl = ("\n".join(told) for told in lines.values())
+        reported = [-numbers[1], numbers[0]] if topic == "/dvl" else numbers
+        lines[topic].append(",".join(map(str, (values.get("header.stamp", ns), *reported))))
+    dvl, compass, usbl = ("\n".join(reported) for reported in lines.values())
     return write_csv(folder, dvl=dvl, compass=compass, usbl=usbl)
 
 

@@ -39,8 +39,8 @@ def test_a_stated_sigma_is_reported_if_it_makes_nees_wrong_by_more_than_two(rati
     parameters = replace(log.parameters, usbl_sd_scale=0.8)  # as configured
     found = Identification(replace(parameters, usbl_sd_scale=0.8 * ratio))
 
-    told = fix_noise_findings(replace(log, parameters=parameters), timeline(log), found)
+    printed = fix_noise_findings(replace(log, parameters=parameters), timeline(log), found)
 
-    noise = [one for one in told if one.code == "USBL-NOISE"]
+    noise = [one for one in printed if one.code == "USBL-NOISE"]
     assert bool(noise) == reported
     assert all(f"sd_scale = {0.8 * ratio:.2g} under [usbl]" in one.text for one in noise)

@@ -53,7 +53,7 @@ def identification(*explanations: Explanation, exist: tuple[str, ...] = ()) -> I
     return Identification(Parameters(dvl_lever_m=(-0.2, 2.0, 0.0)), evidence, (), explanations)
 
 
-def told(log: Log, found: Identification) -> Mapping[str, Finding]:
+def reported(log: Log, found: Identification) -> Mapping[str, Finding]:
     return {one.code: one for one in sensor_error_findings(log, found)}
 
 
@@ -70,7 +70,7 @@ def told(log: Log, found: Identification) -> Mapping[str, Finding]:
 def test_an_error_is_told_with_its_sigma_its_evidence_and_the_key_that_removes_it(
     log: Log, key: str, code: str, words: tuple[str, ...]
 ) -> None:
-    found = told(log, identification(explanation(key)))
+    found = reported(log, identification(explanation(key)))
 
     assert set(found) == {code}
     assert "log odds +13.0" in found[code].text
@@ -80,13 +80,13 @@ def test_an_error_is_told_with_its_sigma_its_evidence_and_the_key_that_removes_i
 
 @pytest.mark.parametrize("key", sorted(NUMBERS))
 def test_an_error_too_small_to_matter_is_not_told(log: Log, key: str) -> None:
-    assert not told(log, identification(explanation(key, times=0.09)))
+    assert not reported(log, identification(explanation(key, times=0.09)))
 
 
 def test_a_lever_arm_or_a_latency_is_one_finding_with_both_numbers(log: Log) -> None:
     rivals = explanation("latency"), explanation("dvl-lever", log_odds=-1.1)
 
-    found = told(log, identification(*rivals, exist=("latency", "dvl-lever")))
+    found = reported(log, identification(*rivals, exist=("latency", "dvl-lever")))
 
     assert set(found) == {"LEVER-OR-LATENCY"}
     assert "2.60 ± 0.10 s after" in found["LEVER-OR-LATENCY"].text
@@ -97,7 +97,7 @@ def test_a_lever_arm_or_a_latency_is_one_finding_with_both_numbers(log: Log) -> 
 def test_only_what_every_explanation_contains_has_a_finding_of_its_own(log: Log) -> None:
     rivals = explanation("scale", "dvl-clock"), explanation("scale", "deviation", log_odds=-2.0)
 
-    found = told(log, identification(*rivals))
+    found = reported(log, identification(*rivals))
 
     assert set(found) == {"DVL-SCALE", "RIVAL-EXPLANATIONS"}
     assert "stamps of the DVL are 1.00 ± 0.20 s late" in found["RIVAL-EXPLANATIONS"].text
@@ -111,7 +111,7 @@ def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass
     table = log.tables["usbl"]
     arriving = replace(log, tables={**log.tables, "usbl": table.assign(received_s=table["time_s"] + delay_s)})
 
-    text = told(arriving, identification(explanation("latency")))["USBL-LATENCY"].text
+    text = reported(arriving, identification(explanation("latency")))["USBL-LATENCY"].text
 
     assert (f"DVL and compass are late by {late_s} s at least" in text) == (late_s is not None)
 

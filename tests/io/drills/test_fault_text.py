@@ -21,7 +21,7 @@ def test_a_fault_has_a_sensor_an_amount_and_places() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "told"),
+    ("kind", "text", "reported"),
     [
         ("melt", "usbl", "there is no fault 'melt'"),
         ("drop", "sonar@1:2", "write a sensor of compass, dvl, usbl"),
@@ -43,10 +43,10 @@ def test_a_fault_has_a_sensor_an_amount_and_places() -> None:
         ("clock", "dvl:1e999s", "must be finite"),
     ],
 )
-def test_a_fault_that_cannot_be_read_is_refused_in_one_sentence(kind: str, text: str, told: str) -> None:
+def test_a_fault_that_cannot_be_read_is_refused_in_one_sentence(kind: str, text: str, reported: str) -> None:
     with pytest.raises(UsageError) as refused:
         fault_of(kind, text)
-    assert told in str(refused.value)
+    assert reported in str(refused.value)
     assert str(refused.value).startswith(f"{kind} {text}")
     assert "\n" not in str(refused.value)
 
@@ -59,7 +59,7 @@ def test_the_suite_that_is_shipped_can_be_read_and_has_every_kind_but_those_of_a
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "reported"),
     [
         ('[[drill]]\nname = "a"\nfaults = ["melt usbl"]', "drill 'a': melt usbl: there is no fault 'melt'"),
         ('[[drill]]\nname = "a"\nfaults = []', "the drill 'a' has no faults"),
@@ -68,13 +68,13 @@ def test_the_suite_that_is_shipped_can_be_read_and_has_every_kind_but_those_of_a
         ('[[drill]]\nfaults = ["sd usbl:2"]', "the key name is missing"),
     ],
 )
-def test_a_suite_that_cannot_be_read_names_file_and_drill(tmp_path: Path, content: str, told: str) -> None:
+def test_a_suite_that_cannot_be_read_names_file_and_drill(tmp_path: Path, content: str, reported: str) -> None:
     file = tmp_path / "own.toml"
     file.write_text(content)
     with pytest.raises(UsageError) as refused:
         read_suite(str(file))
     assert str(refused.value).startswith(f"{file}: ")
-    assert told in str(refused.value)
+    assert reported in str(refused.value)
 
 
 def test_a_drill_is_named_if_findings_name_each_of_its_faults() -> None:

@@ -88,10 +88,10 @@ def test_the_next_dive_finds_nothing_of_what_this_one_wrote(key: str, tmp_path: 
 
     written = tomllib.loads(file.read_text(encoding="utf-8"))[section]
     for name, truth in wrong.items():
-        told = NAMES.get(name, name)
-        sd = first[told]["sd"]
+        reported = NAMES.get(name, name)
+        sd = first[reported]["sd"]
         assert abs(written[name] - truth) < 4 * sd < abs(truth)
-        assert abs(second[told]["value"]) < sd
+        assert abs(second[reported]["value"]) < sd
 
 
 def test_a_deviation_is_undone_exactly_however_large() -> None:

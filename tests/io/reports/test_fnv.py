@@ -46,9 +46,9 @@ def test_every_column_is_that_of_the_format(folder: Path) -> None:
 def test_evaluating_the_file_gives_the_numbers_of_the_run(folder: Path) -> None:
     own = json.loads((folder / "report.json").read_text(encoding="utf-8"))["metrics"]
 
-    told = output_of("evaluate", LOG, "-e", folder / "track.fnv", "--json", "-o", folder.parent / "judged")
+    reported = output_of("evaluate", LOG, "-e", folder / "track.fnv", "--json", "-o", folder.parent / "judged")
 
-    found = json.loads(told)["metrics"]
+    found = json.loads(reported)["metrics"]
     assert found["matched"] == own["matched"]
     for name in ("mean_horizontal_m", "rmse_east_m", "bias_north_m", "max_horizontal_m"):
         assert found[name] == pytest.approx(own[name], abs=1e-3), name

@@ -127,9 +127,9 @@ def test_report_json_is_strict_and_names_every_metric(tmp_path: Path) -> None:
 
 
 def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
-    told = dataclasses.replace(LOG, findings=(Finding("OUT-OF-ORDER", "3 fixes came late"),))
+    reported = dataclasses.replace(LOG, findings=(Finding("OUT-OF-ORDER", "3 fixes came late"),))
     outage = dataclasses.replace(TIMELINE, outages=(Outage("usbl", 10.0, 30.0),))
-    run = dataclasses.replace(a_run(window=Window(4.0, 50.0), align="first"), log=told, timeline=outage, seed=7)
+    run = dataclasses.replace(a_run(window=Window(4.0, 50.0), align="first"), log=reported, timeline=outage, seed=7)
 
     report = read_strictly(written(tmp_path, run) / "report.json")
 

@@ -53,10 +53,10 @@ def report(folder: Path) -> Any:
 
 
 def judged(log: Path, out: Path, *options: object) -> dict[str, float]:
-    told = output_of(
+    reported = output_of(
         "evaluate", log, "-e", "/usbldr/estimate", "--truth", "/usbldr/truth", "--json", "-o", out, *options
     )
-    return json.loads(told)["metrics"]
+    return json.loads(reported)["metrics"]
 
 
 def test_evaluating_the_file_gives_the_numbers_of_the_run(folder: Path, tmp_path: Path) -> None:
@@ -117,9 +117,9 @@ def test_each_fix_stands_in_the_topic_of_its_outcome(folder: Path, messages: dic
         found = messages[f"/usbldr/fixes/{str(outcome).replace('-', '_')}"]
         position = [[m.pose.pose.position.x, m.pose.pose.position.y] for m in found]
         np.testing.assert_allclose(position, mine[["east_m", "north_m"]], atol=1e-4)
-    told = [m.status[0] for m in messages["/usbldr/fixes/outcome"]]
-    assert [one.message.split(":")[0] for one in told] == fixes["outcome"].tolist()
-    nis = [float(next(v.value for v in one.values if v.key == "nis")) for one in told]
+    reported = [m.status[0] for m in messages["/usbldr/fixes/outcome"]]
+    assert [one.message.split(":")[0] for one in reported] == fixes["outcome"].tolist()
+    nis = [float(next(v.value for v in one.values if v.key == "nis")) for one in reported]
     np.testing.assert_allclose(nis, fixes["nis"], rtol=1e-4)
 
 

@@ -291,9 +291,9 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path, name: st
 def test_the_command_reports_what_it_wrote(tmp_path: Path) -> None:
     out = tmp_path / "new" / "paper.mcap"
 
-    told = output_of("simulate", "paper", "-o", out, "--seed", 4)
+    reported = output_of("simulate", "paper", "-o", out, "--seed", 4)
 
-    assert told == (
+    assert reported == (
         f"{out}: scenario paper, seed 4, 1000 s, records: 5001 dvl, 5001 compass, 1001 usbl, 1001 gps\n"
         f"{out.with_name('paper.usbldr.toml')}: noise, start and conventions\n"
     )

@@ -19,7 +19,7 @@ def test_windows_come_in_their_order_of_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("usbl@0:60", "write gps@FROM:TO"),
         ("gps", "write gps@FROM:TO"),
@@ -31,21 +31,21 @@ def test_windows_come_in_their_order_of_time() -> None:
         ("gps@0:60,50:70", "a window starts at 50 s before another has ended at 60 s"),
     ],
 )
-def test_what_is_no_window_is_refused_in_one_sentence(text: str, told: str) -> None:
+def test_what_is_no_window_is_refused_in_one_sentence(text: str, reported: str) -> None:
     with pytest.raises(UsageError) as error:
         aid_windows(text)
 
     assert str(error.value).startswith(f"--aid {text}: ")
-    assert told in str(error.value)
+    assert reported in str(error.value)
 
 
 def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    told = output_of("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@30:60,500:520", "-o", str(folder))
+    reported = output_of("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@30:60,500:520", "-o", str(folder))
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
 
     sentence = "GPS fixes used as measurements from 30 to 60, 500 to 520 s of the log"
-    assert sentence in " ".join(told.split())
+    assert sentence in " ".join(reported.split())
     assert sentence in (folder / "report.md").read_text(encoding="utf-8")
     assert report["aid"] == [[30.0, 60.0], [500.0, 520.0]]
     assert report["reference_tracks"]["dr"]["aid"] == report["aid"]
@@ -58,11 +58,11 @@ def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(t
 
 def test_compare_says_it_too_and_refuses_to_set_it_beside_a_run_without(tmp_path: Path) -> None:
     aided, alone = tmp_path / "aided", tmp_path / "alone"
-    told = output_of("compare", str(SAMPLE), "--filters", "dr,ekf", "--aid", "gps@500:520", "--jobs", "1")
+    reported = output_of("compare", str(SAMPLE), "--filters", "dr,ekf", "--aid", "gps@500:520", "--jobs", "1")
     for folder, more in ((aided, ("--aid", "gps@500:520")), (alone, ())):
         output_of("replay", str(SAMPLE), "--filter", "ekf", "-o", str(folder), *more)
 
-    assert "from 500 to 520 s of the log" in " ".join(told.split())
+    assert "from 500 to 520 s of the log" in " ".join(reported.split())
     with pytest.raises(UsageError, match=r"has aid 500 to 520 s, .* has none"):
         output_of("compare", str(aided), str(alone))
 

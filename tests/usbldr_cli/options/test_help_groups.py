@@ -30,12 +30,12 @@ def test_the_common_options_and_the_filters_fit_one_screen_in_titled_groups(comm
 
 @both
 def test_help_all_lists_every_option(command: click.Command) -> None:
-    told = help_text(command, "--help-all")
+    reported = help_text(command, "--help-all")
 
     for option in command.params:
         if isinstance(option, click.Option) and option.name not in ("help", "help_all"):
-            assert f"{option.opts[0]} " in told or f"{option.opts[0]}\n" in told, option.name
-    assert "--help-all lists" not in told
+            assert f"{option.opts[0]} " in reported or f"{option.opts[0]}\n" in reported, option.name
+    assert "--help-all lists" not in reported
 
 
 @both

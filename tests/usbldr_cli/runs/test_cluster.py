@@ -22,11 +22,11 @@ from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.options.worker_options import WorkerChoices
-from usbldr_cli.runs import cluster, run_jobs, verification
+from usbldr_cli.runs import cluster, run_jobs, worker_checks
 from usbldr_cli.runs.executors import LocalProcesses, executor
 from usbldr_cli.runs.job_store import JobResult, read_trace
 from usbldr_cli.runs.jobs import Job
-from usbldr_cli.runs.verification import UnfitWorkerError, expected, installed
+from usbldr_cli.runs.worker_checks import UnfitWorkerError, expected, installed
 
 pytest.importorskip("distributed")
 CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")
@@ -73,7 +73,7 @@ def free_port() -> int:
         return free.getsockname()[1]
 
 
-def told(outcomes: list[JobResult]) -> tuple[object, object]:
+def reported(outcomes: list[JobResult]) -> tuple[object, object]:
     traces = [read_trace(one.trace) for one in outcomes if one.trace is not None]
     return [(one.metrics, one.warnings, one.fault) for one in outcomes], [t.estimate_m.tobytes() for t in traces]
 
@@ -138,7 +138,7 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(
 
     assert workers[0].poll() == -signal.SIGKILL
     assert sorted(written) == list(range(9))
-    assert told(there) == told(run_jobs.run_jobs(units, LocalProcesses(1), stores[1]))
+    assert reported(there) == reported(run_jobs.run_jobs(units, LocalProcesses(1), stores[1]))
     assert "nothing: no such file, folder or scenario" in str(there[-1].fault)
     assert len(list(stores[0].glob("*.json"))) == 8
 
@@ -163,7 +163,7 @@ def test_a_worker_of_another_version_refuses_and_names_both(
     address: str, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = installed()._replace(version="9.9.9")
-    monkeypatch.setattr(verification, "installed", lambda: here)
+    monkeypatch.setattr(worker_checks, "installed", lambda: here)
 
     with cluster.connected(address) as where, pytest.raises(UnfitWorkerError) as refused:
         run_jobs.run_jobs([Job(str(log), "ekf", CHOICES)], where)

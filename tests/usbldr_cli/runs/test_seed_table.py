@@ -36,13 +36,13 @@ FAILED = JobResult(fault="dive: no dvl data", exit_code=3)
 
 
 def test_a_row_averages_its_seeds() -> None:
-    told = row_metrics(row("cpf", 1.0, 2.0, 6.0))
+    reported = row_metrics(row("cpf", 1.0, 2.0, 6.0))
 
-    assert told["mean_abs_east_m"] == 3.0
-    assert told["mean_abs_east_m_se"] == pytest.approx((14 / 2 / 3) ** 0.5)  # squares about the mean: 4 + 1 + 9
-    assert told["mean_abs_east_m_seed_median"] == 2.0
-    assert told["diverged_share"] == pytest.approx(1 / 3)  # 2, 4 and 12 m
-    assert told["nees_mean"] is None
+    assert reported["mean_abs_east_m"] == 3.0
+    assert reported["mean_abs_east_m_se"] == pytest.approx((14 / 2 / 3) ** 0.5)  # squares about the mean: 4 + 1 + 9
+    assert reported["mean_abs_east_m_seed_median"] == 2.0
+    assert reported["diverged_share"] == pytest.approx(1 / 3)  # 2, 4 and 12 m
+    assert reported["nees_mean"] is None
 
 
 def test_a_metric_is_averaged_over_the_runs_that_have_it() -> None:
@@ -87,12 +87,12 @@ def test_two_runs_without_chance_have_a_difference_without_a_standard_error() ->
 def test_a_described_row_names_what_it_is_compared_with() -> None:
     first, second = row("ckf", 1.0, 2.0, 3.0), row("cpf", 0.9, 1.9, 2.9)
 
-    told = row_content(second, first)
+    reported = row_content(second, first)
 
-    assert (told["log"], told["filter"], told["seeds"]) == ("dive", "cpf", 3)
-    assert told["difference_to"] == "ckf"
-    assert told["mean_abs_east_m_difference"] == pytest.approx(-0.1)
-    assert told["mean_abs_east_m_difference_significant"] is True
+    assert (reported["log"], reported["filter"], reported["seeds"]) == ("dive", "cpf", 3)
+    assert reported["difference_to"] == "ckf"
+    assert reported["mean_abs_east_m_difference"] == pytest.approx(-0.1)
+    assert reported["mean_abs_east_m_difference_significant"] is True
     assert "difference_to" not in row_content(first, first)
 
 
@@ -155,9 +155,9 @@ def test_the_tables_fit_the_terminal_and_mark_what_is_significant() -> None:
 
 
 def test_a_window_is_told_as_replay_tells_it() -> None:
-    told = dataclasses.replace(outcome(1.0), scored_against=dataclasses.replace(JUDGED, window_end_s=20.0))
+    reported = dataclasses.replace(outcome(1.0), scored_against=dataclasses.replace(JUDGED, window_end_s=20.0))
 
-    text = render([ComparisonRow("dive", "ekf", "ekf", (0,), (told,))])
+    text = render([ComparisonRow("dive", "ekf", "ekf", (0,), (reported,))])
 
     assert window_text(Window(end_s=20.0)) == "scored from the start to 20 s of the log"
     assert window_text(Window(end_s=20.0)) in " ".join(text.split())

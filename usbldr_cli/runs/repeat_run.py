@@ -2,7 +2,7 @@
 
 The values are compared in the order in which a run makes them, so that the first difference names the cause: another
 log, another configuration, other assumptions, another track, other errors. Rounding may differ between machines
-(mathematical libraries, width of vectors), so numbers that agree within ROUNDING are told apart from others.
+(mathematical libraries, width of vectors), so numbers that agree within ROUNDING are reported as such.
 """
 
 import json
