@@ -36,7 +36,7 @@ class Wide:
     per_scalar: bool = False
 
     def modes(self, R):
-        return Noise(np.full(2, 0.5), np.array([R, self.factor * R + self.sd**2 * np.eye(len(R))]), self.per_scalar)
+        return Noise(np.full(2, 0.5), np.array([R, self.factor * R + self.sd**2 * np.eye(R.shape[-1])]), self.per_scalar)
 
 FAMILIES["wide"] = Wide
 
