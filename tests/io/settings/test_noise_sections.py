@@ -36,7 +36,8 @@ class Wide:
     per_scalar: bool = False
 
     def modes(self, R):
-        return Noise(np.full(2, 0.5), np.array([R, self.factor * R + self.sd**2 * np.eye(R.shape[-1])]), self.per_scalar)
+        wide = self.factor * R + self.sd**2 * np.eye(R.shape[-1])
+        return Noise(np.full(2, 0.5), np.array([R, wide]), self.per_scalar)
 
 FAMILIES["wide"] = Wide
 

@@ -170,7 +170,7 @@ def test_an_update_follows_any_layout(tmp_path: Path) -> None:
     [
         ("schema = 1", "schema = 2", "schema: 2 is not allowed (allowed: 1)"),
         ("schema = 1", "schema = 1\nextra = 3", "there is no section extra (allowed: schema, tool, date, row)"),
-        ("schema = 1", "schema = ", "is not valid TOML (Invalid value (at line 2, column 10))"),
+        ("schema = 1  # of this file", "schema = ", "is not valid TOML (Invalid value (at line 2, column 10))"),
         ('name = "first"', 'name = ""', "row 1: name: expected text of length >= 1"),
         ('name = "second"', 'name = "first"', "two rows are called 'first': give each its own name"),
         ('log = "dive.mcap" ', "#", "row 'first': the key log is missing"),
