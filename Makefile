@@ -15,7 +15,7 @@ demo: $(VENV)/installed
 	$(BIN)/usbldr simulate paper -o demo/paper.mcap --force
 	$(BIN)/usbldr replay demo/paper.mcap --filter cpf --output demo/paper-cpf --force
 	@echo
-	@echo "The pictures are in demo/paper-cpf (track.png, errors.png, error_cdf.png, innovations.png, ess.png)."
+	@echo "The figures are in demo/paper-cpf; look at track.png and errors.png first."
 
 test: $(VENV)/installed-dev
 	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow"

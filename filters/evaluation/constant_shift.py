@@ -53,11 +53,11 @@ def constant_shift(error_m: Array, cov_m2: Array | None) -> ConstantShift:
     return ConstantShift(length_m, share, float(off_m.mean()), math.sqrt(rest_m2), remaining_nees, sigmas)
 
 
-def moves_otherwise(shift: ConstantShift, track_m: Array, truth_m: Array) -> bool:
-    """Return whether the remaining error is as large as the motion of the tracks (M, 2) and beyond the sigmas.
+def moves_otherwise(shift: ConstantShift, truth_m: Array) -> bool:
+    """Return whether the remaining error is as large as the motion of the truth (M, 2) and beyond the sigmas.
 
-    The motion is the larger mean square distance from their own mean positions. Without sigmas return False.
+    The motion is the mean square distance from the mean position. Without sigmas return False.
     """
-    motion_m2 = max(float(np.sum(np.var(positions_m, axis=0))) for positions_m in (track_m, truth_m))
+    motion_m2 = float(np.sum(np.var(truth_m, axis=0)))
     beyond = shift.nees is not None and shift.nees > 2 * EXPLAINED_SIGMAS**2
     return beyond and shift.rmse_m**2 > UNEXPLAINED_SHARE * motion_m2

@@ -123,7 +123,7 @@ def evaluate(
     warnings = _warnings(matching, truth)
     if align in ("none", "body") and shift.dominates and not truth.place_unknown:
         warnings += (_shift_text(shift, error_m),)
-    if moves_otherwise(shift, estimate_m, truth_m):
+    if moves_otherwise(shift, truth_m):
         warnings += (
             f"track and truth move differently: without a constant shift they are still {shift.rmse_m:.1f} m (RMS) "
             "apart, far more than the sigmas of the track allow; check that the truth is of this vehicle (not of a "

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import types
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ import usbldr.filters
 import usbldr.io
 from commands import output_of
 from needed_kernel import require_kernel
-from usbldr.filters.kernel import KERNEL
+from usbldr.filters import kernel
+from usbldr.filters.kernel import KERNEL, SIZES
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
@@ -86,7 +88,7 @@ def without_a_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
     work = tmp_path_factory.mktemp("install")
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
     if not tracked:
-        pytest.skip("not a git checkout: nothing tells which files belong to it")
+        pytest.skip("not a git checkout, so the files of the project are not known")
     for name in tracked:
         if name.split("/")[0] in (*FOLDERS, "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
             (work / "source" / name).parent.mkdir(parents=True, exist_ok=True)
@@ -135,3 +137,16 @@ def test_the_source_distribution_has_every_file_of_the_kernel(without_a_compiler
 def test_the_kernel_is_compiled_if_there_is_a_compiler() -> None:
     require_kernel()
     assert KERNEL.advance is not None
+
+
+def test_a_kernel_compiled_from_other_sources_does_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    other = types.ModuleType("_kernel")
+    other.SIZES = (*SIZES[:-1], SIZES[-1] - 1)  # pyright: ignore
+    monkeypatch.delenv("USBLDR_KERNEL", raising=False)
+    monkeypatch.setattr(kernel, "_kernel", other, raising=False)
+    monkeypatch.setitem(sys.modules, "usbldr.filters.kernel._kernel", other)
+
+    chosen = kernel._choose()  # pyright: ignore
+
+    assert (chosen.name, chosen.advance) == ("numpy", None)
+    assert chosen.reason == "the kernel was compiled from another version: install usbldr again"

@@ -144,7 +144,7 @@ def line_style(rows: Sequence[ComparisonRow], row: ComparisonRow) -> dict[str, A
 
 
 def coincident_text(drawn: Sequence[Drawn]) -> str:
-    """Return which filters' tracks cannot be told apart, for the line under the title; empty if all can."""
+    """Return which filters' tracks coincide, for the line under the title; empty if none do."""
     groups: list[list[Drawn]] = []
     for one in [one for one in drawn if filtered(one[0])]:
         group = next((group for group in groups if _coincide(group[0][1], one[1])), None)

@@ -20,7 +20,7 @@ def digest_of(filters: Path, *, compiled: bool) -> str:
 
     All variants of the kernel give the same numbers, so they do not count.
     """
-    digest = hashlib.sha256(f"{version('usbldr')} {version('numpy')} {compiled}".encode())
+    digest = hashlib.sha256(f"{version('usbldr')} {version('numpy')}".encode())
     kernel = filters.glob("kernel/_kernel*[!i]") if compiled else ()
     for file in sorted([*filters.rglob("*.py"), *kernel]):
         digest.update(file.read_bytes())

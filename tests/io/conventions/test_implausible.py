@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from logs import codes, logged
 from recordings import SECOND, T0, short_dive, yaw
 from usbldr.filters.types import Mask, Vector
+from usbldr.io.conventions import spikes
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor.doctor import examine
 from usbldr.io.log import Log
@@ -168,7 +169,7 @@ def test_spikes_of_the_compass_are_left_out_and_no_other_heading(dive: Log) -> N
 @pytest.mark.parametrize("share", [0.02, 0.1])
 def test_spikes_of_the_dvl_are_left_out_and_no_other_velocity(dive: Log, share: float) -> None:
     rng = np.random.default_rng(3)
-    inside = within(dive, "dvl", 1, 899)  # at the ends of the log nothing tells a spike from a start or a stop
+    inside = within(dive, "dvl", 1, 899)  # at the ends of the log a spike looks like a start or a stop
     wrong, to = (rng.random(len(inside)) < share) & inside, rng.uniform(0, 2 * np.pi, len(inside))
     spikes = 3.0 * np.column_stack([np.cos(to), np.sin(to)]) * wrong[:, None]
     log = changed(dive, "dvl", VELOCITY, dive.tables["dvl"][VELOCITY].to_numpy() + spikes)
@@ -319,3 +320,16 @@ def test_a_file_is_read_without_its_spikes_and_doctor_names_them(tmp_path: Path)
     assert codes(log)["SPIKES"].startswith("/imu: 1 of 100 records are far from their neighbours, the worst by 120 deg")
     assert 5.0 not in log.tables["compass"]["time_s"].tolist()
     assert "SPIKES" in [finding.code for finding in examine(tmp_path / "dive.mcap", Request()).findings]
+
+
+@pytest.mark.parametrize("length", [3, 50, 4500])
+def test_spikes_are_the_same_in_blocks_of_any_length(dive: Log, length: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    time_s, heading_deg = times(dive, "compass"), dive.tables["compass"]["heading_deg"].to_numpy()
+    off = np.random.default_rng(5).choice(len(time_s), 40, replace=False)
+    heading_deg = heading_deg + 50.0 * np.isin(np.arange(len(time_s)), off)
+    whole = spikes.heading_spikes(time_s, heading_deg)
+
+    monkeypatch.setattr(spikes, "BLOCK_RECORDS", length)
+
+    assert np.count_nonzero(whole) > 20
+    np.testing.assert_array_equal(spikes.heading_spikes(time_s, heading_deg), whole)

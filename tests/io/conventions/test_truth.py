@@ -375,30 +375,37 @@ def test_a_broken_line_of_a_tum_file_is_named(tmp_path: Path) -> None:
         dive(tmp_path, request=Request(truth=str(file)))
 
 
-def along_a_bend(frame: str, truth: str = "/nav/slam_pose") -> list[Row]:
-    """Fixes in ENU, and poses of the same way in a frame, 40 m apart: first east, then north."""
+def along_a_bend(frame: str, truth: str = "/nav/slam") -> list[Row]:
+    """Fixes in ENU, and odometry of the same way 40 m apart, in a frame: east, then north, at 2 m/s and 0.5 to port."""
     rows: list[Row] = []
     for k in range(40):
         ns, east, north = T0 + k * SECOND, min(k, 20.0), max(k - 20.0, 0.0)
         x, y = (north, east + 40) if frame == "NED" else (east + 40, north)
-        values = {"header.stamp": ns, "pose.position.x": x, "pose.position.y": y}
-        rows += [point(ns, east, north), (ns, truth, POSE, values)]
+        bow_deg = 90.0 if k < 20 else 0.0
+        values = {"header.stamp": ns, "pose.pose.position.x": x, "pose.pose.position.y": y}
+        values |= turned("pose.pose.orientation", bow_deg if frame == "NED" else 90.0 - bow_deg)
+        values |= {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": -0.5 if frame == "NED" else 0.5}
+        rows += [point(ns, east, north), (ns, truth, ODOMETRY, values)]
     return rows
 
 
 @pytest.mark.parametrize("frame", ["ENU", "NED"])
 def test_the_frame_of_a_local_truth_is_checked_against_the_fixes(tmp_path: Path, frame: str) -> None:
-    log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend(frame)), Request(truth="/nav/slam_pose"))
+    log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend(frame)), Request(truth="/nav/slam"))
 
     assert log.truth is not None
     np.testing.assert_allclose(log.truth.position_m[[0, 20, 39]], [[40, 0], [60, 0], [60, 19]])
+    assert log.truth.yaw_rad is not None
+    assert log.truth.velocity_mps is not None
+    np.testing.assert_allclose(np.exp(1j * log.truth.yaw_rad[[0, 39]]), [-1j, 1], atol=1e-9)  # bow east, then north
+    np.testing.assert_allclose(log.truth.velocity_mps[[0, 39]], [[-0.5, 2.0]] * 2)
     assert log.convention("truth", "frame").value == frame
     assert [f.code for f in log.findings if f.code.startswith("TRUTH")] == ["TRUTH-FRAME"] * (frame == "NED")
     assert log.truth.kind == "slam"
 
 
 def test_a_stated_frame_of_the_truth_is_not_checked(tmp_path: Path) -> None:
-    request = Request(truth="/nav/slam_pose", truth_frame="ENU")
+    request = Request(truth="/nav/slam", truth_frame="ENU")
     log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("NED")), request)
 
     assert log.truth is not None
@@ -408,13 +415,13 @@ def test_a_stated_frame_of_the_truth_is_not_checked(tmp_path: Path) -> None:
 
 def test_kinds_follow_from_names_and_types(tmp_path: Path) -> None:
     kinds: dict[str, str] = {}
-    for name in ("/nav/slam_pose", "/sim/pose", "/pose", "/ground_truth/pose"):
+    for name in ("/nav/slam", "/sim/pose", "/pose", "/ground_truth/pose"):
         log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("ENU", name)), Request(truth=name))
         assert log.truth is not None
         kinds[name] = log.truth.kind
 
     assert kinds == {
-        "/nav/slam_pose": "slam",
+        "/nav/slam": "slam",
         "/sim/pose": "simulated",
         "/pose": "other",
         "/ground_truth/pose": "other",
