@@ -39,6 +39,8 @@ def write_run(folder: Path, run: "Run", outputs: RunOutputs) -> None:
         from usbldr.io.reports.run_mcap import TRACK_MCAP, write_run_mcap  # imports rosbags
 
         write_run_mcap(folder / TRACK_MCAP, run, outputs.mcap == "merge")
+    if outputs.parquet:
+        _write_parquet(folder)
     write_json(folder, run)
 
 
@@ -48,6 +50,14 @@ def _write_fnv(folder: Path, run: "Run") -> None:
     if run.log.origin is None or run.log.map_unknown:
         raise UsageError("--fnv needs latitudes: state origin_lat_deg and origin_lon_deg under [map]")
     write_fnv(folder / "track.fnv", run.scored.trajectory, run.log.origin, run.log.start_ns)
+
+
+def _write_parquet(folder: Path) -> None:
+    """Write the tables again, with the numbers of their CSV files."""
+    import pandas as pd
+
+    for table in sorted(folder.glob("*.csv")):
+        pd.read_csv(table).to_parquet(table.with_suffix(".parquet"), engine="pyarrow", index=False)
 
 
 def print_run(run: "Run", target: Path, json_to: str | None, quiet: bool) -> None:

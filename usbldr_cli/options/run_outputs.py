@@ -3,11 +3,13 @@
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import click
 
+from usbldr.filters.errors import UsageError
 from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.output_files import plot_format_option, plots_option
 
@@ -21,9 +23,12 @@ class RunOutputs:
     html: bool = False
     mcap: str | None = None  # "alone" or "merge"
     fnv: bool = False
+    parquet: bool = False
 
     def require_fitting(self, log: Path) -> None:
-        """Raise UsageError for a file that cannot be made of this log."""
+        """Raise UsageError for a file that cannot be made of this log, or with the packages installed."""
+        if self.parquet and find_spec("pyarrow") is None:
+            raise UsageError("--parquet needs pyarrow: install it with pip install 'usbldr[parquet]'")
         if self.mcap == "merge":
             from usbldr.io.reports.run_mcap import require_mergeable
 
@@ -50,6 +55,7 @@ def run_outputs(command: Callable[..., Any]) -> Callable[..., Any]:
             help="Write track.mcap for Foxglove, Lichtblick or PlotJuggler: alone, or with a copy of LOG.",
         ),
         click.option("--fnv", is_flag=True, help="Write track.fnv, navigation for MB-System."),
+        click.option("--parquet", is_flag=True, help="Write every CSV table as Parquet, too."),
     )
     for option in reversed(options):
         decorated = option(decorated)
