@@ -9,15 +9,16 @@ import numpy as np
 
 from field.goals import SMOOTHED
 from field.logs import CASES, Case, dive, truth_for
-from field.plan import BEST, Cell, Rows, online, thinned_ways, titled
+from field.plan import BEST, Cell, Rows, online, paper_ways, thinned_ways, titled
 from field.runs import resolved_input
-from paper.figures import log_scale, nees_over_time, save_small
+from paper.figures import log_scale, nees_over_time, save
 from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.session import replay
+from usbldr_cli.figures import overlay
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.health import innovation_figure
 from usbldr_cli.figures.run_figures import error_figure
@@ -43,7 +44,7 @@ def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
             figure = draw(run)
             if figure is not None:
                 written.append(f"{'_'.join(filter(None, (name, change, what)))}.png")
-                save_small(figure, output / written[-1])
+                save(figure, output / written[-1])
     return written
 
 
@@ -87,7 +88,18 @@ def draw_consistency(case: Case, rows: Rows, output: Path) -> str:
         right.set_xlabel("NEES of an epoch (dotted: 95 % belong below)")
         right.set_ylabel("share of the epochs [%]")
         legend_below(figure, (left, right), 5)
-        save_small(figure, output / file)
+        save(figure, output / file)
+    return file
+
+
+def draw_paper_filters(case: Case, rows: Rows, output: Path) -> str:
+    """Draw the errors of the paper's filters, as its Figure 3 does for a lake trial; return the name of the file."""
+    file = f"{case.name}_filters.png"
+    compared = [replace(rows[case.scored[-1], way, ""], label=way.method) for way in paper_ways(case)]
+    with in_style():
+        figure = overlay.error_figure(compared)
+        if figure is not None:
+            save(figure, output / file)
     return file
 
 

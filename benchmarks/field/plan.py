@@ -17,6 +17,7 @@ GATED = Way("ekf", gate=0.99)
 FILTERS = (Way("ekf"), GATED, Way("adf"), Way("cpf"))
 BEST = Way("adf", AUTO)  # what the ablation takes features from, and the sensitivity defaults
 ONLINE = replace(BEST, order="arrival")
+PAPER_LOGS = ("uib_field", "stpere_marina")  # dives of real vehicles: the filters of the paper's lake trial run on them
 FEW_DIVES = 3  # of a scenario, for differences
 
 
@@ -44,6 +45,8 @@ def plan(cases: Sequence[Case], sensitivity: bool = True) -> Plan:
         wanted |= {Cell(case.name, way, name): case.dives for name in thinned_names() for way in thinned_ways(case)}
         wanted |= {Cell(case.name, way, name): few for name, way in ablated(case)}
         wanted |= {Cell(case.name, BEST, name): 1 for name in SENSITIVITY if sensitivity}
+        if case.name in PAPER_LOGS:
+            wanted |= {Cell(case.name, way): 1 for way in paper_ways(case)}
         if case.name == "stpere_marina":
             wanted |= {Cell(case.name, way, "cut"): 1 for way in cut_ways()}
     return wanted
@@ -71,6 +74,11 @@ def thinned_names() -> list[str]:
 
 def thinned_ways(case: Case) -> list[Way]:
     return [replace(way, calibrate=AUTO, order=online(case)) for way in (GATED, Way("adf"), Way("cpf"))]
+
+
+def paper_ways(case: Case) -> list[Way]:
+    """Return the filters of the paper's lake trial, as a vehicle could run them."""
+    return [Way(method, AUTO, order=online(case)) for method in ("pf", "upf", "cpf")]
 
 
 def cut_ways() -> list[Way]:

@@ -23,9 +23,9 @@ from field import goals as field_goals
 from field import tables
 from field.agreement import Likeness, agreement
 from field.changes import SENSITIVITY
-from field.figures import draw_consistency, draw_run, pictures
+from field.figures import draw_consistency, draw_paper_filters, draw_run, pictures
 from field.logs import CASES, Case, dive, field_folder
-from field.plan import Rows, plan
+from field.plan import PAPER_LOGS, Rows, plan
 from field.runs import run_plan
 from paper.study import filled, minutes
 from usbldr.filters.errors import UsbldrError
@@ -42,6 +42,8 @@ CAPTIONS = {
     "calibration": "Estimated sensor errors with their 2-sigma band",
     "innovations": "Innovations, and NIS of each sensor",
     "consistency": "NEES over time, and its distribution beside the expected one",
+    "filters": "The paper's filters on this log, as in its Figure 3 (in its lake trial pf had 1.26 m east and 0.96 m "
+    "north, upf 1.07 and 0.88, cpf 0.96 and 0.75)",
 }
 
 
@@ -95,6 +97,8 @@ def draw(cases: Sequence[Case], rows: Rows, jobs: int, folder: Path, figures: Pa
         found = {" ".join(which).strip(): future.result() for which, future in zip(wanted, waiting, strict=True)}
     for case in cases:
         found[case.name].append(draw_consistency(case, rows, figures))
+        if case.name in PAPER_LOGS:
+            found[case.name].append(draw_paper_filters(case, rows, figures))
     return found
 
 
@@ -112,6 +116,7 @@ def document(
         "claimed": tables.claimed(shown, rows),
         "agreed": tables.agreed({case.name: agreed[case.name] for case in shown}),
         "main": sections(shown, rows),
+        "paper_filters": tables.paper_filters(shown, rows),
         "states": tables.states(shown, rows, agreed),
         "cut": tables.cut(rows) if "stpere_marina" in agreed else NOT_RUN,
         "thinned": tables.thinned(shown, rows),

@@ -13,7 +13,19 @@ from field.agreement import Likeness
 from field.changes import ABLATIONS, FACTORS, HALF, SENSITIVITY, TWICE
 from field.goals import HORIZONTAL, NEES, worst
 from field.logs import Case
-from field.plan import AUTO, BEST, FILTERS, Rows, cut_ways, online, thinned_names, thinned_ways, titled
+from field.plan import (
+    AUTO,
+    BEST,
+    FILTERS,
+    PAPER_LOGS,
+    Rows,
+    cut_ways,
+    online,
+    paper_ways,
+    thinned_names,
+    thinned_ways,
+    titled,
+)
 from paper.runs import Way
 from paper.tables import in_metres, times
 from usbldr.filters.identification.usbl_likelihood import KEYS, REPORTED
@@ -24,6 +36,11 @@ from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow, difference, row_consistency
 
 HEADS = ("calibrate", "mean abs E", "mean abs N", "horizontal", "NEES", "consistency")
+LAKE_TRIAL = (
+    ("pf", "1.26", "0.96", "", ""),
+    ("upf", "1.07", "0.88", "", ""),
+    ("cpf", "0.96", "0.75", "", ""),
+)  # the paper's section 3.2
 NO_CHANGE = "·"  # the log does not use what was changed
 
 
@@ -61,6 +78,18 @@ def _plain(label: str, calibrate: str, row: ComparisonRow, *after: ComparisonRow
 
 def _size(row: ComparisonRow) -> tuple[str, str]:
     return metres(row.mean(HORIZONTAL)), number(row.mean(NEES))
+
+
+def paper_filters(cases: Sequence[Case], rows: Rows) -> str:
+    """Return the filters of the paper's lake trial on the dives of real vehicles, beside what it published."""
+    body: list[tuple[str, ...]] = [("the paper's lake trial", *cells) for cells in LAKE_TRIAL]
+    for case in (one for one in cases if one.name in PAPER_LOGS):
+        for name in case.scored:
+            for way in paper_ways(case):
+                label, _, *cells = _plain(way.method, AUTO, rows[name, way, ""])
+                body.append((name, label, *cells[:4]))
+    heads = ("filter", *HEADS[1:5])
+    return markdown_table(Table("dive, m", heads, tuple(body)))
 
 
 def claimed(cases: Sequence[Case], rows: Rows) -> str:

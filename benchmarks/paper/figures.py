@@ -1,6 +1,5 @@
 """The pictures of paper.md, in the colours of every other picture of usbldr. Metres and seconds."""
 
-import io
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
-from PIL import Image
 
 from paper.runs import COUNTS, GATED, SHARES, SWEPT, Rows, Way, few, shared
 from usbldr.filters.bounds.dive_bounds import OF_SIGMA, PositionBound
@@ -28,8 +26,7 @@ from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 AXES = (("mean_abs_east_m", "east"), ("mean_abs_north_m", "north"))
-LARGEST_BYTES, COLOURS = 150_000, 120
-RESOLUTIONS = (130, 95, 85, 75, 65, 55)  # dots an inch
+DPI = 80  # [dots an inch] readable on a page, some 120 KB a picture
 FIRST, OTHERS = {"lw": 1.8, "alpha": 1.0}, {"lw": 0.8, "alpha": 0.6}  # dives of one panel
 MARKS = {"cpf": "o", "upf": "D", "pf": "s", "adf": "^", "ekf": "v"}
 
@@ -47,21 +44,12 @@ def write_figures(folder: Path, rows: Rows, sweeps: Path, seeds: int, limits: Ma
             "bound": _bound(rows, limits),
         }
         for name, figure in pictures.items():
-            save_small(figure, folder / f"{name}.png")
+            save(figure, folder / f"{name}.png")
 
 
-def save_small(figure: Figure, path: Path) -> None:
-    """Write a PNG of few colours at the finest resolution that keeps it small."""
-    small = b""
-    for dpi in RESOLUTIONS:
-        drawn, packed = io.BytesIO(), io.BytesIO()
-        figure.savefig(drawn, dpi=dpi, metadata={"Software": None})
-        few_colours = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
-        few_colours.save(packed, "PNG", optimize=True)
-        small = packed.getvalue()
-        if len(small) < LARGEST_BYTES:
-            break
-    path.write_bytes(small)
+def save(figure: Figure, path: Path) -> None:
+    """Write a PNG for a page of the documentation, without a version in it."""
+    figure.savefig(path, dpi=DPI, metadata={"Software": None}, pil_kwargs={"optimize": True})
 
 
 def _figure1(rows: Rows) -> Figure:
