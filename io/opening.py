@@ -13,7 +13,7 @@ from usbldr.io.formats.detect import open_log
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.joined import JoinedLog, LogPart
 from usbldr.io.formats.nmea_log import with_sentences
-from usbldr.io.messages.roles import ROLES
+from usbldr.io.messages.configured import configured_columns, time_units_ns
 from usbldr.io.reader import Reader
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.sensor_sections import Configuration
@@ -94,23 +94,19 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     reader = first.reader
     if others or first.offset_ns:
         formats = dict.fromkeys(part.reader.format for part in parts)
-        reader = JoinedLog(path, " + ".join(formats), tuple(parts))
+        units_ns = time_units_ns(configured_columns(configuration, request.topics))
+        reader = JoinedLog(path, " + ".join(formats), tuple(parts), time_units_ns=units_ns)
     return OpenedLog(reader, tuple(paths.values()), configuration, stated.file)
 
 
 def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:
     """Open one file; name the columns of a CSV file as the configuration does, find the sentences in topics of text."""
     reader = open_log(path, with_folders(request.msg_path))
-    sections = {role: configuration.columns(role) for role in ROLES}
-    if not reader.format.startswith("CSV") or not any(sections.values()):
+    stated = configured_columns(configuration, request.topics)
+    if not reader.format.startswith("CSV") or not stated:
         return with_sentences(reader)
-    from usbldr.io.formats.csv_log import ConfiguredColumns, CsvLog
+    from usbldr.io.formats.csv_log import CsvLog
 
-    stated = [
-        ConfiguredColumns(role, request.topics.get(role) or configuration.topic(role), columns)
-        for role, columns in sections.items()
-        if columns
-    ]
     return cast("CsvLog", reader).with_columns(stated)
 
 

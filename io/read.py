@@ -28,6 +28,7 @@ from usbldr.io.conventions.usbl_head import SHIP, ship_choices, time_series
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
+from usbldr.io.messages.configured import configured_columns
 from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
 from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
@@ -65,7 +66,7 @@ def roles_of(path: Path, topics: Sequence[TopicInfo], request: Request, configur
     ships = [find_topic(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
     named = [find_topic(topics, name) for name in (*request.topics.values(), *stated.values())]
     others = [topic for topic in topics if topic not in ships or topic in named]
-    return choose_roles(path, others, request.topics, stated)
+    return choose_roles(path, others, request.topics, stated, configured_columns(configuration, request.topics))
 
 
 def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[str]] | None = None) -> Log:

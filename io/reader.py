@@ -19,6 +19,7 @@ from usbldr.io.findings import Finding
 
 Nanoseconds: TypeAlias = NDArray[np.int64]  # (n,) since 1970, never through float64
 Column: TypeAlias = NDArray[Any]  # (n,) int64, float64, bool or str, as the message has it
+MAX_TIME_NS = 1 << 62  # fixed: in 2116, so that differences of times fit 64 bits
 MAX_NAME = 250  # [characters] of a topic or type as users see it
 
 
@@ -34,6 +35,7 @@ class TopicInfo:
     last_ns: int | None
     fields: tuple[str, ...] = ()  # field paths, an array by its bare name
     problem: str = ""  # why its messages cannot be read; reported only if the topic is wanted
+    arrays: frozenset[str] = frozenset()  # the fields that are arrays: "covariance" has elements "covariance.0"
 
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""
@@ -49,10 +51,15 @@ class TopicInfo:
         """Return messages per second, NaN for fewer than two."""
         return (self.count - 1) / self.span_s if self.span_s > 0 else float("nan")
 
+    @property
+    def shown_fields(self) -> tuple[str, ...]:
+        """Return the fields as a user names them: an array by its first element, "velocity[0]"."""
+        return tuple(f"{field}[0]" if field in self.arrays else field for field in self.fields)
+
     def has(self, path: str) -> bool:
         """Return whether messages of this topic have the field."""
         head, _, last = path.rpartition(".")
-        return path in self.fields or (last.isdecimal() and head in self.fields)
+        return path in self.fields or (last.isdecimal() and head in self.arrays)
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,7 +70,12 @@ def refuse_as_sensor(path: Path, choices: Mapping[str, TopicChoice], truth_role:
     if truth_role is None or truth_role not in choices:
         return
     for role in ("dvl", "compass", "usbl", SHIP, SHIP_HEADING):
-        if role in choices and choices[role].topic.name == choices[truth_role].topic.name:
+        if role not in choices or choices[role].topic.name != choices[truth_role].topic.name:
+            continue
+        fields, true_fields = (set(choices[who].layout.required.values()) for who in (role, truth_role))
+        if (
+            fields & true_fields or not choices[role].layout.by_columns
+        ):  # by columns, one topic may hold several sensors
             raise UsageError(
                 f"{choices[role].topic.name} cannot be the {role} and the truth at once: "
                 'name another --truth, or "none"',

@@ -1,6 +1,7 @@
 """``usbldr info``: the topics of a log, the sensor that each is, and the conventions by which it is read."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +23,15 @@ MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True)
 @selection_options
 @click.option("--all", "all_topics", is_flag=True, help=f"List every topic, not only the first {MAX_TOPICS_SHOWN}.")
+@click.option(
+    "--fields",
+    "fields_of",
+    metavar="TOPIC",
+    multiple=True,
+    help="List the fields of TOPIC, which the key columns of the configuration can name.  [may be repeated]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: Any) -> int:
+def info(logs: tuple[str, ...], all_topics: bool, fields_of: tuple[str, ...], as_json: bool, **selection: Any) -> int:
     """List the topics of LOG and how each sensor is read.
 
     Lists topics with type, count, rate, span and role, every convention and its source, and the findings on the log.
@@ -36,9 +44,11 @@ def info(logs: tuple[str, ...], all_topics: bool, as_json: bool, **selection: An
     if as_json:
         from usbldr.io.reports.run_provenance import made_by
 
-        click.echo(json.dumps({**made_by(), "logs": [_described(one) for one in found]}, indent=1, allow_nan=False))
+        click.echo(
+            json.dumps({**made_by(), "logs": [_described(one, fields_of) for one in found]}, indent=1, allow_nan=False)
+        )
     else:
-        click.echo("\n\n".join(_text(one, all_topics) for one in found))
+        click.echo("\n\n".join(_text(one, all_topics, fields_of) for one in found))
     return 0 if all(one.complete for one in found) else LogError.exit_code
 
 
@@ -49,7 +59,7 @@ def _survey(log: str, request: "Request") -> "Survey":
     return survey_of(open_log(log, request)) if is_simulated(log) else survey(Path(log), request)
 
 
-def _text(found: "Survey", all_topics: bool) -> str:
+def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
     from usbldr.filters.errors import printable
     from usbldr.io.provenance import convention_text
     from usbldr.io.reader import utc
@@ -63,6 +73,8 @@ def _text(found: "Survey", all_topics: bool) -> str:
         origin = found.log.origin
         lines.append(f"origin of east and north: {origin.lat_deg:.9f}, {origin.lon_deg:.9f} deg ({origin.source})")
     lines += ["", *_topic_table(found, all_topics)]
+    for topic in _topics_named(found, fields_of):
+        lines += ["", f"fields of {topic.name} ({topic.type or '?'}):", *(f"  {name}" for name in topic.shown_fields)]
     if found.log is not None and found.log.tables:
         for role, p in found.log.provenance.items():
             lines += ["", f"{role}: {p.topic} ({p.chosen_by}), {p.used} of {p.messages} records used"]
@@ -122,7 +134,14 @@ def _cells(topic: "TopicInfo") -> tuple[str, str, str, str, str]:
     return topic.name, topic.type or "?", str(topic.count), rate, f"{topic.span_s:.3f}"
 
 
-def _described(found: "Survey") -> dict[str, Any]:
+def _topics_named(found: "Survey", names: Sequence[str]) -> list["TopicInfo"]:
+    """Return the topics of these names; raise LogError if one is not there."""
+    from usbldr.io.messages.roles import existing_topic
+
+    return [existing_topic(found.path, found.topics, name) for name in names]
+
+
+def _described(found: "Survey", fields_of: Sequence[str]) -> dict[str, Any]:
     """Return the content of the page for JSON; times in nanoseconds since 1970 if they are absolute."""
     from dataclasses import asdict
 
@@ -130,6 +149,7 @@ def _described(found: "Survey") -> dict[str, Any]:
 
     log = found.log
     truth = log.truth if log else None
+    listed = [topic.name for topic in _topics_named(found, fields_of)]
     return {
         "path": str(found.path),
         "format": found.format,
@@ -149,6 +169,7 @@ def _described(found: "Survey") -> dict[str, Any]:
                 "rate_hz": round(topic.rate_hz, 6) if topic.span_s > 0 else None,
                 "roles": [role for role, name in found.roles.items() if name == topic.name],
                 "problem": topic.problem or None,
+                **({"fields": topic.shown_fields} if topic.name in listed else {}),
             }
             for topic in found.topics
         ],

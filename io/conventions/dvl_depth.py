@@ -19,6 +19,7 @@ from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimet
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
+from usbldr.io.units import MPS_PER_UNIT, PASCALS_PER_UNIT
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # fixed: sea water
 USUAL_SOUND_SPEED_MPS = 1500.0  # fixed: what DVLs assume unless another is set
@@ -26,18 +27,9 @@ SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # above this for half of the log: the sign is wrong
 ESTIMATED = "estimated from the records"  # by the timeline
-ANY_COLUMNS = "docs/configuration.md#any-columns"
+ANY_COLUMNS = "docs/configuration.md#any-columns-any-message"
 IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
 MAX_DEPTH_M = 12_000.0  # no sea is deeper
-MPS_PER_UNIT: Mapping[str, float] = {
-    "m/s": 1.0,
-    "cm/s": 1e-2,
-    "mm/s": 1e-3,
-    "km/h": 1 / 3.6,
-    "ft/s": 0.3048,
-    "knots": 1852 / 3600,
-}
-PASCALS_PER_UNIT: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +79,10 @@ def valid_mask(
 
     Raises LogError if none is good, ending in the advice.
     """
+    flags = {"flagged invalid": raw.number("valid") == 0, "with an error code": np.abs(raw.number("error")) > 0}
     good = np.ones(len(raw.received_ns), dtype=np.bool_)
     counts: dict[str, int] = {}
-    for cause, mask in causes.items():
+    for cause, mask in {**flags, **causes}.items():
         counts[cause] = int(np.sum(mask & good))
         good = good & ~mask
     bad = int(np.sum(~good))
@@ -173,7 +166,7 @@ def _sound_speed_ratio(raw: RawRecords, section: DvlSection) -> tuple[Vector, li
 
 def _dvl_sd(raw: RawRecords, section: DvlSection, to_mps: float) -> tuple[Vector, Convention]:
     """Return the 1-sigma of each record, (n,), NaN if unknown, and who chose it."""
-    own = "sd_mps" in raw.layout.optional.values()
+    own = "sd_mps" in raw.values
     if isinstance(section.sd_mps, float):
         chosen = Convention("sd_mps", section.sd_mps, "configuration", "m/s")
         return np.full(len(raw.received_ns), section.sd_mps), chosen
@@ -182,7 +175,8 @@ def _dvl_sd(raw: RawRecords, section: DvlSection, to_mps: float) -> tuple[Vector
     chosen_by: ChosenBy = "column names" if own else "configuration"
     covariance = np.fmax(raw.number("covariance"), raw.number("own_covariance"))  # a type has one of them at most
     sd = np.sqrt(np.where(covariance > 0, covariance, np.nan))
-    sd = to_mps * np.where(np.isfinite(sd), sd, np.where(raw.number("sd") > 0, raw.number("sd"), np.nan))
+    stated = np.fmax(raw.number("sd"), raw.number("sd_mps"))
+    sd = to_mps * np.where(np.isfinite(sd), sd, np.where(stated > 0, stated, np.nan))
     if not np.isfinite(sd).any():
         return sd, Convention("sd_mps", ESTIMATED, chosen_by, note="the messages state none")
     return sd, Convention("sd_mps", float(np.nanmedian(sd)), chosen_by, "m/s", "median of the messages")

@@ -50,6 +50,7 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     causes = {
         "not a number": ~(np.isfinite(a) & np.isfinite(b)),
         "without fix (status below 0)": raw.number("status") < 0,
+        "flagged invalid": raw.number("valid") == 0,
     }
     if latlon:
         by_name = np.char.startswith(np.char.lower(raw.text("fix_name")), "no")

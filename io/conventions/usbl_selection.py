@@ -125,7 +125,6 @@ def fix_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     offset = "relative_to" in raw.layout.defaults
     unknown = {"not a number": ~(np.isfinite(slant_m) & np.isfinite(raw.number("bearing_deg")))}
     return (unknown if by_range else place_causes(raw, frame)) | {
-        "flagged invalid": raw.number("valid") == 0,
         "flagged as an outlier by the system itself": raw.number("outlier") == 1,
         "of range or angle alone": (raw.number("fix_kind") < FULL_FIX) | _without_range(raw),
         "stamped hours before arrival": _stale(raw),

@@ -31,11 +31,13 @@ class RosDecoder:
         self._definitions = dict(types)
         try:
             self._refuse_endless(self._name, {}, set())
-            self.fields = tuple(self._paths(self._name))
+            paths = self._paths(self._name)
         except RecursionError as err:
             raise DefinitionError("it is nested too deeply") from err
         except KeyError as err:
             raise DefinitionError(" ".join(str(err).split())[:80]) from err
+        self.fields = tuple(paths)
+        self.arrays = frozenset(path for path, is_array in paths.items() if is_array)
 
     def _refuse_endless(self, name: str, counted: dict[str, int], within: set[str]) -> int:
         """Return the number of fields below a type; raise DefinitionError if it contains itself, or has too many.
@@ -64,15 +66,17 @@ class RosDecoder:
         store.register(self._definitions)
         return store
 
-    def _paths(self, name: str, prefix: str = "") -> list[str]:
-        """List the fields below a type: scalars and times by their path, arrays of scalars by their name."""
-        found: list[str] = []
+    def _paths(self, name: str, prefix: str = "") -> dict[str, bool]:
+        """Return the fields below a type, scalars and times by their path, and which are arrays of scalars."""
+        found: dict[str, bool] = {}
         for field, (kind, what) in self._definitions[name][1]:
             path = prefix + field
             if kind is Nodetype.NAME and what not in TIMES:
-                found += self._paths(str(what), path + ".")
-            elif kind in (Nodetype.BASE, Nodetype.NAME) or (isinstance(what[0], tuple) and what[0][0] is Nodetype.BASE):
-                found.append(path)
+                found |= self._paths(str(what), path + ".")
+            elif kind in (Nodetype.BASE, Nodetype.NAME):
+                found[path] = False
+            elif isinstance(what[0], tuple) and what[0][0] is Nodetype.BASE:
+                found[path] = True
             else:
                 self._paths(str(what[0][1]))  # raises KeyError if there is no such type
         return found

@@ -31,6 +31,11 @@ class Decoder(Protocol):
         """Field paths that can be read, an array of numbers by its bare name."""
         ...
 
+    @property
+    def arrays(self) -> frozenset[str]:
+        """The fields that are arrays."""
+        ...
+
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
         ...
@@ -75,9 +80,11 @@ class Stream:
 
     def info(self) -> TopicInfo:
         """Return the topic's information for the user."""
-        problem, fields = (self.decoder, ()) if isinstance(self.decoder, str) else ("", self.decoder.fields)
         counted = self.count, self.first_ns, self.last_ns
-        return TopicInfo(self.topic, self.type, self.encoding, *counted, fields, problem)
+        if isinstance(self.decoder, str):
+            return TopicInfo(self.topic, self.type, self.encoding, *counted, problem=self.decoder)
+        fields, arrays = self.decoder.fields, self.decoder.arrays
+        return TopicInfo(self.topic, self.type, self.encoding, *counted, fields, arrays=arrays)
 
 
 def decoder_of(type_name: str, definition: bytes, encoding: str, definition_encoding: str) -> Decoder | str:

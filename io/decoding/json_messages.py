@@ -14,6 +14,7 @@ import numpy as np
 from usbldr.io.decoding.columns import DefinitionError, Extractor, limited
 
 LeafType: TypeAlias = Literal["number", "text", "time"]
+Leaf: TypeAlias = tuple[LeafType, bool]  # and whether it is an array of such
 Schema: TypeAlias = Mapping[str, Any]
 SECONDS, NANOSECONDS = ("sec", "secs", "seconds"), ("nsec", "nsecs", "nanosec", "nanos", "nanoseconds")
 LEAF_TYPES: Mapping[str, LeafType] = {"number": "number", "integer": "number", "boolean": "number", "string": "text"}
@@ -37,8 +38,10 @@ class JsonDecoder:
         if not isinstance(schema, dict):
             raise DefinitionError("a JSON schema is an object")
         whole = cast("Schema", schema)
-        self._kinds = limited(_leaves(whole, whole))
+        found = limited(_leaves(whole, whole))
+        self._kinds: Mapping[str, LeafType] = {path: kind for path, (kind, _) in found.items()}
         self.fields = tuple(self._kinds)
+        self.arrays = frozenset(path for path, (_, is_array) in found.items() if is_array)
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
@@ -84,7 +87,7 @@ def _both(one: Schema, other: Schema) -> Schema:
     return {"properties": {name: _both(_part(fields, name), _part(more, name)) for name in (*fields, *more)}}
 
 
-def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> Iterator[tuple[str, LeafType | None]]:
+def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> Iterator[tuple[str, Leaf | None]]:
     """Yield the fields below an object by path, None for an object; an array of numbers by its name.
 
     Of objects in an array those of the first.
@@ -93,7 +96,7 @@ def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> 
         path, inner = f"{prefix}{name}", _resolved(stated, whole)
         items = _resolved(inner.get("items"), whole)
         if _time_names(_part(inner, "properties")) or inner.get("format") == "date-time":
-            yield path, "time"
+            yield path, ("time", False)
         elif level < LEVELS and "properties" in inner:
             yield path, None
             yield from _leaves(inner, whole, f"{path}.", level + 1)
@@ -101,7 +104,7 @@ def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> 
             yield path, None
             yield from _leaves(items, whole, f"{path}.0.", level + 1)
         elif (kind := _kind(items or inner)) is not None:
-            yield path, kind
+            yield path, (kind, bool(items))
 
 
 def _kind(schema: Schema) -> LeafType | None:

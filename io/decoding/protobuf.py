@@ -32,6 +32,7 @@ class ProtobufDecoder:
         self._class = GetMessageClass(descriptor)
         self._kinds = limited(_leaves(descriptor))
         self.fields = tuple(self._kinds)
+        self.arrays = frozenset(path for path, field in self._kinds.items() if field.is_repeated)
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""

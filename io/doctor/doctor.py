@@ -12,7 +12,7 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.conventions.dvl_depth import MPS_PER_UNIT, dvl
+from usbldr.io.conventions.dvl_depth import dvl
 from usbldr.io.conventions.positions import depths_of, underwater_text
 from usbldr.io.doctor.cross_check import CrossCheck, cross_check
 from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value
@@ -24,6 +24,7 @@ from usbldr.io.messages.roles import candidates
 from usbldr.io.opening import OpenedLog, Request, open_configured
 from usbldr.io.read import read, roles_of
 from usbldr.io.timeline import timeline
+from usbldr.io.units import MPS_PER_UNIT
 
 # fixed: 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
 SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)

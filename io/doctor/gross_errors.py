@@ -15,7 +15,6 @@ from usbldr.filters.identification.dr_usbl_fit import (
     segment_numbers,
 )
 from usbldr.filters.types import Timeline
-from usbldr.io.conventions.dvl_depth import MPS_PER_UNIT
 from usbldr.io.doctor.interpretations import (
     HandednessEvidence,
     InterpretationResult,
@@ -28,6 +27,7 @@ from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.settings.sensor_sections import MAX_SCALE_ERROR, MIN_SCALE_ERROR
+from usbldr.io.units import MPS_PER_UNIT
 
 LEAP_SECONDS = 18.0  # fixed: GPS time minus UTC since 2017
 

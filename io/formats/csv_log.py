@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
-from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, plain, sheet_of
+from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, plain_names, sheet_of
 from usbldr.io.formats.csv_text import (
     ParsedColumn,
     TextTable,
@@ -24,9 +24,10 @@ from usbldr.io.formats.csv_text import (
     raw_header,
     read_texts,
     row_findings,
-    seconds,
     text_files,
+    times,
 )
+from usbldr.io.messages.configured import ConfiguredColumns, plain, topic_with_columns
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 
@@ -42,15 +43,6 @@ class CsvSource:
     file: Path
     header: tuple[str, ...]  # names as written
     sensor: str | None = None  # of a file with several sensors: whose rows
-
-
-@dataclass(frozen=True, slots=True)
-class ConfiguredColumns:
-    """The columns of a sensor as the configuration states them."""
-
-    sensor: str
-    topic: str | None  # None: the only file that has the columns
-    columns: Mapping[str, str]  # quantity -> column
 
 
 class CsvLog:
@@ -94,12 +86,18 @@ class CsvLog:
     @cached_property
     def _sheets(self) -> Mapping[str, Sheet | None]:
         sheets = {topic: self._recognised(topic, source) for topic, source in self._sources.items()}
+        for topic, sensors in self._by_topic().items():
+            source = self._sources[topic]
+            sheets[topic] = configured_sheet(sensors, source.header, source.file, topic)
+        return sheets
+
+    def _by_topic(self) -> Mapping[str, Sequence[ConfiguredColumns]]:
+        found: dict[str, list[ConfiguredColumns]] = {}
         for stated in self._configured:
             topic = self._topic(stated)
             if topic is not None:
-                source = self._sources[topic]
-                sheets[topic] = configured_sheet(stated.sensor, stated.columns, source.header, str(source.file))
-        return sheets
+                found.setdefault(topic, []).append(stated)
+        return found
 
     def _topic(self, stated: ConfiguredColumns) -> str | None:
         """Return the topic that the configuration names, None if it is not in this log."""
@@ -107,14 +105,8 @@ class CsvLog:
             slashed = "/" + stated.topic.lstrip("/")
             last = "/" + slashed.rpartition("/")[2]
             return next((topic for topic in (slashed, last) if topic in self._sources), None)
-        wanted = {plain(name) for name in stated.columns.values()}
-        fitting = [t for t, source in self._sources.items() if wanted <= set(map(plain, source.header))]
-        if len(fitting) > 1:
-            raise UsageError(f"[{stated.sensor}] columns match {', '.join(fitting)}; state topic, too", path=self.path)
-        if not fitting:
-            names = ", ".join(sorted(wanted))
-            raise UsageError(f"no file has the columns {names} of [{stated.sensor}]; state topic, too", path=self.path)
-        return fitting[0]
+        headers = [(topic, plain_names(source.header), ()) for topic, source in self._sources.items()]
+        return topic_with_columns(stated, headers, self.path)
 
     def _recognised(self, topic: str, source: CsvSource) -> Sheet | None:
         if source.sensor is None:
@@ -170,8 +162,8 @@ class CsvLog:
         return texts if source.sensor is None else [texts[row] for row in self._rows(source)]
 
     def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
-        read = seconds if clock.in_seconds else nanoseconds
-        return read(self._cells(source, clock.column), clock.column)
+        cells = self._cells(source, clock.column)
+        return nanoseconds(cells, clock.column) if clock.unit_ns == 1 else times(cells, clock.column, clock.unit_ns)
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Read the wanted columns; rows with an invalid cell in one of them are left out."""
@@ -199,7 +191,7 @@ class CsvLog:
             return self._times(source, sheet.stamp)
         name = sheet.columns[path]
         cells = self._cells(source, name)
-        return ParsedColumn(np.array(cells), {}) if path in WORDS else numbers(cells, name)
+        return ParsedColumn(np.array(cells), {}) if path in WORDS | sheet.texts else numbers(cells, name)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out."""

@@ -9,9 +9,11 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.messages.configured import ARRIVALS, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
 
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
@@ -20,7 +22,7 @@ class TimeColumn(NamedTuple):
     """A column of times."""
 
     column: str
-    in_seconds: bool = False  # with decimals; else integer nanoseconds
+    unit_ns: int = 1  # 1: whole nanoseconds; else with decimals
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +34,7 @@ class Sheet:
     received: TimeColumn | None = None  # log time; None: the file cannot be read because of problem
     stamp: TimeColumn | None = None  # "header.stamp"; None: records have log time only
     problem: str = ""
+    texts: frozenset[str] = frozenset()  # field paths that are texts
 
 
 class OwnColumns(NamedTuple):
@@ -102,20 +105,12 @@ ROSTOPIC: Mapping[str, str] = {
 }
 """The type of a message by some of its fields; the first match is used."""
 
-TIMES = ("time_ns", "time_unix_s", "time_s")
-"""Keys of ``columns`` for the time of validity; time_s counts from 1970 unless the log states another origin."""
-
 
 def sheet_of(stem: str, header: Sequence[str]) -> Sheet | None:
     """Return how a file's column names are interpreted, None if they match no sensor and no message."""
     if header and header[0].replace(" ", "") == "%time":
         return _rostopic(header)
     return _own(stem, plain_names(header))
-
-
-def plain(name: str) -> str:
-    """Return a column's name without blanks, a leading "%" and rostopic's "field."."""
-    return name.strip().lstrip("% ").removeprefix("field.").strip()
 
 
 def plain_names(header: Sequence[str]) -> list[str]:
@@ -161,18 +156,30 @@ def _sensor(stem: str, header: set[str]) -> str | None:
     return named[0] if len(named) == 1 else None
 
 
-def configured_sheet(sensor: str, columns: Mapping[str, str], header: Sequence[str], file: str) -> Sheet:
-    """Return how the configuration interprets a file; raise UsageError if a column is missing or no time is named."""
+def configured_sheet(sensors: Sequence[ConfiguredColumns], header: Sequence[str], file: Path, topic: str) -> Sheet:
+    """Return how the configuration interprets a file: its columns by their own names, and the one time of all sensors.
+
+    Raises UsageError if a column is missing, or if not exactly one time is named.
+    """
     names = plain_names(header)
-    wanted = {key: plain(name) for key, name in columns.items()}
-    for key, name in wanted.items():
-        if name not in names:
-            raise UsageError(f"has no column {name} ([{sensor}] columns {key}; it has {', '.join(names)})", path=file)
-    times = [key for key in TIMES if key in wanted]
-    if len(times) != 1:
-        raise UsageError(f"[{sensor}] columns must name exactly one of {', '.join(TIMES)}", path=file)
-    arrivals = [key for key in ("received_ns", "received_unix_s") if key in wanted]
-    stamp = TimeColumn(wanted[times[0]], times[0] != "time_ns")
-    received = TimeColumn(wanted[arrivals[0]], arrivals[0] != "received_ns") if arrivals else stamp
-    quantities = {key: name for key, name in wanted.items() if key not in (*times, *arrivals)}
-    return Sheet(CANONICAL + sensor, quantities, received, stamp)
+    columns: dict[str, str] = {}
+    clocks: dict[tuple[TimeColumn, TimeColumn], str] = {}
+    texts: set[str] = set()
+    for stated in sensors:
+        fields = named_fields(stated, topic, names, (), file)
+        times = [key for key in TIME_UNITS_NS if key in fields]
+        if len(times) != 1:
+            raise UsageError(
+                f"[{stated.sensor}] columns must name exactly one of {', '.join(TIME_UNITS_NS)}", path=file
+            )
+        stamp = TimeColumn(fields[times[0]], TIME_UNITS_NS[times[0]])
+        arrivals = [TimeColumn(fields[key], unit_ns) for key, unit_ns in ARRIVALS.items() if key in fields]
+        clocks.setdefault((arrivals[0] if arrivals else stamp, stamp), stated.sensor)
+        columns |= {name: name for name in fields.values()}
+        texts |= {fields["target"]} if "target" in fields else set()
+    if len(clocks) > 1:
+        which = " and ".join(f"[{sensor}]" for sensor in clocks.values())
+        raise UsageError(f"{which} name different times of one file; name the same", path=file)
+    received, stamp = next(iter(clocks))
+    kind = CANONICAL + "+".join(stated.sensor for stated in sensors)
+    return Sheet(kind, columns, received, stamp, texts=frozenset(texts))

@@ -16,10 +16,9 @@ from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import plain_names
 from usbldr.io.formats.files import opened, text_lines
 from usbldr.io.formats.unnamed_columns import is_number, unnamed_columns
-from usbldr.io.reader import Column
+from usbldr.io.reader import MAX_TIME_NS, Column
 
-SECOND = Decimal(1_000_000_000)
-MAX_TIME_NS = 1 << 62  # in 2116
+SECOND = 1_000_000_000  # fixed: nanoseconds
 MAX_NAMES = 20  # of names in a sentence
 MAX_CHARACTERS = 60  # of a name or a cell in a sentence
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
@@ -164,15 +163,21 @@ def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
 
 
 def seconds(texts: Sequence[str], name: str) -> ParsedColumn:
-    """Return a column of seconds with decimals, or of dates and times, as nanoseconds.
+    """Return a column of seconds with decimals, or of dates and times, as nanoseconds."""
+    return times(texts, name, SECOND)
+
+
+def times(texts: Sequence[str], name: str, unit_ns: int) -> ParsedColumn:
+    """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds.
 
     Exact: 1474477150.374442 is not representable in float64.
     """
 
     def exact(text: str) -> int:
-        return _in_range(_iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * SECOND).to_integral_value()))
+        return _in_range(_iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * unit_ns).to_integral_value()))
 
-    return _parsed(texts, name, exact, 0, "a number of seconds")
+    what = "a number of seconds" if unit_ns == SECOND else "a number or a date and time"
+    return _parsed(texts, name, exact, 0, what)
 
 
 def numbers(texts: Sequence[str], name: str) -> ParsedColumn:

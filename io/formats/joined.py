@@ -1,7 +1,7 @@
 """Several logs as one: the parts of a split recording, or the files of one dive, each with a clock of its own."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,7 @@ class JoinedLog:
     parts: tuple[LogPart, ...]
     joining_findings: tuple[Finding, ...] = ()  # findings of the parts together
     stated_messages: int | None = None  # number of messages that the parts should hold together
+    time_units_ns: Mapping[str, int] = field(default_factory=dict[str, int])  # of the fields that the user calls times
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics of all parts."""
@@ -48,7 +49,7 @@ class JoinedLog:
             present = {_key(topic) for topic in part.reader.topics() if topic.count}
             own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
             for topic, records in part.reader.read(own).items() if own else ():
-                pieces[topic].append(_moved(records, part.offset_ns))
+                pieces[topic].append(_moved(records, part.offset_ns, self.time_units_ns))
         return {topic: _in_one(pieces[topic], paths) for topic, paths in wanted.items()}
 
     def findings(self) -> tuple[Finding, ...]:
@@ -86,17 +87,20 @@ def _together(a: TopicInfo, b: TopicInfo) -> TopicInfo:
         last_ns=max(lasts, default=None),
         fields=tuple(f for f in a.fields if f in b.fields) if a.count and b.count else (a if a.count else b).fields,
         problem=a.problem or b.problem,
+        arrays=a.arrays | b.arrays,
     )
 
 
-def _moved(records: Records, offset_ns: int) -> Records:
+def _moved(records: Records, offset_ns: int, units_ns: Mapping[str, int]) -> Records:
     """Subtract a clock's offset from log times and stamps; a stamp of zero is unset and stays so."""
     if not offset_ns:
         return records
     columns = dict(records.columns)
-    for path in STAMPS & columns.keys():
-        if columns[path].dtype.kind in "iu":
-            columns[path] = np.where(columns[path] == 0, 0, columns[path] - offset_ns)
+    for path in (STAMPS | units_ns.keys()) & columns.keys():
+        unit_ns = units_ns.get(path, 1)
+        if columns[path].dtype.kind in ("iu" if path in STAMPS else "iuf"):
+            offset = offset_ns if unit_ns == 1 else offset_ns / unit_ns
+            columns[path] = np.where(columns[path] == 0, 0, columns[path] - offset)
     return Records(records.received_ns - offset_ns, columns)
 
 

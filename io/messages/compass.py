@@ -97,4 +97,5 @@ COMPASS = (
         fixed={"convention": "compass", "unit": "deg"},
     ),
     MessageLayout("compass", {"angle": "heading"}, own_columns("sd_deg"), "by type", {"convention": "compass"}),
+    MessageLayout("compass", own_columns("qx", "qy", "qz", "qw"), own_columns("sd_deg"), "by type", ENU),
 )

@@ -85,11 +85,11 @@ DVL = (  # a driver's messages rank before twists made from them, those with a v
     MessageLayout(
         "dvl",
         {"x": "starboard_mps", "y": "forward_mps"},
-        {"z": "up_mps", "sd": "sd_mps", "velocity_valid": "valid"},
+        {"z": "up_mps", "sd_mps": "sd_mps", "velocity_valid": "valid"},
         "by type",
         fixed={"axes": "SFU", "unit": "m/s"},
     ),
-    MessageLayout("dvl", own_columns("x", "y"), {"z": "z", "sd": "sd_mps", "velocity_valid": "valid"}, "by type"),
+    MessageLayout("dvl", own_columns("x", "y"), own_columns("z", "sd_mps") | {"velocity_valid": "valid"}, "by type"),
     MessageLayout(
         "bottomtrack",  # nortek_dvl333_msgs
         {"beam": "vel_beam0"},

@@ -13,10 +13,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Vector
 from usbldr.io.findings import Finding
-from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo
 
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
@@ -37,12 +37,14 @@ class MessageLayout:
     topic: str = ""  # a pattern that the topic's name has to have
     packages: tuple[str, ...] = ()  # prefixes of the packages for whose drivers the defaults hold; (): any
     stamp: str = "header.stamp"  # the field of the time of validity
+    stamp_unit_ns: int = 0  # of that field as the configuration states it; 0: it is whole nanoseconds, or no time
     frame: str = "header.frame_id"  # the field that names the frame of the values
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, if not 1
     no_data_values: Mapping[str, tuple[float, ...]] = field(
         default_factory=dict[str, tuple[float, ...]]
     )  # mean: no data
     unsupported: str = ""  # why this known type cannot be used: the end of "it ..."
+    by_columns: bool = False  # the configuration names its fields
     preference: int | None = None  # rank in its sensor's order of preference, 0 first; None: not compared
 
     def fits(self, topic: TopicInfo) -> bool:
@@ -134,6 +136,8 @@ def raw_records(
     """Name the columns of a topic by quantity; ``paths`` are its fields by quantity (see `wanted_paths`)."""
     frames = records.columns.get(layout.frame, np.array([""]))
     stamps = records.columns.get(layout.stamp)
+    if stamps is not None and layout.stamp_unit_ns:
+        stamps = _configured_stamps(log, topic, layout, stamps)
     return RawRecords(
         log=log,
         topic=topic,
@@ -143,3 +147,16 @@ def raw_records(
         values={quantity: records.columns[path] for quantity, path in paths.items()},
         frame_id=str(frames[0]) if len(frames) else "",
     )
+
+
+def _configured_stamps(log: Path, topic: TopicInfo, layout: MessageLayout, times: Column) -> Nanoseconds:
+    """Return times (n,) in the unit that the configuration states as nanoseconds, 0 where a number is missing."""
+    what = f"{topic.name}: {layout.stamp} under columns"
+    if times.dtype.kind not in "iuf":
+        raise UsageError(f"{what} is text, not a time", path=log)
+    known = np.isfinite(times)
+    if np.any(np.abs(times[known].astype(np.float64)) * layout.stamp_unit_ns >= MAX_TIME_NS):
+        raise UsageError(f"{what} has values beyond 2116 in the unit of its key; is it time_ns?", path=log)
+    if times.dtype.kind == "f":
+        return np.rint(np.where(known, times, 0.0) * layout.stamp_unit_ns).astype(np.int64)
+    return times.astype(np.int64) * layout.stamp_unit_ns

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.findings import Finding
+from usbldr.io.messages.configured import ConfiguredColumns, configured_layout, topic_with_columns
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.reader import TopicInfo
@@ -72,21 +73,37 @@ class Roles:
 
 
 def choose_roles(
-    log: Path, topics: Sequence[TopicInfo], options: Mapping[str, str], configured: Mapping[str, str]
+    log: Path,
+    topics: Sequence[TopicInfo],
+    options: Mapping[str, str],
+    configured: Mapping[str, str],
+    columns: Sequence[ConfiguredColumns] = (),
 ) -> Roles:
-    """Fill the roles; ``options`` and ``configured`` map roles to topics, or to "none" to leave a role empty."""
+    """Fill the roles; ``options`` and ``configured`` map roles to topics, or to "none" to leave a role empty.
+
+    Raises UsageError for ``columns`` that do not fit their topic.
+    """
+    by_columns = {stated.sensor: stated for stated in columns}
     chosen: dict[str, TopicChoice] = {}
     errors: dict[str, UsbldrError] = {}
     of_ship: dict[str, Sequence[TopicInfo]] = {}
     for role in ROLES:
         name = options.get(role) or configured.get(role)
+        stated = by_columns.get(role)
+        if stated is not None and name is None:
+            name = topic_with_columns(stated, [(t.name, t.fields, t.arrays) for t in topics], log)
         if name is not None and name != "none":
             try:
-                chosen[role] = topic_named(log, topics, role, name, "option" if role in options else "configuration")
-            except UsbldrError as err:
+                by = "option" if role in options else "configuration"
+                chosen[role] = topic_named(log, topics, role, name, by, stated)
+            except LogError as err:
+                errors[role] = err
+            except UsageError as err:
+                if stated is not None:
+                    raise
                 errors[role] = err
     for role in ROLES:
-        if role not in options and role not in configured:
+        if role not in options and role not in configured and role not in by_columns:
             taken = {choice.topic.name for choice in chosen.values()}
             found, lower_ranked, ships = candidates(role, topics, taken)
             of_ship |= {role: ships} if ships else {}
@@ -103,26 +120,44 @@ def choose_roles(
     return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship)
 
 
-def topic_named(log: Path, topics: Sequence[TopicInfo], role: str, name: str, chosen_by: str) -> TopicChoice:
-    """Return the topic of that name as the role; raise LogError or UsageError if that is impossible."""
-    topic = find_topic(topics, name)
-    if topic is None:
-        near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
-        hint = f"; did you mean {' or '.join(near)}?" if near else ""
-        raise LogError(f"no topic {name} for the {role}{hint} (topics in this log: {_listed(topics)})", path=log)
+def topic_named(
+    log: Path,
+    topics: Sequence[TopicInfo],
+    role: str,
+    name: str,
+    chosen_by: str,
+    stated: ConfiguredColumns | None = None,
+) -> TopicChoice:
+    """Return the topic of that name as the role, by its type or by the columns that the configuration states for it.
+
+    Raises LogError or UsageError if that is impossible.
+    """
+    topic = existing_topic(log, topics, name, f" for the {role}")
     if topic.problem:
         raise _unreadable(log, role, topic)
     if topic.count == 0:
         raise LogError(f"{topic.name}, chosen as {role}, has no messages", path=log)
-    layout = message_layout_of(role, topic)
+    layout = configured_layout(stated, topic, log) if stated else message_layout_of(role, topic)
     if layout is None:
         known = ", ".join(sorted({layout.type for layout in LAYOUTS[role] if not layout.unsupported}))
         raise UsageError(
-            f"{topic.name} is of type {topic.type}, which cannot be used as {role} (only {known})", path=log
+            f"{topic.name} is of type {topic.type}, which cannot be used as {role} (only {known}, or any type whose "
+            f"fields are named by columns under [{role}]; usbldr info --fields {topic.name} lists them)",
+            path=log,
         )
     if layout.unsupported:
         raise _refused(log, role, topic)
     return TopicChoice(topic, layout, chosen_by)
+
+
+def existing_topic(log: Path, topics: Sequence[TopicInfo], name: str, purpose: str = "") -> TopicInfo:
+    """Return the topic of that name; raise LogError with the nearest names if there is none."""
+    topic = find_topic(topics, name)
+    if topic is not None:
+        return topic
+    near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
+    hint = f"; did you mean {' or '.join(near)}?" if near else ""
+    raise LogError(f"no topic {name}{purpose}{hint} (topics in this log: {_listed(topics)})", path=log)
 
 
 def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:

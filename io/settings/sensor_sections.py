@@ -40,9 +40,12 @@ from usbldr.io.settings.noise_sections import (
 MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: a larger one is a wrong unit
 Clock: TypeAlias = Literal["header", "log"]
 UsblColumn: TypeAlias = Literal[
-    "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m"
+    "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m", "target"
 ]
-Time: TypeAlias = Literal["time_ns", "time_unix_s", "time_s", "received_ns", "received_unix_s"]
+Time: TypeAlias = Literal[
+    "time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s", "received_ns", "received_unix_s"
+]
+Flag: TypeAlias = Literal["valid", "error"]
 
 
 class MapSection(Section, frozen=True, kw_only=True):
@@ -59,7 +62,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     """The Doppler velocity log."""
 
     topic: str | None = None
-    columns: dict[Time | Literal["x", "y", "z", "sd_mps", "valid"], str] | None = None
+    columns: dict[Time | Flag | Literal["x", "y", "z", "sd_mps"], str] | None = None
     axes: str | None = None
     mount_deg: Degrees = 0.0
     unit: Literal["m/s", "cm/s", "mm/s", "km/h", "ft/s", "knots"] | None = None
@@ -87,7 +90,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     """The heading sensor."""
 
     topic: str | None = None
-    columns: dict[Time | Literal["heading", "sd_deg"], str] | None = None
+    columns: dict[Time | Flag | Literal["heading", "qx", "qy", "qz", "qw", "sd_deg"], str] | None = None
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
     bias_deg: Degrees = 0.0
@@ -158,7 +161,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
     """The acoustic positioning system."""
 
     topic: str | None = None
-    columns: dict[Time | UsblColumn, str] | None = None
+    columns: dict[Time | Flag | UsblColumn, str] | None = None
     kind: Literal["position", "latlon", "range_bearing"] | None = None
     frame: Literal["ENU", "NED", "body"] | None = None
     relative_to: Literal["map", "head"] | None = None
@@ -205,7 +208,7 @@ class GpsSection(Section, frozen=True, kw_only=True):
     """The satellite receiver: truth by default, used by the filter only in the windows of --aid."""
 
     topic: str | None = None
-    columns: dict[Time | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
+    columns: dict[Time | Flag | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
     sd_m: SdMetres | Literal["message"] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
@@ -218,7 +221,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
     """The pressure or depth sensor."""
 
     topic: str | None = None
-    columns: dict[Time | Literal["depth_m", "pressure"], str] | None = None
+    columns: dict[Time | Flag | Literal["depth_m", "pressure"], str] | None = None
     unit: Literal["Pa", "hPa", "dbar", "bar", "m"] | None = None
     surface_pa: Annotated[float, Meta(ge=0, le=1e7)] | None = None
     positive: Literal["down", "up"] | None = None

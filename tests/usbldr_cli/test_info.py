@@ -7,7 +7,7 @@ import pytest
 
 from commands import run as call
 from recordings import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import LogError, UsageError
 
 PAGE = """\
 {folder}/dive.mcap: MCAP, 34 messages, 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:50.000Z (10.0 s)
@@ -157,3 +157,18 @@ def test_a_scenario_is_a_log_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert code == 0
     assert page.startswith("paper: simulated, 12004 messages, 2026-01-01T00:00:00.000Z to 2026-01-01T00:16:40.000Z")
     assert "dvl: paper/dvl (scenario), 5001 of 5001 records used" in page
+
+
+def test_the_fields_of_a_topic_are_listed_as_columns_can_name_them(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [fix(T0, 45.0, 7.0)])
+    fields = ["header.stamp", "header.frame_id", "status.status", "status.service", "latitude", "longitude",
+              "altitude", "position_covariance[0]", "position_covariance_type"]  # fmt: skip
+
+    assert (
+        "\n".join(["fields of /gps/fix (sensor_msgs/msg/NavSatFix):", *(f"  {f}" for f in fields)])
+        in run(file, "--fields", "gps/fix")[1]
+    )
+    assert json.loads(run(file, "--json", "--fields", "/gps/fix")[1])["logs"][0]["topics"][0]["fields"] == fields
+    assert "fields" not in json.loads(run(file, "--json")[1])["logs"][0]["topics"][0]
+    with pytest.raises(LogError, match=r"no topic /gps/fixx; did you mean /gps/fix\? \(topics in this log: /gps/fix\)"):
+        run(file, "--fields", "/gps/fixx")

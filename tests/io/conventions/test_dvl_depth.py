@@ -442,6 +442,6 @@ def test_keys_that_the_column_names_settle_are_said_not_to_act(tmp_path: Path) -
 
     assert codes(log) == {
         "KEY-UNUSED": '/dvl: axes = "FRD" of the configuration is not used; its columns are SFU; name them by columns '
-        "to read them otherwise (docs/configuration.md#any-columns)"
+        "to read them otherwise (docs/configuration.md#any-columns-any-message)"
     }
     assert body(log.tables["dvl"])[:2] == pytest.approx([1.0, -0.1])

@@ -66,11 +66,11 @@ def test_seconds_with_decimals_are_exact_to_the_nanosecond(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (('x = "vx"', 'x = "vxx"'), "{0}: no file has the columns epoch, ok, sigma, vxx, vy, vz of [dvl]; "
+        (('x = "vx"', 'x = "vxx"'), "{0}: no topic has the columns epoch, ok, sigma, vxx, vy, vz of [dvl]; "
          "state topic, too"),
         (('[dvl]', '[dvl]\ntopic = "/velocities"\n#'), None),
         (('time_unix_s = "epoch", x', "x"), "{0}/velocities.csv: [dvl] columns must name exactly one of time_ns, "
-         "time_unix_s, time_s"),
+         "time_unix_us, time_unix_ms, time_unix_s, time_s"),
     ],
 )  # fmt: skip
 def test_columns_that_are_not_there_are_named(tmp_path: Path, change: tuple[str, str], sentence: str | None) -> None:
@@ -93,5 +93,5 @@ def test_a_column_missing_from_the_file_named_is_an_error_with_its_header(tmp_pa
         read_log(folder)
 
     assert str(fault.value) == (
-        f"{folder / 'velocities.csv'}: has no column u ([dvl] columns x; it has epoch, vx, vy, vz, ok, sigma)"
+        f"{folder / 'velocities.csv'}: /velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"
     )

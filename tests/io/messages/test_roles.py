@@ -15,7 +15,8 @@ FIX = ("header.stamp", "latitude", "longitude", "position_covariance")
 
 
 def topic(name: str, kind: str, fields: tuple[str, ...], count: int = 10, problem: str = "") -> TopicInfo:
-    return TopicInfo(name, kind, "cdr", count, 0, 9_000_000_000, fields, problem)
+    arrays = frozenset(field for field in fields if "covar" in field)
+    return TopicInfo(name, kind, "cdr", count, 0, 9_000_000_000, fields, problem, arrays)
 
 
 DVL = topic("/dvl/twist", "geometry_msgs/msg/TwistStamped", TWIST)
@@ -216,7 +217,8 @@ def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
     assert str(fault) == (
         "dive.mcap: /gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot be used as dvl "
         "(only dvl, linkquestdvl, odometry, teledyneexplorerdvl, transducerreportstamped, twiststamped, "
-        "twistwithcovariancestamped)"
+        "twistwithcovariancestamped, or any type whose fields are named by columns under [dvl]; "
+        "usbldr info --fields /gps/fix lists them)"
     )
 
 

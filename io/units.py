@@ -1,0 +1,82 @@
+"""Units that the name of a column or field states: "DVL X [m/s]", "Heading (deg)", "stamp_ns"."""
+
+import re
+from collections.abc import Mapping
+from typing import Literal, NamedTuple, TypeAlias
+
+Dimension: TypeAlias = Literal["velocity", "angle", "length", "pressure", "time"]
+
+MPS_PER_UNIT: Mapping[str, float] = {
+    "m/s": 1.0,
+    "cm/s": 1e-2,
+    "mm/s": 1e-3,
+    "km/h": 1 / 3.6,
+    "ft/s": 0.3048,
+    "knots": 1852 / 3600,
+}
+PASCALS_PER_UNIT: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
+DEG_PER_RAD = 57.29577951308232  # fixed: by definition
+
+_UNITS: Mapping[Dimension, Mapping[str, float]] = {
+    "velocity": MPS_PER_UNIT,
+    "angle": {"deg": 1.0, "rad": DEG_PER_RAD, "1e-7deg": 1e-7},
+    "length": {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048},
+    "pressure": PASCALS_PER_UNIT | {"kPa": 1e3, "mbar": 100.0, "psi": 6894.757293168},
+    "time": {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000},
+}
+"""Factors to m/s, degrees, metres, pascals and nanoseconds."""
+
+_SPELLINGS: Mapping[str, str] = {
+    "m/s": "mps m_s m/sec ms-1",
+    "cm/s": "cmps cm_s",
+    "mm/s": "mmps mm_s",
+    "km/h": "kmh kph km_h",
+    "ft/s": "ft_s",
+    "knots": "knot kn kt kts",
+    "deg": "degs degree degrees °",
+    "rad": "rads radian radians",
+    "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
+    "m": "meter meters metre metres",
+    "km": "kilometres kilometers",
+    "s": "sec secs second seconds",
+    "ms": "msec millis milliseconds",
+    "us": "µs μs usec micros microseconds",
+    "ns": "nsec nanos nanoseconds",
+}
+"""Other spellings, in lower case, without blanks."""
+
+_KNOWN: Mapping[str, tuple[Dimension, float]] = {
+    spelling.lower(): (dimension, factor)
+    for dimension, units in _UNITS.items()
+    for unit, factor in units.items()
+    for spelling in (unit, *_SPELLINGS.get(unit, "").split())
+}
+_BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*)[\])]\s*")
+_LONGEST_ENDING = 2  # words of a unit that ends a name: "mm_s"
+
+
+class NamedUnit(NamedTuple):
+    """A name without its unit, and that unit."""
+
+    label: str
+    unit: str = ""  # as written; empty: the name states none
+    dimension: Dimension | None = None  # None: the unit is unknown
+    factor: float = 1.0  # to usbldr's own unit
+
+
+def named_unit(name: str) -> NamedUnit:
+    """Return what a name states: a unit in brackets, known or not, or a known one after its last "_"."""
+    if brackets := _BRACKETS.fullmatch(name):
+        dimension, factor = _KNOWN.get("".join(brackets[2].lower().split()), (None, 1.0))
+        return NamedUnit(brackets[1], brackets[2].strip(), dimension, factor)
+    words = name.split("_")
+    for count in range(min(_LONGEST_ENDING, len(words) - 1), 0, -1):
+        unit = "_".join(words[-count:])
+        if known := _KNOWN.get(unit.lower()):
+            return NamedUnit("_".join(words[:-count]), unit, *known)
+    return NamedUnit(name)
+
+
+def spellings(dimension: Dimension) -> str:
+    """Return the units of a dimension as a text."""
+    return ", ".join(_UNITS[dimension])

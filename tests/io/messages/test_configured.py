@@ -1,0 +1,283 @@
+"""Topics of types that nobody here knows: the configuration names their fields."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from logs import codes, logged, logged_csv
+from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads, write_rosbag2
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+INS = "acme_msgs/msg/InsOutput"
+DEFINITION = """\
+std_msgs/Header header
+acme_msgs/Speeds speeds
+float64[3] position_rad_m
+float32 azimuth
+float64 pressure_bar
+uint8 fault
+uint64 utc_us
+float64 since_1970
+string note
+"""
+SPEEDS = "float32[3] along\nbool locked\n"
+TYPES = {"acme_msgs/msg/Speeds": SPEEDS, INS: DEFINITION}
+define(TYPES)
+for _name, _text in TYPES.items():
+    ROS1.register(get_types_from_msg(_text, _name))
+
+CONFIGURATION = """
+[dvl]
+topic = "/ins"
+columns = { x = "speeds.along[0]", y = "speeds.along.1", z = "speeds.along[2]", valid = "speeds.locked" }
+axes = "SFD"
+unit = "mm/s"
+[compass]
+topic = "/ins"
+columns = { time_unix_us = "utc_us", heading = "azimuth [rad]", error = "fault" }
+convention = "ENU"
+[gps]
+topic = "/ins"
+columns = { time_unix_s = "since_1970", lat_deg = "position_rad_m[0] [rad]", lon_deg = "position_rad_m[1] (rad)" }
+[depth]
+topic = "/ins"
+columns = { time_ns = "header.stamp", pressure = "pressure_bar" }
+surface_pa = 100000.0
+"""
+
+
+def rows(count: int = 20) -> list[Row]:
+    made: list[Row] = []
+    for k in range(count):
+        t = T0 + k * SECOND
+        values = {
+            "header.stamp": t - 3,
+            "speeds.along": np.array([100 + k, 1000 - 3 * k, 7.5], dtype=np.float32),
+            "speeds.locked": k != 4,
+            "position_rad_m": np.array([0.75 + k * 1e-7, 0.12 - k * 2e-7, 3.0]),
+            "azimuth": 0.3 + 0.01 * k,
+            "pressure_bar": 1.25 + 0.01 * k,
+            "fault": 17 if k == 9 else 0,
+            "utc_us": t // 1000 + 250_000,
+            "since_1970": t / 1e9 + 0.5,
+        }
+        made.append((t + 5, "/ins", INS, values))
+    return made
+
+
+WRITERS: Mapping[str, Callable[[Path], Path]] = {
+    "MCAP": lambda folder: write_mcap(folder / "dive.mcap", rows()),
+    "ROS 1 bag": lambda folder: write_bag(folder / "dive.bag", rows()),
+    "rosbag2 db3": lambda folder: write_rosbag2(folder / "dive_db3", rows()),
+    "rosbag2 MCAP": lambda folder: write_rosbag2(folder / "dive_mcap", rows(), StoragePlugin.MCAP),
+}
+
+
+def decoded_by_rosbags(log: Path) -> dict[str, np.ndarray]:
+    """Return the fields as rosbags decodes them; of a bare MCAP file, those of the same messages in a folder."""
+    source = log if log.suffix != ".mcap" else write_rosbag2(log.parent / "again", rows())
+    with AnyReader([source], default_typestore=get_typestore(Stores.EMPTY)) as reader:
+        messages: list[Any] = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()]
+    stamps = [one.header.stamp.sec * SECOND + one.header.stamp.nanosec for one in messages]
+    found = {"along": np.array([one.speeds.along for one in messages], dtype=np.float64), "stamp": np.array(stamps)}
+    found["locked"] = np.array([one.speeds.locked for one in messages])
+    for name in ("position_rad_m", "azimuth", "pressure_bar", "fault", "utc_us", "since_1970"):
+        found[name] = np.array([getattr(one, name) for one in messages])
+    return found
+
+
+def stamps_ns(log: Log, role: str) -> list[int]:
+    return [log.start_ns + round(t * 1e9) for t in log.tables[role]["time_s"]]
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_fields_of_an_unknown_type_have_the_values_that_rosbags_decodes(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "usbldr.toml").write_text(CONFIGURATION, encoding="utf-8")
+    file = WRITERS[kind](tmp_path)
+    truth = decoded_by_rosbags(file)
+
+    log = read_log(file)
+
+    tables = log.tables
+    np.testing.assert_allclose(tables["dvl"]["starboard_mps"], truth["along"][:, 0] / 1000, rtol=1e-12)
+    np.testing.assert_allclose(tables["dvl"]["forward_mps"], truth["along"][:, 1] / 1000, rtol=1e-12)
+    np.testing.assert_allclose(tables["dvl"]["up_mps"], -truth["along"][:, 2] / 1000, rtol=1e-12)
+    np.testing.assert_array_equal(tables["dvl"]["valid"], truth["locked"])
+    assert stamps_ns(log, "dvl") == truth["stamp"].tolist()  # the header's, for no time is named
+    good = truth["fault"] == 0
+    np.testing.assert_allclose(tables["compass"]["heading_deg"], 90 - np.degrees(truth["azimuth"][good]), atol=1e-5)
+    assert stamps_ns(log, "compass") == (truth["utc_us"][good].astype(np.int64) * 1000).tolist()
+    np.testing.assert_allclose(tables["gps"]["lat_deg"], np.degrees(truth["position_rad_m"][:, 0]), atol=1e-12)
+    np.testing.assert_allclose(tables["gps"]["lon_deg"], np.degrees(truth["position_rad_m"][:, 1]), atol=1e-12)
+    np.testing.assert_allclose(stamps_ns(log, "gps"), truth["since_1970"] * 1e9, atol=500)
+    depth_m = (truth["pressure_bar"] - 1.0) * 1e5 / (1025.0 * 9.80665)
+    np.testing.assert_allclose(tables["depth"]["depth_m"], depth_m, rtol=1e-12)
+    assert {p.type.replace("/msg/", "/") for p in log.provenance.values()} == {"acme_msgs/InsOutput"}
+
+
+def test_fields_of_json_and_protobuf_are_named_in_the_same_way(tmp_path: Path) -> None:
+    speeds = [(1.0 + k, -0.5 * k, k != 3) for k in range(6)]
+    file = FileDescriptorProto(name="acme.proto", package="acme", syntax="proto3")
+    report = file.message_type.add(name="Report")
+    for number, (name, kind) in enumerate((("vel", Field.TYPE_DOUBLE), ("ok", Field.TYPE_BOOL)), start=1):
+        repeated = Field.LABEL_REPEATED if name == "vel" else Field.LABEL_OPTIONAL
+        report.field.append(Field(name=name, number=number, type=kind, label=repeated))
+    pool = DescriptorPool()
+    pool.Add(file)
+    made: Any = GetMessageClass(pool.FindMessageTypeByName("acme.Report"))
+    schema = {"properties": {"vel": {"items": {"type": "number"}}, "ok": {"type": "boolean"}}}
+    cases = {
+        "json": (("acme.Report", "jsonschema", json.dumps(schema).encode()),
+                 [json.dumps({"vel": [x, y], "ok": ok}).encode() for x, y, ok in speeds]),
+        "protobuf": (("acme.Report", "protobuf", FileDescriptorSet(file=[file]).SerializeToString()),
+                     [made(vel=[x, y], ok=ok).SerializeToString() for x, y, ok in speeds]),
+    }  # fmt: skip
+    columns = '[dvl]\ntopic = "/lock"\ncolumns = { x = "vel[0]", y = "vel[1]", valid = "ok" }\naxes = "FSD"\n'
+    (tmp_path / "usbldr.toml").write_text(columns, encoding="utf-8")
+    for encoding, (definition, payloads) in cases.items():
+        log = read_log(write_payloads(tmp_path / f"{encoding}.mcap", "/lock", encoding, definition, payloads))
+
+        table = log.tables["dvl"]
+        np.testing.assert_array_equal(table[["forward_mps", "starboard_mps", "valid"]].to_numpy(float), speeds)
+        assert "NO-HEADER" in codes(log)  # log time, for there is no other
+
+
+def ins_with(tmp_path: Path, toml: str) -> Log:
+    return logged(tmp_path, rows(), toml)
+
+
+HERE = '[dvl]\ntopic = "/ins"\ncolumns = '
+FIELDS = (
+    "header.stamp, header.frame_id, speeds.along[0], speeds.locked, position_rad_m[0], azimuth, pressure_bar, fault, "
+    "utc_us, since_1970, note"
+)
+
+
+@pytest.mark.parametrize(
+    ("toml", "sentence"),
+    [
+        (HERE + '{ x = "speed.along[0]", y = "speeds.along[1]" }',
+         "/ins has no speed.along[0] ([dvl] columns x); did you mean speeds.along[0]? (it has " + FIELDS + ")"),
+        (HERE + '{ x = "azimuth[0]", y = "speeds.along[1]" }',
+         "/ins has no azimuth[0] ([dvl] columns x); did you mean azimuth? (it has " + FIELDS + ")"),
+        (HERE + '{ x = "speeds.along", y = "speeds.along[1]" }',
+         "/ins has no speeds.along ([dvl] columns x); did you mean speeds.along[0] or speeds.locked? (it has "
+         + FIELDS + ")"),
+        (HERE + '{ x = "speeds.along[0]" }', "[dvl] columns must name x, y"),
+        (HERE + '{ x = "speeds.along[0]", y = "speeds.along[1]", time_ns = "header.stamp", time_s = "since_1970" }',
+         "[dvl] columns name time_ns and time_s; state one of them"),
+        (HERE + '{ x = "speeds.along[0]", y = "speeds.along[1]", received_ns = "header.stamp" }',
+         "[dvl] columns: messages arrive at their log time; leave out received_ns and received_unix_s"),
+        (HERE + '{ x = "speeds.along[0] [furlong/day]", y = "speeds.along[1]" }',
+         "[dvl] columns x: the unit of speeds.along[0] [furlong/day] is not one of m/s, cm/s, mm/s, km/h, ft/s, knots"),
+        (HERE + '{ x = "speeds.along[0]", y = "speeds.along[1]", time_unix_s = "header.stamp" }',
+         "/ins: header.stamp under columns has values beyond 2116 in the unit of its key; is it time_ns?"),
+        (HERE + '{ x = "speeds.along[0]", y = "speeds.along[1]", time_unix_s = "note" }',
+         "/ins: note under columns is text, not a time"),
+        ('[dvl]\ncolumns = { x = "vx", y = "vy" }', "no topic has the columns vx, vy of [dvl]; state topic, too"),
+        ('[usbl]\ntopic = "/ins"\ncolumns = { lat_deg = "azimuth", lon_deg = "azimuth", x = "azimuth" }',
+         "[usbl] columns: x cannot be used beside lat_deg, lon_deg"),
+    ],
+)  # fmt: skip
+def test_columns_that_do_not_fit_are_one_sentence(tmp_path: Path, toml: str, sentence: str) -> None:
+    with pytest.raises(UsageError) as fault:
+        ins_with(tmp_path, toml)
+
+    assert str(fault.value) == f"{tmp_path / 'dive.mcap'}: {sentence}"
+
+
+def test_a_topic_that_is_not_in_the_log_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"no topic /inss for the dvl; did you mean /ins\?"):
+        ins_with(tmp_path, HERE.replace("/ins", "/inss") + '{ x = "speeds.along[0]", y = "speeds.along[1]" }')
+
+
+def test_a_refused_type_says_how_to_name_its_fields(tmp_path: Path) -> None:
+    with pytest.raises(
+        UsageError, match=r"any type whose fields are named by columns under \[dvl\]; usbldr info --fie"
+    ):
+        logged(tmp_path, rows(), topics={"dvl": "/ins"})
+
+
+def test_the_only_topic_that_has_the_fields_needs_no_name(tmp_path: Path) -> None:
+    log = ins_with(tmp_path, '[dvl]\ncolumns = { x = "speeds.along[0]", y = "speeds.along[1]" }\nunit = "mm/s"')
+
+    assert log.provenance["dvl"].topic == "/ins"
+
+
+def test_a_unit_that_a_name_ends_in_holds_unless_the_section_states_one(tmp_path: Path) -> None:
+    sheet = f"time_ns,vx_cm_s,vy [mm/s]\n{T0},100,200\n{T0 + SECOND},110,210"
+    columns = '[dvl]\ncolumns = { time_ns = "time_ns", x = "vx_cm_s", y = "vy [mm/s]" }\naxes = "FSD"\n'
+
+    by_name = logged_csv(tmp_path, columns, doppler=sheet)
+    by_section = logged_csv(
+        tmp_path, columns + 'unit = "knots"\n', doppler=sheet.replace("0,1", "0,1.").replace("0,2", "0,2.")
+    )
+
+    np.testing.assert_allclose(by_name.tables["dvl"][["forward_mps", "starboard_mps"]], [[1.0, 0.2], [1.1, 0.21]])
+    assert by_section.convention("dvl", "unit").value == "knots"
+
+
+def test_two_sensors_of_one_csv_file_share_its_time(tmp_path: Path) -> None:
+    sheet = f"utc_ms,vx,vy,hdg\n{T0 // 10**6},1,2,30\n{T0 // 10**6 + 1000},1,2,31"
+    toml = """
+[dvl]
+topic = "/nav"
+columns = { time_unix_ms = "utc_ms", x = "vx", y = "vy" }
+axes = "FSD"
+[compass]
+topic = "/nav"
+columns = { time_unix_ms = "utc_ms", heading = "hdg" }
+"""
+    log = logged_csv(tmp_path, toml, nav=sheet)
+
+    np.testing.assert_array_equal(log.tables["dvl"]["forward_mps"], [1, 1])
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [30, 31])
+    assert stamps_ns(log, "compass") == [T0, T0 + SECOND]
+    with pytest.raises(UsageError, match=r"nav.csv: \[dvl\] and \[compass\] name different times of one file"):
+        logged_csv(tmp_path, toml.replace('"utc_ms", heading', '"hdg", heading'), nav=sheet)
+
+
+def test_quaternions_are_columns_of_a_compass(tmp_path: Path) -> None:
+    half = np.radians(30.0) / 2
+    sheet = f"t,a,b,c,d\n{T0},0,0,{np.sin(half)},{np.cos(half)}\n{T0 + SECOND},0,0,0,1"
+    columns = '{ time_ns = "t", qx = "a", qy = "b", qz = "c", qw = "d" }'
+    for convention, headings in (("ENU", [60.0, 90.0]), ("NED", [30.0, 0.0])):
+        log = logged_csv(tmp_path, f'[compass]\ncolumns = {columns}\nconvention = "{convention}"', ahrs=sheet)
+
+        np.testing.assert_allclose(log.tables["compass"]["heading_deg"], headings, atol=1e-9)
+
+
+def test_a_target_is_a_column_of_the_usbl(tmp_path: Path) -> None:
+    sheet = f"t,e,n,who\n{T0},1,2,B01\n{T0 + SECOND},3,4,B02\n{T0 + 2 * SECOND},5,6,B02"
+    toml = '[usbl]\ncolumns = { time_ns = "t", x = "e", y = "n", target = "who" }\ntarget = "B02"'
+
+    log = logged_csv(tmp_path, toml, fixes=sheet)
+
+    np.testing.assert_array_equal(log.tables["usbl"][["east_m", "north_m"]], [[3, 4], [5, 6]])
+
+
+def test_the_clock_offset_of_a_file_moves_times_in_every_unit(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "dive.mcap", rows())
+    toml = CONFIGURATION + '[[file]]\npath = "dive.mcap"\nclock_offset_s = 1.5\n'
+    (tmp_path / "moved.toml").write_text(toml, encoding="utf-8")
+    (tmp_path / "usbldr.toml").write_text(CONFIGURATION, encoding="utf-8")
+
+    here = read_log(tmp_path / "dive.mcap")
+    moved = read_log(tmp_path / "dive.mcap", Request(configuration=str(tmp_path / "moved.toml")))
+
+    for role in ("dvl", "compass", "gps", "depth"):
+        apart = np.array(stamps_ns(here, role)) - np.array(stamps_ns(moved, role))
+        np.testing.assert_allclose(apart, 1.5 * SECOND, atol=500)
