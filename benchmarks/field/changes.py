@@ -25,6 +25,7 @@ from usbldr.filters.types import Mask, Timeline
 
 HALF, TWICE = "half", "twice"
 FACTORS = {HALF: 0.5, TWICE: 2.0}
+LEAST_BIAS_M = 1e-6  # [m] the least that a configuration may state
 THINNED_S = (10.0, 60.0)
 OUTAGES_S = ((600.0, 1200.0), (2000.0, 2600.0))
 MODULES = SimpleNamespace(evidence=evidence, noise_fit=noise_fit, usbl_likelihood=usbl_likelihood, prior=prior)
@@ -82,7 +83,7 @@ def _ablations() -> Iterator[tuple[str, Change]]:
         yield f"without {key}", _without(key)
     yield (
         "without usbl-bias",
-        Change(before=lambda given, _: replace(given, errors=replace(given.errors, usbl_bias_m=0.0))),
+        Change(before=lambda given, _: replace(given, errors=replace(given.errors, usbl_bias_m=LEAST_BIAS_M))),
     )
     stated_dvl = {"evidence.estimate_dvl_noise": lambda line, given: given}
     stated_usbl = {"evidence.estimate_usbl_noise": lambda line, member, given: member.parameters}

@@ -229,6 +229,12 @@ def identified(line: Timeline, change: str) -> Identification:
         return evidence.identify(line, given)
 
 
+def test_a_log_is_identified_whatever_is_taken_away() -> None:
+    line = weaving_dive(Faults(), seconds=60)
+    for change in ABLATIONS:
+        assert identified(line, change).evidence, change
+
+
 def test_noise_that_is_not_estimated_from_the_log_is_that_stated() -> None:
     line = weaving_dive(Faults(), seconds=100)
     overstated = replace(line, dvl_sd_mps=line.dvl_sd_mps / 5, fix_cov_m2=line.fix_cov_m2 / 25)
