@@ -12,8 +12,10 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
 from usbldr_cli.figures.overlay import (
+    coincident_text,
     error_figure,
     filtered,
+    first_traces,
     line_style,
     overlay_canvas,
     track_figure,
@@ -56,7 +58,8 @@ def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     pooled = [(row, errors) for row in rows if len(errors := _pooled_errors(row))]
     if not pooled:
         return None
-    figure = overlay_canvas(rows, "Distribution of errors", "all runs pooled", 11, 5.2)
+    detail = f"all runs pooled{coincident_text(first_traces(rows))}"
+    figure = overlay_canvas(rows, "Distribution of errors", detail, 11, 5.2)
     panels: Any = figure.subplots(1, 3, sharey=True)
     for k, (axes, name) in enumerate(zip(panels, ("|east|", "|north|", "horizontal"), strict=True)):
         longest = 0.0
