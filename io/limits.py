@@ -13,7 +13,10 @@ VARIABLE = "USBLDR_LIMITS"
 CHUNK_BYTES = 1 << 27  # [bytes] of one chunk or message, decompressed: 16 chunks of the largest usual size
 UNPACKED_BYTES = 1 << 28  # [bytes] that any log may decompress to: a second or two
 UNPACKED_RATIO = 100  # [bytes per byte] that a log may decompress to beyond that; navigation logs reach 10
+TEXT_BYTES = 1 << 25  # [bytes] that any compressed text may decompress to: text takes ten times its size in memory
+TEXT_RATIO = 25  # [bytes per byte] that a compressed text may decompress to beyond that; CSV logs reach 15
 RECORDS = 1_000_000  # [records] that any log may hold in compressed chunks: a few seconds
+TEXT_LINES = 400_000  # [lines] that any compressed text may hold: sentences of NMEA take 20 us each
 RECORD_BYTES = 4  # [bytes] of the log for each further record; compressed messages need ten and more
 RAISE = "--limits 10 raises the limits tenfold"
 
@@ -39,20 +42,29 @@ class TooLargeError(ValueError):
     """A part of a file is larger than a limit."""
 
 
+_copied_from: dict[str, int] = {}  # decompressed copy of a log -> bytes of the compressed file
+
+
+def note_copy(copy: Path, size: int) -> None:
+    """Let the limits of a decompressed copy follow from the size of the compressed file: they do not multiply."""
+    _copied_from[str(copy)] = size
+
+
 class UnpackingBudget:
     """The bytes to which a log may still decompress, and the records that it may still hold."""
 
-    def __init__(self, path: Path | str, size: int) -> None:
-        """Take the log and its size in bytes."""
+    def __init__(self, path: Path | str, size: int, text: bool = False) -> None:
+        """Take the log, its size in bytes, and whether it is a compressed text."""
         self._path = path
-        self._whole = limit(UNPACKED_BYTES + UNPACKED_RATIO * size)
+        size = _copied_from.get(str(path), size)
+        self._whole = limit(TEXT_BYTES + TEXT_RATIO * size if text else UNPACKED_BYTES + UNPACKED_RATIO * size)
         self._left = self._whole
-        self._records = limit(RECORDS + size // RECORD_BYTES)
+        self._records = limit((TEXT_LINES if text else RECORDS) + size // RECORD_BYTES)
         self.chunk_bytes = limit(CHUNK_BYTES)
 
-    def take_record(self) -> None:
-        """Take one record of the budget; raise LogError if it is exhausted."""
-        self._records -= 1
+    def take_record(self, count: int = 1) -> None:
+        """Take a record of the budget, or several; raise LogError if it is exhausted."""
+        self._records -= count
         if self._records < 0:
             raise LogError(f"holds too many records for its size; {RAISE}", path=self._path)
 

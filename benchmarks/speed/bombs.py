@@ -19,6 +19,9 @@ import zstandard
 
 MB = 1 << 20
 T0 = 1_600_000_000_000_000_000
+MAGIC = b"\x89MCAP0\r\n"
+CSV, CSV_ROWS = b"time_ns,forward_mps,starboard_mps\n", b"1,2,3\n" * 200_000
+COLUMNS = ",".join(f"c{k}" for k in range(250_001)).encode() + b"\n"
 TWIST = "geometry_msgs/msg/TwistStamped"
 
 
@@ -38,7 +41,6 @@ def zstd_of(size: int) -> bytes:
 
 def in_mcap(file: Path, compression: str, chunks: list[tuple[int, bytes]]) -> Path:
     """Write chunks with the size that each states."""
-    magic = b"\x89MCAP0\r\n"
 
     def record(op: int, body: bytes) -> bytes:
         return struct.pack("<BQ", op, len(body)) + body
@@ -48,7 +50,7 @@ def in_mcap(file: Path, compression: str, chunks: list[tuple[int, bytes]]) -> Pa
         record(6, struct.pack("<QQQII", 0, 1, size, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed)
         for size, packed in chunks
     )
-    file.write_bytes(magic + record(1, bytes(8)) + inside + record(15, bytes(4)) + record(2, bytes(20)) + magic)
+    file.write_bytes(MAGIC + record(1, bytes(8)) + inside + record(15, bytes(4)) + record(2, bytes(20)) + MAGIC)
     return file
 
 
@@ -81,6 +83,18 @@ def in_db3(file: Path, payloads: list[bytes], columns: str = "topic_id, timestam
     return file
 
 
+def in_file(file: Path, pack: Callable[[bytes], bytes], head: bytes, block: bytes, count: int) -> Path:
+    """Write a compressed file of a head and a block many times, each compressed alone."""
+    file.write_bytes(pack(head) + pack(block) * count)
+    return file
+
+
+def in_mcap_in_file(file: Path, size: int, count: int) -> Path:
+    """Write an MCAP file of many chunks and compress the whole."""
+    file.write_bytes(zstandard.compress(in_mcap(file, "zstd", [(size, zstd_of(size))] * count).read_bytes()))
+    return file
+
+
 def bombs(chunk: int, giga: int) -> Mapping[str, tuple[int, Callable[[Path], Path]]]:
     """Return by name how much each file decompresses to, and its writer; ``chunk``: bytes of one of many chunks."""
     many = giga // chunk
@@ -91,6 +105,15 @@ def bombs(chunk: int, giga: int) -> Mapping[str, tuple[int, Callable[[Path], Pat
         "bag lz4, many chunks": (2 * giga, lambda f: in_bag(f, "lz4", [(chunk, lz4_of(chunk))] * 2 * many)),
         "mcap zstd, one chunk": (giga, lambda f: in_mcap(f, "zstd", [(giga, zstd_of(giga))])),
         "mcap zstd, many chunks": (8 * giga, lambda f: in_mcap(f, "zstd", [(chunk, zstd_of(chunk))] * 8 * many)),
+        "csv bz2, many rows": (giga, lambda f: in_file(f, bz2.compress, CSV, CSV_ROWS, giga // len(CSV_ROWS))),
+        "csv zstd, many rows": (giga, lambda f: in_file(f, zstandard.compress, CSV, CSV_ROWS, giga // len(CSV_ROWS))),
+        "csv zstd, many columns": (
+            giga,
+            lambda f: in_file(f, zstandard.compress, COLUMNS, b"1," * 250_000 + b"1\n", giga // 500_000),
+        ),
+        "mcap.bz2, many zeros": (giga, lambda f: in_file(f, bz2.compress, MAGIC, bytes(MB), giga // MB)),
+        "mcap.zst, many zeros": (giga, lambda f: in_file(f, zstandard.compress, MAGIC, bytes(MB), giga // MB)),
+        "mcap.zst, many chunks in a file": (8 * giga, lambda f: in_mcap_in_file(f, chunk, 8 * many)),
         "db3 zstd, many messages": (9 * giga, lambda f: in_db3(f, [zstd_of(chunk)] * 9 * many)),
         "db3 zstd, one message": (giga, lambda f: in_db3(f, [zstd_of(giga)])),
     }

@@ -26,14 +26,12 @@ from usbldr.io.decoding.decoders import (
 )
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
-from usbldr.io.formats.decompression import DAMAGE, unpacked_message
+from usbldr.io.formats.decompression import MessageUnpacker
 from usbldr.io.formats.files import opened
-from usbldr.io.limits import CHUNK_BYTES, RAISE, TooLargeError, UnpackingBudget, limit
+from usbldr.io.limits import CHUNK_BYTES, limit
 from usbldr.io.reader import Records, TopicInfo, name_of
 
 WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
-ZSTD = b"\x28\xb5\x2f\xfd"  # rosbag2 may compress message by message; no CDR begins like this
-
 VIEWS = "SELECT 1 FROM sqlite_master WHERE name IN ('messages', 'topics') AND type != 'table'"
 
 
@@ -48,7 +46,7 @@ class Db3Log:
         self._decoders = DecoderSet(path)
         self._advice = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3 may recover the rest"
         self._unfit: dict[str, Finding] = {}
-        self._oversized = False  # messages are beyond the limit
+        self._unpacker: MessageUnpacker | None = None  # of the messages read last
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
@@ -146,22 +144,8 @@ class Db3Log:
     def _samples(self, number: int) -> list[bytes]:
         with self._open() as database:
             rows = database.execute("SELECT data FROM messages WHERE topic_id = ? LIMIT 5", (number,)).fetchall()
-        budget = self._budget()
-        return [self._unpacked(data, budget) for (data,) in rows]
-
-    def _unpacked(self, data: object, budget: UnpackingBudget) -> bytes:
-        """Return a payload, b"" if it is not one or does not decompress; that fits no definition and is counted so."""
-        if not isinstance(data, bytes):
-            return b""
-        if not data.startswith(ZSTD):
-            return data
-        try:
-            return unpacked_message(data, budget)
-        except TooLargeError:
-            self._oversized = True
-        except DAMAGE:
-            pass
-        return b""
+        self._unpacker = unpacker = self._unpacker or MessageUnpacker(self.path)
+        return [unpacker.unpacked(data) for (data,) in rows]
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; if a topic has several types, the one with most messages."""
@@ -173,18 +157,14 @@ class Db3Log:
         numbers = [number for number, key in self._keys.items() if key[0] in wanted]
         marks = ", ".join("?" * len(numbers))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # in any order
-        budget = self._budget()
+        self._unpacker = unpacker = MessageUnpacker(self.path)
         with self._open() as database:
             for number, time_ns, data in database.execute(query, numbers):
-                yield self._keys[number], int(time_ns), self._unpacked(data, budget)
-
-    def _budget(self) -> UnpackingBudget:
-        return UnpackingBudget(self.path, self.path.stat().st_size)
+                yield self._keys[number], int(time_ns), unpacker.unpacked(data)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
-        large = f"messages decompress to more than {limit(CHUNK_BYTES) / 1e6:.3g} MB each and are left out ({RAISE})"
-        oversized = [Finding("DAMAGED", large, lost_data=True)] if self._oversized else []
+        oversized = self._unpacker.findings() if self._unpacker else ()
         return (*self._journal_findings(), *oversized, *self._unfit.values())
 
     def _journal_findings(self) -> list[Finding]:

@@ -1,20 +1,80 @@
-"""Compressed chunks of MCAP files and ROS 1 bags, decompressed into one buffer that is reused.
+"""Decompress whole files piece by piece, and chunks of MCAP files and ROS 1 bags into one buffer that is reused.
 
 Allocating memory for each chunk would cost more than the decompression.
 """
 
 import bz2
-from collections.abc import Iterable, Iterator
+import lzma
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from io import BufferedReader
+from pathlib import Path
 from typing import Any
 
 import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 
+from usbldr.io.findings import Finding
 from usbldr.io.limits import CHUNK_BYTES, RAISE, TooLargeError, UnpackingBudget, limit
 
+ZSTD = b"\x28\xb5\x2f\xfd"  # fixed by the format; no message of ROS begins like this
 STEP = 1 << 18  # [bytes] bytes decompressed at once, so that they stay in the cache
-DAMAGE = (ValueError, OverflowError, MemoryError, RuntimeError, EOFError, OSError, zstandard.ZstdError)
+FED = 1 << 8  # [bytes] given to a library at once, which zstd may decompress to 8 MB
+XZ_MEMORY = 1 << 27  # [bytes] for xz: `xz -9` needs 65 MB, and zstd has the same limit
+LIBRARY_ERRORS = (ValueError, OverflowError, MemoryError, RuntimeError, EOFError, zlib.error, lzma.LZMAError)
+DAMAGE = (*LIBRARY_ERRORS, OSError, zstandard.ZstdError)
 """Errors that the libraries raise for damaged bytes; lz4's are RuntimeErrors, bz2's OSErrors."""
+UNPACKERS: Mapping[str, tuple[tuple[bytes, ...], Callable[[], Any]]] = {
+    "zstd": ((ZSTD, b"\x50\x2a\x4d\x18"), lambda: zstandard.ZstdDecompressor().decompressobj()),
+    "gzip": ((b"\x1f\x8b",), lambda: zlib.decompressobj(16 + zlib.MAX_WBITS)),
+    "bzip2": ((b"BZh",), bz2.BZ2Decompressor),
+    "xz": ((b"\xfd7zXZ",), lambda: lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=XZ_MEMORY)),
+    "lz4": ((b"\x04\x22\x4d\x18",), lz4.frame.LZ4FrameDecompressor),
+}
+"""By the compression of a file: its first bytes (pzstd puts a frame of its own first), and its library."""
+
+
+def compression_of(head: bytes) -> str | None:
+    """Return the compression of a file by its first bytes, None if it has none."""
+    return next((name for name, (magics, _) in UNPACKERS.items() if head.startswith(magics)), None)
+
+
+class DamagedFileError(Exception):
+    """A compressed file is damaged, or ends too early."""
+
+    def __init__(self, at: int, why: str) -> None:
+        """Take the byte of the file, and what the library says; "" if the file ends too early."""
+        super().__init__(why)
+        self.at, self.why = at, why
+
+
+def unpacked_file(file: BufferedReader, compression: str) -> Iterator[bytes]:
+    """Yield the contents of a compressed file, of one or several frames; raise DamagedFileError when they are damaged.
+
+    No piece is larger than 8 MB.
+    """
+    _, new = UNPACKERS[compression]
+    unpacker: Any = None
+    while fed := file.read(FED):
+        while fed := fed if unpacker else fed.lstrip(b"\0"):  # zeros may fill up the end of a file
+            unpacker = unpacker or new()
+            try:
+                yield from _fed(unpacker, fed)
+            except DAMAGE as err:
+                raise DamagedFileError(file.tell(), str(err) or "not enough memory") from err
+            fed, unpacker = (unpacker.unused_data or b"", None) if unpacker.eof else (b"", unpacker)
+    if unpacker:
+        raise DamagedFileError(file.tell(), "")
+
+
+def _fed(unpacker: Any, fed: bytes) -> Iterator[bytes]:
+    """Yield what some bytes decompress to."""
+    if not hasattr(unpacker, "needs_input"):  # zstd and zlib take all that they are given
+        yield unpacker.decompress(fed)
+        return
+    yield unpacker.decompress(fed, STEP)
+    while not unpacker.eof and not unpacker.needs_input:
+        yield unpacker.decompress(b"", STEP)
 
 
 class Decompressor:
@@ -45,17 +105,37 @@ class Decompressor:
         return into[:got]
 
 
-def unpacked_message(packed: bytes, budget: UnpackingBudget) -> bytes:
-    """Return a message compressed with zstd on its own; raise one of DAMAGE, TooLargeError or LogError."""
-    pieces: list[bytes] = []
-    got = 0
-    for piece in _pieces("zstd", memoryview(packed), budget.chunk_bytes):
-        pieces.append(piece)
-        got += len(piece)
-        if got > budget.chunk_bytes:
-            raise TooLargeError
-    budget.take_bytes(got)
-    return b"".join(pieces)
+class MessageUnpacker:
+    """Messages of rosbag2, which may have compressed each on its own with zstd."""
+
+    def __init__(self, path: Path) -> None:
+        """Take the log."""
+        self._budget = UnpackingBudget(path, path.stat().st_size)
+        self._oversized = False  # messages are beyond the limit
+
+    def unpacked(self, data: object) -> bytes:
+        """Return a payload, b"" if it is not one or does not decompress; that fits no definition and is counted so.
+
+        Raises LogError if the budget is exhausted.
+        """
+        if not isinstance(data, bytes):
+            return b""
+        if not data.startswith(ZSTD):
+            return data
+        try:
+            whole = b"".join(_pieces("zstd", memoryview(data), self._budget.chunk_bytes))
+        except DAMAGE:
+            return b""
+        self._budget.take_bytes(len(whole))
+        if len(whole) <= self._budget.chunk_bytes:
+            return whole
+        self._oversized = True
+        return b""
+
+    def findings(self) -> list[Finding]:
+        """Report messages beyond the limit."""
+        text = f"messages decompress to more than {limit(CHUNK_BYTES) / 1e6:.3g} MB each and are left out ({RAISE})"
+        return [Finding("DAMAGED", text, lost_data=True)] if self._oversized else []
 
 
 def _pieces(compression: str, packed: memoryview, size: int) -> Iterator[bytes]:

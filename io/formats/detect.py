@@ -5,6 +5,7 @@ from pathlib import Path
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.formats.decompression import compression_of
 from usbldr.io.formats.files import opened
 from usbldr.io.reader import Reader
 
@@ -15,14 +16,11 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"\x89MCAP0\r\r\n": f"an MCAP file whose {CONVERTED}",
     b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
-    b"\x28\xb5\x2f\xfd": "compressed with zstd; unpack it first (zstd -d)",
-    b"\x1f\x8b": "compressed with gzip; unpack it first (gunzip)",
-    b"BZh": "compressed with bzip2; unpack it first (bunzip2)",
-    b"\xfd7zXZ": "compressed with xz; unpack it first (unxz)",
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
     b"\x7f\x7f": "a PD0 file as ADCPs write it; convert it to CSV or a bag first",
 }
 """Other formats by their first bytes, with what to do about them."""
+TAR, TAR_AT = b"ustar", 257  # fixed by the format
 
 
 def _mcap(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -82,6 +80,10 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
         if not path.is_dir():
             with opened(path) as file:
                 head = file.read(4096)
+        if compression := compression_of(head):
+            from usbldr.io.formats.compressed_log import CompressedLog
+
+            return CompressedLog(path, compression, lambda copy: open_log(copy, known))
         for reader_of in FORMATS.values():
             if (reader := reader_of(path, head, known)) is not None:
                 return reader
@@ -101,6 +103,8 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
     if foreign:
         raise LogError(f"is {foreign}", path=path)
+    if head[TAR_AT : TAR_AT + len(TAR)] == TAR:
+        raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)
     from usbldr.io.formats.csv_text import lacks_header
 
     if lacks_header(head):

@@ -7,6 +7,7 @@ from io import BufferedReader
 from pathlib import Path
 
 from usbldr.filters.errors import LogError
+from usbldr.io.formats.decompression import compression_of
 from usbldr.io.limits import RAISE, limit
 
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
@@ -27,11 +28,13 @@ def opened(path: Path) -> Generator[BufferedReader]:
 def text_lines(path: Path) -> Iterator[str]:
     """Yield the lines of a text file with their line ends, as far as they have any; raise LogError (see `opened`).
 
-    Raises LogError for a line beyond the limit, too.
+    Raises LogError for a line beyond the limit and for a compressed file, too.
     """
     most = limit(LINE_CHARACTERS)
-    with opened(path):  # refuses what is not a file
-        pass
+    with opened(path) as file:  # refuses what is not a file
+        compression = compression_of(file.read(16))
+    if compression:
+        raise LogError(f"is compressed with {compression}; decompress it first", path=path)
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as lines:
             number = 0

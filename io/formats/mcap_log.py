@@ -25,7 +25,7 @@ from usbldr.io.decoding.decoders import StreamMessage as Payload
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
 from usbldr.io.formats.counts import count_findings
-from usbldr.io.formats.decompression import unread_text
+from usbldr.io.formats.decompression import ZSTD, MessageUnpacker, unread_text
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index, with_schemas
 from usbldr.io.formats.mcap_records import McapMessage, McapScan
@@ -43,6 +43,7 @@ class McapLog:
         self._decoders = DecoderSet(path)
         self._unfit: dict[str, Finding] = {}
         self._last_scan: McapScan | None = None  # None: the file was read by its index
+        self._unpacker: MessageUnpacker | None = None  # None: messages are not compressed each on its own
         self._schemas: dict[int, Schema] = {}
         self._known: dict[TopicType, Stream] = {}
         self._keys: dict[int, TopicType] = {}  # by the file's channel numbers
@@ -77,14 +78,22 @@ class McapLog:
         streams = self._streams
         if self._index.channel_summaries is not None:
             try:
-                messages = self._by_index(chosen_streams(streams, wanted))
+                messages = self._decompressed(self._by_index(chosen_streams(streams, wanted)))
                 records, self._unfit = decode_topics(self.path, streams, wanted, messages)
             except IndexMismatchError:
                 pass
             else:
                 return records
-        records, self._unfit = decode_topics(self.path, streams, wanted, self._by_walk())
+        records, self._unfit = decode_topics(self.path, streams, wanted, self._decompressed(self._by_walk()))
         return records
+
+    def _decompressed(self, messages: Iterator[Payload]) -> Iterator[Payload]:
+        """Decompress each message if rosbag2 compressed each on its own, as the first one shows."""
+        first = next(messages, None)
+        if first is None or bytes(first[2][: len(ZSTD)]) != ZSTD:
+            return messages if first is None else chain([first], messages)
+        self._unpacker = unpacker = MessageUnpacker(self.path)
+        return ((key, time_ns, unpacker.unpacked(bytes(data))) for key, time_ns, data in chain([first], messages))
 
     def _by_index(self, wanted: set[TopicType]) -> Iterator[Payload]:
         """Yield the wanted messages of a file that agrees with its index."""
@@ -154,7 +163,8 @@ class McapLog:
         times = [t for stream in self._streams.values() for t in (stream.first_ns, stream.last_ns) if t is not None]
         span = f", the last {(max(times) - min(times)) / 1e9:.1f} s after the first" if times else ""
         findings = [] if self._last_scan is None else _losses(self._last_scan, span, set(self._keys))
-        return (*findings, *self._unfit.values())
+        oversized = self._unpacker.findings() if self._unpacker else ()
+        return (*findings, *oversized, *self._unfit.values())
 
 
 def _losses(scan: McapScan, span: str, channels: set[int]) -> list[Finding]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, cast
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
+from usbldr.io.formats.decompression import compression_of
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.joined import JoinedLog, LogPart
 from usbldr.io.limits import RAISE, limit
@@ -17,14 +18,13 @@ STORAGES = (".db3", ".mcap")
 METADATA_BYTES = 1 << 19  # [bytes] of metadata.yaml; 500 topics with their settings have half of it
 METADATA_DEPTH = 50  # [levels] of lists and tables in metadata.yaml; recorders write five
 PARTS_DEPTH = 3  # fixed: the level of the names of parts in metadata.yaml
-PACKED = (".db3.zstd", ".mcap.zstd")
+PACKED = tuple(storage + ending for storage in STORAGES for ending in (".zstd", ".zst"))
+"""Endings of compressed parts: those that rosbag2 writes, and those of the program zstd."""
 
 
 def holds_recording(folder: Path) -> bool:
     """Return whether a folder is a recording: it has metadata.yaml or parts."""
-    if (folder / "metadata.yaml").is_file():
-        return True
-    return any(_parts(folder)) or any(file.name.endswith(PACKED) for file in folder.iterdir())
+    return (folder / "metadata.yaml").is_file() or any(_parts(folder))
 
 
 def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
@@ -49,6 +49,10 @@ def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
 def _reader(file: Path, known: Definitions) -> Reader:
     with opened(file) as part:
         head = part.read(16)
+    if compression := compression_of(head):
+        from usbldr.io.formats.compressed_log import CompressedLog
+
+        return CompressedLog(file, compression, lambda copy: _reader(copy, known))
     if head.startswith(b"\x89MCAP0\r\n"):
         from usbldr.io.formats.mcap_log import McapLog
 
@@ -61,9 +65,15 @@ def _reader(file: Path, known: Definitions) -> Reader:
 
 
 def _parts(folder: Path) -> list[Path]:
-    """List the files of a folder that can be parts, part 2 before part 10."""
-    files = [file for file in folder.iterdir() if file.suffix in STORAGES and file.is_file()]
+    """List the files of a folder that can be parts, part 2 before part 10; a compressed one only without its copy."""
+    files = [file for file in folder.iterdir() if file.name.endswith((*STORAGES, *PACKED)) and file.is_file()]
+    files = [file for file in files if not _has_copy(file)]
     return sorted(files, key=lambda file: [int(s) if s.isdecimal() else s for s in re.split(r"(\d+)", file.name)])
+
+
+def _has_copy(file: Path) -> bool:
+    """Return whether a part is compressed, and its decompressed copy lies beside it."""
+    return file.name.endswith(PACKED) and file.with_suffix("").is_file()
 
 
 class Metadata(NamedTuple):
@@ -122,12 +132,7 @@ def _found(folder: Path, named: list[Path], parts: list[Path]) -> tuple[list[Pat
     """Return which of the named files can be read, and the findings about the others."""
     present = [file for file in named if file.is_file()]
     missing = [file for file in named if not file.is_file()]
-    packed = [file.name for file in present if file.name.endswith(PACKED)]
-    if packed:
-        unpacked = [file.with_suffix("") for file in present if file.name.endswith(PACKED)]
-        if not all(file.is_file() for file in unpacked):
-            raise LogError(f"{packed[0]} is compressed with zstd; unpack it first (zstd -d {packed[0]})", path=folder)
-        present = [file.with_suffix("") if file.name.endswith(PACKED) else file for file in present]
+    present = [file.with_suffix("") if _has_copy(file) else file for file in present]
     if not missing:
         return present, []
     names = ", ".join(file.name for file in missing)
@@ -142,12 +147,14 @@ def _found(folder: Path, named: list[Path], parts: list[Path]) -> tuple[list[Pat
     return present, [Finding("MISSING-PART", f"{names} is missing: metadata.yaml names it", lost_data=True)]
 
 
+def _stem(file: Path) -> str:
+    """Return the name of a part without its endings."""
+    return file.with_suffix("").stem if file.name.endswith(PACKED) else file.stem
+
+
 def _numbered(folder: Path, parts: list[Path]) -> list[Path]:
     """Return the parts of a folder without metadata; raise LogError if they are several recordings."""
-    if not parts:
-        packed = next(file.name for file in sorted(folder.iterdir()) if file.name.endswith(PACKED))
-        raise LogError(f"{packed} is compressed with zstd; unpack it first (zstd -d {packed})", path=folder)
-    recordings = {(re.sub(r"_\d+$", "", file.stem), file.suffix) for file in parts}
+    recordings = {(re.sub(r"_\d+$", "", _stem(file)), file.suffix) for file in parts}
     if len(recordings) > 1:
         names = ", ".join(file.name for file in parts[:5])
         raise LogError(
@@ -157,7 +164,7 @@ def _numbered(folder: Path, parts: list[Path]) -> list[Path]:
 
 
 def _gaps(parts: list[Path]) -> list[Finding]:
-    found = [re.fullmatch(r"(.*)_(\d+)", file.stem) for file in parts]
+    found = [re.fullmatch(r"(.*)_(\d+)", _stem(file)) for file in parts]
     numbers = {int(match[2]) for match in found if match}
     missing = sorted(set(range(max(numbers, default=0) + 1)) - numbers) if len(numbers) > 1 else []
     if not missing:

@@ -33,8 +33,7 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"hello world", "unknown format (starts with b'hello world'); usbldr reads " + FORMATS),
         (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; convert it to version 2.0 first "
          "(rosbag fix IN.bag OUT.bag)"),
-        (b"\x28\xb5\x2f\xfdrest", "is compressed with zstd; unpack it first (zstd -d)"),
-        (b"\x1f\x8brest", "is compressed with gzip; unpack it first (gunzip)"),
+        (b"dive.mcap".ljust(257, b"\0") + b"ustar", "is a tar archive; unpack it first (tar -xf)"),
         (b"PK\x03\x04rest", "is a zip archive; unpack it first (unzip)"),
         (b"\x89MCAP0\nrest", "is an MCAP file whose " + CONVERTED),
         (b"\x89MCAP0\r\r\nrest", "is an MCAP file whose " + CONVERTED),

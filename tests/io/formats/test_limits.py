@@ -3,7 +3,10 @@
 The files are small: the limits are lowered to a hundredth, as --limits 0.01 does.
 """
 
+import bz2
+import gzip
 import json
+import lzma
 import os
 import sqlite3
 import struct
@@ -19,7 +22,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from mcap.writer import Writer
 
 from recordings import FLOAT64, T0, short_dive, write_mcap, write_rosbag2
-from speed.bombs import bz2_of, in_bag, in_db3, in_mcap, lz4_of, zstd_of
+from speed.bombs import bz2_of, in_bag, in_db3, in_file, in_mcap, in_mcap_in_file, lz4_of, zstd_of
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.decoders import decoder_of
 from usbldr.io.findings import Finding
@@ -45,6 +48,11 @@ BOMBS: dict[str, Callable[[Path], Path]] = {
     "mcap zstd, many records": lambda d: in_mcap(
         d / "a", "zstd", [(930_000, zstandard.compress((b"\x05" + struct.pack("<Q", 22) + bytes(22)) * 30_000))] * 9
     ),
+    "csv gzip, many rows": lambda d: in_file(d / "a", gzip.compress, b"time_ns,x\n", b"1,2\n" * 1000, 1000),
+    "csv gzip, many bytes": lambda d: in_file(d / "a", gzip.compress, b"time_ns,x\n", b"1," * 100_000, 1000),
+    "mcap.bz2, many zeros": lambda d: in_file(d / "a", bz2.compress, b"\x89MCAP0\r\n\0", bytes(CHUNK), 1000),
+    "mcap.xz, many zeros": lambda d: in_file(d / "a", lzma.compress, b"\x89MCAP0\r\n\0", bytes(CHUNK), 100),
+    "mcap.zst, many chunks in a file": lambda d: in_mcap_in_file(d / "a", CHUNK, 1000),
     "db3 zstd, many messages": lambda d: in_db3(d / "a", [zstd_of(CHUNK)] * 1000),
     "db3 zstd, one message": lambda d: in_db3(d / "a", [zstd_of(20 * MB)]),
 }

@@ -8,11 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
 
-from recordings import SECOND, T0, Row, short_dive, twist, write_rosbag2
+from recordings import (
+    FLOAT64,
+    ROS2,
+    SECOND,
+    T0,
+    TWIST,
+    Row,
+    message,
+    short_dive,
+    twist,
+    write_payloads,
+    write_rosbag2,
+)
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
+from usbldr.io.limits import VARIABLE
 from usbldr.io.read import read_log, require
 
 TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
@@ -163,10 +177,6 @@ def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
             ["dive_0.db3", "other_0.db3"],
             "holds 2 recordings (dive_0.db3, other_0.db3); name one of them, or join them with --with",
         ),
-        (
-            ["dive_0.db3.zstd"],
-            "dive_0.db3.zstd is compressed with zstd; unpack it first (zstd -d dive_0.db3.zstd)",
-        ),
     ],
 )
 def test_a_folder_that_is_no_recording_is_named_with_what_to_do(
@@ -195,6 +205,74 @@ def test_messages_compressed_one_by_one_are_read(tmp_path: Path) -> None:
     database.close()
 
     assert x_of(file) == [0, 1, 2, 3, 4]
+
+
+def compressed(folder: Path, storage: StoragePlugin, mode: CompressionMode) -> Path:
+    """Write ten messages as rosbag2 compresses them."""
+    writer = Writer2(folder, version=9, storage_plugin=storage)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/dvl", TWIST, typestore=ROS2)
+        for time_ns, _, _, values in stretch(0, 10):
+            writer.write(connection, time_ns, ROS2.serialize_cdr(message(TWIST, values), TWIST))
+    return folder
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_recording_that_rosbag2_compressed_is_read(
+    tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
+) -> None:
+    folder = compressed(tmp_path / "dive", storage, mode)
+    (part,) = (file for file in folder.iterdir() if file.name != "metadata.yaml")
+    assert part.name.endswith(".zstd") == (mode is CompressionMode.FILE)
+
+    for path in (folder, part):
+        assert x_of(path) == list(range(10))
+        assert open_log(path).findings() == ()
+    (folder / "metadata.yaml").unlink()
+    assert x_of(folder) == list(range(10))
+
+
+def test_a_compressed_part_beside_its_copy_is_read_once(tmp_path: Path) -> None:
+    folder = compressed(tmp_path / "dive", StoragePlugin.SQLITE3, CompressionMode.FILE)
+    packed = folder / "dive.db3.zstd"
+    packed.with_suffix("").write_bytes(zstandard.ZstdDecompressor().decompressobj().decompress(packed.read_bytes()))
+
+    assert x_of(folder) == list(range(10))
+    packed.write_bytes(b"damaged")
+    assert x_of(folder) == list(range(10))
+
+
+def test_a_compressed_part_that_is_missing_or_cut_is_reported(tmp_path: Path) -> None:
+    folder = tmp_path / "dive"
+    parts(folder, 0, 1, 2)
+    for file in list(folder.glob("*.db3")):
+        file.with_name(file.name + ".zstd").write_bytes(zstandard.compress(file.read_bytes()))
+        file.unlink()
+    (folder / "dive_1.db3.zstd").unlink()
+
+    (finding,) = open_log(folder).findings()
+    assert finding.text == "part 1 is missing: the parts are numbered from 0"
+    (folder / "dive_2.db3.zstd").write_bytes(zstandard.compress(bytes(9))[:8])
+    with pytest.raises(LogError) as fault:
+        open_log(folder)
+    assert str(fault.value) == (
+        f"{folder / 'dive_2.db3.zstd'}: is damaged: no zstd data could be decompressed at byte 8 of 8"
+    )
+
+
+def test_messages_of_an_mcap_file_that_decompress_to_too_much_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = zstandard.compress(bytes(2_000_000))
+    file = write_payloads(tmp_path / "a.mcap", "/speed", "cdr", FLOAT64, [data, data])
+    monkeypatch.setenv(VARIABLE, "0.01")
+    log = open_log(file)
+
+    assert len(log.read({"/speed": ["data"]})["/speed"].received_ns) == 0
+    (finding, _) = log.findings()
+    assert finding.text.startswith("messages decompress to more than 1.34 MB each and are left out (--limits 10")
 
 
 def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: Path) -> None:

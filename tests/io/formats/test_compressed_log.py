@@ -1,0 +1,231 @@
+"""Compressed logs are what their contents are; the libraries that compress them owe nothing to usbldr."""
+
+import bz2
+import gzip
+import hashlib
+import lzma
+import random
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
+import numpy as np
+import pytest
+import zstandard
+
+from recordings import SECOND, T0, Row, point, sentence, short_dive, twist, write_bag, write_csv, write_mcap, yaw
+from speed.bombs import in_mcap_in_file
+from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.limits import VARIABLE
+from usbldr.io.opening import Request
+from usbldr.io.read import read_log
+from usbldr.io.reader import Records
+
+
+def with_checksum(data: bytes) -> bytes:
+    return zstandard.ZstdCompressor(write_checksum=True).compress(data)
+
+
+PACK: Mapping[str, Callable[[bytes], bytes]] = {
+    "zst": with_checksum,
+    "zstd": zstandard.compress,
+    "gz": gzip.compress,
+    "bz2": bz2.compress,
+    "xz": lzma.compress,
+    "lz4": lz4.frame.compress,
+}
+DVL = "time_ns,forward_mps,starboard_mps\n" + "".join(f"{T0 + k * SECOND},{1 + k / 7:.9f},0.5\n" for k in range(60))
+
+
+def dive() -> list[Row]:
+    rows: list[Row] = []
+    for k in range(60):
+        t = T0 + k * SECOND
+        rows += [twist(t, 1 + k / 7, 0.5), yaw(t, 1 + k / 3), point(t, 1 + k / 11, 0.0)]
+    return rows
+
+
+def write_nmea(file: Path) -> Path:
+    lines = (f"2020-09-13T12:26:{k:02d}Z {sentence(f'HEHDT,{k}.5,T')}\n" for k in range(60))
+    file.write_text("".join(lines), encoding="ascii")
+    return file
+
+
+WRITERS: Mapping[str, tuple[Callable[[Path], Path], Mapping[str, list[str]]]] = {
+    "mcap": (lambda d: write_mcap(d / "a.mcap", dive()), {"/dvl": ["header.stamp", "twist.linear.x"]}),
+    "bag": (lambda d: write_bag(d / "a.bag", dive()), {"/dvl": ["header.stamp", "twist.linear.x"]}),
+    "csv": (lambda d: write_csv(d / "a", dvl=DVL) / "dvl.csv", {"/dvl": ["forward_mps", "starboard_mps"]}),
+    "nmea": (lambda d: write_nmea(d / "a.nmea"), {"/HEHDT": ["heading_deg"]}),
+}
+
+
+def same(a: Records, b: Records) -> bool:
+    return np.array_equal(a.received_ns, b.received_ns) and all(
+        np.array_equal(a.columns[path], b.columns[path]) for path in a.columns
+    )
+
+
+@pytest.mark.parametrize("ending", PACK)
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_log_in_any_compression_is_the_log_itself(tmp_path: Path, form: str, ending: str) -> None:
+    write, wanted = WRITERS[form]
+    file = write(tmp_path)
+    whole, pack = file.read_bytes(), PACK[ending]
+    packed = tmp_path / f"{file.name}.{ending}"
+    log = open_log(file)
+
+    for content in (pack(whole), pack(whole[:700]) + pack(whole[700:]), pack(whole) + bytes(512)):  # frames, zeros
+        packed.write_bytes(content)
+        found = open_log(packed)
+        assert found.topics() == log.topics()
+        (topic,) = wanted
+        assert same(found.read(wanted)[topic], log.read(wanted)[topic])
+        assert found.findings() == log.findings()
+        assert found.path == packed
+
+
+def test_a_zstd_file_that_begins_with_a_frame_to_skip_is_read(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", dive())
+    (tmp_path / "a.zst").write_bytes(b"\x50\x2a\x4d\x18\4\0\0\0size" + zstandard.compress(file.read_bytes()))
+
+    assert open_log(tmp_path / "a.zst").topics() == open_log(file).topics()
+
+
+def test_a_run_names_the_file_that_the_user_has(tmp_path: Path) -> None:
+    file = tmp_path / "dive.mcap.zst"
+    file.write_bytes(zstandard.compress(write_mcap(tmp_path / "a.mcap", short_dive()).read_bytes()))
+    before = set(Path(tmp_path).iterdir())
+    log = read_log(file)
+
+    assert log.path == file
+    assert log.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert log.format == "MCAP, zstd"
+    assert set(Path(tmp_path).iterdir()) == before
+    with pytest.raises(LogError) as fault:
+        read_log(file, Request(topics={"dvl": "/absent"}))
+    assert str(fault.value).startswith(f"{file}: ")
+
+
+def test_the_columns_of_a_compressed_csv_file_are_named_by_the_configuration(tmp_path: Path) -> None:
+    file = tmp_path / "dvl.csv.gz"
+    file.write_bytes(gzip.compress(DVL.replace("forward_mps", "ahead").replace("starboard_mps", "right").encode()))
+    toml = '[dvl]\ncolumns = { time_ns = "time_ns", x = "ahead", y = "right" }\n'
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+
+    assert read_log(file).tables["dvl"]["forward_mps"].tolist() == pytest.approx([1 + k / 7 for k in range(60)])
+
+
+@pytest.mark.parametrize("form", WRITERS)
+@pytest.mark.parametrize("ending", PACK)
+def test_a_compressed_log_cut_anywhere_is_reported(tmp_path: Path, form: str, ending: str) -> None:
+    write, wanted = WRITERS[form]
+    unpacked = write(tmp_path)
+    log, whole, rng = open_log(unpacked), unpacked.read_bytes(), random.Random(form + ending)
+    ((topic, paths),) = wanted.items()
+    right = rows_of(log.read(wanted)[topic], paths)
+    packed = PACK[ending](whole)
+    file = tmp_path / f"dvl.csv.{ending}"
+    for _ in range(8):
+        file.write_bytes(packed[: rng.randrange(16, len(packed))])
+        rows, said = read(file, topic, paths)
+        assert rows <= right
+        assert said
+
+
+@pytest.mark.parametrize("ending", ["zst", "gz", "bz2", "xz"])
+def test_a_compressed_log_with_a_wrong_checksum_is_reported(tmp_path: Path, ending: str) -> None:
+    packed, rng = PACK[ending](DVL.encode()), random.Random(ending)
+    file = tmp_path / f"dvl.csv.{ending}"
+    file.write_bytes(packed)
+    right, _ = read(file, "/dvl", ["forward_mps"])
+    for _ in range(40):
+        bent = bytearray(packed)
+        bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
+        file.write_bytes(bent)
+        rows, said = read(file, "/dvl", ["forward_mps"])
+        assert said or rows == right
+
+
+def rows_of(records: Records, paths: list[str]) -> set[tuple[float, ...]]:
+    columns = [records.received_ns, *(records.columns[path] for path in paths)]
+    return set(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def read(file: Path, topic: str, paths: list[str]) -> tuple[set[tuple[float, ...]], bool]:
+    """Return the rows of a topic, and whether it is said that data were lost."""
+    try:
+        log = open_log(file)
+        if any(t.name == topic and not t.problem for t in log.topics()):
+            rows = rows_of(log.read({topic: paths})[topic], paths)
+        else:
+            rows = set[tuple[float, ...]]()
+        return rows, any(finding.lost_data for finding in log.findings())
+    except UsbldrError as fault:
+        return set(), str(fault).startswith(f"{file}: ") and "/usbldr-" not in str(fault)
+
+
+def test_the_finding_says_how_far_the_file_was_decompressed(tmp_path: Path) -> None:
+    file, packed = tmp_path / "dvl.csv.gz", gzip.compress(DVL.encode())
+    size = len(packed)
+
+    file.write_bytes(packed[:-9])
+    (finding, *_) = open_log(file).findings()
+    assert finding.text == f"the gzip data end early, at byte {size - 9} of {size - 9}: what precedes is read"
+
+    file.write_bytes(packed[:-5] + bytes([packed[-5] ^ 1]) + packed[-4:])
+    (finding, *_) = open_log(file).findings()
+    assert finding.text.startswith(f"the gzip data are damaged at byte {size} of {size} (Error -3 while decompressing")
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (b"\x28\xb5\x2f\xfdrest", "is damaged: no zstd data could be decompressed at byte 8 of 8"),
+        (b"\x1f\x8brest", "is damaged: no gzip data could be decompressed at byte 6 of 6"),
+        (gzip.compress(gzip.compress(b"time_ns\n")), "is compressed twice; decompress it once"),
+        (gzip.compress(b""), "the file is empty"),
+        (gzip.compress(b"\0\1\2"), "unknown format (starts with b'\\x00\\x01\\x02')"),
+    ],
+)
+def test_what_cannot_be_decompressed_is_named(tmp_path: Path, content: bytes, text: str) -> None:
+    file = tmp_path / "dive.mcap.zst"
+    file.write_bytes(content)
+
+    with pytest.raises(LogError) as fault:
+        open_log(file)
+
+    assert str(fault.value).startswith(f"{file}: {text}")
+
+
+def test_a_disk_that_is_full_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "dvl.csv.gz"
+    file.write_bytes(gzip.compress(DVL.encode()))
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("usbldr.io.limits.UnpackingBudget.take_record", full)
+    with pytest.raises(
+        LogError, match=r"dvl.csv.gz: cannot be decompressed into .* \(No space left on device\); TMPDIR"
+    ):
+        open_log(file)
+
+
+def test_a_compressed_truth_is_named(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "a.mcap", short_dive())
+    (tmp_path / "truth.csv").write_bytes(gzip.compress(b"timestamp,x,y\n1,2,3\n"))
+
+    with pytest.raises(LogError, match=r"truth.csv: is compressed with gzip; decompress it first"):
+        read_log(log, Request(truth="truth.csv"))
+
+
+def test_the_limits_of_the_contents_follow_from_the_size_of_the_compressed_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = in_mcap_in_file(tmp_path / "a.mcap.zst", 1_300_000, 300)
+    monkeypatch.setenv(VARIABLE, "0.01")
+    monkeypatch.setattr("usbldr.io.limits.UNPACKED_RATIO", 2_000_000)  # by its own size the copy could have 600 MB
+
+    with pytest.raises(LogError, match="too much for its size"):
+        open_log(file).topics()
