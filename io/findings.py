@@ -23,6 +23,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "PLACES-APART": "error",
     "ROLE-PREFERRED": "info",
     "ROLE-SHIP": "info",
+    "COLUMNS-BY-NAME": "info",
     "TRUTH-FRAME": "info",
     "CONVENTION-CHECKED": "info",
     "CONVENTION-UNOBSERVABLE": "info",

@@ -5,7 +5,7 @@ sensor, which is the topic. csv_sheets lists the columns that are understood.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -13,11 +13,12 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
-from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, plain_names, sheet_of
+from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, foreign_sheets, plain_names, sheet_of
 from usbldr.io.formats.csv_text import (
     ParsedColumn,
     TextTable,
     cut_findings,
+    header_and_row,
     listed,
     nanoseconds,
     numbers,
@@ -43,6 +44,7 @@ class CsvSource:
     file: Path
     header: tuple[str, ...]  # names as written
     sensor: str | None = None  # of a file with several sensors: whose rows
+    sheet: Sheet | None = None  # of a file whose columns name several sensors: which columns
 
 
 class CsvLog:
@@ -65,6 +67,27 @@ class CsvLog:
 
     @cached_property
     def _sources(self) -> Mapping[str, CsvSource]:
+        """The files, and one source for each sensor of a file whose columns name several."""
+        found: dict[str, CsvSource] = {}
+        for topic, source in self._files.items():
+            sheets = self._foreign(topic, source)
+            several = len(sheets) > 1
+            named = {f"{topic}/{s}" if several else topic: replace(source, sheet=sheet) for s, sheet in sheets.items()}
+            found |= named or {topic: source}
+        return found
+
+    def _foreign(self, topic: str, source: CsvSource) -> Mapping[str, Sheet]:
+        """Return the sensors that a file's columns name with their units; empty if the columns are known otherwise."""
+        if topic in self._by_topic or source.sensor is not None:
+            return {}
+        own = sheet_of(source.file.stem, source.header)
+        if own is not None and not own.problem:
+            return {}
+        sheets = foreign_sheets(source.file.stem, source.header, header_and_row(source.file)[1])
+        return {} if own is not None and any(sheet.problem for sheet in sheets.values()) else sheets
+
+    @cached_property
+    def _files(self) -> Mapping[str, CsvSource]:
         found: dict[str, CsvSource] = {}
         for file in text_files(self.path) if self.path.is_dir() else [self.path]:
             for topic, source in self._topics_of(file).items():
@@ -86,11 +109,12 @@ class CsvLog:
     @cached_property
     def _sheets(self) -> Mapping[str, Sheet | None]:
         sheets = {topic: self._recognised(topic, source) for topic, source in self._sources.items()}
-        for topic, sensors in self._by_topic().items():
+        for topic, sensors in self._by_topic.items():
             source = self._sources[topic]
             sheets[topic] = configured_sheet(sensors, source.header, source.file, topic)
         return sheets
 
+    @cached_property
     def _by_topic(self) -> Mapping[str, Sequence[ConfiguredColumns]]:
         found: dict[str, list[ConfiguredColumns]] = {}
         for stated in self._configured:
@@ -104,11 +128,13 @@ class CsvLog:
         if stated.topic is not None:
             slashed = "/" + stated.topic.lstrip("/")
             last = "/" + slashed.rpartition("/")[2]
-            return next((topic for topic in (slashed, last) if topic in self._sources), None)
-        headers = [(topic, plain_names(source.header), ()) for topic, source in self._sources.items()]
+            return next((topic for topic in (slashed, last) if topic in self._files), None)
+        headers = [(topic, plain_names(source.header), ()) for topic, source in self._files.items()]
         return topic_with_columns(stated, headers, self.path)
 
     def _recognised(self, topic: str, source: CsvSource) -> Sheet | None:
+        if source.sheet is not None:
+            return source.sheet
         if source.sensor is None:
             return sheet_of(source.file.stem, source.header)
         texts = self._table(source.file).columns
@@ -191,12 +217,19 @@ class CsvLog:
             return self._times(source, sheet.stamp)
         name = sheet.columns[path]
         cells = self._cells(source, name)
-        return ParsedColumn(np.array(cells), {}) if path in WORDS | sheet.texts else numbers(cells, name)
+        if path in WORDS | sheet.texts:
+            return ParsedColumn(np.array(cells), {})
+        parsed = numbers(cells, name)
+        return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out."""
         found: list[Finding] = []
         for topic, source in self._sources.items():
+            if source.sheet is not None and source.sheet.stamp is not None and topic in self._left_out:
+                named = {**source.sheet.columns, "time": source.sheet.stamp.column}
+                text = ", ".join(f"{key} from {column}" for key, column in named.items())
+                found.append(Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic))
             if self._left_out.get(topic):
                 found += row_findings(source.file, self._table(source.file), self._left_out[topic], topic)
         for file, table in self._read.items():

@@ -8,13 +8,19 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
+from usbldr.io.messages.field_names import NamedColumn, sensors_by_name
+from usbldr.io.units import spellings
 
+SECOND_NS = 1_000_000_000  # fixed: nanoseconds
+NAME_THEM = "name its columns with the key columns of a sensor's section"
+ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
+"""A date and time."""
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
 
@@ -35,6 +41,7 @@ class Sheet:
     stamp: TimeColumn | None = None  # "header.stamp"; None: records have log time only
     problem: str = ""
     texts: frozenset[str] = frozenset()  # field paths that are texts
+    scale: Mapping[str, float] = field(default_factory=dict[str, float])  # field path -> factor to its own unit
 
 
 class OwnColumns(NamedTuple):
@@ -154,6 +161,59 @@ def _sensor(stem: str, header: set[str]) -> str | None:
     fitting = [s for s, kind in OWN_COLUMNS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
     named = [sensor for sensor in fitting if sensor in name] or fitting
     return named[0] if len(named) == 1 else None
+
+
+def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -> Mapping[str, Sheet]:
+    """Return sensor -> how its columns are interpreted by their names and units; empty if no sensor is there.
+
+    A time may be a date and time instead of a number with a unit, which ``first_row`` shows.
+    """
+    names = plain_names(header)
+    found = dict(sensors_by_name(names, stem.lower()))
+    times: Mapping[str, Sequence[NamedColumn]] = found.pop("", {})
+    if not any(column.unit.unit for columns in found.values() for same in columns.values() for column in same):
+        return {}
+    cells = dict(zip(names, first_row, strict=False))
+    stamps, arrivals = (times.get(key, []) for key in ("time", "received"))
+    faults = [_no_time(stamps, arrivals, cells), *(_fault(columns) for columns in found.values())]
+    fault = next((text for text in faults if text), "")
+    if fault:
+        return {sensor: Sheet(CANONICAL + sensor, {}, problem=fault) for sensor in found}
+    stamp, *arrived = (
+        TimeColumn(one.name, round(one.factor) if one.known else SECOND_NS) for one in (*stamps, *arrivals)
+    )
+    return {
+        sensor: Sheet(
+            CANONICAL + sensor,
+            {key: same[0].name for key, same in columns.items()},
+            arrived[0] if arrived else stamp,
+            stamp,
+            scale={key: same[0].factor for key, same in columns.items()},
+        )
+        for sensor, columns in found.items()
+    }
+
+
+def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cells: Mapping[str, str]) -> str:
+    for what, columns in (("time", stamps), ("arrival", arrivals)):
+        if len(columns) > 1 or (what == "time" and not columns):
+            names = ", ".join(column.name for column in columns) or "none"
+            return f"has not one column of {what} ({names}); {NAME_THEM}"
+        for column in columns:
+            if not column.known and not ISO.fullmatch(cells.get(column.name, "")):
+                return f'has a column {column.name} without a known unit; write it behind the name ("Time [s]")'
+    return ""
+
+
+def _fault(columns: Mapping[str, Sequence[NamedColumn]]) -> str:
+    """Return why the columns of a sensor cannot be read, empty if they can."""
+    for same in columns.values():
+        if len(same) > 1:
+            return f"has columns for the same quantity ({', '.join(column.name for column in same)}); {NAME_THEM}"
+        if not same[0].known:
+            units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""
+            return f"has a column {same[0].name} without a known unit ({units})"
+    return ""
 
 
 def configured_sheet(sensors: Sequence[ConfiguredColumns], header: Sequence[str], file: Path, topic: str) -> Sheet:

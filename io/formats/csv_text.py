@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
-from usbldr.io.formats.csv_sheets import plain_names
+from usbldr.io.formats.csv_sheets import ISO, plain_names
 from usbldr.io.formats.files import opened, text_lines
 from usbldr.io.formats.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.reader import MAX_TIME_NS, Column
@@ -65,8 +65,15 @@ def _with_point(cell: str) -> str:
 
 def raw_header(file: Path) -> list[str]:
     """Return a file's column names as written."""
-    line = next(text_lines(file), "")
-    return [name.strip() for name in line.split(_separator(line))]
+    return header_and_row(file)[0]
+
+
+def header_and_row(file: Path) -> tuple[list[str], list[str]]:
+    """Return a file's column names as written, and the cells of its first row."""
+    lines = text_lines(file)
+    first = next(lines, "").lstrip("# ")
+    separator = _separator(first)
+    return [name.strip() for name in _cells(first, separator)], _cells(next(lines, ""), separator)
 
 
 class TextTable(NamedTuple):
@@ -87,7 +94,7 @@ def read_texts(file: Path) -> TextTable:
     lines = text_lines(file)
     first = next(lines, "")
     separator = _separator(first) if _separator(first) in first else None
-    header = plain_names([name.strip() for name in first.lstrip("# ").split(separator)])
+    header = plain_names([name.strip() for name in _cells(first.lstrip("# "), separator)])
     known = unnamed_columns(file, header if separator is None else ())
     if known is not None:
         lines, separator, header = text_lines(file), None, list(known)
@@ -126,7 +133,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return line.split()
     if '"' in line:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     cells = line.rstrip("\r\n").split(separator)
     return [cell.strip() for cell in cells] if any(blank in line for blank in BLANKS) else cells
 
@@ -210,9 +217,6 @@ def _in_range(time_ns: int) -> int:
     if abs(time_ns) >= MAX_TIME_NS:
         raise OverflowError
     return time_ns
-
-
-ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
 
 
 def _iso_ns(text: str) -> int:

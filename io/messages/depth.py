@@ -34,5 +34,6 @@ DEPTH = (
     MessageLayout("float32", {"depth": "data"}, defaults=METRES),
     *only_when_named(HEIGHTS),
     MessageLayout("depth", own_columns("pressure"), recognised="by type", defaults={"unit": "Pa"}),
+    MessageLayout("depth", {"pressure": "pressure_pa"}, recognised="by type", fixed={"unit": "Pa"}),
     MessageLayout("depth", {"depth": "depth_m"}, recognised="by type", fixed={"unit": "m", "positive": "down"}),
 )

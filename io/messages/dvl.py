@@ -89,6 +89,13 @@ DVL = (  # a driver's messages rank before twists made from them, those with a v
         "by type",
         fixed={"axes": "SFU", "unit": "m/s"},
     ),
+    MessageLayout(  # columns whose names state their units
+        "dvl",
+        {"x": "x_mps", "y": "y_mps"},
+        {"z": "z_mps", "sd_mps": "sd_mps"},
+        "by type",
+        fixed={"unit": "m/s"},
+    ),
     MessageLayout("dvl", own_columns("x", "y"), own_columns("z", "sd_mps") | {"velocity_valid": "valid"}, "by type"),
     MessageLayout(
         "bottomtrack",  # nortek_dvl333_msgs

@@ -189,7 +189,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
 
 
 def _have_dvl(topics: Iterable[TopicInfo]) -> bool:
-    return any("dvl" in _hints(topic.name) for topic in topics)
+    return any("dvl" in suggested_sensors(topic.name) for topic in topics)
 
 
 def _suitable(role: str, topics: Iterable[TopicInfo]) -> tuple[list[TopicInfo], dict[TopicInfo, int | None]]:
@@ -206,7 +206,7 @@ def _suitable(role: str, topics: Iterable[TopicInfo]) -> tuple[list[TopicInfo], 
             or NO_SENSOR.search(topic.name.lower())
         ):
             continue
-        hints = _hints(topic.name)
+        hints = suggested_sensors(topic.name)
         own = topic.type == f"usbldr/{role}"  # usbldr's own or configured columns: its name adds nothing
         by_type = layout.recognised == "by type" and (role in hints or not hints or own)
         if by_type or (layout.recognised == "by type and name" and role in hints):
@@ -217,7 +217,7 @@ def _suitable(role: str, topics: Iterable[TopicInfo]) -> tuple[list[TopicInfo], 
     return best, ranks
 
 
-def _hints(name: str) -> set[str]:
+def suggested_sensors(name: str) -> set[str]:
     """Return the sensors that a topic's name suggests; a "fix" is a GPS fix unless the name suggests USBL."""
     name = name.lower()
     hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}

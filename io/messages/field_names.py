@@ -1,0 +1,125 @@
+"""What a column or field holds, by its name and the unit that the name states: "DVL X [m/s]", "Heading (deg)".
+
+Only words whose meaning and sign are the same everywhere count: no yaw, sway or heave, no easting of an unnamed grid.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from usbldr.io.messages.roles import GPS_ITSELF, NO_SENSOR, SHIP, suggested_sensors
+from usbldr.io.units import Dimension, NamedUnit, named_unit
+
+
+class Rule(NamedTuple):
+    """A quantity and the names of its columns."""
+
+    sensor: str  # "" : a time, or a position, whose sensor the rest of the name tells
+    key: str  # usbldr's own column
+    dimension: Dimension | None  # None: a flag
+    words: str  # a pattern of the end of the name, in lower case, its words parted by "_"
+    sign: float = 1.0
+    alone: bool = True  # whether the words mean this quantity without a unit, too
+
+
+RULES: Sequence[Rule] = (
+    Rule("", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|t"),
+    Rule("", "received", "time", "(received|arrival)(_time)?"),
+    Rule("dvl", "forward_mps", "velocity", "forward|fwd"),
+    Rule("dvl", "starboard_mps", "velocity", "starboard|stbd"),
+    Rule("dvl", "starboard_mps", "velocity", "port", -1.0),
+    Rule("dvl", "up_mps", "velocity", "up|upward"),
+    Rule("dvl", "up_mps", "velocity", "down|downward", -1.0),
+    *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
+    Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
+    Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock"),
+    Rule("compass", "heading_deg", "angle", "heading|hdg"),
+    Rule("depth", "depth_m", "length", "depth"),
+    Rule("depth", "pressure_pa", "pressure", "pressure"),
+    Rule("", "lat_deg", "angle", "lat|latitude"),
+    Rule("", "lon_deg", "angle", "lon|long|longitude"),
+    Rule("", "east_m", "length", "east"),
+    Rule("", "north_m", "length", "north"),
+    Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
+    Rule("usbl", "bearing_deg", "angle", "bearing"),
+    Rule("usbl", "elevation_deg", "angle", "elevation"),
+    Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
+)
+NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
+    "dvl": (frozenset({"forward_mps", "starboard_mps"}), frozenset({"x_mps", "y_mps"})),
+    "compass": (frozenset({"heading_deg"}),),
+    "usbl": tuple(map(frozenset, (("lat_deg", "lon_deg"), ("east_m", "north_m"), ("slant_range_m", "bearing_deg")))),
+    "gps": (frozenset({"lat_deg", "lon_deg"}), frozenset({"east_m", "north_m"})),
+    "depth": (frozenset({"depth_m"}), frozenset({"pressure_pa"})),
+}
+"""A sensor is there if all columns of one of these are."""
+OTHER = re.compile(
+    r"(^|_)(gyro|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
+    r"estimated?|truth|true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
+)
+"""Words of columns that are no measurement of these sensors."""
+
+
+class NamedColumn(NamedTuple):
+    """A column whose name tells what it holds."""
+
+    name: str
+    rule: Rule
+    unit: NamedUnit
+
+    @property
+    def factor(self) -> float:
+        """The factor to the quantity's own unit."""
+        return self.rule.sign * self.unit.factor
+
+    @property
+    def known(self) -> bool:
+        """Whether the name states a unit of this quantity."""
+        return self.unit.dimension == self.rule.dimension
+
+
+def words_of(label: str) -> str:
+    """Return a name in lower case, its words parted by "_": "DVL X", "dvlX" and "dvl.x" are dvl_x."""
+    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", label)
+    return re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
+
+
+def named_column(name: str) -> NamedColumn | None:
+    """Return what a column holds, None if its name does not tell."""
+    unit = named_unit(name)
+    words = words_of(unit.label)
+    if OTHER.search(words) or SHIP.search(words):
+        return None
+    for rule in RULES:
+        certain = unit.dimension == rule.dimension or (rule.alone and unit.dimension is None)
+        if certain and re.search(f"(^|_)({rule.words})$", words):
+            return NamedColumn(name, rule, unit)
+    return None
+
+
+def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[str, Sequence[NamedColumn]]]:
+    """Return sensor -> own column -> the columns that could hold it; "" has the times.
+
+    A position belongs to the USBL or the GPS that its name suggests, or that of its ``place``, the file; another may be
+    an estimate. A depth that is named for the USBL is no depth sensor's.
+    """
+    found: dict[str, dict[str, list[NamedColumn]]] = {}
+    if NO_SENSOR.search(place):
+        return found
+    for column in filter(None, map(named_column, names)):
+        own, file = (_positioning(words) for words in (words_of(column.unit.label), words_of(place)))
+        sensor = column.rule.sensor
+        if column.rule.dimension != "time" and not sensor:
+            sensor = own or file or "?"
+        if sensor != "?" and not (sensor == "depth" and own == "usbl"):
+            found.setdefault(sensor, {}).setdefault(column.rule.key, []).append(column)
+    return {
+        sensor: columns
+        for sensor, columns in found.items()
+        if not sensor or any(needed <= columns.keys() for needed in NEEDED[sensor])
+    }
+
+
+def _positioning(words: str) -> str:
+    """Return which positioning system a name suggests, empty if none."""
+    return "usbl" if "usbl" in suggested_sensors(words) else "gps" if re.search(GPS_ITSELF, words) else ""
