@@ -3,6 +3,8 @@
 The sentence says which file or topic, what is wrong, and what to do.
 """
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 MAX_SENTENCE = 2000  # [characters] of a sentence; longer ones are cut
@@ -22,6 +24,13 @@ def sentence(text: str) -> str:
         return text
     half = MAX_SENTENCE // 2
     return f"{text[:half]} ... ({len(text) - 2 * half} characters left out) ... {text[-half:]}"
+
+
+def did_you_mean(name: str, known: Iterable[str], count: int = 1) -> str:
+    """Return "; did you mean NAME?" with the known names closest to a misspelt one, "" if none is close."""
+    lower = {one.lower(): one for one in known}
+    near = difflib.get_close_matches(name.lower(), lower, n=count)
+    return f"; did you mean {' or '.join(lower[one] for one in near)}?" if near else ""
 
 
 class UsbldrError(Exception):
@@ -61,5 +70,11 @@ class SettingError(UsageError):
 
 class LogError(UsbldrError):
     """The log can't be read, is incomplete, or lacks what was asked of it."""
+
+    exit_code = 3
+
+
+class StorageError(UsbldrError):
+    """A file cannot be written, because the disk is full or broken."""
 
     exit_code = 3

@@ -14,8 +14,9 @@ from usbldr.filters.errors import CheckError, UsageError
 from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
-from usbldr_cli.options.output_files import json_option, refuse_file, write_file, write_json
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file, write_json
 from usbldr_cli.options.run_outputs import RunOutputs
+from usbldr_cli.options.unused_options import unused_options
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from usbldr_cli.tables.check_verdicts import CheckedRow
 
 DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and a filter on top
+KEEP_NONE = Path("none")  # of --output
 NAME_LETTERS = 60  # of a row in the name of its folder
 
 
@@ -33,6 +35,7 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 @click.option(
     "--baseline",
     type=click.Path(path_type=Path),
+    callback=toml_name,
     default="baseline.toml",
     show_default=True,
     metavar="FILE",
@@ -48,12 +51,7 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 )
 @click.option("--update", is_flag=True, help="Show the differences and store the new values.")
 @worker_options
-@click.option(
-    "--output",
-    "-o",
-    metavar="DIR",
-    help='Folder for the run directories of failed rows; "none" keeps none.  [default: BASELINE-failed]',
-)
+@folder_option('Folder for the run directories of failed rows; "none" keeps none.  [default: BASELINE-failed]')
 @json_option("result")
 @click.option("--junit", metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
 @click.option("--markdown", "markdown_to", metavar="FILE", help="Write the result as a page for a CI run.")
@@ -67,7 +65,7 @@ def check(
     filters: str,
     update: bool,
     workers: WorkerChoices,
-    output: str | None,
+    output: Path | None,
     json_to: str | None,
     junit: str | None,
     markdown_to: str | None,
@@ -99,11 +97,14 @@ def check(
         raise UsageError(f"check takes one BASELINE, not {len(files)}; --init LOG... writes one for several logs")
     wanted = read_baseline(Path(file))
     units = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
+    for row in wanted.rows:
+        for text in unused_options(row.options, [row.filter], any(unit.simulated for unit in units[row.name])):
+            click.echo(f"usbldr: {wanted.file}: row {row.name!r}: {text}", err=True)
     targets = {"--json": json_to, "--markdown": markdown_to, "--junit": junit, "--html": html_to}
     for option, target in targets.items():
         if target is not None and (option, target) != ("--json", "-"):
             _refuse(option, Path(target), force, wanted, units)
-    place = None if update or output == "none" else _place(output, wanted.file, force)
+    place = None if update or output == KEEP_NONE else _place(output, wanted.file, force)
     with executor(workers) as where:
         checked = checked_rows(wanted, units, where)
     if place is not None:
@@ -162,7 +163,7 @@ def _refuse(
     refuse_file(option, file, force, ())
 
 
-def _place(output: str | None, baseline: Path, force: bool) -> Path:
+def _place(output: Path | None, baseline: Path, force: bool) -> Path:
     """Return the folder of kept runs; the default one gets a number if it exists, an explicit one must be new."""
     if output is None:
         place, number = Path(f"{baseline.stem}-failed"), 1
@@ -170,12 +171,11 @@ def _place(output: str | None, baseline: Path, force: bool) -> Path:
             number += 1
             place = Path(f"{baseline.stem}-failed-{number}")
         return place
-    place = Path(output)
-    if place.exists() and not place.is_dir():
-        raise UsageError(f"{place} is a file: --output takes the name of a new folder")
-    if place.exists() and os.listdir(place) and not force:
-        raise UsageError(f"{place} is not empty: choose another --output, or --force to replace the runs in it")
-    return place
+    if output.exists() and not output.is_dir():
+        raise UsageError(f"{output} is a file: --output takes the name of a new folder")
+    if output.exists() and os.listdir(output) and not force:
+        raise UsageError(f"{output} is not empty: choose another --output, or --force to replace the runs in it")
+    return output
 
 
 def _explained(

@@ -12,9 +12,17 @@ from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option, require_output
-from usbldr_cli.options.log_options import inputs, read_request, request_provenance, selection_options
-from usbldr_cli.options.output_files import json_option, plot_format_option, plots_option, refuse_file, write_json
+from usbldr_cli.options.log_options import read_request, request_provenance, selection_options
+from usbldr_cli.options.output_files import (
+    folder_option,
+    json_option,
+    plot_format_option,
+    plots_option,
+    refuse_inputs,
+    write_json,
+)
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
@@ -32,7 +40,7 @@ if TYPE_CHECKING:
 @worker_options
 @run_options
 @click.option("--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.")
-@click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
+@folder_option("Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
 @plots_option("of each log, which take about a second each log")
 @json_option("table")
@@ -68,7 +76,7 @@ def compare(
     from usbldr_cli.runs.finished_runs import is_run
 
     require_output(html, output)
-    _refuse_inputs(logs, selection, output, json_to, force)
+    refuse_inputs(logs, selection, output, json_to, force)
     refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
         request: dict[str, Any] = {"runs": logs}
@@ -79,6 +87,7 @@ def compare(
         methods = filter_list(filters or "dr,usbl,ekf,adf,cpf", choices)
         request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": selection}
         request |= {"bound": True} if bound else {}
+        warn_of_unused_options(methods, any(map(is_simulated, logs)))
         for log in logs:
             if bound:
                 require_scenario(log)
@@ -94,19 +103,6 @@ def compare(
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
     return max([*codes, LogError.exit_code if lost else 0])
-
-
-def _refuse_inputs(
-    logs: Sequence[str], selection: dict[str, Any], output: Path | None, json_to: str | None, force: bool
-) -> None:
-    from usbldr.io.inputs import output_conflict
-
-    for log in logs:
-        read = inputs(log, read_request(**selection))
-        if output is not None and (what := output_conflict(output, read, inside=False)):
-            raise UsageError(f"{output} {what}: choose another --output")
-        if json_to not in (None, "-"):
-            refuse_file("--json", Path(str(json_to)), force, read, output)
 
 
 def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[ComparisonRow]":
@@ -201,12 +197,13 @@ def _write(
 ) -> None:
     from usbldr.io.reports.markdown_report import markdown
     from usbldr.io.reports.page import Picture
+    from usbldr.io.writing import writing
     from usbldr_cli.runs.compare_directory import write_tables
     from usbldr_cli.tables.compare_table import page
 
     if output is None:
         return
-    try:
+    with writing(output, "choose another --output"):
         made = request_provenance(request)
         pictures: list[Picture] = []
         if plots != "none":
@@ -220,8 +217,6 @@ def _write(
             blocks, drawn = compare_plots(rows)
             write_html(output / REPORT_HTML, page(rows, blocks, made), drawn)
         write_tables(output, rows, request, markdown(page(rows, pictures, made)))
-    except OSError as err:
-        raise UsageError(f"{output}: cannot be written ({err.strerror or err})") from err
 
 
 def _print_result(

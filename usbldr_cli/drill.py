@@ -15,13 +15,13 @@ from usbldr_cli.options.fault_options import chosen_drills, fault_options
 from usbldr_cli.options.filter_list import filter_list
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option, require_output
-from usbldr_cli.options.log_options import inputs, log_options, read_request, request_provenance
-from usbldr_cli.options.output_files import json_option, refuse_file, write_json
+from usbldr_cli.options.log_options import log_options, request_provenance
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
-    from usbldr.io.reports.run_provenance import RunProvenance
     from usbldr_cli.runs.drill_rows import DrillReport
 
 DEFAULT_FILTERS = "adf,cpf"
@@ -36,7 +36,7 @@ DEFAULT_FILTERS = "adf,cpf"
 )
 @worker_options
 @run_options
-@click.option("--output", "-o", type=click.Path(path_type=Path), help="Folder for tables, figures and finished runs.")
+@folder_option("Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of other drills in this folder.")
 @json_option("table")
 @html_option
@@ -64,20 +64,19 @@ def drill(
     \b
     $ usbldr drill dive.mcap --drop usbl@300:600 --spike compass:120deg@0.02
     """
-    from usbldr.io.reports.markdown_report import markdown
-    from usbldr.io.reports.page import Picture
-    from usbldr_cli.figures.drill import write_figures
+    from usbldr.io.session import is_simulated
+    from usbldr.io.writing import writing
     from usbldr_cli.runs.compare_directory import prepare
-    from usbldr_cli.runs.drill_directory import TABLES, write_report
+    from usbldr_cli.runs.drill_directory import TABLES
     from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
     from usbldr_cli.runs.executors import executor
-    from usbldr_cli.tables.drill_table import page
 
     drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
     require_output(html, output)
-    _refuse_inputs(log, others, output, json_to, force)
+    refuse_inputs([log], others, output, json_to, force)
     plan = DrillPlan(log, drills, filter_list(filters or DEFAULT_FILTERS, choices), seeds, choices, others)
     plan.require_fitting()
+    warn_of_unused_options(plan.methods, is_simulated(log) or any(drill.draws for drill in drills))
     if output is not None:
         prepare(output, plan.request, force, TABLES)
     with _store(output) as store:
@@ -85,33 +84,29 @@ def drill(
             report = run_drills(plan, where, store)
         _refuse_empty(report)
         if output is not None:
-            made = request_provenance(plan.request)
-            pictures = [Picture(*picture) for picture in write_figures(output, report)]
-            if html:
-                _write_html(output, report, made)
-            write_report(output, report, plan.request, markdown(page(report, pictures, made)))
+            with writing(output, "choose another --output"):
+                _write(output, report, plan.request, html)
         _print_result(report, plan.request, output, json_to, quiet)
     return max(outcome.exit_code for row in report.rows for outcome in row.runs.outcomes)
 
 
-def _refuse_inputs(log: str, selection: dict[str, Any], output: Path | None, json_to: str | None, force: bool) -> None:
-    """Refuse to write over an input or an existing file."""
-    from usbldr.io.inputs import output_conflict
-
-    read = inputs(log, read_request(**selection))
-    if output is not None and (what := output_conflict(output, read, inside=False)):
-        raise UsageError(f"{output} {what}: choose another --output")
-    if json_to not in (None, "-"):
-        refuse_file("--json", Path(str(json_to)), force, read, output)
-
-
-def _write_html(output: Path, report: "DrillReport", made: "RunProvenance") -> None:
-    from usbldr_cli.pages.compare_plots import drill_plots  # imports Bokeh
-    from usbldr_cli.pages.html_page import REPORT_HTML, write_html
+def _write(output: Path, report: "DrillReport", request: dict[str, Any], html: bool) -> None:
+    """Write tables, figures and, if asked for, the page."""
+    from usbldr.io.reports.markdown_report import markdown
+    from usbldr.io.reports.page import Picture
+    from usbldr_cli.figures.drill import write_figures
+    from usbldr_cli.runs.drill_directory import write_report
     from usbldr_cli.tables.drill_table import page
 
-    blocks, drawn = drill_plots(report)
-    write_html(output / REPORT_HTML, page(report, blocks, made), drawn)
+    made = request_provenance(request)
+    pictures = [Picture(*picture) for picture in write_figures(output, report)]
+    if html:
+        from usbldr_cli.pages.compare_plots import drill_plots  # imports Bokeh
+        from usbldr_cli.pages.html_page import REPORT_HTML, write_html
+
+        blocks, drawn = drill_plots(report)
+        write_html(output / REPORT_HTML, page(report, blocks, made), drawn)
+    write_report(output, report, request, markdown(page(report, pictures, made)))
 
 
 @contextmanager

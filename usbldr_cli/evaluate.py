@@ -8,7 +8,7 @@ import click
 from usbldr.filters.errors import LogError, UsageError, printable
 from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
-from usbldr_cli.options.output_files import json_option, refuse_file
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_file
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.run_output import print_run, write_run
@@ -31,7 +31,7 @@ DEFAULTS: dict[str, Any] = {
 @click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.")
 @click.option("--end", metavar="TIME", help="Score up to this time.")
 @click.option("--align", default="auto", show_default=True, metavar="HOW", help="none, shift, first, rigid or body.")
-@click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-ESTIMATE]")
+@folder_option("Run directory.  [default: LOG-ESTIMATE]")
 @click.option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
 @run_outputs

@@ -7,14 +7,21 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import inputs, log_options, read_request
-from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
 
 
 @click.command()
 @log_options
-@click.option("--output", "-o", metavar="FILE", help="File to write.  [default: the configuration file beside LOG]")
+@click.option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    callback=toml_name,
+    metavar="FILE",
+    help="File to write, NAME.toml.  [default: the configuration file beside LOG]",
+)
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
+def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     """Write a usbldr.toml for LOG, with the source of each line.
 
     Topics, axes, frames, mounting and delays are those that fit LOG best, estimated without any truth. Check the lines
@@ -32,7 +39,7 @@ def init(log: str, output: str | None, force: bool, **selection: Any) -> None:
         raise LogError(f"{log}: no such file or folder")
     if selection["config"] not in (None, "none"):
         raise UsageError("init writes a configuration from the log alone; it takes no --config")
-    target = Path(output) if output else own_configuration(path, path.is_dir())
+    target = output or own_configuration(path, path.is_dir())
     selection["config"] = "none"
     request = read_request(**selection)
     refuse_file("--output", target, force, inputs(log, request))

@@ -1,12 +1,14 @@
 """The command ``usbldr``: the group, which turns each error into a sentence and an exit code."""
 
 import importlib
+import os
 import sys
 from typing import Any
 
 import click
 
-from usbldr.filters.errors import UsbldrError
+from usbldr.filters.errors import StorageError, UsageError, UsbldrError, did_you_mean
+from usbldr.io.writing import STORAGE, write_fault
 from usbldr_cli.options.command_line import keep_command
 
 COMMANDS = {
@@ -48,6 +50,16 @@ class LazyGroup(click.Group):
         command: click.Command = getattr(importlib.import_module(f"usbldr_cli.{cmd_name}"), cmd_name)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command and its arguments; raise UsageError for a name that no command has."""
+        if args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
+            raise UsageError(
+                f"there is no command {args[0]!r}{did_you_mean(args[0], COMMANDS)} (commands: {', '.join(COMMANDS)})"
+            )
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by the table, without importing them."""
         with formatter.section("Commands"):
@@ -87,7 +99,8 @@ def cli() -> None:
 
     \b
     Exit codes: 0 good, 1 a check failed, 2 wrong usage or configuration,
-    3 the log is unreadable, partial or lacks a sensor, 130 interrupted.
+    3 the log is unreadable, partial or lacks a sensor, or the disk is full,
+    130 interrupted.
 
     \b
     $ usbldr replay dive.mcap --filter cpf
@@ -105,6 +118,7 @@ def main() -> None:
     """Run the command; an error of log or options is one line on stderr."""
     try:
         code = cli.main(prog_name="usbldr", standalone_mode=False)
+        sys.stdout.flush()  # here, where a full disk can still be told
     except UsbldrError as fault:
         click.echo(f"usbldr: {fault}", err=True)
         sys.exit(fault.exit_code)
@@ -114,6 +128,14 @@ def main() -> None:
     except click.ClickException as fault:
         click.echo(f"usbldr: {one_line(fault)}", err=True)
         sys.exit(fault.exit_code)
+    except OSError as fault:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that Python can empty its buffer at exit
+        if isinstance(fault, BrokenPipeError):  # head has enough
+            sys.exit(0)
+        if fault.errno not in STORAGE:
+            raise
+        click.echo(f"usbldr: {write_fault(fault.filename or 'the output', fault)}", err=True)
+        sys.exit(StorageError.exit_code)
     except (click.Abort, KeyboardInterrupt):
         click.echo("usbldr: interrupted", err=True)
         sys.exit(130)

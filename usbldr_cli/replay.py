@@ -9,9 +9,10 @@ import click
 from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
-from usbldr_cli.options.output_files import json_option, refuse_file, write_file
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
+from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.run_output import print_run, write_run
 
 if TYPE_CHECKING:
@@ -36,10 +37,16 @@ if TYPE_CHECKING:
     help="Method, see Filters below.",
 )
 @run_options
-@click.option("--output", "-o", type=click.Path(path_type=Path), help="Run directory.  [default: LOG-FILTER]")
+@folder_option("Run directory.  [default: LOG-FILTER]")
 @click.option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
-@click.option("--write-calibration", metavar="FILE", help="Write the estimated sensor errors as a configuration.")
+@click.option(
+    "--write-calibration",
+    type=click.Path(path_type=Path),
+    callback=toml_name,
+    metavar="FILE",
+    help="Write the estimated sensor errors as a configuration.",
+)
 @click.option(
     "--leave-one-out",
     type=click.IntRange(min=1),
@@ -57,7 +64,7 @@ def replay(
     output: Path | None,
     force: bool,
     json_to: str | None,
-    write_calibration: str | None,
+    write_calibration: Path | None,
     leave_one_out: int | None,
     bound: bool,
     outputs: RunOutputs,
@@ -77,7 +84,7 @@ def replay(
     from usbldr.filters.replay.methods import method_named
     from usbldr.io.inputs import output_conflict
     from usbldr.io.reports.run_directory import run_directory
-    from usbldr.io.session import open_log, require_scenario
+    from usbldr.io.session import is_simulated, open_log, require_scenario
     from usbldr_cli.runs.one_run import RunPlan, finish_run, prepare_run
 
     if verify is not None:
@@ -87,10 +94,11 @@ def replay(
     chosen = method_named(method)
     request, read = request_and_inputs(log, **selection)
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
-        if file is not None and (option, file) != ("--json", "-"):
+        if file not in (None, "-"):
             refuse_file(option, Path(file), force, read, output)
     if bound:
         require_scenario(log)
+    warn_of_unused_options([method], is_simulated(log))
     plan = RunPlan(log, method, choices, selection, leave_one_out, bound)
     outputs.require_fitting(Path(log))
     opened = open_log(log, request, choices.seed)
@@ -112,7 +120,7 @@ def replay(
         run = finish_run(plan, request, ready)
         write_run(folder, run, outputs)
         if write_calibration is not None:
-            _write_calibration(Path(write_calibration), run)
+            _write_calibration(write_calibration, run)
     print_run(run, target, json_to, quiet)
     if write_calibration is not None and not quiet and json_to != "-":
         click.echo(f"configuration for the next dive written to {write_calibration}")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.writing import write_fault
 
 REPORT = "report.json"  # written last, names every file of the run
 
@@ -35,7 +36,7 @@ def run_directory(target: Path, force: bool = False) -> Generator[Path]:
         for folder in made_parents:
             _remove_if_empty(folder)
         if isinstance(fault, OSError):
-            raise UsageError(f"{target}: could not be written: {fault.strerror or fault}") from fault
+            raise write_fault(target, fault, "choose another --output") from fault
         raise
     shutil.rmtree(old, ignore_errors=True)
 

@@ -14,6 +14,7 @@ from usbldr.io.decoding.definitions import known_types
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.run_messages import run_topics
 from usbldr.io.writers.ros_messages import Makers
+from usbldr.io.writing import STORAGE
 
 TRACK_MCAP = "track.mcap"
 
@@ -51,6 +52,8 @@ def _copy(log: Path, writer: Writer) -> None:
         with log.open("rb") as stream:
             _copy_messages(stream, writer)
     except (McapError, struct.error, EOFError, zlib.error, ValueError, OSError) as err:
+        if isinstance(err, OSError) and err.errno in STORAGE:
+            raise
         raise LogError(f"--mcap merge: the log cannot be copied ({err}); leave merge out", path=log) from err
 
 

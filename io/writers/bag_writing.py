@@ -1,5 +1,7 @@
 """Write a log as a ROS 1 bag and as a rosbag2 folder (sqlite3), by rosbags."""
 
+import errno
+import sqlite3
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,10 +25,13 @@ def write_bag(log: Log, file: Path, channels: Mapping[str, Channel]) -> None:
 
 
 def write_rosbag2(log: Log, folder: Path, channels: Mapping[str, Channel]) -> None:
-    """Make the folder with its metadata.yaml and one .db3 file of the same name."""
+    """Make the folder with its metadata.yaml and one .db3 file of the same name; raise OSError for a full disk."""
     store = known_types(2)
-    with Rosbag2Writer(folder, version=8) as writer:
-        _write(writer, store.serialize_cdr, log, channels, store)
+    try:
+        with Rosbag2Writer(folder, version=8) as writer:
+            _write(writer, store.serialize_cdr, log, channels, store)
+    except sqlite3.OperationalError as err:  # SQLite's "database or disk is full"
+        raise OSError(errno.ENOSPC, str(err)) from err
 
 
 def _write(

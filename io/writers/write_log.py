@@ -10,27 +10,29 @@ from typing import Literal, TypeAlias
 from usbldr.filters.errors import UsageError
 from usbldr.io.log import COLUMNS, Log
 from usbldr.io.settings.configuration import own_configuration
+from usbldr.io.writing import has_ending, write_fault
 
 LogFormat: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
 FORMS: Mapping[str, LogFormat] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
-OTHER_FORMATS = (".csv", ".json", ".txt", ".zip")  # no folder would have such a name
 FOLDERS: tuple[LogFormat, ...] = ("csv", "rosbag2")
 WRITTEN = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # and *.db3
+ELSEWHERE = "choose another --output"
 WRITTEN_BY = "Written by: usbldr"  # first words of the configuration of every written log
 
 
 def log_format_of(out: Path, stated: str | None = None) -> LogFormat:
     """Return the stated format, else the one of the name.
 
-    NAME.mcap, NAME.bag and NAME.db3 are files, NAME_db3 is a rosbag2 folder, any other name a folder of CSV files.
-    Raises UsageError for a name of another format.
+    NAME.mcap, NAME.bag and NAME.db3 are files, NAME_db3 is a rosbag2 folder, a name without an ending a folder of CSV
+    files. Raises UsageError for another ending.
     """
     for form in ("mcap", "bag", "db3", "rosbag2", "csv"):
         if stated == form:
             return form
-    if out.suffix.lower() in OTHER_FORMATS:
+    if has_ending(out) and out.suffix.lower() not in FORMS:
         raise UsageError(
-            f"{out}: cannot write {out.suffix}; name a file NAME.mcap, NAME.bag or NAME.db3, or a folder for CSV files"
+            f"{out}: there is no format with the ending {out.suffix}: choose NAME.mcap, .bag, .db3, NAME_db3, or "
+            "a name without an ending for a folder of CSV files"
         )
     return FORMS.get(out.suffix.lower(), "rosbag2" if out.name.endswith("_db3") else "csv")
 
@@ -60,7 +62,7 @@ def write_log_atomically(
         out.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
     except OSError as err:
-        raise UsageError(f"{out}: cannot be written ({err.strerror})") from err
+        raise write_fault(out, err, ELSEWHERE) from err
     made, old = temporary / out.name, temporary / "old log"
     try:
         make(made)
@@ -73,7 +75,7 @@ def write_log_atomically(
             os.replace(temporary / "usbldr.toml", place)
         os.replace(made, out)
     except OSError as err:
-        raise UsageError(f"{out}: cannot be written ({err.strerror})") from err
+        raise write_fault(out, err, ELSEWHERE) from err
     finally:
         if old.exists() and not out.exists():  # interrupted between the two renames
             os.replace(old, out)

@@ -4,6 +4,7 @@ The colours are those of M. Okabe and K. Ito ("Color Universal Design", 2008) an
 colour-blind readers can distinguish; no meaning depends on colour alone.
 """
 
+import io
 import textwrap
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -133,7 +134,9 @@ def save(figure: Figure, path: Path) -> None:
     canvas = FigureCanvasAgg(figure)  # unlike savefig, this draws only once
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    picture.save(path, "PNG", compress_level=COMPRESSION, dpi=(DPI, DPI))
+    packed = io.BytesIO()  # Pillow's own writing hides why it failed
+    picture.save(packed, "PNG", compress_level=COMPRESSION, dpi=(DPI, DPI))
+    path.write_bytes(packed.getvalue())
 
 
 def shade_outages(axes: Axes, run: Run) -> None:

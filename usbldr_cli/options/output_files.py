@@ -1,7 +1,7 @@
 """The single files that a command writes, as --json FILE: checked before the run, written atomically."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +9,39 @@ import click
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.reports.run_directory import json_text, write_atomically
+from usbldr.io.writing import has_ending, writing
+from usbldr_cli.options.log_options import inputs, read_request
+
+FILE_ENDINGS = (
+    *(".bag", ".csv", ".db3", ".fnv", ".geojson", ".html", ".json", ".kml", ".mcap"),
+    *(".md", ".pdf", ".png", ".svg", ".toml", ".tum", ".txt", ".xml", ".zip"),
+)
+"""Endings of the files that usbldr reads or writes: a folder with one of them would be taken for a file."""
 
 
 def json_option(what: str) -> Callable[[Any], Any]:
     """Add --json, which writes this as JSON."""
     text = f"Write the {what} as JSON, to a file or to stdout."
     return click.option("--json", "json_to", is_flag=False, flag_value="-", metavar="[FILE]", help=text)
+
+
+def folder_option(what: str) -> Callable[[Any], Any]:
+    """Add --output, the folder of the results; a name with the ending of a file is refused."""
+
+    def checked(_: click.Context, __: click.Parameter, folder: Path | None) -> Path | None:
+        if folder is not None and folder.suffix.lower() in FILE_ENDINGS:
+            raise UsageError(f"{folder}: --output names a folder for all results: leave {folder.suffix} out")
+        return folder
+
+    place = click.Path(path_type=Path)
+    return click.option("--output", "-o", type=place, metavar="DIR", callback=checked, help=what)
+
+
+def toml_name(_: click.Context, option: click.Parameter, file: Path | None) -> Path | None:
+    """Return the file of an option, as its callback; raise UsageError for a name with another ending than .toml."""
+    if file is not None and has_ending(file) and file.suffix.lower() != ".toml":
+        raise UsageError(f"{file}: {option.opts[0]} writes TOML: choose NAME.toml")
+    return file
 
 
 def plots_option(what: str) -> Callable[[Any], Any]:
@@ -60,16 +87,27 @@ def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made
         raise UsageError(f"{file}: cannot be written (no permission): choose another file for {option}")
 
 
+def refuse_inputs(
+    logs: Iterable[str], selection: Mapping[str, Any], output: Path | None, json_to: str | None, force: bool
+) -> None:
+    """Raise UsageError for a folder, or a file of --json, that is an input of one of the logs, or cannot be written."""
+    from usbldr.io.inputs import output_conflict
+
+    for log in logs:
+        read = inputs(log, read_request(**selection))
+        if output is not None and (what := output_conflict(output, read, inside=False)):
+            raise UsageError(f"{output} {what}: choose another --output")
+        if json_to not in (None, "-"):
+            refuse_file("--json", Path(str(json_to)), force, read, output)
+
+
 def write_file(option: str, file: Path, text: str) -> None:
-    """Write a file of an option; raise UsageError if that fails."""
-    try:
+    """Write a file of an option; raise UsageError if it cannot be written, StorageError if the disk is full."""
+    with writing(file, f"choose another file for {option}"):
         if _special(file):
             file.write_text(text, encoding="utf-8")
         else:
             write_atomically(file.resolve(), text.encode())  # a link stays a link
-    except OSError as err:
-        why = err.strerror or err
-        raise UsageError(f"{file}: cannot be written ({why}): choose another file for {option}") from err
 
 
 def _special(file: Path) -> bool:

@@ -17,6 +17,7 @@ from typing import Any
 from usbldr.filters.errors import UsageError
 from usbldr.io.reports.run_directory import json_text, write_atomically
 from usbldr.io.reports.run_provenance import made_by, provenance_content
+from usbldr.io.writing import writing
 from usbldr_cli.options.log_options import request_provenance
 from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_content
 
@@ -34,7 +35,7 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool, tables: str =
     """
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder} is a file: --output takes the name of a new folder")
-    try:
+    with writing(folder, "choose another --output"):
         foreign = _foreign(folder) if folder.exists() else None
         if foreign is not None:
             raise UsageError(f"{folder} holds {foreign}, which is not of a comparison: choose another --output")
@@ -46,8 +47,6 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool, tables: str =
         folder.mkdir(parents=True, exist_ok=True)
         if "runs" not in request:
             (folder / UNITS).mkdir(exist_ok=True)
-    except OSError as err:
-        raise UsageError(f"{folder}: cannot be written ({err.strerror or err})") from err
 
 
 def _foreign(folder: Path) -> str | None:

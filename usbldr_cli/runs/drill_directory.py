@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from usbldr.filters.errors import UsageError
 from usbldr.io.reports.run_directory import json_text, write_atomically
 from usbldr.io.reports.run_provenance import made_by, provenance_content
 from usbldr_cli.options.log_options import request_provenance
@@ -28,14 +27,11 @@ def content(report: DrillReport, request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def write_report(folder: Path, report: DrillReport, request: Mapping[str, Any], markdown: str) -> None:
-    """Write drill.csv, drill.md and, last, drill.json; raise UsageError if that fails."""
+    """Write drill.csv, drill.md and, last, drill.json, each atomically."""
     import pandas as pd
 
     rows = [row_content(row) for row in worst_first(report.rows)]
     reported = [row | {name: "; ".join(row[name]) for name in LISTS} for row in rows]
-    try:
-        write_atomically(folder / "drill.csv", pd.DataFrame(reported).to_csv(index=False, lineterminator="\n").encode())
-        write_atomically(folder / "drill.md", markdown.encode())
-        write_atomically(folder / TABLES, (json_text(content(report, request)) + "\n").encode())
-    except OSError as err:
-        raise UsageError(f"{folder}: cannot be written ({err.strerror or err})") from err
+    write_atomically(folder / "drill.csv", pd.DataFrame(reported).to_csv(index=False, lineterminator="\n").encode())
+    write_atomically(folder / "drill.md", markdown.encode())
+    write_atomically(folder / TABLES, (json_text(content(report, request)) + "\n").encode())

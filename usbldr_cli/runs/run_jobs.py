@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import click
 
+from usbldr.io.writing import writing
 from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult, JobStore
 from usbldr_cli.runs.jobs import FinishedJob, Job, run_job
@@ -29,7 +30,8 @@ def run_jobs(units: Sequence[Job], where: Executor, store: Path | None = None) -
 
     A fault of a job is a sentence in its result and does not stop the others. With a ``store``, an existing folder,
     finished jobs are written there and read from there later, also after an interruption. Raises UsbldrError if workers
-    are lost again and again, UnfitWorkerError for a worker elsewhere with other code or files.
+    are lost again and again, UnfitWorkerError for a worker elsewhere with other code or files, StorageError for a
+    full disk.
     """
     kept = JobStore(store) if store is not None else None
     stored = kept.read_all() if kept is not None else {}
@@ -43,7 +45,8 @@ def run_jobs(units: Sequence[Job], where: Executor, store: Path | None = None) -
                 if outcome is None:
                     outcome = stored[str(key)]
                 elif kept is not None and key is not None:
-                    outcome = kept.write(key, outcome, trace)
+                    with writing(kept.folder, "choose another --output"):
+                        outcome = kept.write(key, outcome, trace)
                 outcomes[k] = outcome
                 advance()
     return [outcomes[k] for k in range(len(units))]

@@ -324,5 +324,5 @@ def test_an_empty_folder_may_become_a_run(tmp_path: Path) -> None:
 def test_a_place_that_cannot_be_written_is_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
 
-    with pytest.raises(UsageError, match="could not be written"):
+    with pytest.raises(UsageError, match="cannot be written"):
         leave_a_run(tmp_path / "file" / "out")

@@ -10,10 +10,10 @@ import pytest
 
 import usbldr_cli.compare
 import usbldr_cli.runs.one_run
-import usbldr_cli.runs.run_jobs
+import usbldr_cli.tables.checked_rows
 from checkout import SAMPLES
 from commands import run
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import StorageError, UsageError
 from usbldr_cli.options.output_files import refuse_file, write_file
 
 ROW = """\
@@ -44,7 +44,7 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(usbldr_cli.runs.one_run, "finish_run", never)
     monkeypatch.setattr(usbldr_cli.compare, "_run", never)
-    monkeypatch.setattr(usbldr_cli.runs.run_jobs, "run_jobs", never)
+    monkeypatch.setattr(usbldr_cli.tables.checked_rows, "run_jobs", never)
 
 
 def refusal(*arguments: object) -> str:
@@ -74,7 +74,14 @@ def test_no_input_is_overwritten_even_with_force(dive: Path, name: str) -> None:
         if name == "truth.csv" and command[0] == "check":
             continue
         said = refusal(*command)
-        assert said.removeprefix(f"{here / name} ").startswith(("is the log:", "is also an input:", "is the baseline:"))
+        why = (
+            "is the log:",
+            "is also an input:",
+            "is the baseline:",
+            "--write-calibration writes TOML",
+            "--output writes",
+        )
+        assert said.removeprefix(f"{here / name}").lstrip(": ").startswith(why)
 
     assert {file: file.read_bytes() for file in here.iterdir()} == before
 
@@ -159,7 +166,7 @@ def test_a_file_that_was_there_is_as_it_was_where_writing_fails_half_way(
     monkeypatch.setattr(Path, "write_bytes", fail)
     monkeypatch.setattr(Path, "write_text", fail)
 
-    with pytest.raises(UsageError, match="No space left on device"):
+    with pytest.raises(StorageError, match="No space left on device"):
         write_file("--json", file, "{}\n")
 
     assert [(left, left.read_text()) for left in tmp_path.iterdir()] == [(file, "old")]
