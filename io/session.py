@@ -8,6 +8,7 @@
 ``RunSettings`` holds the options of the command line for `replay` and `evaluate`.
 """
 
+import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.filters.bounds.dive_bounds import PositionBound, position_bound
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, UsageError, did_you_mean
 from usbldr.filters.evaluation.error_report import ErrorReport, Window
 from usbldr.filters.evaluation.evaluation import evaluate as evaluate_track
 from usbldr.filters.identification.evidence import identify
@@ -75,11 +76,21 @@ def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0)
     if not is_simulated(log):
         return read(open_configured(Path(log), request), request, RAW_FIELDS)
     if not Path(log).exists() and str(log) not in scenario_names():
-        raise LogError(f"{log}: no such file, folder or scenario (scenarios: {', '.join(scenario_names())})")
+        names = scenario_names()
+        hint = did_you_mean(Path(log).name, [*_beside(Path(log)), *names])
+        raise LogError(f"{log}: no such file, folder or scenario{hint} (scenarios: {', '.join(names)})")
     if request not in (DEFAULT_REQUEST, UNCONFIGURED):
         raise UsageError(f"{log}: a scenario takes no --truth, --with or topics, and no --config but none")
     made = without_implausible(simulated_log(find_scenario(str(log)), seed))
     return made if request == DEFAULT_REQUEST else replace(made, parameters=Parameters(calibrate=(AUTO,)))
+
+
+def _beside(path: Path) -> list[str]:
+    """Return the names of what is in the folder of a path; none if it cannot be listed."""
+    try:
+        return os.listdir(path.parent)
+    except OSError:
+        return []
 
 
 def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Identification:

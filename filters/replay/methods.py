@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, UsageError, did_you_mean
 from usbldr.filters.estimators import adaptive, cpf, kalman, mode_updates, pf, pf_wekf
 from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.models.calibration import STATES
@@ -205,7 +205,7 @@ METHODS: dict[str, Method] = {
 def method_named(name: str) -> Method:
     """Return a method of METHODS; raises UsageError for a name that is not there."""
     if name not in METHODS:
-        raise UsageError(f"there is no filter {name!r} (filters: {', '.join(METHODS)})")
+        raise UsageError(f"there is no filter {name!r}{did_you_mean(name, METHODS)} (filters: {', '.join(METHODS)})")
     return METHODS[name]
 
 

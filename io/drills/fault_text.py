@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.filters.windows import TimeWindow
 from usbldr.io.drills.kinds import KINDS, Kind
 
@@ -58,7 +58,7 @@ def fault_of(kind: str, text: str) -> Fault:
     """Return a fault of a kind from its text; raise UsageError that says what to write instead."""
     where = f"{kind} {text}"
     if kind not in KINDS:
-        raise UsageError(f"{where}: there is no fault {kind!r} (faults: {', '.join(KINDS)})")
+        raise UsageError(f"{where}: there is no fault {kind!r}{did_you_mean(kind, KINDS)} (faults: {', '.join(KINDS)})")
     declared = KINDS[kind]
     head, *places = text.split("@")
     sensor, colon, amount = head.partition(":")

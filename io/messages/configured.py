@@ -5,13 +5,12 @@ A field is named by its path with dots, an element of an array by its number: "v
 the section states ``unit``.
 """
 
-import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS
 from usbldr.io.reader import TopicInfo
@@ -102,8 +101,7 @@ def named_fields(
     for key, name in stated.columns.items():
         field = field_of(name, fields, arrays)
         if field is None:
-            near = difflib.get_close_matches(plain(name), shown, n=2)
-            hint = f"; did you mean {' or '.join(near)}?" if near else ""
+            hint = did_you_mean(plain(name), shown, 2)
             raise UsageError(
                 f"{topic} has no {plain(name)} ([{stated.sensor}] columns {key}){hint} (it has {listed(shown)})",
                 path=path,

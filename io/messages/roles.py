@@ -1,13 +1,12 @@
 """Which topic is which sensor: by option, by configuration, else recognised by message type and topic name."""
 
-import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.filters.errors import LogError, UsageError, UsbldrError, did_you_mean
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, configured_layout, topic_with_columns
 from usbldr.io.messages.layouts import MessageLayout
@@ -155,8 +154,7 @@ def existing_topic(log: Path, topics: Sequence[TopicInfo], name: str, purpose: s
     topic = find_topic(topics, name)
     if topic is not None:
         return topic
-    near = difflib.get_close_matches(name, [t.name for t in topics], n=3)
-    hint = f"; did you mean {' or '.join(near)}?" if near else ""
+    hint = did_you_mean(name, [topic.name for topic in topics], 3)
     raise LogError(f"no topic {name}{purpose}{hint} (topics in this log: {_listed(topics)})", path=log)
 
 

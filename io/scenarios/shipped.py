@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any, TypeVar
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.quantities import SENSOR_UNITS
@@ -44,10 +44,9 @@ def find_scenario(name: str) -> Scenario:
     """Return a shipped scenario, or that of a file NAME.toml; raise UsageError with the names."""
     if Path(name).suffix == ".toml":
         return read_scenario(Path(name))
-    if name not in scenario_names():
-        raise UsageError(
-            f"there is no scenario {name!r} (scenarios: {', '.join(scenario_names())}, or a file NAME.toml)"
-        )
+    if name not in (known := scenario_names()):
+        hint = did_you_mean(name, known)
+        raise UsageError(f"there is no scenario {name!r}{hint} (scenarios: {', '.join(known)}, or a file NAME.toml)")
     return read_scenario(FOLDER / f"{name}.toml")
 
 
@@ -102,8 +101,9 @@ def _document(file: Path) -> dict[str, object]:
     like = own.pop("like", None)
     if like is None:
         return own
-    if like not in scenario_names():
-        raise UsageError(f"{file}: like = {like!r}: no such scenario (scenarios: {', '.join(scenario_names())})")
+    if like not in (known := scenario_names()):
+        hint = did_you_mean(str(like), known)
+        raise UsageError(f"{file}: like = {like!r}: no such scenario{hint} (scenarios: {', '.join(known)})")
     whole = _document(FOLDER / f"{like}.toml")
     for key, value in own.items():
         inherited = whole.get(key)

@@ -3,7 +3,6 @@
 Configurations, scenarios and baselines are all checked here.
 """
 
-import difflib
 import math
 import re
 import stat
@@ -15,7 +14,7 @@ from typing import Literal, TypeVar, cast
 import msgspec
 from msgspec import Struct
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.io.limits import RAISE, limit
 
 SETTINGS_BYTES = 1 << 20  # [bytes] of a configuration; one that states every key has 10 kB
@@ -91,10 +90,8 @@ def _refuse_unknown_keys(value: object, annotation: object, path: str, where: ob
     allowed = [*([tag] if tag else []), *form.__struct_fields__]
     for key, inner in table.items():
         if key not in allowed:
-            near = difflib.get_close_matches(key, allowed, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
             section = f"[{path}] has no key" if path else "there is no section"
-            raise UsageError(f"{where}: {section} {key}{hint} (allowed: {', '.join(allowed)})")
+            raise UsageError(f"{where}: {section} {key}{did_you_mean(key, allowed)} (allowed: {', '.join(allowed)})")
         _refuse_unknown_keys(inner, hints.get(key), f"{path}.{key}".removeprefix("."), where)
 
 

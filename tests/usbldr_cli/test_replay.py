@@ -99,7 +99,10 @@ def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
         (("--dr-from", "here"), "--dr-from here is neither LAT,LON in degrees nor one of"),
         (("--start", "5", "--end", "4"), "--start 5 is not before --end 4"),
         (("--start", "noon"), "--start noon is neither seconds nor ISO time"),
-        (("--filter", "kf"), "there is no filter 'kf'"),
+        (("--filter", "efk"), "there is no filter 'efk'; did you mean ekf? (filters: ekf, ckf,"),
+        (("--filter", "CPF"), "there is no filter 'CPF'; did you mean cpf?"),
+        (("-o", "track.csv"), "track.csv: --output names a folder for all results: leave .csv out"),
+        (("--write-calibration", "dive.yaml"), "dive.yaml: --write-calibration writes TOML: choose NAME.toml"),
         (("--filter", "cpf", "--gate", "0.99"), "cpf weighs outliers and takes no gate"),
     ],
 )

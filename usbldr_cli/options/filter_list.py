@@ -8,15 +8,14 @@ from usbldr_cli.options.run_options import RunChoices
 
 def filter_list(filters: str, choices: RunChoices) -> list[str]:
     """Return the names in a list of filters; refuse options that none of them takes."""
-    from usbldr.filters.replay.methods import METHODS, methods_that
+    from usbldr.filters.replay.methods import METHODS, method_named, methods_that
 
     choices.settings()  # refuses wrong values
     names = [name.strip() for name in filters.split(",") if name.strip()]
-    unknown = [name for name in names if name not in METHODS]
-    if unknown or not names:
-        raise UsageError(f"there is no filter {', '.join(unknown) or 'in the list'!r} (filters: {', '.join(METHODS)})")
+    if not names:
+        raise UsageError(f"--filters names no filter (filters: {', '.join(METHODS)})")
+    methods = [method_named(name) for name in names]
     refuse_repeats("--filters", names)
-    methods = [METHODS[name] for name in names]
     if choices.gate is not None and not any(method.takes_gate for method in methods):
         raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, none of which is compared")
     if choices.aid is not None and not any(method.is_filter for method in methods):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ from usbldr.io.read import read_log
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
+from usbldr.io.writers.write_log import log_format_of
 
 PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
 SHORT = dataclasses.replace(
@@ -278,12 +280,26 @@ def test_force_does_not_replace_a_folder_with_other_things_in_it(tmp_path: Path)
     assert (tmp_path / "thesis" / "chapter1.tex").read_text() == "dear"
 
 
-@pytest.mark.parametrize("name", ["dive.zip", "dive.csv", "file/dive.mcap"])
-def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["dive.zip", "dive.csv", "dive.MAT", "dive.mcap.x1"])
+def test_an_ending_without_a_format_is_refused_with_those_that_have_one(tmp_path: Path, name: str) -> None:
+    ending = name[name.rindex(".") :]
+    wanted = f"there is no format with the ending {ending}: choose NAME.mcap, .bag, .db3, NAME_db3, or a name without"
+    with pytest.raises(UsageError, match=re.escape(wanted)):
+        write_scenario(SHORT, 0, tmp_path / name)
+
+    assert list(tmp_path.iterdir()) == []
+    assert log_format_of(Path(name), "csv") == "csv"  # --format says it
+
+
+def test_a_number_at_the_end_of_a_folder_is_no_ending(tmp_path: Path) -> None:
+    assert [log_format_of(Path(name)) for name in ("dive.2", "2026.05.12", "a.mcap/b")] == ["csv"] * 3
+
+
+def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
 
     with pytest.raises(UsageError, match="cannot"):
-        write_scenario(SHORT, 0, tmp_path / name)
+        write_scenario(SHORT, 0, tmp_path / "file" / "dive.mcap")
 
     assert [f.name for f in tmp_path.iterdir()] == ["file"]
 
