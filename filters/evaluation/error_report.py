@@ -38,6 +38,9 @@ class Window(NamedTuple):
 WHOLE_LOG = Window()
 
 
+LOW_COVERAGE = 0.8  # of the epochs to be scored: with less of them, a warning
+
+
 class Matching(NamedTuple):
     """How many of the track's times found a truth, and why the others did not."""
 
@@ -49,6 +52,16 @@ class Matching(NamedTuple):
     aided: int  # in a window in which GPS aided the filter
     undefined: int  # the track itself has no finite position there
     truth_rows: int  # distinct truth samples that the matched times rest on
+
+    @property
+    def asked(self) -> int:
+        """How many times the user wants scored."""
+        return self.candidates - self.outside_window - self.aided
+
+    @property
+    def low(self) -> bool:
+        """Whether so few of them have a truth that the errors do not stand for the run."""
+        return self.matched < LOW_COVERAGE * self.asked
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,6 @@ from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
 FEW_EPOCHS = 5  # with fewer, mean and RMS say next to nothing
-LOW_COVERAGE = 0.8  # of the epochs that the truth covers: with less of them, a warning
 LATE_FIRST_S = 5.0  # --align first joins two instants this far apart only with a warning
 
 
@@ -175,12 +174,13 @@ def evaluate(
 def _warnings(matching: Matching, truth: Truth) -> tuple[str, ...]:
     """Say a low coverage, unless the user chose it by the window, and a track that broke off."""
     found: list[str] = []
-    asked = matching.candidates - matching.outside_window - matching.aided
-    if matching.matched < LOW_COVERAGE * asked:
+    if matching.low:
         outside = f"{matching.outside_truth} lie before or after it" if matching.outside_truth else ""
         gaps = f"{matching.in_gap} in its gaps over {truth.max_gap_s:g} s" if matching.in_gap else ""
         why = ", ".join(filter(None, (outside, gaps)))
-        found.append(f"only {matching.matched} of {asked} epochs could be compared with the truth{why and ': '}{why}")
+        found.append(
+            f"only {matching.matched} of {matching.asked} epochs could be compared with the truth{why and ': '}{why}"
+        )
     if matching.matched < FEW_EPOCHS:
         found.append(f"these numbers rest on {matching.matched} of the track's epochs alone: they say next to nothing")
     if matching.undefined:

@@ -11,6 +11,7 @@ def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) ->
     """Return a line such as "cpf: mean horizontal error 0.69 m, 31 % better than raw USBL, 70 % better than DR".
 
     A constant shift that makes up most of the error stands apart; no track is judged against a place that is unknown.
+    If few epochs have a truth, the line says how many.
     """
     if not report.judged:
         return (
@@ -19,12 +20,15 @@ def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) ->
         )
     others = [other for other in others if other.label != report.label]
     by_total = _compared(report, others, lambda one: one.horizontal.mean_m)
+    matching = report.matching
+    percent = 100 * matching.matched / max(matching.asked, 1)
+    few = f", in the {percent:.0f} % of the epochs that have a truth" if matching.low else ""
     if report.alignment.name == "shift":
-        return f"{report.label}: mean horizontal error without constant shift {by_total}"
+        return f"{report.label}: mean horizontal error without constant shift {by_total}{few}"
     if report.mostly_shift:
         apart = f"; without a constant shift of {report.shift.length_m:.2f} m {{}}"
         by_total += apart.format(_compared(report, others, lambda one: one.shift.mean_m))
-    return f"{report.label}: mean horizontal error {by_total}"
+    return f"{report.label}: mean horizontal error {by_total}{few}"
 
 
 def _compared(report: ErrorReport, others: Sequence[ErrorReport], error: Callable[[ErrorReport], float]) -> str:

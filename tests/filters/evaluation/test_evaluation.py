@@ -463,6 +463,13 @@ def test_the_verdict_compares_with_doing_without() -> None:
     assert summary_sentence(usbl) == "usbl: mean horizontal error 1.00 m"
 
 
+def test_the_verdict_says_if_few_epochs_have_a_truth() -> None:
+    surfaced = truth_of(SECONDS[: len(SECONDS) // 4 + 1], line(SECONDS[: len(SECONDS) // 4 + 1]))
+    found = evaluate(track_of(SECONDS, shifted(SECONDS, np.zeros(len(SECONDS)), 1.0), name="dr"), surfaced)
+    share = 100 * (len(SECONDS) // 4 + 1) / len(SECONDS)
+    assert summary_sentence(found).endswith(f", in the {share:.0f} % of the epochs that have a truth")
+
+
 def uib_field(field_logs: Path, name: str) -> tuple[Trajectory, Truth, int]:
     """The published fixes and truth read by pandas alone; the log's start is the first truth row."""
     folder = field_logs / "uib_field" / "csv"
