@@ -52,6 +52,7 @@ _KNOWN: Mapping[str, tuple[Dimension, float]] = {
     for spelling in (unit, *_SPELLINGS.get(unit, "").split())
 }
 _BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*)[\])]\s*")
+_ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
 _LONGEST_ENDING = 2  # words of a unit that ends a name: "mm_s"
 
 
@@ -65,15 +66,20 @@ class NamedUnit(NamedTuple):
 
 
 def named_unit(name: str) -> NamedUnit:
-    """Return what a name states: a unit in brackets, known or not, or a known one after its last "_"."""
+    """Return what a name states: a unit in brackets, known or not, or a known one after its last "_".
+
+    Of elements, the unit is that of the whole: "velocity_mm_s[0]", "velocity_mm_s.x".
+    """
     if brackets := _BRACKETS.fullmatch(name):
         dimension, factor = _KNOWN.get("".join(brackets[2].lower().split()), (None, 1.0))
         return NamedUnit(brackets[1], brackets[2].strip(), dimension, factor)
-    words = name.split("_")
+    parts = _ELEMENT.fullmatch(name)
+    whole, element = parts.groups() if parts else (name, "")
+    words = whole.split("_")
     for count in range(min(_LONGEST_ENDING, len(words) - 1), 0, -1):
         unit = "_".join(words[-count:])
         if known := _KNOWN.get(unit.lower()):
-            return NamedUnit("_".join(words[:-count]), unit, *known)
+            return NamedUnit("_".join(words[:-count]) + element, unit, *known)
     return NamedUnit(name)
 
 

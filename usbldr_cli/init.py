@@ -24,14 +24,15 @@ from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
 def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     """Write a usbldr.toml for LOG, with the source of each line.
 
-    Topics, axes, frames, mounting and delays are those that fit LOG best, estimated without any truth. Check the lines
-    marked CHECK. Replay accepts the file as is.
+    Topics, axes, frames, mounting and delays are those that fit LOG best, estimated without any truth. For a sensor
+    without a topic of a known type, it proposes columns of one whose fields have fitting names. Check the lines marked
+    CHECK. Replay accepts the file as is.
 
     \b
     $ usbldr init dive.mcap
     """
-    from usbldr.io.doctor.doctor import examine
     from usbldr.io.doctor.init_config import initial_configuration
+    from usbldr.io.doctor.proposed_columns import examine_with_proposals
     from usbldr.io.settings.configuration import own_configuration
 
     path = Path(log)
@@ -43,8 +44,8 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     selection["config"] = "none"
     request = read_request(**selection)
     refuse_file("--output", target, force, inputs(log, request))
-    found = examine(path, request)
-    text = initial_configuration(found, selection["joined"])
+    found, proposals = examine_with_proposals(path, request)
+    text = initial_configuration(found, selection["joined"], proposals)
     write_file("--output", target, text)
     checks = text.count("# CHECK")
     todo = f"; check the {checks} line{'s' if checks > 1 else ''} marked CHECK" if checks else ""

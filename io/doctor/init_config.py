@@ -6,6 +6,7 @@ user to fill in.
 
 import os
 import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, in_radians, usbl_lines
 from usbldr.io.doctor.map_origin import propose_origin
+from usbldr.io.doctor.proposed_columns import Proposal
 from usbldr.io.doctor.sensor_errors import explanation_text
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
@@ -22,8 +24,10 @@ from usbldr.io.settings.configuration import own_configuration, parse_configurat
 COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
 
 
-def initial_configuration(examination: Examination, joined: tuple[str, ...] = ()) -> str:
-    """Return the text of a configuration with which the log can be replayed.
+def initial_configuration(
+    examination: Examination, joined: tuple[str, ...] = (), proposals: Mapping[str, Proposal] | None = None
+) -> str:
+    """Return the text of a configuration with which the log can be replayed; ``proposals`` were used to read it.
 
     Raises LogError with what is missing if no configuration could do that.
     """
@@ -37,7 +41,8 @@ def initial_configuration(examination: Examination, joined: tuple[str, ...] = ()
         examination = replace(examination, sensor_check=None)  # its headings were read in another unit
     sections: dict[str, list[ConfigLine]] = {"map": _map(examination, log)}
     for role in ROLES:
-        sections[role] = _topic(examination, log, role)
+        proposal = (proposals or {}).get(role)
+        sections[role] = proposal.lines if proposal else _topic(examination, log, role)
     for role, lines_of in (("dvl", dvl_lines), ("compass", compass_lines), ("usbl", usbl_lines)):
         sections[role] += lines_of(examination, log) if role in log.tables else []
     sections["truth"] = _truth(log)

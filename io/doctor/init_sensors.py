@@ -159,8 +159,10 @@ def _convention(log: Log, result: InterpretationResult | None, role: str, key: s
 
 
 def recorded_line(log: Log, role: str, key: str) -> ConfigLine:
-    """Return a convention as the records were read, empty if each has its own."""
+    """Return a convention as the records were read, empty if each has its own, or names of columns state the unit."""
     value = recorded_value(log, role, key)
+    if key == "unit" and value and log.convention(role, key).chosen_by == "column names":
+        return "", ""  # stated, it would come before the units of the names
     return (f'{key} = "{value}"', chosen_by_text(log.convention(role, key))) if value else ("", "")
 
 

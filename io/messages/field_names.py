@@ -84,13 +84,13 @@ def words_of(label: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
 
 
-def named_column(name: str) -> NamedColumn | None:
+def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None:
     """Return what a column holds, None if its name does not tell."""
     unit = named_unit(name)
     words = words_of(unit.label)
     if OTHER.search(words) or SHIP.search(words):
         return None
-    for rule in RULES:
+    for rule in rules:
         certain = unit.dimension == rule.dimension or (rule.alone and unit.dimension is None)
         if certain and re.search(f"(^|_)({rule.words})$", words):
             return NamedColumn(name, rule, unit)

@@ -5,11 +5,12 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from commands import findings, run
 from curved import curved_dive, in_radians
-from recordings import SECOND, T0, point, write_mcap
+from recordings import SECOND, T0, Row, define, point, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 
 MIRRORED: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED", "gravity": -9.8}
@@ -136,3 +137,58 @@ def test_init_takes_no_configuration(log: Path) -> None:
     done = run("init", str(log), "--config", "any.toml")
 
     assert isinstance(done.exception, UsageError)
+
+
+LOCK, GYRO = "acme_msgs/msg/BottomLock", "acme_msgs/msg/NorthSeeker"
+define(
+    {
+        LOCK: "float64 stamp_s\nfloat32[3] velocity_mm_s\nfloat32[3] water_velocity\nbool bottom_lock\n",
+        GYRO: "std_msgs/Header header\nfloat64 heading_rate\nfloat64 heading_rad\n",
+    }
+)
+
+
+def of_unknown_types(rows: list[Row]) -> list[Row]:
+    """Return the dive with types that nobody knows in place of the twist and of the heading."""
+    made: list[Row] = []
+    for ns, topic, kind, values in rows:
+        if topic == "/dvl":
+            along = np.array([values[f"twist.linear.{axis}"] * 1000 for axis in "xyz"], dtype=np.float32)
+            made.append((ns, "/acme/lock", LOCK, {"velocity_mm_s": along, "stamp_s": ns / 1e9, "bottom_lock": True}))
+        elif topic == "/heading":
+            made.append((ns, "/acme/seeker", GYRO, {"header.stamp": ns, "heading_rad": values["data"]}))
+        else:
+            made.append((ns, topic, kind, values))
+    return made
+
+
+def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", of_unknown_types(in_radians(curved_dive(dvl="FRD"))))
+    target = tmp_path / "found.toml"
+
+    done = run("init", str(log), "--output", str(target))
+
+    assert done.exception is None, done.output
+    text = target.read_text(encoding="utf-8")
+    found = tomllib.loads(text)
+    assert found["dvl"]["topic"] == "/acme/lock"
+    assert found["dvl"]["columns"] == {
+        "time_unix_s": "stamp_s",
+        **{axis: f"velocity_mm_s[{number}]" for number, axis in enumerate("xyz")},
+        "valid": "bottom_lock",
+    }
+    assert found["compass"]["columns"] == {"heading": "heading_rad"}
+    assert found["dvl"]["axes"] == "FRD"
+    assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
+    done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
+    assert done.return_value == 0, done.output
+
+
+def test_nothing_is_proposed_if_names_do_not_suffice(tmp_path: Path) -> None:
+    odd = [(ns, "/dvl_heading", GYRO, {"heading_rate": 1.0, "heading_rad": 2.0}) if topic == "/dvl" else
+           (ns, topic, kind, values) for ns, topic, kind, values in short_dive()]  # fmt: skip
+    target = tmp_path / "found.toml"
+
+    run("init", str(write_mcap(tmp_path / "dive.mcap", odd)), "--output", str(target))
+
+    assert tomllib.loads(target.read_text(encoding="utf-8"))["dvl"] == {"topic": "none"}

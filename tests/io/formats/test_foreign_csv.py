@@ -146,6 +146,8 @@ def test_a_bad_cell_of_a_foreign_file_costs_its_row_alone(tmp_path: Path) -> Non
         ("velocity[0]", "velocity[0]", None, 1.0),
         ("velocity[0] [ft/s]", "velocity[0]", "velocity", 0.3048),
         ("s", "s", None, 1.0),
+        ("bottom.velocity_mm_s[0]", "bottom.velocity[0]", "velocity", 1e-3),
+        ("velocity_cm_s.x", "velocity.x", "velocity", 1e-2),
         ("depth [fathom]", "depth", None, 1.0),
     ],
 )
