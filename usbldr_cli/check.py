@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from usbldr.filters.errors import CheckError, UsageError
+from usbldr_cli.options.completion import FILE, FILTERS
 from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
@@ -30,7 +31,7 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 
 
 @click.command()
-@click.argument("files", metavar="BASELINE | LOG...", nargs=-1, required=True)
+@click.argument("files", metavar="BASELINE | LOG...", type=FILE, nargs=-1, required=True)
 @click.option("--init", "first", is_flag=True, help="Write a first baseline for each LOG instead.")
 @click.option(
     "--baseline",
@@ -44,6 +45,7 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 @click.option(
     "--filters",
     "-f",
+    type=FILTERS,
     metavar="LIST",
     default=DEFAULT_FILTERS,
     show_default=True,
@@ -53,8 +55,8 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 @worker_options
 @folder_option('Folder for the run directories of failed rows; "none" keeps none.  [default: BASELINE-failed]')
 @json_option("result")
-@click.option("--junit", metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
-@click.option("--markdown", "markdown_to", metavar="FILE", help="Write the result as a page for a CI run.")
+@click.option("--junit", type=FILE, metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
+@click.option("--markdown", "markdown_to", type=FILE, metavar="FILE", help="Write the result as a page for a CI run.")
 @html_file_option
 @click.option("--force", is_flag=True, help="Replace the files of other options, and kept runs.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr_cli.options.completion import FILTERS, LOG
 from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option, require_output
@@ -31,9 +32,11 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("logs", metavar="LOG...", nargs=-1, required=True)
+@click.argument("logs", metavar="LOG...", type=LOG, nargs=-1, required=True)
 @selection_options
-@click.option("--filters", "-f", metavar="LIST", help="Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]")
+@click.option(
+    "--filters", "-f", type=FILTERS, metavar="LIST", help="Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]"
+)
 @click.option(
     "--seeds", type=click.IntRange(min=1), default=5, show_default=True, metavar="N", help="Runs of each method."
 )

@@ -11,6 +11,7 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.drills.kinds import KINDS
+from usbldr_cli.options.completion import FILTERS
 from usbldr_cli.options.fault_options import chosen_drills, fault_options
 from usbldr_cli.options.filter_list import filter_list
 from usbldr_cli.options.help_groups import GroupedCommand
@@ -30,7 +31,9 @@ DEFAULT_FILTERS = "adf,cpf"
 @click.command(cls=GroupedCommand)
 @log_options
 @fault_options
-@click.option("--filters", "-f", metavar="LIST", help=f"Methods, see Filters below.  [default: {DEFAULT_FILTERS}]")
+@click.option(
+    "--filters", "-f", type=FILTERS, metavar="LIST", help=f"Methods, see Filters below.  [default: {DEFAULT_FILTERS}]"
+)
 @click.option(
     "--seeds", type=click.IntRange(min=1), default=3, show_default=True, metavar="N", help="Runs of each method."
 )

@@ -7,9 +7,10 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, printable
 from usbldr_cli.options.command_line import given_command
+from usbldr_cli.options.completion import ESTIMATE
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file
-from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.options.run_options import RunChoices, align_option
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.run_output import print_run, write_run
 
@@ -26,11 +27,18 @@ DEFAULTS: dict[str, Any] = {
 
 @click.command()
 @log_options
-@click.option("--estimate", "-e", metavar="FILE|TOPIC", required=True, help="The track to judge.")
+@click.option(
+    "--estimate",
+    "-e",
+    type=ESTIMATE,
+    metavar="FILE|TOPIC",
+    required=True,
+    help="The track to judge.",
+)
 @click.option("--frame", type=click.Choice(FRAMES), help="Frame of the track.  [default: by type and name, else ENU]")
 @click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.")
 @click.option("--end", metavar="TIME", help="Score up to this time.")
-@click.option("--align", default="auto", show_default=True, metavar="HOW", help="none, shift, first, rigid or body.")
+@align_option
 @folder_option("Run directory.  [default: LOG-ESTIMATE]")
 @click.option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")

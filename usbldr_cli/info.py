@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError
+from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import read_request, selection_options
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
 
 
 @click.command()
-@click.argument("logs", metavar="LOG...", nargs=-1, required=True)
+@click.argument("logs", metavar="LOG...", type=LOG, nargs=-1, required=True)
 @selection_options
 @click.option("--all", "all_topics", is_flag=True, help=f"List every topic, not only the first {MAX_TOPICS_SHOWN}.")
 @click.option(

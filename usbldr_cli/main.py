@@ -10,6 +10,7 @@ import click
 from usbldr.filters.errors import StorageError, UsageError, UsbldrError, did_you_mean
 from usbldr.io.writing import STORAGE, write_fault
 from usbldr_cli.options.command_line import keep_command
+from usbldr_cli.options.completion import register
 
 COMMANDS = {
     "info": "List the topics of LOG and how each sensor is read.",
@@ -68,7 +69,7 @@ class LazyGroup(click.Group):
 
 def print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the version, and with -v what the filters run on."""
-    if not asked:
+    if not asked or ctx.resilient_parsing:  # while a shell completes
         return
     from usbldr import __version__
 
@@ -116,6 +117,8 @@ def one_line(fault: click.ClickException) -> str:
 
 def main() -> None:
     """Run the command; an error of log or options is one line on stderr."""
+    if "_USBLDR_COMPLETE" in os.environ:
+        register()
     try:
         code = cli.main(prog_name="usbldr", standalone_mode=False)
         sys.stdout.flush()  # here, where a full disk can still be told

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import CheckError, LogError, UsageError, printable
+from usbldr_cli.options.completion import FILE, FILTER, LOG
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("log", metavar="LOG", required=False)
+@click.argument("log", metavar="LOG", type=LOG, required=False)
 @selection_options
 @click.option(
     "--filter",
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     "method",
     default="cpf",
     show_default=True,
+    type=FILTER,
     metavar="NAME",
     help="Method, see Filters below.",
 )
@@ -55,7 +57,9 @@ if TYPE_CHECKING:
 )
 @click.option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.")
 @run_outputs
-@click.option("--verify", metavar="REPORT", help="Repeat the run of a report.json; exit 1 if it is not the same.")
+@click.option(
+    "--verify", type=FILE, metavar="REPORT", help="Repeat the run of a report.json; exit 1 if it is not the same."
+)
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 def replay(

@@ -5,11 +5,12 @@ from pathlib import Path
 import click
 
 from usbldr.filters.errors import UsageError
+from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import format_option, inputs, read_request
 
 
 @click.command()
-@click.argument("scenario", required=False)
+@click.argument("scenario", type=LOG, required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="NAME.mcap, NAME.bag, NAME_db3 or a folder.")
 @format_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of random numbers.")

@@ -7,6 +7,7 @@ import click
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.drills.kinds import KINDS
+from usbldr_cli.options.completion import words
 
 if TYPE_CHECKING:
     from usbldr.io.drills.drill import Drill
@@ -19,7 +20,7 @@ def fault_options(command: Callable[..., Any]) -> Callable[..., Any]:
         help_text = f"{declared.meaning}  [{declared.example}]"
         command = click.option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text)(command)
     help_text = 'Drills of a TOML file; "standard" is the suite that is shipped.  [default without faults: standard]'
-    return click.option("--suite", metavar="FILE", help=help_text)(command)
+    return click.option("--suite", type=words("standard", files=True), metavar="FILE", help=help_text)(command)
 
 
 def chosen_drills(suite: str | None, given: Mapping[str, tuple[str, ...]]) -> "tuple[Drill, ...]":

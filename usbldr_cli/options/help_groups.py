@@ -57,7 +57,7 @@ class GroupedCommand(click.Command):
 
 
 def _show_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
-    if asked:
+    if asked and not ctx.resilient_parsing:  # not while a shell completes
         ctx.meta[SHOW_ALL] = True
         click.echo(ctx.get_help())
         ctx.exit()

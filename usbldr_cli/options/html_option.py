@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import UsageError
+from usbldr_cli.options.completion import FILE
 
 
 def html_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -18,7 +19,7 @@ def html_option(command: Callable[..., Any]) -> Callable[..., Any]:
 def html_file_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --html FILE to a command that has no folder for its results."""
     text = "Write the result as one page with an interactive figure."
-    return click.option("--html", "html_to", metavar="FILE", callback=_checked, help=text)(command)
+    return click.option("--html", "html_to", type=FILE, metavar="FILE", callback=_checked, help=text)(command)
 
 
 def _checked(_: click.Context, __: click.Parameter, asked: Any) -> Any:

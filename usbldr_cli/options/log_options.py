@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from usbldr_cli.options.command_line import given_command
+from usbldr_cli.options.completion import FILE, LOG, TRUTH, Suggested, topics, words
 
 if TYPE_CHECKING:
     from usbldr.io.inputs import InputFile
@@ -32,12 +33,29 @@ def _raise_limits(_ctx: click.Context, _option: click.Parameter, factor: str | N
 def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --config, one option for each sensor, --truth, --with, --msg-path and --limits."""
     options = (
-        click.option("--config", metavar="FILE", help='Configuration file; "none" ignores the one beside LOG.'),
-        *(click.option(f"--{role}", metavar="TOPIC", help=text) for role, text in ROLE_HELP.items()),
-        click.option("--truth", metavar="FILE|TOPIC", help='Reference track; "none" for no scoring.'),
+        click.option(
+            "--config",
+            metavar="FILE",
+            type=words("none", files=True),
+            help='Configuration file; "none" ignores the one beside LOG.',
+        ),
+        *(
+            click.option(f"--{role}", metavar="TOPIC", type=Suggested(topics(role)), help=text)
+            for role, text in ROLE_HELP.items()
+        ),
+        click.option(
+            "--truth",
+            metavar="FILE|TOPIC",
+            type=TRUTH,
+            help='Reference track; "none" for no scoring.',
+        ),
         click.option("--truth-frame", type=click.Choice(["ENU", "NED", "latlon"]), help="Frame of the truth."),
-        click.option("--with", "joined", metavar="FILE", multiple=True, help="Additional file of the same dive."),
-        click.option("--msg-path", metavar="DIR", multiple=True, help="Folder of .msg definitions that LOG lacks."),
+        click.option(
+            "--with", "joined", metavar="FILE", type=FILE, multiple=True, help="Additional file of the same dive."
+        ),
+        click.option(
+            "--msg-path", metavar="DIR", type=FILE, multiple=True, help="Folder of .msg definitions that LOG lacks."
+        ),
         click.option(
             "--limits",
             metavar="FACTOR",
@@ -59,7 +77,7 @@ def format_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the argument LOG and the options that say how to read it."""
-    return click.argument("log", metavar="LOG")(selection_options(command))
+    return click.argument("log", metavar="LOG", type=LOG)(selection_options(command))
 
 
 def read_request(

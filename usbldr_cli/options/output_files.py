@@ -10,6 +10,7 @@ import click
 from usbldr.filters.errors import UsageError
 from usbldr.io.reports.run_directory import json_text, write_atomically
 from usbldr.io.writing import has_ending, writing
+from usbldr_cli.options.completion import FILE
 from usbldr_cli.options.log_options import inputs, read_request
 
 FILE_ENDINGS = (
@@ -22,7 +23,7 @@ FILE_ENDINGS = (
 def json_option(what: str) -> Callable[[Any], Any]:
     """Add --json, which writes this as JSON."""
     text = f"Write the {what} as JSON, to a file or to stdout."
-    return click.option("--json", "json_to", is_flag=False, flag_value="-", metavar="[FILE]", help=text)
+    return click.option("--json", "json_to", is_flag=False, flag_value="-", type=FILE, metavar="[FILE]", help=text)
 
 
 def folder_option(what: str) -> Callable[[Any], Any]:

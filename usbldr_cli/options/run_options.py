@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import UsageError
+from usbldr_cli.options.completion import Suggested, places, sensor_errors
 from usbldr_cli.options.methods_option import MethodsOption
 
 if TYPE_CHECKING:
@@ -69,6 +70,18 @@ class RunChoices:
         return start, end
 
 
+def align_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --align."""
+    return click.option(
+        "--align",
+        type=click.Choice(["auto", "none", "shift", "first", "rigid", "body"]),
+        default="auto",
+        show_default=True,
+        metavar="HOW",
+        help="Align track and truth: none, shift, first, rigid or body; auto: shift if the map origin is unknown.",
+    )(command)
+
+
 def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options; the command gets them as one RunChoices, ``choices``."""
     names = [field.name for field in fields(RunChoices)]
@@ -109,23 +122,18 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601."),
         click.option("--end", metavar="TIME", help="Score up to this time."),
-        click.option(
-            "--align",
-            type=click.Choice(["auto", "none", "shift", "first", "rigid", "body"]),
-            default="auto",
-            show_default=True,
-            metavar="HOW",
-            help="Align track and truth: none, shift, first, rigid or body; auto: shift if the map origin is unknown.",
-        ),
+        align_option,
         click.option(
             "--dr-from",
             default="start",
             show_default=True,
+            type=Suggested(places),
             metavar="WHERE",
             help="Start of dead reckoning: start, first-fix, first-gps, first-truth or LAT,LON.",
         ),
         click.option(
             "--calibrate",
+            type=Suggested(sensor_errors, several=True),
             metavar="LIST",
             help="Sensor errors to estimate: auto, none or scale,misalignment,...  [default: as configured, else auto]",
         ),
@@ -159,9 +167,10 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Rate of the filter's epochs."),
         click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Rate of the scored epochs."),
     )
+    decorated: Callable[..., Any] = packed
     for option in reversed(options):
-        packed = option(packed)
-    return packed
+        decorated = option(decorated)
+    return decorated
 
 
 def _keys(text: str) -> tuple[str, ...]:
