@@ -18,7 +18,7 @@ PATIENCE_S = 2.0  # [s] to list the topics of a log: longer than an index takes,
 Words = Callable[[click.Context], Iterable[str]]
 
 
-class Suggested(click.ParamType):
+class Suggested(click.ParamType):  # pyright: ignore[reportMissingTypeArgument] - click 8.1 has none
     """A text for which there are suggestions: words, names of files, or both, one kind at a time."""
 
     name = "text"
