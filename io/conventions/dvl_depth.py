@@ -15,7 +15,7 @@ from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.conventions.timestamps import Times, times_of
 from usbldr.io.findings import Finding
-from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres
+from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres, inverse_interval
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
@@ -113,7 +113,9 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     by_sound, sound_chosen = _sound_speed_ratio(raw, section)
     instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
     for name, (axis, sign) in zip("xyz", axis_signs(axes), strict=True):
-        instrument[axis] = sign * to_mps * by_sound * raw.number(name) / (1.0 + section.scale_error)
+        instrument[axis] = (
+            sign * to_mps * by_sound * inverse_interval(raw) * raw.number(name) / (1.0 + section.scale_error)
+        )
     chosen += sound_chosen
     if section.scale_error:
         chosen.append(Convention("scale_error", section.scale_error, "configuration"))

@@ -53,7 +53,8 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
         "flagged invalid": raw.number("valid") == 0,
     }
     if latlon:
-        by_name = np.char.startswith(np.char.lower(raw.text("fix_name")), "no")
+        fix_names = np.char.replace(np.char.lower(raw.text("fix_name")), "gps_fix_type_", "")  # MAVLink's prefix
+        by_name = np.char.startswith(fix_names, "no")
         causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (raw.number("fix_type") < 2) | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)

@@ -46,6 +46,18 @@ def _rosbag2(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return open_rosbag2(path, known) if fits else None
 
 
+def _tlog(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.tlog_log import TelemetryLog, looks_like_tlog
+
+    return TelemetryLog(path) if looks_like_tlog(head) else None
+
+
+def _dataflash(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.dataflash_log import DataflashLog, looks_like_dataflash
+
+    return DataflashLog(path) if looks_like_dataflash(head) else None
+
+
 def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.nmea_log import NmeaFile, looks_like_nmea
 
@@ -64,6 +76,8 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "MCAP files": _mcap,
     "ROS 1 bags": _bag,
     "rosbag2 (folders and .db3 files)": _rosbag2,
+    "MAVLink telemetry logs (.tlog)": _tlog,
+    "DataFlash logs (.BIN)": _dataflash,
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
 }

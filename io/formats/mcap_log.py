@@ -129,7 +129,10 @@ class McapLog:
         if record.id in self._keys:  # repeated, in a damaged summary perhaps otherwise
             return
         schema = self._schemas.get(record.schema_id)
-        key = (name_of(record.topic), name_of(schema.name) if schema else "")
+        kind = schema.name if schema else ""
+        if kind == "mavlink":  # BlueOS: one name for the schemas of all messages, which the topics name
+            kind = record.topic.replace("/", ".")
+        key = (name_of(record.topic), name_of(kind))
         if key not in self._known:
             self._decoders.add_topic()
             self._known[key] = Stream(*key, record.message_encoding, self._decoder(record, schema))

@@ -129,6 +129,8 @@ def dvl_causes(
         causes["without status A"] = np.char.upper(raw.text("status")) != "A"
     else:
         causes["exactly zero"] = (x == 0) & (y == 0) & ((z == 0) | np.isnan(z))
+    causes["over no interval"] = ~(raw.number("interval_us") > 0) & ("interval_us" in raw.values)
+    causes["with a confidence of 0"] = raw.number("confidence") == 0
     causes["in beam coordinates"] = raw.number("coordinates") == BEAM
     causes["in earth coordinates"] = raw.number("coordinates") == EARTH
     beams = raw.number("good_beams")
@@ -145,6 +147,14 @@ def dvl_causes(
     causes["negative covariance"] = raw.number("own_covariance") < 0
     causes[TOO_FAST] = speed_mps > 20.0
     return causes
+
+
+def inverse_interval(raw: RawRecords) -> Vector:
+    """Return the inverse of the interval in which each distance was travelled, 1/s, (n,); 1 for velocities."""
+    if "interval_us" not in raw.values:
+        return np.ones(len(raw.received_ns))
+    interval_us = raw.number("interval_us")
+    return 1e6 / np.where(interval_us > 0, interval_us, np.nan)
 
 
 def in_millimetres(raw: RawRecords, causes: dict[str, Mask]) -> bool:

@@ -7,17 +7,25 @@ from usbldr.io.messages.depth import DEPTH
 from usbldr.io.messages.dvl import DVL
 from usbldr.io.messages.gps import GPS, TRUTH
 from usbldr.io.messages.layouts import MessageLayout, only_when_named
+from usbldr.io.messages.mavlink import (
+    MAVLINK_COMPASS,
+    MAVLINK_DEPTH,
+    MAVLINK_DVL,
+    MAVLINK_GPS,
+    MAVLINK_TRUTH,
+    MAVLINK_USBL,
+)
 from usbldr.io.messages.nmea import NMEA_HEADINGS, NMEA_PLACES, NMEA_SHIPS
 from usbldr.io.messages.usbl import USBL
 from usbldr.io.reader import TopicInfo
 
 LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
-    "dvl": DVL,
-    "compass": (*COMPASS, *NMEA_HEADINGS),
-    "usbl": USBL,
-    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS),
-    "depth": DEPTH,
-    "truth": (*TRUTH, *only_when_named(NMEA_PLACES)),
+    "dvl": (*DVL, *MAVLINK_DVL),
+    "compass": (*COMPASS, *NMEA_HEADINGS, *MAVLINK_COMPASS),
+    "usbl": (*USBL, *MAVLINK_USBL),
+    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS, *MAVLINK_GPS),
+    "depth": (*DEPTH, *MAVLINK_DEPTH),
+    "truth": (*TRUTH, *only_when_named(NMEA_PLACES), *MAVLINK_TRUTH),
 }
 """The first layout that matches a topic is used.
 

@@ -9,7 +9,10 @@ from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
-FORMATS = "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), text files of NMEA sentences and CSV folders"
+FORMATS = (
+    "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), MAVLink telemetry logs (.tlog), DataFlash logs (.BIN), "
+    "text files of NMEA sentences and CSV folders"
+)
 
 
 def test_an_mcap_file_is_one_whatever_its_name(tmp_path: Path) -> None:
