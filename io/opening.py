@@ -18,6 +18,7 @@ from usbldr.io.reader import Reader
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.validation import read_document
+from usbldr.io.stages import stage, tell
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,7 @@ def with_configuration(log: Path, request: Request) -> Request:
     return request
 
 
+@stage("open the log")
 def open_configured(path: Path, request: Request) -> OpenedLog:
     """Open a log with the files that belong to it.
 
@@ -96,6 +98,7 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
         formats = dict.fromkeys(part.reader.format for part in parts)
         units_ns = time_units_ns(configured_columns(configuration, request.topics))
         reader = JoinedLog(path, " + ".join(formats), tuple(parts), time_units_ns=units_ns)
+    tell(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     return OpenedLog(reader, tuple(paths.values()), configuration, stated.file)
 
 

@@ -113,3 +113,10 @@ def provenance_values(provenance: Provenance) -> dict[str, Any]:
     values = asdict(provenance)
     values["conventions"] = [asdict(c) | {"text": convention_text(c)} for c in provenance.conventions]
     return values
+
+
+def provenance_lines(role: str, provenance: Provenance) -> list[str]:
+    """Return of which records a sensor was made and who chose them, then each convention, as lines of text."""
+    p = provenance
+    head = f"{role}: {p.topic} ({p.chosen_by}), {p.used} of {p.messages} records used"
+    return [head, *(f"  {convention_text(convention)}" for convention in p.conventions)]

@@ -32,10 +32,11 @@ from usbldr.io.messages.configured import configured_columns
 from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
 from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
-from usbldr.io.provenance import Provenance
+from usbldr.io.provenance import Provenance, provenance_lines
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.settings.configuration import parameters
 from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.stages import stage, tell
 from usbldr.io.truth_source import place_unknown, refuse_as_sensor, truth_kind, truth_section, truth_source
 
 
@@ -69,6 +70,7 @@ def roles_of(path: Path, topics: Sequence[TopicInfo], request: Request, configur
     return choose_roles(path, others, request.topics, stated, configured_columns(configuration, request.topics))
 
 
+@stage("read the log")
 def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[str]] | None = None) -> Log:
     """Read an opened log (see `read_log`).
 
@@ -141,7 +143,14 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         unread={topic.name: topic.problem for topic in topics if topic.problem},
         raws=raws,
     )
+    tell(*_choices(log))
     return without_implausible(log)
+
+
+def _choices(log: Log) -> list[str]:
+    """Return how each sensor and the truth are read, and who chose it."""
+    lines = [line for role, one in log.provenance.items() for line in provenance_lines(role, one)]
+    return [*lines, f"truth: {f'{log.truth.source}, kind {log.truth.kind}' if log.truth else 'none'}"]
 
 
 def _without_messages(reader: Reader) -> LogError:

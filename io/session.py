@@ -41,9 +41,11 @@ from usbldr.io.log import Log
 from usbldr.io.opening import DEFAULT_REQUEST, Request, open_configured
 from usbldr.io.read import read, require
 from usbldr.io.remote import is_url
+from usbldr.io.reports.estimate_text import evidence_text, noise_changes_text
 from usbldr.io.reports.report_json import ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.stages import stage, tell
 from usbldr.io.timeline import with_dvl_clock
 
 UNCONFIGURED = Request(configuration="none")
@@ -93,6 +95,7 @@ def _beside(path: Path) -> list[str]:
         return []
 
 
+@stage("identify noise and sensor errors")
 def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = RunSettings()) -> Identification:
     """Return the assumptions of a method: as configured, with the settings, and with what is identified from the log.
 
@@ -114,6 +117,11 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
         if settings.calibrate is None:
             kept = tuple(key for key in found.parameters.calibrate if key in estimable)
             found = replace(found, parameters=replace(found.parameters, calibrate=kept))
+    tell(f"sensor errors that {method} estimates: {', '.join(found.parameters.calibrate) or 'none'}")
+    if found.evidence:
+        tell(f"evidence in the log {evidence_text(found.evidence)}")
+    if found.noise_changes:
+        tell(f"noise by the log: {noise_changes_text(found.noise_changes)}")
     return found
 
 
@@ -158,7 +166,8 @@ def replay(
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
     if used.dvl_clock_s:
         timeline = with_dvl_clock(log, timeline, used.dvl_clock_s)
-    track = run(method, timeline, used, settings, progress, anchor)
+    with stage(f"run {method}"):
+        track = run(method, timeline, used, settings, progress, anchor)
     warnings = tuple(f"{method}: {text}" for text in found.warnings) if able.is_filter else ()
     return replace(track, warnings=warnings + track.warnings)
 
@@ -185,6 +194,7 @@ def find_start(
     return Anchor(position_m, 0.0, f"{lat_deg:g}, {lon_deg:g}")
 
 
+@stage("compute errors against the truth")
 def evaluate(log: Log, timeline: Timeline, track: Trajectory, settings: RunSettings = RunSettings()) -> ErrorReport:
     """Compute the errors of a track against the log's truth, with `settings`.
 

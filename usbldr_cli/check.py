@@ -17,6 +17,7 @@ from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file, write_json
 from usbldr_cli.options.run_outputs import RunOutputs
+from usbldr_cli.options.telling import progress_option, verbose_option
 from usbldr_cli.options.unused_options import unused_options
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
@@ -60,6 +61,8 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 @html_file_option
 @click.option("--force", is_flag=True, help="Replace the files of other options, and kept runs.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@verbose_option
+@progress_option
 def check(
     files: tuple[str, ...],
     first: bool,

@@ -23,6 +23,7 @@ from usbldr_cli.options.output_files import (
     write_json,
 )
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.telling import progress_option, verbose_option
 from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
 @plot_format_option
 @html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@verbose_option
+@progress_option
 def compare(
     logs: tuple[str, ...],
     filters: str | None,

@@ -8,6 +8,7 @@ import click
 
 from usbldr.filters.errors import CheckError, printable
 from usbldr_cli.options.log_options import log_options, read_request
+from usbldr_cli.options.telling import verbose_option
 
 if TYPE_CHECKING:
     from usbldr.io.doctor.doctor import Examination
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 @click.command()
 @log_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@verbose_option
 def doctor(log: str, as_json: bool, **selection: Any) -> int:
     """Find faults in LOG that matter for navigation, and say what to do.
 

@@ -19,6 +19,7 @@ from usbldr_cli.options.html_option import html_option, require_output
 from usbldr_cli.options.log_options import log_options, request_provenance
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.telling import progress_option, verbose_option
 from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
@@ -44,6 +45,8 @@ DEFAULT_FILTERS = "adf,cpf"
 @json_option("table")
 @html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@verbose_option
+@progress_option
 def drill(
     log: str,
     suite: str | None,

@@ -9,6 +9,7 @@ import click
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import format_option, log_options, request_and_inputs
 from usbldr_cli.options.run_options import seconds_of_log
+from usbldr_cli.options.telling import verbose_option
 
 
 @click.command()
@@ -18,6 +19,7 @@ from usbldr_cli.options.run_options import seconds_of_log
 @click.option("--start", metavar="TIME", help="Leave out everything before: seconds of the log, or ISO 8601.")
 @click.option("--end", metavar="TIME", help="Leave out everything after.")
 @click.option("--force", is_flag=True, help="Replace existing files.")
+@verbose_option
 def export(
     output: Path | None, form: str | None, start: str | None, end: str | None, force: bool, **selection: Any
 ) -> int:

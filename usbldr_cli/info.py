@@ -10,6 +10,7 @@ import click
 from usbldr.filters.errors import LogError
 from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import read_request, selection_options
+from usbldr_cli.options.telling import verbose_option
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
@@ -32,6 +33,7 @@ MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
     help="List the fields of TOPIC, which the key columns of the configuration can name.  [may be repeated]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@verbose_option
 def info(logs: tuple[str, ...], all_topics: bool, fields_of: tuple[str, ...], as_json: bool, **selection: Any) -> int:
     """List the topics of LOG and how each sensor is read.
 
@@ -62,7 +64,7 @@ def _survey(log: str, request: "Request") -> "Survey":
 
 def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
     from usbldr.filters.errors import printable
-    from usbldr.io.provenance import convention_text
+    from usbldr.io.provenance import provenance_lines
     from usbldr.io.reader import utc
 
     total = sum(topic.count for topic in found.topics)
@@ -78,8 +80,7 @@ def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
         lines += ["", f"fields of {topic.name} ({topic.type or '?'}):", *(f"  {name}" for name in topic.shown_fields)]
     if found.log is not None and found.log.tables:
         for role, p in found.log.provenance.items():
-            lines += ["", f"{role}: {p.topic} ({p.chosen_by}), {p.used} of {p.messages} records used"]
-            lines += [f"  {convention_text(c)}" for c in p.conventions]
+            lines += ["", *provenance_lines(role, p)]
         lines += ["", *_truth(found.log)]
     if found.findings:
         lines += ["", *(f"{finding.code}: {finding.text}" for finding in found.findings)]

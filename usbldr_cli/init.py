@@ -8,6 +8,7 @@ import click
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import inputs, log_options, read_request
 from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
+from usbldr_cli.options.telling import verbose_option
 
 
 @click.command()
@@ -21,6 +22,7 @@ from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
     help="File to write, NAME.toml.  [default: the configuration file beside LOG]",
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
+@verbose_option
 def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     """Write a usbldr.toml for LOG, with the source of each line.
 

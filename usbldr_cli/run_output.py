@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.stages import stage
 from usbldr_cli.options.output_files import write_json
 from usbldr_cli.options.run_outputs import RunOutputs
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from usbldr.io.reports.report_json import Run
 
 
+@stage("write the results")
 def write_run(folder: Path, run: "Run", outputs: RunOutputs) -> None:
     """Write everything of the run, and what else is asked for; report.json, which names all files, comes last."""
     from usbldr.io.reports.report_json import write_json, write_tables

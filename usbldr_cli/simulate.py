@@ -7,6 +7,7 @@ import click
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import format_option, inputs, read_request
+from usbldr_cli.options.telling import verbose_option
 
 
 @click.command()
@@ -16,6 +17,7 @@ from usbldr_cli.options.log_options import format_option, inputs, read_request
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of random numbers.")
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option("--list", "list_them", is_flag=True, help="List the scenarios.")
+@verbose_option
 def simulate(
     scenario: str | None, output: Path | None, form: str | None, seed: int, force: bool, list_them: bool
 ) -> None:

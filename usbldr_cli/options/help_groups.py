@@ -18,7 +18,18 @@ RARE = {
     "Faults": (),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),
-    "Output": ("html", "mcap", "fnv", "parquet", "write_calibration", "plots", "plot_format", "scheduler"),
+    "Output": (
+        "html",
+        "mcap",
+        "fnv",
+        "parquet",
+        "write_calibration",
+        "plots",
+        "plot_format",
+        "scheduler",
+        "progress",
+        "verbose",
+    ),
 }
 """The parameters of each group, in the order in which help lists them."""
 SHOW_ALL = "usbldr.help_all"  # key of the context

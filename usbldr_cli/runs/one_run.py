@@ -1,18 +1,15 @@
 """One run of a method on a log with everything that its report contains: what replay, check and --verify share."""
 
 import math
-import sys
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-import click
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.log_options import configured_request, labelled_inputs
 from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.options.telling import progress
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeaveOneOut
@@ -110,18 +107,12 @@ def run_again(plan: RunPlan) -> "Run":
 
 
 def _score(method: str, ready: PreparedRun, dive_timeline: "Timeline | None" = None) -> "ScoredTrack":
-    """Compute and score a track, with a progress bar if stderr is a terminal."""
+    """Compute and score a track, and show the progress."""
     from usbldr.io.session import score
 
     used = ready.timeline if dive_timeline is None else dive_timeline
-    with _bar(method, len(used.time_s)) as progress:
-        return score(ready.log, used, method, ready.settings, ready.identification, progress)
-
-
-@contextmanager
-def _bar(label: str, total: int) -> "Generator[Callable[[int, int], None]]":
-    with click.progressbar(length=total, label=label, file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
-        yield lambda done, _: bar.update(done - bar.pos)
+    with progress(f"run {method}", len(used.time_s)) as advance:
+        return score(ready.log, used, method, ready.settings, ready.identification, lambda done, _: advance(done))
 
 
 def _with_bound(scenario: str, run: "Run") -> "Run":

@@ -1,15 +1,14 @@
 """Many runs at once, on any executor (executors.py); this process alone writes the store of finished runs."""
 
-import sys
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import click
-
+from usbldr.io.stages import tell
 from usbldr.io.writing import writing
+from usbldr_cli.options.telling import progress
 from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult, JobStore
 from usbldr_cli.runs.jobs import FinishedJob, Job, run_job
@@ -39,7 +38,7 @@ def run_jobs(units: Sequence[Job], where: Executor, store: Path | None = None) -
     places = _shares(units, where.workers)
     orders = (_order([units[k] for k in share], where.elsewhere) for share in places)
     finished = where.finished(run_order, orders, frozenset(stored))
-    with _bar(len(units)) as advance, closing(finished):
+    with progress("runs", len(units)) as advance, closing(finished):
         for share, found in finished:
             for k, (outcome, trace, key) in zip(places[share], found, strict=True):
                 if outcome is None:
@@ -48,7 +47,8 @@ def run_jobs(units: Sequence[Job], where: Executor, store: Path | None = None) -
                     with writing(kept.folder, "choose another --output"):
                         outcome = kept.write(key, outcome, trace)
                 outcomes[k] = outcome
-                advance()
+                tell(_outcome_text(units[k], outcome))
+                advance(len(outcomes))
     return [outcomes[k] for k in range(len(units))]
 
 
@@ -72,13 +72,15 @@ def _order(units: Sequence[Job], elsewhere: bool) -> Order:
     return Order(tuple(with_whole_paths(unit) for unit in units), expected(units[0]))
 
 
-@contextmanager
-def _bar(total: int) -> Generator[Callable[[], None]]:
-    """Show how many runs are done, if stderr is a terminal."""
-    hidden = total < 2 or not sys.stderr.isatty()
-    with click.progressbar(length=total, label="runs", file=sys.stderr, hidden=hidden, show_pos=True) as bar:
-        bar.update(0)
-        yield lambda: bar.update(1)
+def _outcome_text(unit: Job, outcome: JobResult) -> str:
+    """Return what became of a job: of which method, log and seed, and what it gave."""
+    what = f"{'doctor' if unit.examine else unit.method} on {unit.log}, seed {unit.choices.seed}"
+    drilled = f", {unit.drill.name}" if unit.drill.faults else ""
+    if outcome.fault is not None:
+        return f"{what}{drilled}: {outcome.fault}"
+    mean_m = outcome.metrics.get("mean_horizontal_m")
+    error = "" if mean_m is None else f": mean horizontal error {mean_m:.2f} m"
+    return f"{what}{drilled}{error}{' (finished before)' if outcome.reused else ''}"
 
 
 def run_order(order: Order, stored: frozenset[str]) -> list[FinishedJob]:
