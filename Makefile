@@ -8,7 +8,7 @@ SEEDS ?= 20
 
 KERNEL := $(wildcard filters/kernel/*.c filters/kernel/*.h)
 
-.PHONY: demo test fuzz docs lint check sanitize sample_logs paper field drills logs peers clean
+.PHONY: demo test fuzz docs man lint check sanitize sample_logs paper field drills logs peers clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -17,7 +17,7 @@ demo: $(VENV)/installed
 	@echo
 	@echo "The figures are in demo/paper-cpf; look at track.png and errors.png first."
 
-test: $(VENV)/installed-dev
+test: $(VENV)/installed-dev .pyright/usbldr
 	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow"
 
 # damaged files of every format by the hundred
@@ -69,6 +69,10 @@ docs: $(VENV)/installed-dev
 	@echo '<meta http-equiv="refresh" content="0; url=README.html">' > build/site/index.html
 	@echo "The documentation is in build/site/index.html."
 
+# the manual page build/man/usbldr.1; `man build/man/usbldr.1` shows it
+man: $(VENV)/installed-dev
+	$(BIN)/sphinx-build -q -b man -c docs . build/man
+
 # our filters beside those of other libraries, on one thread: the table in README.md; wants an idle machine for 2 minutes
 PEERS := .venv-peers
 peers: $(PEERS)/installed
@@ -80,11 +84,16 @@ $(PEERS)/installed: benchmarks/speed/requirements.txt pyproject.toml $(KERNEL)
 	$(PEERS)/bin/pip install --quiet --disable-pip-version-check --no-deps particles
 	touch $@
 
-lint: $(VENV)/installed-dev
+lint: $(VENV)/installed-dev .pyright/usbldr
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pyright --pythonpath $(BIN)/python
 	PYTHONPATH=.pyright $(BIN)/lint-imports
+
+# links for what follows folders; a source distribution cannot hold them
+.pyright/usbldr:
+	mkdir -p $@
+	ln -s ../../filters ../../io $(addprefix ../../,$(wildcard public/*.*)) $@
 
 $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "usbldr needs Python 3.11 or newer: make PYTHON=python3.11")'

@@ -7,13 +7,14 @@ from sphinx.application import Sphinx
 
 project = "usbldr"
 release = importlib.metadata.version("usbldr")
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx_click"]
 myst_heading_anchors = 3
 root_doc = "README"
 include_patterns = ["*.md", "docs/**.md", "sample_logs/README.md"]
 html_theme = "furo"
 html_title = f"usbldr {release}"
 html_show_copyright = False
+man_pages = [("docs/commands", "usbldr", "replay logs of underwater vehicles through navigation filters", "", 1)]
 
 
 def add_contents(_app: Sphinx, name: str, text: list[str]) -> None:

@@ -3,11 +3,13 @@
 import ast
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tomllib
 import types
+from email import message_from_string
 from pathlib import Path
 
 import pytest
@@ -90,7 +92,7 @@ def without_a_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not tracked:
         pytest.skip("not a git checkout, so the files of the project are not known")
     for name in tracked:
-        if name.split("/")[0] in (*FOLDERS, "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+        if name.split("/")[0] != ".pyright" and (ROOT / name).is_file():
             (work / "source" / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, work / "source" / name)
     tools, environment = work / "tools", {**os.environ, "CC": "no-compiler", "PYTHONPATH": str(work / "tools")}
@@ -132,6 +134,39 @@ def test_the_source_distribution_has_every_file_of_the_kernel(without_a_compiler
     there = {path.name for path in (ROOT / "filters" / "kernel").glob("*.[ch]")}
     assert {Path(name).name for name in (*kernel["sources"], *kernel["depends"])} == there
     assert there == {path.name for path in (unpacked / "filters" / "kernel").glob("*.[ch]")}
+
+
+def test_the_source_distribution_has_what_make_and_the_tests_need(without_a_compiler: Path) -> None:
+    (unpacked,) = (without_a_compiler.parent / "unpacked").iterdir()
+    source = without_a_compiler.parent / "source"
+    kept = {
+        str(file.relative_to(source)) for file in source.rglob("*") if file.is_file() and "egg-info" not in str(file)
+    }
+
+    missing = {
+        name for name in kept if not (unpacked / name).exists() and not name.startswith("filters/kernel/_kernel")
+    }
+
+    assert missing <= {".gitignore", ".pre-commit-config.yaml", ".ctags.d/usbldr.ctags"}  # of a checkout
+    targets = re.search(r"^\.PHONY: (.+)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert targets is not None
+    for target in targets[1].split():  # every file that a target depends on is there, or can be made
+        subprocess.run(["make", "--dry-run", target], cwd=unpacked, check=True, capture_output=True)
+    subprocess.run(["make", ".pyright/usbldr"], cwd=unpacked, check=True, capture_output=True)
+    links = {link.name: link.resolve() for link in (unpacked / ".pyright" / "usbldr").iterdir()}
+    assert links["filters"] == (unpacked / "filters").resolve()
+    assert set(links) == {link.name for link in (ROOT / ".pyright" / "usbldr").iterdir()}
+
+
+def test_the_description_on_pypi_has_no_link_that_leads_nowhere(without_a_compiler: Path) -> None:
+    (unpacked,) = (without_a_compiler.parent / "unpacked").iterdir()
+    metadata = message_from_string((unpacked / "PKG-INFO").read_text(encoding="utf-8"))
+    text = str(metadata.get_payload())
+
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    assert re.findall(r"\]\((?!https://)[^)]*\)", text) == []
+    assert "docs/tutorial.md goes from a bag to a gate" in " ".join(text.split())  # the words of a link stay
+    assert len(text) > 10_000
 
 
 def test_the_kernel_is_compiled_if_there_is_a_compiler() -> None:

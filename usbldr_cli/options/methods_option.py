@@ -6,15 +6,18 @@ import click
 
 
 class MethodsOption(click.Option):
-    """``{methods}`` in its help becomes the names of the methods that have a field of Method."""
+    """``{methods}`` in its help becomes the names of the methods that have a field of Method, once it is read."""
 
     def __init__(self, *args: Any, having: str, **given: Any) -> None:
-        super().__init__(*args, **given)
         self.having = having
+        super().__init__(*args, **given)
 
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Return the option and its help."""
+    def _with_names(self) -> str:
         from usbldr.filters.replay.methods import methods_that
 
-        record = super().get_help_record(ctx)
-        return record and (record[0], record[1].replace("{methods}", methods_that(lambda m: getattr(m, self.having))))
+        return self._text.replace("{methods}", methods_that(lambda m: getattr(m, self.having)))
+
+    def _keep(self, text: str) -> None:
+        self._text = text
+
+    help = property(_with_names, _keep)  # pyright: ignore[reportAssignmentType,reportIncompatibleVariableOverride]
