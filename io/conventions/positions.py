@@ -20,6 +20,7 @@ UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
+UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
@@ -55,7 +56,10 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     if latlon:
         fix_names = np.char.replace(np.char.lower(raw.text("fix_name")), "gps_fix_type_", "")  # MAVLink's prefix
         by_name = np.char.startswith(fix_names, "no")
-        causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (raw.number("fix_type") < 2) | by_name
+        ubx_type, flags = raw.number("ubx_fix_type"), raw.number("ubx_flags")
+        by_ubx = ~np.isnan(ubx_type) & (~np.isin(ubx_type, UBX_FIXES) | (flags % 2 == 0))  # the lowest flag: valid
+        by_type = (raw.number("fix_type") < 2) | by_ubx
+        causes["without fix (by its quality)"] = (raw.number("quality") == 0) | by_type | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
         return causes

@@ -8,8 +8,10 @@ from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_colum
 
 ENU, NED = {"convention": "ENU"}, {"convention": "NED"}
 COMPASS_RAD, COMPASS_DEG = ({"convention": "compass", "unit": unit} for unit in ("rad", "deg"))
+ENU_DEG = {"convention": "ENU", "unit": "deg"}
 PER_RECORD = "as each record says"  # in place of a convention or a unit
 BY_RANGE = "by range"  # in place of a unit: the largest value decides
+COURSE = "holds the course over ground, not a heading"
 NO_DATA = (-9999.0,)  # fixed: ds_sensor_msgs
 
 ESTIMATES = (
@@ -20,6 +22,19 @@ ESTIMATES = (
     MessageLayout("navsts", {"angle": "orientation.yaw"}, defaults=COMPASS_RAD),  # cola2_msgs, auv_msgs
     MessageLayout("navigationstatus", {"angle": "orientation.z"}, defaults=COMPASS_RAD),  # auv_msgs
 )
+OWN_NAVIGATION = (
+    MessageLayout(
+        "ins", {"angle": "heading", "place_valid": "lat_long_is_valid"}, defaults=COMPASS_DEG, stamp="system_timestamp"
+    ),  # Nortek Nucleus
+    MessageLayout("ins", {"angle": "yaw", "status": "insStatus"}, defaults=COMPASS_DEG),  # vectornav (ROS 1)
+    MessageLayout(  # sbg_driver: its driver turns it if use_enu is set
+        "sbgekfeuler", {"angle": "angle.z", "valid": "status.heading_valid"}, defaults={"unit": "rad"}
+    ),
+    MessageLayout("sbgekfquat", quaternion("quaternion") | {"valid": "status.heading_valid"}),
+    MessageLayout("insnavgeod", {"angle": "heading", "error": "error"}, defaults=ENU_DEG),  # septentrio_gnss_driver
+    MessageLayout("vfrhud", {"angle": "heading"}, defaults=COMPASS_DEG),  # mavros_msgs: whole degrees
+)
+"""Headings of an instrument's own navigation, which may use the fixes."""
 BESIDE_POSITIONS = (
     MessageLayout(
         "locationfix",  # foxglove: absent, or NaN in ROS, if there is none
@@ -39,7 +54,11 @@ BESIDE_POSITIONS = (
         scale={"angle": 0.01},
         no_data_values={"angle": (0.0, 65535.0)},
     ),
-    MessageLayout("gpsfix", {"angle": "track"}, unsupported="holds the course over ground, not a heading"),  # gps_msgs
+    MessageLayout("gpsfix", {"angle": "track"}, unsupported=COURSE),  # gps_msgs
+    *(MessageLayout(kind, {"angle": "heading"}, unsupported=COURSE) for kind in ("navpvt", "navpvt7")),  # ublox_msgs
+    MessageLayout(
+        "sbgimudata", {"rate": "gyro.z"}, unsupported="holds no orientation; use SbgEkfEuler or SbgEkfQuat"
+    ),  # sbg_driver
     MessageLayout(
         "vector3stamped", {"angle": "vector.z"}, defaults={"unit": BY_RANGE}
     ),  # roll, pitch, yaw by the vendor's own convention
@@ -79,6 +98,28 @@ COMPASS = (
         no_data_values={"angle": NO_DATA},
     ),
     MessageLayout("gyro", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # before 2019: "+ turns to stbd"
+    MessageLayout(  # Nortek Nucleus (NortekSupport/nucleus_driver: interfaces/AHRS)
+        "ahrs",
+        {"angle": "heading", "declination": "declination"},
+        {},
+        "by type",
+        COMPASS_DEG,
+        stamp="system_timestamp",
+        preference=2,
+    ),
+    MessageLayout(  # septentrio_gnss_driver: turned by it unless use_ros_axis_orientation is false
+        "atteuler",
+        {"angle": "heading", "error": "error"},
+        {},
+        "by type",
+        ENU_DEG,
+        no_data_values={"angle": (-2e10,)},
+        preference=2,
+    ),
+    MessageLayout(  # vectornav_msgs: clockwise from north, as the instrument sends it
+        "commongroup", {"angle": "yawpitchroll.x"}, {}, "by type", COMPASS_DEG, preference=2
+    ),
+    *only_when_named(OWN_NAVIGATION),
     MessageLayout("ins", {"angle": "heading"}, {}, "by type", COMPASS_DEG),  # ds_sensor_msgs; its quaternion is ENU
     MessageLayout(
         "quaternionstamped", quaternion("quaternion"), defaults=NED

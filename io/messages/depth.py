@@ -32,6 +32,9 @@ DEPTH = (
     MessageLayout("float64", {"depth": "data"}, topic=r"rel_alt$", recognised="only when named", defaults=UP),  # mavros
     MessageLayout("float64", {"depth": "data"}, defaults=METRES),
     MessageLayout("float32", {"depth": "data"}, defaults=METRES),
+    MessageLayout(
+        "ahrs", {"depth": "depth", "ahrs": "fom_ahrs"}, {}, "only when named", METRES, stamp="system_timestamp"
+    ),  # Nortek Nucleus
     *only_when_named(HEIGHTS),
     MessageLayout("depth", own_columns("pressure"), recognised="by type", defaults={"unit": "Pa"}),
     MessageLayout("depth", {"pressure": "pressure_pa"}, recognised="by type", fixed={"unit": "Pa"}),

@@ -13,6 +13,8 @@ FRD = {"axes": "FRD"}
 TWIST = xyz("twist.twist.linear")
 TWIST_COVARIANCE = {"own_covariance": "twist.covariance.0"}
 SIMULATED = xyz("velocity") | {"own_covariance": "velocity_covariance.0"}  # uuv_simulator: 0 unknown, -1 invalid
+NORTEK_NONE = (-32.768, float(np.float32(-32.768)))  # fixed: of a velocity, in double and in single precision
+NORTEK_NO_DATA = dict.fromkeys("xyz", NORTEK_NONE) | {"sd": (10.0,)}
 AGES = {"validity_us": "time_of_validity", "transmission_us": "time_of_transmission"}
 
 DVL = (  # a driver's messages rank before twists made from them, those with a validity flag before those without
@@ -55,6 +57,32 @@ DVL = (  # a driver's messages rank before twists made from them, those with a v
         "dvl", SIMULATED, {"mode": "velocity_reference"}, "by type", preference=2
     ),  # uuv_sensor(_ros_plugins)_msgs
     MessageLayout("dvl", xyz("velocity") | {"sd": "figureOfMerit"}, {}, "by type"),  # nortek_dvl/Dvl
+    MessageLayout(  # Nortek Nucleus (NortekSupport/nucleus_driver: interfaces/BottomTrack; its app sends it on as FRD)
+        "bottomtrack",
+        {axis: f"velocity_{axis}" for axis in "xyz"}
+        | {"velocity_valid": "x_velocity_valid", "y_valid": "y_velocity_valid"},
+        {"sd": "fom_x", "sound_speed": "sound_speed"},
+        "by type",
+        FRD,
+        stamp="system_timestamp",
+        no_data_values=NORTEK_NO_DATA,
+        preference=0,
+    ),
+    MessageLayout(
+        "watertrack",  # Nortek Nucleus
+        {"x": "velocity_x"},
+        recognised="only when named",
+        unsupported='holds velocities through the water; name its fields by columns and state track = "water"',
+    ),
+    MessageLayout(  # Nortek DVL500 and DVL1000 (GSO-soslab: ds_sensor_msgs, nortek_dvl_ethernet): z where it points
+        "nortekdf21",
+        {"x": "velX", "y": "velY", "z": "velZ1", "velocity_valid": "status.xVelValid", "y_valid": "status.yVelValid"},
+        {"sd": "fomX", "good_beams": "good_beams", "sound_speed": "speed_sound"},
+        "by type",
+        FRD,
+        no_data_values=NORTEK_NO_DATA,
+        preference=2,
+    ),
     MessageLayout(
         "linkquestdvl",  # cola2_msgs: the bottom's motion past the instrument, so every sign is reversed
         {"x": "velocityInst.0", "y": "velocityInst.1", "z": "velocityInst.2", "velocity_valid": "velocityInstFlag"},
@@ -124,7 +152,7 @@ def dvl_causes(
     x, y, z = (raw.number(axis) for axis in "xyz")
     causes = {"not a number": ~(np.isfinite(x) & np.isfinite(y))}
     if "velocity_valid" in raw.values:
-        causes["flagged invalid"] = raw.number("velocity_valid") == 0
+        causes["flagged invalid"] = (raw.number("velocity_valid") == 0) | (raw.number("y_valid") == 0)
     elif "status" in raw.values:
         causes["without status A"] = np.char.upper(raw.text("status")) != "A"
     else:

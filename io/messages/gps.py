@@ -6,9 +6,42 @@ vehicle's.
 
 from usbldr.io.messages.layouts import MessageLayout, only_when_named, own_columns
 from usbldr.io.messages.positions import COVARIANCE, LATLON, NAVSAT, NAVSAT_MORE, PLACES, own_places
+from usbldr.io.units import DEG_PER_RAD
 
-GEODETIC = (
-    MessageLayout("navsatfix", NAVSAT, NAVSAT_MORE, "by type", LATLON),
+IN_RADIANS = {"lat_deg": DEG_PER_RAD, "lon_deg": DEG_PER_RAD}
+SBF_NO_DATA = {"lat_deg": (-2e10,), "lon_deg": (-2e10,)}  # fixed: Septentrio's "do not use"
+
+OWN_NAVIGATION = (
+    MessageLayout(  # Nortek Nucleus (NortekSupport/nucleus_driver: interfaces/INS)
+        "ins", NAVSAT | {"valid": "lat_long_is_valid"}, {}, defaults=LATLON, stamp="system_timestamp"
+    ),
+    MessageLayout("ins", NAVSAT | {"sd_m": "posUncertainty"}, {}, defaults=LATLON),  # vectornav (ROS 1)
+    MessageLayout("sbgekfnav", NAVSAT | {"valid": "status.position_valid"}, {}, defaults=LATLON),  # sbg_driver
+    MessageLayout(  # septentrio_gnss_driver
+        "insnavgeod",
+        NAVSAT | {"error": "error"},
+        {"sd_north_m": "latitude_std_dev", "sd_east_m": "longitude_std_dev"},
+        defaults=LATLON,
+        scale=IN_RADIANS,
+        no_data_values=SBF_NO_DATA,
+    ),
+    MessageLayout(  # vectornav_msgs: mode 0 is not tracking
+        "insgroup",
+        {"lat_deg": "poslla.x", "lon_deg": "poslla.y", "quality": "insstatus.mode"},
+        {"sd_m": "posu"},
+        defaults=LATLON,
+    ),
+    MessageLayout(
+        "commongroup",
+        {"lat_deg": "position.x", "lon_deg": "position.y", "quality": "insstatus.mode"},
+        {},
+        defaults=LATLON,
+    ),
+)
+"""Positions of an instrument's own navigation, which may use the fixes."""
+
+GEODETIC = (  # a receiver's own messages rank after the NavSatFix that its driver makes of them
+    MessageLayout("navsatfix", NAVSAT, NAVSAT_MORE, "by type", LATLON, preference=0),
     MessageLayout(
         "gpsfix",  # gps_common, gps_msgs: error estimates of 95 %
         NAVSAT | {"error_95_m": "err_horz"},
@@ -72,6 +105,45 @@ GEODETIC = (
         unsupported="holds nested messages, which are read only from protobuf and JSON; log LocationFix",
     ),
     MessageLayout("latlonstamped", NAVSAT, {}, "by type", LATLON),  # smarc_msgs
+    *(  # ublox_msgs: 1e-7 degrees and millimetres, without header
+        MessageLayout(
+            kind,
+            {"lat_deg": "lat", "lon_deg": "lon", "ubx_fix_type": "fixType", "ubx_flags": "flags"},
+            {"sd_m": "hAcc"},
+            "by type",
+            LATLON,
+            scale={"lat_deg": 1e-7, "lon_deg": 1e-7, "sd_m": 1e-3},
+            preference=1,
+        )
+        for kind in ("navpvt", "navpvt7")
+    ),
+    MessageLayout(  # sbg_driver: type 0 is no solution, status 0 a computed one
+        "sbggpspos",
+        NAVSAT | {"quality": "status.type", "error": "status.status"},
+        {"sd_east_m": "position_accuracy.x", "sd_north_m": "position_accuracy.y"},
+        "by type",
+        LATLON,
+        preference=1,
+    ),
+    MessageLayout(  # septentrio_gnss_driver: mode 0 is no solution
+        "pvtgeodetic",
+        NAVSAT | {"quality": "mode", "error": "error"},
+        {},
+        "by type",
+        LATLON,
+        scale=IN_RADIANS,
+        no_data_values=SBF_NO_DATA,
+        preference=1,
+    ),
+    MessageLayout(  # vectornav_msgs: fix 0 is none, 1 the time alone
+        "gpsgroup",
+        {"lat_deg": "poslla.x", "lon_deg": "poslla.y", "fix_type": "fix"},
+        {"sd_north_m": "posu.x", "sd_east_m": "posu.y"},
+        "by type",
+        LATLON,
+        preference=1,
+    ),
+    *only_when_named(OWN_NAVIGATION),
     *(
         MessageLayout(kind, {"lat_deg": f"{place}.latitude", "lon_deg": f"{place}.longitude"}, defaults=LATLON)
         for kind, place in (

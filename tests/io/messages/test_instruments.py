@@ -1,0 +1,423 @@
+"""Messages of the drivers of Nortek, SBG, u-blox, Septentrio, VectorNav and mavros, with their published fields."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from logs import MAP, codes, logged
+from recordings import FIX, HEADER, IMU, SECOND, T0, Row, define, fix, turned, twist
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
+
+
+def fields(*lines: str) -> str:
+    """Return a definition from "type name name ..."."""
+    return "".join(f"{kind} {name}\n" for line in lines for kind, *names in [line.split()] for name in names)
+
+
+NUCLEUS_TIME = ("builtin_interfaces/Time system_timestamp", "bool posix_time", "uint32 timestamp microseconds")
+BEAMS = "_beam_1 {0}_beam_2 {0}_beam_3"
+BOTTOM = fields(
+    *NUCLEUS_TIME,
+    *(f"bool beam_{k}_velocity_valid" for k in (1, 2, 3)),
+    *(f"bool beam_{k}_distance_valid" for k in (1, 2, 3)),
+    *(f"bool beam_{k}_fom_valid" for k in (1, 2, 3)),
+    *(f"bool {axis}_velocity_valid" for axis in "xyz"),
+    *(f"bool {axis}_fom_valid" for axis in "xyz"),
+    "uint32 serial_number",
+    "float32 sound_speed temperature pressure",
+    *(f"float32 {what}" + BEAMS.format(what) for what in ("velocity", "distance", "fom", "dt", "time_vel")),
+    "float32 velocity_x velocity_y velocity_z fom_x fom_y fom_z dt_xyz",
+)
+AHRS = fields(
+    *NUCLEUS_TIME,
+    "uint32 serial_number",
+    "uint8 operation_mode",
+    "float32 fom_ahrs fom_fc1 roll pitch heading quaternion_w quaternion_x quaternion_y quaternion_z",
+    *(f"float32 rotation_matrix_{k}" for k in range(9)),
+    "float32 declination depth",
+)
+INS = AHRS + fields(
+    "float32 fom_ins",
+    "bool lat_long_is_valid",
+    "float32 course_over_ground temperature pressure altitude",
+    "float64 latitude longitude",
+    *(f"float32 {what}_x {what}_y {what}_z" for what in ("position_frame", "velocity_ned", "velocity_nucleus")),
+    "float32 speed_over_ground turn_rate_x turn_rate_y turn_rate_z",
+)
+DF21_STATUS = fields(
+    *(f"uint8 beam{k}{what}Valid" for what in ("Vel", "Dist", "FOM") for k in (1, 2, 3, 4)),
+    *(f"uint8 {axis}{what}Valid" for what in ("Vel", "FOM") for axis in ("x", "y", "z1", "z2")),
+    "uint8 procIdle3 procIdle6 procIdle12 empty wakeupstate",
+)
+XYZ = ("X", "Y", "Z1", "Z2")
+DF21 = HEADER + fields(
+    "uint8 dvl_type good_beams",
+    "float64 altitude_sum dvl_time speed_gnd course_gnd",
+    "uint8 version offsetOfData",
+    "uint32 serialNumber",
+    "uint8 year month day hour minute seconds",
+    "uint16 microSeconds nBeams",
+    "uint32 error",
+    "ds_sensor_msgs/NortekBTStatus status",
+    "float32 speed_sound temperature pressure",
+    "float32[4] velBeam distBeam fomBeam timeDiff1Beam timeDiff2Beam timeVelEstBeam",
+    *(f"float32 {what}{axis}" for what in ("vel", "fom", "timeDiff1", "timeDiff2", "timeVelEst") for axis in XYZ),
+)
+EKF_STATUS = fields(
+    "uint8 solution_mode",
+    "bool attitude_valid heading_valid velocity_valid position_valid vert_ref_used mag_ref_used gps1_vel_used "
+    "gps1_pos_used gps1_hdt_used gps2_vel_used gps2_pos_used gps2_hdt_used odo_used dvl_bt_used dvl_wt_used vel1_used "
+    "usbl_used air_data_used zupt_used align_valid depth_used zaru_used",
+)
+SBF = HEADER + "septentrio_gnss_driver/BlockHeader block_header\n"
+VECTOR = "geometry_msgs/Vector3"
+PVT = fields(
+    "uint32 iTOW",
+    "uint16 year",
+    "uint8 month day hour min sec valid",
+    "uint32 tAcc",
+    "int32 nano",
+    "uint8 fixType flags flags2 numSV",
+    "int32 lon lat height hMSL",
+    "uint32 hAcc vAcc",
+    "int32 velN velE velD gSpeed heading",
+    "uint32 sAcc headAcc",
+    "uint16 pDOP",
+    "uint8[6] reserved1",
+)
+TYPES = {
+    "interfaces/msg/BottomTrack": BOTTOM,
+    "interfaces/msg/WaterTrack": BOTTOM,
+    "interfaces/msg/AHRS": AHRS,
+    "interfaces/msg/INS": INS,
+    "ds_sensor_msgs/msg/NortekBTStatus": DF21_STATUS,
+    "ds_sensor_msgs/msg/NortekDF21": DF21,
+    "sbg_driver/msg/SbgEkfStatus": EKF_STATUS,
+    "sbg_driver/msg/SbgEkfEuler": HEADER + fields(f"{VECTOR} angle accuracy", "sbg_driver/SbgEkfStatus status"),
+    "sbg_driver/msg/SbgEkfQuat": HEADER
+    + fields(
+        "uint32 time_stamp",
+        "geometry_msgs/Quaternion quaternion",
+        f"{VECTOR} accuracy",
+        "sbg_driver/SbgEkfStatus status",
+    ),
+    "sbg_driver/msg/SbgEkfNav": HEADER
+    + fields(
+        "uint32 time_stamp",
+        f"{VECTOR} velocity velocity_accuracy",
+        "float64 latitude longitude altitude",
+        "float32 undulation",
+        f"{VECTOR} position_accuracy",
+        "sbg_driver/SbgEkfStatus status",
+    ),
+    "sbg_driver/msg/SbgGpsPosStatus": fields("uint8 status type ifm spoofing osnma", "bool gps_l1_used gps_l2_used"),
+    "sbg_driver/msg/SbgGpsPos": HEADER
+    + fields(
+        "uint32 time_stamp",
+        "sbg_driver/SbgGpsPosStatus status",
+        "uint32 gps_tow",
+        "float64 latitude longitude altitude",
+        "float32 undulation",
+        f"{VECTOR} position_accuracy",
+        "uint8 num_sv_tracked num_sv_used",
+        "uint16 base_station_id diff_age",
+    ),
+    "sbg_driver/msg/SbgImuStatus": fields("bool imu_com imu_status"),
+    "sbg_driver/msg/SbgImuData": HEADER
+    + fields("uint32 time_stamp", "sbg_driver/SbgImuStatus imu_status", f"{VECTOR} accel gyro", "float32 temp"),
+    "ublox_msgs/msg/NavPVT": PVT + fields("int32 headVeh", "int16 magDec", "uint16 magAcc"),
+    "ublox_msgs/msg/NavPVT7": PVT,
+    "septentrio_gnss_driver/msg/BlockHeader": fields(
+        "uint8 sync_1 sync_2", "uint16 crc id", "uint8 revision", "uint16 length", "uint32 tow", "uint16 wnc"
+    ),
+    "septentrio_gnss_driver/msg/PVTGeodetic": SBF
+    + fields(
+        "uint8 mode error",
+        "float64 latitude longitude height",
+        "float32 undulation vn ve vu cog",
+        "float64 rx_clk_bias",
+        "float32 rx_clk_drift",
+        "uint8 time_system datum nr_sv wa_corr_info",
+        "uint16 reference_id mean_corr_age",
+        "uint32 signal_info",
+        "uint8 alert_flag nr_bases",
+        "uint16 ppp_info latency h_accuracy v_accuracy",
+        "uint8 misc",
+    ),
+    "septentrio_gnss_driver/msg/AttEuler": SBF
+    + fields("uint8 nr_sv error", "uint16 mode", "float32 heading pitch roll pitch_dot roll_dot heading_dot"),
+    "septentrio_gnss_driver/msg/INSNavGeod": SBF
+    + fields(
+        "uint8 gnss_mode error",
+        "uint16 info gnss_age",
+        "float64 latitude longitude height",
+        "float32 undulation",
+        "uint16 accuracy latency",
+        "uint8 datum",
+        "uint16 sb_list",
+        "float32 latitude_std_dev longitude_std_dev height_std_dev",
+        "float32 latitude_longitude_cov latitude_height_cov longitude_height_cov heading pitch roll",
+    ),
+    "vectornav_msgs/msg/InsStatus": fields(
+        "uint8 mode", "bool gps_fix time_error imu_error mag_pres_error gps_error gps_heading_ins gps_compass"
+    ),
+    "vectornav_msgs/msg/CommonGroup": HEADER
+    + fields(
+        "uint16 group_fields",
+        "uint64 timestartup timegps timesyncin",
+        f"{VECTOR} yawpitchroll",
+        "geometry_msgs/Quaternion quaternion",
+        f"{VECTOR} angularrate",
+        "geometry_msgs/Point position",
+        f"{VECTOR} velocity accel imu_accel imu_rate magpres_mag",
+        "float32 magpres_temp magpres_pres deltatheta_dtime",
+        f"{VECTOR} deltatheta_dtheta deltatheta_dvel",
+        "vectornav_msgs/InsStatus insstatus",
+        "uint32 syncincnt",
+        "uint16 timegpspps",
+    ),
+    "vectornav_msgs/msg/InsGroup": HEADER
+    + fields(
+        "uint16 group_fields",
+        "vectornav_msgs/InsStatus insstatus",
+        "geometry_msgs/Point poslla posecef",
+        f"{VECTOR} velbody velned velecef magecef accelecef linearaccelecef",
+        "float32 posu velu",
+    ),
+    "vectornav_msgs/msg/GpsGroup": HEADER
+    + fields(
+        "uint16 group_fields",
+        "uint64 tow",
+        "uint16 week",
+        "uint8 numsats fix",
+        "geometry_msgs/Point poslla posecef",
+        f"{VECTOR} velned velecef posu",
+        "float32 velu",
+    ),
+    "vectornav/msg/Ins": HEADER
+    + fields(
+        "float64 time",
+        "uint16 week",
+        "uint64 utcTime",
+        "uint16 insStatus",
+        "float32 yaw pitch roll",
+        "float64 latitude longitude altitude",
+        "float32 nedVelX nedVelY nedVelZ",
+        "float32[3] attUncertainty",
+        "float32 posUncertainty velUncertainty",
+    ),
+    "mavros_msgs/msg/VfrHud": HEADER
+    + fields("float32 airspeed groundspeed", "int16 heading", "float32 throttle altitude climb"),
+}
+define(TYPES)
+
+
+def row(kind: str, values: Mapping[str, Any], after_s: int = 0, topic: str = "/topic") -> Row:
+    time_ns = T0 + after_s * SECOND
+    path = "header.stamp" if TYPES[kind].startswith(HEADER) else "system_timestamp.sec"
+    stamped = {path: time_ns if path == "header.stamp" else time_ns // SECOND}
+    return time_ns + 7, topic, kind, ({} if kind.startswith("ublox") else stamped) | dict(values)
+
+
+def read(tmp_path: Path, role: str, *records: Row, toml: str = "") -> Log:
+    return logged(tmp_path, records, MAP + toml, {role: "/topic"})
+
+
+NUCLEUS = {"velocity_x": 2.0, "velocity_y": 1.0, "velocity_z": 0.5, "fom_x": 0.02, "x_velocity_valid": True,
+           "y_velocity_valid": True}  # fmt: skip
+NORTEK = {"velX": 2.0, "velY": 1.0, "velZ1": 0.5, "velZ2": 0.5, "fomX": 0.02, "good_beams": 4, "status.xVelValid": 1,
+          "status.yVelValid": 1}  # fmt: skip
+DVLS: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
+    "interfaces/msg/BottomTrack": (NUCLEUS, {"y_velocity_valid": False, "velocity_y": -32.768}),
+    "ds_sensor_msgs/msg/NortekDF21": (NORTEK, {"status.xVelValid": 0, "velX": -32.768}),
+}
+
+
+@pytest.mark.parametrize("kind", DVLS)
+def test_velocities_of_nortek_are_found_and_point_forward_starboard_down(tmp_path: Path, kind: str) -> None:
+    good, change = DVLS[kind]
+    rows = [row(kind, good), row(kind, {**good, **change}, 1)]
+
+    log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
+
+    table = log.tables["dvl"]
+    np.testing.assert_allclose(table[["forward_mps", "starboard_mps", "up_mps"]].iloc[0], [2.0, 1.0, -0.5])
+    assert table["sd_mps"].iloc[0] == pytest.approx(0.02)
+    assert list(table["valid"]) == [True, False]
+    assert log.start_ns == T0  # the driver's stamp, not the log's
+
+
+def test_a_figure_of_ten_and_a_velocity_of_minus_32_768_mean_no_data(tmp_path: Path) -> None:
+    kind = "ds_sensor_msgs/msg/NortekDF21"
+    unknown = {**NORTEK, "velZ1": -32.768, "fomX": 10.0}
+    flagged_well = {**NORTEK, "velY": -32.768}
+
+    log = logged(
+        tmp_path, [row(kind, NORTEK), row(kind, unknown, 1), row(kind, flagged_well, 2)], '[dvl]\nsd_mps="message"'
+    )
+
+    table = log.tables["dvl"]
+    np.testing.assert_allclose(table["up_mps"].iloc[:2], [-0.5, np.nan])
+    np.testing.assert_allclose(table["sd_mps"].iloc[:2], [0.02, np.nan], rtol=1e-6)
+    assert list(table["valid"]) == [True, True, False]
+
+
+COMPASSES: Mapping[str, tuple[Mapping[str, Any], float]] = {
+    "interfaces/msg/AHRS": ({"heading": 200.0, "declination": 3.0}, 200.0),
+    "interfaces/msg/INS": ({"heading": 200.0}, 200.0),
+    "sbg_driver/msg/SbgEkfEuler": ({"angle.z": math.radians(-110.0), "status.heading_valid": True}, 200.0),
+    "sbg_driver/msg/SbgEkfQuat": ({**turned("quaternion", -110.0), "status.heading_valid": True}, 200.0),
+    "septentrio_gnss_driver/msg/AttEuler": ({"heading": -110.0}, 200.0),
+    "septentrio_gnss_driver/msg/INSNavGeod": ({"heading": -110.0}, 200.0),
+    "vectornav_msgs/msg/CommonGroup": ({"yawpitchroll.x": -160.0}, 200.0),
+    "vectornav/msg/Ins": ({"yaw": -160.0}, 200.0),
+    "mavros_msgs/msg/VfrHud": ({"heading": 200}, 200.0),
+}
+
+
+@pytest.mark.parametrize("kind", COMPASSES)
+def test_headings_of_each_driver_count_as_it_sends_them(tmp_path: Path, kind: str) -> None:
+    values, heading_deg = COMPASSES[kind]
+
+    log = read(tmp_path, "compass", row(kind, values))
+
+    assert log.tables["compass"]["heading_deg"][0] == pytest.approx(heading_deg, abs=1e-4)
+    assert log.start_ns == T0
+
+
+@pytest.mark.parametrize("kind", ["sbg_driver/msg/SbgEkfEuler", "sbg_driver/msg/SbgEkfQuat"])
+def test_sbg_counts_from_north_if_its_frame_says_so(tmp_path: Path, kind: str) -> None:
+    angle = {"angle.z": math.radians(-160.0)} if kind.endswith("Euler") else turned("quaternion", -160.0)
+    values = {**angle, "status.heading_valid": True, "header.frame_id": "imu_link_ned"}
+
+    log = read(tmp_path, "compass", row(kind, values))
+
+    assert log.tables["compass"]["heading_deg"][0] == pytest.approx(200.0)
+
+
+NO_HEADING: Mapping[str, Mapping[str, Any]] = {
+    "sbg_driver/msg/SbgEkfEuler": {"status.heading_valid": False},
+    "sbg_driver/msg/SbgEkfQuat": {"status.heading_valid": False},
+    "septentrio_gnss_driver/msg/AttEuler": {"error": 1},
+    "septentrio_gnss_driver/msg/INSNavGeod": {"heading": math.nan},
+}
+
+
+@pytest.mark.parametrize("kind", NO_HEADING)
+def test_a_heading_that_its_driver_calls_invalid_is_left_out(tmp_path: Path, kind: str) -> None:
+    values = COMPASSES[kind][0]
+
+    log = read(tmp_path, "compass", row(kind, values), row(kind, {**values, **NO_HEADING[kind]}, 1))
+
+    assert len(log.tables["compass"]) == 1
+
+
+DEGREES = {"latitude": 45.01, "longitude": 7.02}
+RADIANS = {"latitude": math.radians(45.01), "longitude": math.radians(7.02)}
+UBX = {"lat": 450100000, "lon": 70200000, "fixType": 3, "flags": 1, "hAcc": 1500}
+GPSES: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any], float]] = {  # good, invalid, sd in metres
+    "ublox_msgs/msg/NavPVT": (UBX, {"fixType": 5}, 1.5),
+    "ublox_msgs/msg/NavPVT7": (UBX, {"flags": 2}, 1.5),
+    "sbg_driver/msg/SbgGpsPos": (
+        {**DEGREES, "status.type": 2, "position_accuracy.x": 1.5, "position_accuracy.y": 1.5},
+        {"status.status": 1},
+        1.5,
+    ),
+    "septentrio_gnss_driver/msg/PVTGeodetic": ({**RADIANS, "mode": 4}, {"mode": 0, "error": 5}, math.nan),
+    "vectornav_msgs/msg/GpsGroup": (
+        {"poslla.x": 45.01, "poslla.y": 7.02, "fix": 3, "posu.x": 1.5, "posu.y": 1.5},
+        {"fix": 1},
+        1.5,
+    ),
+    "interfaces/msg/INS": ({**DEGREES, "lat_long_is_valid": True}, {"lat_long_is_valid": False}, math.nan),
+    "sbg_driver/msg/SbgEkfNav": (
+        {**DEGREES, "status.position_valid": True},
+        {"status.position_valid": False},
+        math.nan,
+    ),
+    "septentrio_gnss_driver/msg/INSNavGeod": (
+        {**RADIANS, "latitude_std_dev": 1.5, "longitude_std_dev": 1.5},
+        {"latitude": -2e10},
+        1.5,
+    ),
+    "vectornav_msgs/msg/InsGroup": (
+        {"poslla.x": 45.01, "poslla.y": 7.02, "posu": 1.5, "insstatus.mode": 2},
+        {"insstatus.mode": 0},
+        1.5,
+    ),
+    "vectornav_msgs/msg/CommonGroup": (
+        {"position.x": 45.01, "position.y": 7.02, "insstatus.mode": 2},
+        {"insstatus.mode": 0},
+        math.nan,
+    ),
+    "vectornav/msg/Ins": ({**DEGREES, "posUncertainty": 1.5}, {"latitude": 0.0, "longitude": 0.0}, 1.5),
+}
+
+
+@pytest.mark.parametrize("kind", GPSES)
+def test_positions_of_each_driver_are_degrees_and_invalid_ones_are_left_out(tmp_path: Path, kind: str) -> None:
+    good, change, sd_m = GPSES[kind]
+
+    log = read(tmp_path, "gps", row(kind, good), row(kind, {**good, **change}, 1))
+
+    table = log.tables["gps"]
+    assert len(table) == 1
+    np.testing.assert_allclose(table[["lat_deg", "lon_deg"]].iloc[0], [45.01, 7.02], atol=1e-9)
+    np.testing.assert_allclose(table["sd_m"].iloc[0], sd_m, rtol=1e-6)
+
+
+def test_the_depth_of_a_nucleus_is_used_if_it_is_named(tmp_path: Path) -> None:
+    log = read(tmp_path, "depth", row("interfaces/msg/AHRS", {"depth": 12.5}))
+
+    assert log.tables["depth"]["depth_m"][0] == 12.5
+
+
+REFUSED = {
+    ("interfaces/msg/WaterTrack", "dvl"): 'holds velocities through the water; name its fields by columns and state '
+    'track = "water"',
+    ("ublox_msgs/msg/NavPVT", "compass"): "holds the course over ground, not a heading",
+    ("sbg_driver/msg/SbgImuData", "compass"): "holds no orientation; use SbgEkfEuler or SbgEkfQuat",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "role"), REFUSED)
+def test_messages_without_the_quantity_are_refused_with_what_to_use(tmp_path: Path, kind: str, role: str) -> None:
+    with pytest.raises(UsageError) as fault:
+        read(tmp_path, role, row(kind, {}))
+
+    assert f"cannot be used as {role}: it {REFUSED[kind, role]}" in str(fault.value)
+
+
+def test_what_drivers_log_beside_standard_messages_makes_no_choice_necessary(tmp_path: Path) -> None:
+    """Logs that were read before these types were known are read as before."""
+    rows = [
+        fix(T0, 45.0, 7.0, topic="/ublox/fix"),
+        row("ublox_msgs/msg/NavPVT", UBX, topic="/ublox/navpvt"),
+        row("sbg_driver/msg/SbgGpsPos", GPSES["sbg_driver/msg/SbgGpsPos"][0], topic="/sbg/gps_pos"),
+        row("septentrio_gnss_driver/msg/PVTGeodetic", RADIANS | {"mode": 4}, topic="/pvtgeodetic"),
+        (T0, "/imu", IMU, {"header.stamp": T0, **turned("orientation", 10.0)}),
+        row("vectornav_msgs/msg/CommonGroup", COMPASSES["vectornav_msgs/msg/CommonGroup"][0], topic="/vectornav/raw"),
+        row("septentrio_gnss_driver/msg/AttEuler", {"heading": 1.0}, topic="/atteuler"),
+        row("interfaces/msg/AHRS", {"heading": 1.0}, topic="/nucleus_node/ahrs_packets"),
+        row("interfaces/msg/BottomTrack", NUCLEUS, topic="/nucleus_node/bottom_track_packets"),
+        twist(T0, 1.0, 0.0, topic="/dvl/twist"),
+    ]
+
+    log = logged(tmp_path, rows)
+
+    chosen = {role: p.topic for role, p in log.provenance.items()}
+    assert chosen == {"dvl": "/nucleus_node/bottom_track_packets", "compass": "/imu", "gps": "/ublox/fix"}
+    assert log.provenance["gps"].type == FIX
+
+
+def test_all_records_of_a_receiver_without_fix_are_an_error_with_the_cause(tmp_path: Path) -> None:
+    log = read(tmp_path, "gps", row("ublox_msgs/msg/NavPVT", {**UBX, "fixType": 0}))
+
+    assert "1 without fix (by its quality)" in codes(log)["GPS-INVALID"]
+    with pytest.raises(LogError, match=r"1 flagged invalid"):
+        read(tmp_path, "compass", row("sbg_driver/msg/SbgEkfEuler", {"angle.z": 1.0}))
