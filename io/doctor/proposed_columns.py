@@ -15,7 +15,8 @@ from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.messages.configured import TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
-from usbldr.io.messages.roles import NO_SENSOR, ROLES, SHIP, suggested_sensors
+from usbldr.io.messages.roles import ROLES
+from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
 from usbldr.io.opening import ConfigurationFile, Request, open_configured
 from usbldr.io.read import roles_of
 from usbldr.io.reader import TopicInfo

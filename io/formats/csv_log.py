@@ -70,15 +70,16 @@ class CsvLog:
         """The files, and one source for each sensor of a file whose columns name several."""
         found: dict[str, CsvSource] = {}
         for topic, source in self._files.items():
-            sheets = self._foreign(topic, source)
-            several = len(sheets) > 1
-            named = {f"{topic}/{s}" if several else topic: replace(source, sheet=sheet) for s, sheet in sheets.items()}
-            found |= named or {topic: source}
+            configured = [stated.sensor for stated in self._by_topic.get(topic, ())]
+            sheets = {sensor: sheet for sensor, sheet in self._foreign(source).items() if sensor not in configured}
+            apart = configured or len(sheets) > 1
+            found |= {topic: source} if configured or not sheets else {}
+            found |= {f"{topic}/{s}" if apart else topic: replace(source, sheet=sheet) for s, sheet in sheets.items()}
         return found
 
-    def _foreign(self, topic: str, source: CsvSource) -> Mapping[str, Sheet]:
+    def _foreign(self, source: CsvSource) -> Mapping[str, Sheet]:
         """Return the sensors that a file's columns name with their units; empty if the columns are known otherwise."""
-        if topic in self._by_topic or source.sensor is not None:
+        if source.sensor is not None:
             return {}
         own = sheet_of(source.file.stem, source.header)
         if own is not None and not own.problem:

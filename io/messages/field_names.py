@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from usbldr.io.messages.roles import GPS_ITSELF, NO_SENSOR, SHIP, suggested_sensors
+from usbldr.io.messages.topic_names import GPS_ITSELF, NO_SENSOR, SHIP, suggested_sensors
 from usbldr.io.units import Dimension, NamedUnit, named_unit
 
 

@@ -1,6 +1,5 @@
 """Which topic is which sensor: by option, by configuration, else recognised by message type and topic name."""
 
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,31 +10,10 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, configured_layout, topic_with_columns
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
+from usbldr.io.messages.topic_names import NO_SENSOR, SECOND_CHOICE, SHIP, suggested_sensors
 from usbldr.io.reader import TopicInfo
 
 ROLES = ("dvl", "compass", "usbl", "gps", "depth")
-
-GPS_ITSELF = r"gps|gnss|navsat|global_position"
-HINTS: Mapping[str, str] = {
-    "dvl": r"dvl|velocity_report|bottom_?(track|lock)|nortek|a50|a125",
-    "compass": r"compass|heading|hdg|hdt|ahrs|imu|gyro",
-    "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/",
-    "gps": rf"{GPS_ITSELF}|fix",
-    "depth": r"depth|pressure",
-}
-"""Words of topic names that suggest a role."""
-
-NO_SENSOR = re.compile(
-    r"(^|[/_])(usbldr|filtered|odometry|odom|ekf|ukf|estimate|estimated|"
-    r"ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
-)
-"""Words of topic names that suggest computed values, or simulated ones beside the sensors."""
-
-SHIP = re.compile(r"(^|[/_])(ship|vessel|mothership|boat|topside|tender)($|[/_])")
-"""Words of topic names that suggest a sensor of the ship, which says nothing about the vehicle."""
-
-SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
-"""Ends of topic names that rank last: an Imu without orientation; what mavros computed from GPS and others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,13 +191,6 @@ def _suitable(role: str, topics: Iterable[TopicInfo]) -> tuple[list[TopicInfo], 
     best = hinted or list(ranks)
     best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
     return best, ranks
-
-
-def suggested_sensors(name: str) -> set[str]:
-    """Return the sensors that a topic's name suggests; a "fix" is a GPS fix unless the name suggests USBL."""
-    name = name.lower()
-    hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}
-    return hints - {"gps"} if "usbl" in hints and not re.search(GPS_ITSELF, name) else hints
 
 
 def _preferred(role: str, choice: TopicChoice) -> Finding:

@@ -120,7 +120,7 @@ def test_columns_of_the_configuration_come_before_the_names(tmp_path: Path) -> N
 
     log = logged_csv(tmp_path, columns, dive=WIDE)
 
-    assert {role: p.topic for role, p in log.provenance.items()} == {"compass": "/dive"}
+    assert [p.topic for p in log.provenance.values()] == ["/dive/dvl", "/dive", "/dive/depth"]
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [59.5, 58.5])
 
 

@@ -1,0 +1,33 @@
+"""What the name of a topic, file or column suggests."""
+
+import re
+from collections.abc import Mapping
+
+GPS_ITSELF = r"gps|gnss|navsat|global_position"
+HINTS: Mapping[str, str] = {
+    "dvl": r"dvl|velocity_report|bottom_?(track|lock)|nortek|a50|a125",
+    "compass": r"compass|heading|hdg|hdt|ahrs|imu|gyro",
+    "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/",
+    "gps": rf"{GPS_ITSELF}|fix",
+    "depth": r"depth|pressure",
+}
+"""Words of topic names that suggest a role."""
+
+NO_SENSOR = re.compile(
+    r"(^|[/_])(usbldr|filtered|odometry|odom|ekf|ukf|estimate|estimated|"
+    r"ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
+)
+"""Words of topic names that suggest computed values, or simulated ones beside the sensors."""
+
+SHIP = re.compile(r"(^|[/_])(ship|vessel|mothership|boat|topside|tender)($|[/_])")
+"""Words of topic names that suggest a sensor of the ship, which says nothing about the vehicle."""
+
+SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
+"""Ends of topic names that rank last: an Imu without orientation; what mavros computed from GPS and others."""
+
+
+def suggested_sensors(name: str) -> set[str]:
+    """Return the sensors that a topic's name suggests; a "fix" is a GPS fix unless the name suggests USBL."""
+    name = name.lower()
+    hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}
+    return hints - {"gps"} if "usbl" in hints and not re.search(GPS_ITSELF, name) else hints
