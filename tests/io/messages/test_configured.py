@@ -281,3 +281,11 @@ def test_the_clock_offset_of_a_file_moves_times_in_every_unit(tmp_path: Path) ->
     for role in ("dvl", "compass", "gps", "depth"):
         apart = np.array(stamps_ns(here, role)) - np.array(stamps_ns(moved, role))
         np.testing.assert_allclose(apart, 1.5 * SECOND, atol=500)
+
+
+def test_fields_of_the_truth_are_never_those_of_a_sensor(tmp_path: Path) -> None:
+    position = 'columns = { lat_deg = "position_rad_m[0] [rad]", lon_deg = "position_rad_m[1] [rad]" }\n'
+    twice = "".join(f'[{sensor}]\ntopic = "/ins"\n{position}' for sensor in ("usbl", "gps"))
+
+    with pytest.raises(UsageError, match="/ins cannot be the usbl and the truth at once"):
+        ins_with(tmp_path, twice)

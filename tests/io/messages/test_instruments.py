@@ -233,7 +233,7 @@ NUCLEUS = {"velocity_x": 2.0, "velocity_y": 1.0, "velocity_z": 0.5, "fom_x": 0.0
 NORTEK = {"velX": 2.0, "velY": 1.0, "velZ1": 0.5, "velZ2": 0.5, "fomX": 0.02, "good_beams": 4, "status.xVelValid": 1,
           "status.yVelValid": 1}  # fmt: skip
 DVLS: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
-    "interfaces/msg/BottomTrack": (NUCLEUS, {"y_velocity_valid": False, "velocity_y": -32.768}),
+    "interfaces/msg/BottomTrack": (NUCLEUS, {"y_velocity_valid": False}),
     "ds_sensor_msgs/msg/NortekDF21": (NORTEK, {"status.xVelValid": 0, "velX": -32.768}),
 }
 
