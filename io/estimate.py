@@ -12,7 +12,8 @@ from usbldr.io.axes import named_ned
 from usbldr.io.conventions.dvl_depth import chosen_convention
 from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.conventions.truth import find_truth_file, read_truth_file
+from usbldr.io.conventions.truth import clearly_exchanged, distances_m, find_truth_file, read_truth_file
+from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.messages.layouts import raw_records, wanted_paths
 from usbldr.io.messages.roles import find_topic, topic_named
@@ -26,21 +27,41 @@ COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
 def read_estimate(log: Log, request: Request, name: str, frame: str | None = None) -> tuple[Log, Trajectory]:
     """Return the track of a topic of the log or of a file: east, north, and covariance and yaw if they are known.
 
-    The log comes with it because its truth says whether its place on the map of this track is known.
+    The log comes with it because its truth says whether its place on the map of this track is known, and with a finding
+    about the frame, if there is one.
 
     A file is TUM text, usbldr's own track, or CSV with usbldr's names. ``frame`` is ENU, NED or latlon (None: by type
-    and frame_id, else ENU). Times are seconds of the log. Raises LogError for what cannot be read, UsageError for a
-    frame that does not fit.
+    and frame_id, else the one of ENU and NED that the truth fits clearly better, else ENU). Times are seconds of the
+    log. Raises LogError for what cannot be read, UsageError for a frame that does not fit.
     """
+    placed, track, used, by_default = _read(log, request, name, frame)
+    truth = log.truth
+    if truth is None or not by_default:
+        return placed, track
+    apart_m = distances_m(truth.time_s, truth.position_m, track.time_s, track.position_m)
+    if not clearly_exchanged(apart_m):
+        return placed, track
+    other = {"ENU": "NED", "NED": "ENU"}[used]
+    text = (
+        f"{track.label}: read as {other}, because the truth then fits to {apart_m[1]:.2g} m (median) instead of "
+        f"{apart_m[0]:.2g} m; state --frame if that is wrong"
+    )
+    placed, track, _, _ = _read(log, request, name, other)
+    return replace(placed, findings=(*placed.findings, Finding("ESTIMATE-FRAME", text, track.label))), track
+
+
+def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log, Trajectory, str, bool]:
+    """Return the log and the track, its frame, and whether only the default chose between ENU and NED."""
     file = find_truth_file(name, log.path, from_option=True)
     if file is None:
         if log.truth is not None and name.lstrip("/") == log.truth.source.lstrip("/"):
             raise UsageError(f"--estimate {name} is the truth itself; name another track or another --truth")
-        table, label, used = _of_topic(log, request, name, frame)
+        table, label, used, by_default = _of_topic(log, request, name, frame)
     else:
         section = msgspec.convert({"frame": frame}, TruthSection)
         table, provenance = read_truth_file(file, "option", section, log.start_ns, log.origin)
         label, used = file.name, str(provenance.convention("frame").value)
+        by_default = provenance.convention("frame").chosen_by == "default"
         own = "time_s = time_s" in str(provenance.convention("columns").value)  # on the plane of the log's own tracks
         used = "" if own else used
     table = table[np.isfinite(table["east_m"]) & np.isfinite(table["north_m"])]
@@ -51,7 +72,7 @@ def read_estimate(log: Log, request: Request, name: str, frame: str | None = Non
     if truth is not None and used:
         stated = log.origin is not None and log.origin.source == "[map]"
         truth = replace(truth, place_unknown=(used == "latlon") != _latlon(log) and not stated)
-    return replace(log, truth=truth), _trajectory(table, label, log.start_ns)
+    return replace(log, truth=truth), _trajectory(table, label, log.start_ns), used, by_default and bool(used)
 
 
 def _latlon(log: Log) -> bool:
@@ -60,7 +81,7 @@ def _latlon(log: Log) -> bool:
     return log.convention(role, "frame").value == "latlon"
 
 
-def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple[pd.DataFrame, str, str]:
+def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple[pd.DataFrame, str, str, bool]:
     if not log.path.exists():
         raise UsageError(f"--estimate {name}: a scenario has no topics; name a file")
     reader = open_configured(log.path, request).reader
@@ -71,8 +92,8 @@ def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple
     paths = wanted_paths(topic, layout)
     raw = raw_records(log.path, topic, layout, reader.read({topic.name: list(paths.values())})[topic.name], paths)
     try:
-        default = "NED" if named_ned(raw.frame_id) else "ENU"
-        used, _, _ = chosen_convention(raw, "frame", frame, default)
+        is_ned = named_ned(raw.frame_id)
+        used, chosen_by, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")
         if "lat_deg" in layout.required and used != "latlon":
             raise SettingError(f"--frame {used}: {name} holds latitudes and longitudes")
     except SettingError as err:
@@ -83,7 +104,8 @@ def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple
     columns["east_m"], columns["north_m"] = on_plane(raw, used, log.origin)
     columns |= {key: covariance[:, k // 2, k % 2] for k, key in enumerate(COVARIANCE)}
     columns |= {key: column for key, column in pose_columns(raw, str(used)).items() if key == "heading_deg"}
-    return pd.DataFrame({key: values[good] for key, values in columns.items()}), topic.name, str(used)
+    table = pd.DataFrame({key: values[good] for key, values in columns.items()})
+    return table, topic.name, used, chosen_by == "default" and not is_ned
 
 
 def _trajectory(table: pd.DataFrame, label: str, start_ns: int) -> Trajectory:

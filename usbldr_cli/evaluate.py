@@ -88,11 +88,11 @@ def evaluate(
         raise UsageError(f"{target} {what}: choose another --output")
     outputs.require_fitting(Path(log))
     dive = open_log(log, request)
-    for finding in dive.findings:
+    placed, track = read_estimate(dive, request, estimate, frame)
+    for finding in placed.findings:
         click.echo(f"usbldr: {printable(dive.path.name)}: {finding.text} [{finding.code}]", err=True)
     choices = RunChoices(start=start, end=end, align=align, **DEFAULTS)
     settings = choices.settings(dive.start_ns)
-    placed, track = read_estimate(dive, request, estimate, frame)
     grid = timeline(dive)
     report = score(placed, grid, track, settings)
     found = Identification(dive.parameters)

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 @click.option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.")
 @run_outputs
 @click.option(
-    "--verify", type=FILE, metavar="REPORT", help="Repeat the run of a report.json; exit 1 if it is not the same."
+    "--verify", type=FILE, metavar="RUN", help="Repeat a run by its directory or report.json; exit 1 if not the same."
 )
 @click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")

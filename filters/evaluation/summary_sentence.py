@@ -24,7 +24,7 @@ def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) ->
     percent = 100 * matching.matched / max(matching.asked, 1)
     few = f", in the {percent:.0f} % of the epochs that have a truth" if matching.low else ""
     if report.alignment.name == "shift":
-        return f"{report.label}: mean horizontal error without constant shift {by_total}{few}"
+        return f"{report.label}: mean horizontal error, constant shift removed, {by_total}{few}"
     if report.mostly_shift:
         apart = f"; without a constant shift of {report.shift.length_m:.2f} m {{}}"
         by_total += apart.format(_compared(report, others, lambda one: one.shift.mean_m))

@@ -29,8 +29,8 @@ from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
 
-LEAST_FIXES = 10  # [fixes] within the truth, by which its frame is checked
-CLEARLY_BETTER = 2.0  # times: a frame whose fixes fit so much better is not chance
+LEAST_POINTS = 10  # [points] within a track, by which its frame is checked
+CLEARLY_BETTER = 2.0  # times: a frame whose points fit so much better is not chance
 MORE = ("sd_east_m", "sd_north_m", "cov_en_m2", "heading_deg", "qx", "qy", "qz", "qw")
 
 
@@ -113,14 +113,10 @@ def by_fixes(
     """
     frame = provenance.convention("frame")
     time_s: Vector = (fixes["time_ns"].to_numpy(dtype=np.int64) - start_ns) / 1e9
-    among: Mask = (time_s >= truth.time_s[0]) & (time_s <= truth.time_s[-1])
-    if frame.chosen_by != "default" or among.sum() < LEAST_FIXES:
+    apart_m = distances_m(time_s, fixes[["east_m", "north_m"]].to_numpy(dtype=float), truth.time_s, truth.position_m)
+    if frame.chosen_by != "default" or not clearly_exchanged(apart_m):
         return truth, provenance, []
-    fix_m = fixes[["east_m", "north_m"]].to_numpy(dtype=float)[among]
-    there_m: Array = np.column_stack([np.interp(time_s[among], truth.time_s, truth.position_m[:, k]) for k in (0, 1)])
-    as_read_m, exchanged_m = _median_distance_m(fix_m - there_m), _median_distance_m(fix_m - there_m[:, ::-1])
-    if exchanged_m * CLEARLY_BETTER > as_read_m:
-        return truth, provenance, []
+    as_read_m, exchanged_m = apart_m
     other = "NED" if frame.value == "ENU" else "ENU"
     conventions = tuple(replace(c, value=other, chosen_by="data") if c is frame else c for c in provenance.conventions)
     text = (
@@ -134,6 +130,24 @@ def by_fixes(
         velocity_mps=None if truth.velocity_mps is None else truth.velocity_mps * [-1, 1],
     )
     return turned, replace(provenance, conventions=conventions), [Finding("TRUTH-FRAME", text, truth.source)]
+
+
+def distances_m(time_s: Vector, point_m: Array, track_time_s: Vector, track_m: Array) -> tuple[float, float]:
+    """Return the median distance of points from a track, as it is and with its east and north exchanged.
+
+    Only shapes count: a constant shift between both is taken off. Both are 0 if too few points lie within the track.
+    """
+    among: Mask = (time_s >= track_time_s[0]) & (time_s <= track_time_s[-1])
+    if among.sum() < LEAST_POINTS:
+        return 0.0, 0.0
+    there_m: Array = np.column_stack([np.interp(time_s[among], track_time_s, track_m[:, k]) for k in (0, 1)])
+    return _median_distance_m(point_m[among] - there_m), _median_distance_m(point_m[among] - there_m[:, ::-1])
+
+
+def clearly_exchanged(apart_m: tuple[float, float]) -> bool:
+    """Return whether points fit clearly better to a track whose east and north are exchanged."""
+    as_read_m, exchanged_m = apart_m
+    return exchanged_m * CLEARLY_BETTER < as_read_m
 
 
 def _median_distance_m(apart_m: Array) -> float:

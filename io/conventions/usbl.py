@@ -84,9 +84,9 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         and origin.source != "[map]"
     ):
         text = (
-            "the map origin is not stated, so that errors against latitudes are taken after a constant shift (state "
-            "origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) if "
-            "fixes are relative to it)"
+            "the map origin is not stated: errors against a truth in latitudes are those that remain after a constant "
+            "shift (state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver "
+            "([usbl] head) if fixes are relative to it)"
         )
         findings.append(raw.finding("MAP-UNKNOWN", text))
 

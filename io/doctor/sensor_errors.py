@@ -45,9 +45,9 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
     def number(name: str, factor: float = 1.0, digits: int = 2) -> str:
         return f"{factor * value[name].value:z.{digits}f} ± {abs(factor) * value[name].sd:.{digits}f}"
 
-    def time(name: str) -> tuple[str, bool]:
-        late = value[name].value > 0
-        return number(name, 1.0 if late else -1.0), late
+    def signed(name: str) -> tuple[str, bool]:
+        positive = value[name].value > 0
+        return number(name, 1.0 if positive else -1.0), positive
 
     if key == "scale":
         return f"the DVL reads {number('dvl_scale', 100.0, 1)} % too much"
@@ -57,13 +57,14 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
         sine, cosine = number("deviation_sin_deg", 1.0, 1), number("deviation_cos_deg", 1.0, 1)
         return f"the compass has a deviation of ({sine}) sin H + ({cosine}) cos H deg at heading H"
     if key == "latency":
-        seconds, late = time("usbl_latency_s")
+        seconds, late = signed("usbl_latency_s")
         return f"fixes were valid {seconds} s {'before' if late else 'after'} their stamps, by DVL and compass"
     if key == LEVER:
-        forward, starboard = number("dvl_lever_forward_m"), number("dvl_lever_starboard_m")
-        ahead = f"{forward} m further ahead and {starboard} m further to starboard"
-        return f"the DVL is {ahead} of the transponder than stated"
-    seconds, late = time("dvl_clock_s")
+        forward, ahead = signed("dvl_lever_forward_m")
+        across, starboard = signed("dvl_lever_starboard_m")
+        place = f"{forward} m further {'ahead' if ahead else 'astern'} and {across} m further to "
+        return f"the DVL is {place}{'starboard' if starboard else 'port'} of the transponder than stated"
+    seconds, late = signed("dvl_clock_s")
     return f"stamps of the DVL are {seconds} s {'late' if late else 'early'} against those of the compass"
 
 

@@ -59,9 +59,13 @@ def fixed_errors_text(evidence: Sequence[SensorErrorEvidence]) -> str:
     """Return lever arm and clock of the DVL, if the log has evidence for them; "" if not."""
     found = {estimate.name: estimate for one in evidence for estimate in one.estimates}
     words = {
-        "dvl_lever_starboard_m": "m to starboard of the transponder",
-        "dvl_lever_forward_m": "m ahead of it",
-        "dvl_clock_s": "s late against the compass",
+        "dvl_lever_starboard_m": ("m to starboard of the transponder", "m to port of the transponder"),
+        "dvl_lever_forward_m": ("m ahead of it", "m astern of it"),
+        "dvl_clock_s": ("s late against the compass", "s early against the compass"),
     }
-    texts = [f"{with_sigma(found[name].value, found[name].sd)} {text}" for name, text in words.items() if name in found]
+    texts = [
+        f"{with_sigma(abs(one.value), one.sd)} {sides[one.value < 0]}"
+        for name, sides in words.items()
+        if (one := found.get(name)) is not None
+    ]
     return "DVL " + ", ".join(texts) if texts else ""

@@ -55,6 +55,21 @@ def test_our_own_tum_file_is_read_and_stands_in_the_table_of_compare(own: Path) 
     assert {path.name for path in (own / "tum").iterdir()} >= {"track_estimate.csv", "report.md", "report.json"}
 
 
+def test_a_track_whose_east_and_north_are_exchanged_is_read_by_the_truth(own: Path) -> None:
+    east_first = [line.split() for line in (own / "adf" / "track.tum").read_text(encoding="utf-8").splitlines()]
+    rows = [f"{time},{north},{east}" for time, east, north, *_ in east_first if not time.startswith("#")]
+    (own / "ned.csv").write_text("\n".join(["timestamp,x,y", *rows]), encoding="utf-8")
+
+    done = run("evaluate", own / "paper.mcap", "-e", own / "ned.csv", "-q", "--plots", "none", "-o", own / "ned")
+    wrong = judged(own / "paper.mcap", own / "ned.csv", "--frame", "ENU", "--plots", "none", "--force")
+
+    assert "read as NED" in done.stderr
+    assert "[ESTIMATE-FRAME]" in done.stderr
+    metrics, filtered = report(own / "ned")["metrics"], report(own / "adf")["metrics"]
+    assert metrics["mean_horizontal_m"] == pytest.approx(filtered["mean_horizontal_m"], abs=1e-4)
+    assert wrong["metrics"]["mean_horizontal_m"] > 100
+
+
 def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> list[Row]:
     """Two minutes east at 1 m/s by GPS, and an estimate with a right sigma, white errors and a heading of east."""
     rng, rows = np.random.default_rng(2), list[Row]()

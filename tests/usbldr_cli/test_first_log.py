@@ -41,7 +41,7 @@ def test_an_unknown_origin_moves_no_number_of_the_report(tmp_path: Path) -> None
     names = ("mean_horizontal_m", "rmse_horizontal_m", "nees_mean", "max_horizontal_m")
     for name in names:
         assert far["metrics"][name] == pytest.approx(here["metrics"][name], abs=1e-5), name
-    assert "without constant shift" in far["verdict"]
+    assert "constant shift removed" in far["verdict"]
     assert far["verdict"] == here["verdict"]
     page = (tmp_path / "far" / "report.md").read_text(encoding="utf-8")
     assert "state origin_lat_deg and origin_lon_deg under [map]" in page

@@ -47,7 +47,8 @@ gps: /gps/fix (type and name), 1 of 1 records used
 truth: /gps/fix, kind gps
   1 samples from 0.0 to 0.0 s, interpolated over gaps up to 30 s
 
-MAP-UNKNOWN: /usbl: the map origin is not stated, so that errors against latitudes are taken after a constant shift \
+MAP-UNKNOWN: /usbl: the map origin is not stated: errors against a truth in latitudes are those that remain after \
+a constant shift \
 (state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) if fixes \
 are relative to it)
 """

@@ -48,6 +48,7 @@ def test_a_run_is_repeated_with_all_its_options_to_the_bit(report: Path) -> None
     assert done.return_value == 0
     assert done.output.startswith(f"{report}: bit-identical (")
     assert len(done.output.splitlines()) == 1
+    assert _verify(report.parent).output == done.output
 
 
 def test_the_log_may_lie_elsewhere(made: Path, report: Path, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.reports.run_directory import REPORT
 from usbldr.io.reports.run_provenance import SCHEMA
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.one_run import RunPlan
@@ -90,13 +91,14 @@ def _shown(value: Json) -> str:
 
 
 def verify(report: Path, log: str | None) -> Verification:
-    """Run again what a report says, on its log or another place of it, and compare every value.
+    """Run again what a report or run directory says, on its log or another place of it, and compare every value.
 
     Raises UsageError for a report that replay did not write or whose log is not found.
     """
     from usbldr.io.reports.report_json import json_values, report_content
     from usbldr_cli.runs.one_run import run_again
 
+    report = report / REPORT if report.is_dir() else report
     before = _read(report)
     plan = _plan(before, report, log)
     run = run_again(plan)

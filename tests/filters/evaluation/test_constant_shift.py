@@ -64,7 +64,7 @@ def test_against_a_truth_of_unknown_place_the_shift_is_taken_off_every_number() 
     assert unknown.alignment.name == "shift"
     for name, value in known.flat().items():
         assert unknown.flat()[name] == (None if value is None else pytest.approx(value, abs=1e-9)), name
-    assert summary_sentence(unknown).startswith("adf: mean horizontal error without constant shift 1.")
+    assert summary_sentence(unknown).startswith("adf: mean horizontal error, constant shift removed, 1.")
 
 
 def test_no_verdict_is_given_against_a_place_that_nobody_stated() -> None:

@@ -108,7 +108,8 @@ def test_a_map_whose_origin_is_not_stated_is_a_finding(tmp_path: Path) -> None:
     log = logged(tmp_path, [point(T0, 3.0, 4.0), fix(T0, 45.0, 7.0)])
 
     assert codes(log)["MAP-UNKNOWN"] == (
-        "/usbl: the map origin is not stated, so that errors against latitudes are taken after a constant shift "
+        "/usbl: the map origin is not stated: errors against a truth in latitudes are those that remain after a "
+        "constant shift "
         "(state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) "
         "if fixes are relative to it)"
     )
