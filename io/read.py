@@ -18,6 +18,7 @@ from usbldr.io.conventions.sanity import (
     covariance_findings,
     position_findings,
     repeated_fix_findings,
+    truth_jump_findings,
     truth_overlap_findings,
     truth_underwater_findings,
 )
@@ -120,7 +121,8 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         if "truth" in provenance and "usbl" in tables:
             truth, provenance["truth"], more = by_fixes(truth, provenance["truth"], tables["usbl"], start_ns)
             findings += more
-    findings += [*truth_overlap_findings(truth, tables, start_ns), *position_findings(tables, provenance, origin)]
+    findings += [*truth_overlap_findings(truth, tables, start_ns), *truth_jump_findings(truth)]
+    findings += position_findings(tables, provenance, origin)
     if truth_table is not None:
         findings += repeated_fix_findings(
             truth_table, provenance["truth" if "truth" in provenance else "gps"], start_ns

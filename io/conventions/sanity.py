@@ -1,14 +1,17 @@
-"""Contradictions within a log: times or places apart, a truth under water or repeated."""
+"""Contradictions within a log: times or places apart, a truth that jumps, is under water or repeated."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.types import Truth
+from usbldr.filters.types import Indices, Truth, Vector
 from usbldr.io.conventions import positions
+from usbldr.io.conventions.spikes import SPIKE_RATIO
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
+from usbldr.io.messages.dvl import MAX_SPEED_MPS
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Provenance
 
@@ -29,6 +32,46 @@ def truth_overlap_findings(truth: Truth | None, tables: Mapping[str, pd.DataFram
     span = f"{truth.time_s[0]:.1f} to {truth.time_s[-1]:.1f} s, the sensors {first_s:.1f} to {last_s:.1f} s"
     text = f"{truth.source}: truth and sensors do not overlap in time: it covers {span}"
     return [Finding("TRUTH-APART", text, truth.source)]
+
+
+def truth_jump_findings(truth: Truth | None) -> list[Finding]:
+    """Report rows of a truth between which it moves faster than any vehicle, and further than it usually scatters.
+
+    Rows that repeat the position before them are no evidence of when the vehicle was there.
+    """
+    if truth is None or len(truth.time_s) < 2:
+        return []
+    new = np.insert(np.any(np.diff(truth.position_m, axis=0) != 0, axis=1), 0, True)
+    t, step_m = truth.time_s[new], np.linalg.norm(np.diff(truth.position_m[new], axis=0), axis=1)
+    jump = np.zeros(len(t) + 1, dtype=np.bool_)  # to each row from the one before it; none at the ends
+    if len(step_m):
+        jump[1:-1] = step_m > MAX_SPEED_MPS * np.diff(t) + SPIKE_RATIO * np.median(step_m)
+    single = np.flatnonzero(jump[:-1] & jump[1:])
+    stays = np.setdiff1d(np.flatnonzero(jump), [*single, *(single + 1)])
+    if not jump.any():
+        return []
+    parts: list[str] = []
+    if len(stays):
+        worst = stays[np.argmax(step_m[stays - 1])]
+        times = f"jumps {len(stays)} times, at most by" if len(stays) > 1 else "jumps by"
+        parts.append(f"the truth {times} {step_m[worst - 1]:.0f} m between {t[worst - 1]:.1f} and {t[worst]:.1f} s")
+    if len(single):
+        worst = single[np.argmax(step_m[single - 1])]
+        off = f"{len(single)} single truth row{'s lie' if len(single) > 1 else ' lies'} off both neighbours"
+        parts.append(f"{off}, at most by {step_m[worst - 1]:.0f} m at {t[worst]:.1f} s")
+    text = f"{truth.source}: {' and '.join(parts)}, faster than any vehicle ({MAX_SPEED_MPS:g} m/s)"
+    far_m, row = max((float(step_m[k - 1]), int(k)) for k in np.flatnonzero(jump))
+    return [Finding("TRUTH-JUMP", f"{text}: {_without(t, stays)}", truth.source, float(t[row]), far_m, "m")]
+
+
+def _without(time_s: Vector, jumps: Indices) -> str:
+    """Return what to do about jumps to these rows of a truth; without any, about single rows."""
+    middle = len(time_s) / 2
+    if len(jumps) and jumps[-1] < middle:
+        return f"score what follows with --start {math.ceil(time_s[jumps[-1]])}"
+    if len(jumps) and jumps[0] > middle:
+        return f"score what comes before with --end {math.floor(time_s[jumps[0] - 1])}"
+    return "errors near there are the truth's; leave these rows out of it"
 
 
 def position_findings(

@@ -137,7 +137,8 @@ DVL = (  # a driver's messages rank before twists made from them, those with a v
 
 BEAM, EARTH = 0, 3  # of coordinate_mode
 BOTTOM, WATER = 1, 2  # of velocity_mode and velocity_reference
-TOO_FAST = "faster than 20 m/s"
+MAX_SPEED_MPS = 20.0  # [m/s] no vehicle with a DVL, and no ship above it, goes so fast
+TOO_FAST = f"faster than {MAX_SPEED_MPS:g} m/s"
 NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
 
 
@@ -173,7 +174,7 @@ def dvl_causes(
     if np.any(beams_valid == 1):
         causes["beam velocities flagged invalid"] = beams_valid == 0
     causes["negative covariance"] = raw.number("own_covariance") < 0
-    causes[TOO_FAST] = speed_mps > 20.0
+    causes[TOO_FAST] = speed_mps > MAX_SPEED_MPS
     return causes
 
 
