@@ -17,7 +17,8 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
-    b"\x7f\x7f": "a PD0 file as ADCPs write it; convert it to CSV or a bag first",
+    b"\x7d\x00": "a PD4 file, whose times have no date; record PD6 or PD0",
+    b"\x7d\x01": "a PD5 file, whose times have no date; record PD6 or PD0",
 }
 """Other formats by their first bytes, with what to do about them."""
 TAR, TAR_AT = b"ustar", 257  # fixed by the format
@@ -58,6 +59,24 @@ def _dataflash(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return DataflashLog(path) if looks_like_dataflash(head) else None
 
 
+def _pd0(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.pd0_log import Pd0Log, looks_like_pd0
+
+    return Pd0Log(path) if looks_like_pd0(head) else None
+
+
+def _pd6(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.pd6_log import Pd6Log, looks_like_pd6
+
+    return Pd6Log(path) if looks_like_pd6(head) else None
+
+
+def _json_lines(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.json_lines_log import JsonLinesLog, looks_like_json_lines
+
+    return JsonLinesLog(path) if looks_like_json_lines(head) else None
+
+
 def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.nmea_log import NmeaFile, looks_like_nmea
 
@@ -78,6 +97,9 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "rosbag2 (folders and .db3 files)": _rosbag2,
     "MAVLink telemetry logs (.tlog)": _tlog,
     "DataFlash logs (.BIN)": _dataflash,
+    "PD0 files": _pd0,
+    "PD6 text": _pd6,
+    "JSON lines of Water Linked's devices": _json_lines,
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
 }

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from usbldr.io.messages.compass import COMPASS
 from usbldr.io.messages.depth import DEPTH
 from usbldr.io.messages.dvl import DVL
+from usbldr.io.messages.dvl_files import FILES_COMPASS, FILES_DEPTH, FILES_DVL, FILES_GPS, FILES_USBL
 from usbldr.io.messages.gps import GPS, TRUTH
 from usbldr.io.messages.layouts import MessageLayout, only_when_named
 from usbldr.io.messages.mavlink import (
@@ -20,12 +21,12 @@ from usbldr.io.messages.usbl import USBL
 from usbldr.io.reader import TopicInfo
 
 LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
-    "dvl": (*DVL, *MAVLINK_DVL),
-    "compass": (*COMPASS, *NMEA_HEADINGS, *MAVLINK_COMPASS),
-    "usbl": (*USBL, *MAVLINK_USBL),
-    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS, *MAVLINK_GPS),
-    "depth": (*DEPTH, *MAVLINK_DEPTH),
-    "truth": (*TRUTH, *only_when_named(NMEA_PLACES), *MAVLINK_TRUTH),
+    "dvl": (*DVL, *MAVLINK_DVL, *FILES_DVL),
+    "compass": (*COMPASS, *NMEA_HEADINGS, *MAVLINK_COMPASS, *FILES_COMPASS),
+    "usbl": (*USBL, *MAVLINK_USBL, *FILES_USBL),
+    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS, *MAVLINK_GPS, *FILES_GPS),
+    "depth": (*DEPTH, *MAVLINK_DEPTH, *FILES_DEPTH),
+    "truth": (*TRUTH, *only_when_named(NMEA_PLACES), *MAVLINK_TRUTH, *only_when_named(FILES_GPS)),
 }
 """The first layout that matches a topic is used.
 

@@ -11,7 +11,7 @@ from usbldr.io.formats.detect import open_log
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
 FORMATS = (
     "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), MAVLink telemetry logs (.tlog), DataFlash logs (.BIN), "
-    "text files of NMEA sentences and CSV folders"
+    "PD0 files, PD6 text, JSON lines of Water Linked's devices, text files of NMEA sentences and CSV folders"
 )
 
 
@@ -41,7 +41,7 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"\x89MCAP0\nrest", "is an MCAP file whose " + CONVERTED),
         (b"\x89MCAP0\r\r\nrest", "is an MCAP file whose " + CONVERTED),
         (b"#ROSBAG V2.0\r\nrest", "is a ROS 1 bag whose " + CONVERTED),
-        (b"\x7f\x7frest", "is a PD0 file as ADCPs write it; convert it to CSV or a bag first"),
+        (b"\x7d\x01rest", "is a PD5 file, whose times have no date; record PD6 or PD0"),
     ],
 )  # fmt: skip
 def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) -> None:

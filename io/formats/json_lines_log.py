@@ -1,0 +1,136 @@
+"""Lines of JSON as Water Linked's devices send them: a DVL's reports over TCP, a UGPS's positions over HTTP.
+
+Sources: docs/dvl/dvl-json-protocol.md of waterlinked/docs, and the API of Underwater GPS. A line may begin with the
+time at which it was logged. Else reports of velocities are timed by their transmission; what has no time of its own
+takes that of the line before.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, cast
+
+from usbldr.io.decoding.decoder_set import DecoderSet
+from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_topics, json_decoder
+from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
+from usbldr.io.findings import Finding
+from usbldr.io.formats.files import text_lines
+from usbldr.io.reader import Records, TopicInfo
+
+REPORTS = ("velocity", "velocity_water", "position_local")
+"""Reports of a DVL by their type."""
+SAMPLES = 5  # [messages] from which the fields are taken
+LATEST_S = 4e9  # [s] the year 2096
+EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
+
+
+def looks_like_json_lines(head: bytes) -> bool:
+    """Return whether the first line holds a report or a position of Water Linked's."""
+    line = head.decode("utf-8-sig", errors="replace").split("\n", 1)[0]
+    return bool(_kind(_parsed(line)[1]))
+
+
+class JsonLinesLog:
+    """A text file of such lines."""
+
+    format = "JSON lines"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._unfit: dict[str, Finding] = {}
+        self._lost: list[Finding] = []
+
+    @cached_property
+    def _lines(self) -> Mapping[str, list[tuple[int, bytes]]]:
+        """Return log time and text of each line by kind; record what was lost."""
+        found: dict[str, list[tuple[int, bytes]]] = {}
+        untimed, unknown, bad, first_bad, last = 0, 0, 0, 0, NO_TIME
+        for number, line in enumerate(text_lines(self.path), start=1):
+            if not line.strip():
+                continue
+            text, value = _parsed(line)
+            if value is None:
+                bad, first_bad = bad + 1, first_bad or number
+                continue
+            kind = _kind(value)
+            logged = prefixed_ns(line[: line.find("{")])
+            last = logged if logged != NO_TIME else _own_time(value, last)
+            unknown += not kind and value.get("type") != "response"
+            if kind and last == NO_TIME:
+                untimed += 1
+            elif kind:
+                found.setdefault(kind, []).append((last, text.encode()))
+        if bad:
+            text = f"{self.path.name}: {bad} lines are no JSON, the first is line {first_bad}; left out"
+            self._lost.append(Finding("UNDECODED", text, lost_data=True))
+        if untimed:
+            text = f"{self.path.name}: {untimed} lines have no time; log them with one before each line"
+            self._lost.append(Finding("UNDECODED", text, lost_data=True))
+        if unknown:
+            text = f"{self.path.name}: {unknown} lines are neither reports nor positions; not read"
+            self._lost.append(Finding("UNDECODED", text))
+        return found
+
+    @cached_property
+    def _streams(self) -> dict[tuple[str, str], Stream]:
+        streams: dict[tuple[str, str], Stream] = {}
+        counter = DecoderSet(self.path)
+        for kind, lines in self._lines.items():
+            counter.add_topic()
+            key = f"/{kind}", f"waterlinked/waterlinked_{kind}"
+            decoder = json_decoder(key[1], [text for _, text in lines[:SAMPLES]])
+            times = [time_ns for time_ns, _ in lines]
+            streams[key] = Stream(*key, "json", decoder, len(times), min(times), max(times))
+        return streams
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the kinds of lines."""
+        return tuple(stream.info() for stream in self._streams.values())
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Decode the wanted lines."""
+        records, self._unfit = decode_topics(self.path, self._streams, wanted, self._messages(wanted))
+        return records
+
+    def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
+        for key in self._streams:
+            if key[0] in wanted:
+                for time_ns, text in self._lines[key[0][1:]]:
+                    yield key, time_ns, text
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report what was left out."""
+        _ = self._lines
+        return (*self._lost, *self._unfit.values())
+
+
+def _parsed(line: str) -> tuple[str, Mapping[str, Any] | None]:
+    """Return the text of the object that a line holds, and the object; None if it holds none."""
+    text = line[line.find("{") :].strip() if "{" in line else ""
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return text, None
+    return text, cast("Mapping[str, Any]", value) if isinstance(value, dict) else None
+
+
+def _kind(value: Mapping[str, Any] | None) -> str:
+    """Return what an object is: a DVL's report by its type, a UGPS's position by its fields; empty if neither."""
+    if value is None:
+        return ""
+    if value.get("type") in REPORTS:
+        return str(value["type"])
+    if "lat" in value and "lon" in value:
+        return "global"
+    return "acoustic" if {"x", "y", "z", "position_valid"} <= value.keys() else ""
+
+
+def _own_time(value: Mapping[str, Any], last: int) -> int:
+    """Return the time that a report states in nanoseconds since 1970, else that of the line before."""
+    sent_us, seconds = value.get("time_of_transmission", value.get("time_of_validity")), value.get("ts")
+    if isinstance(sent_us, int) and EARLIEST_S * 1e6 < sent_us < LATEST_S * 1e6:
+        return sent_us * 1000
+    if isinstance(seconds, float) and EARLIEST_S < seconds < LATEST_S:
+        return round(seconds * 1e6) * 1000  # microseconds: a float has no more
+    return last
