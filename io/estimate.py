@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, SettingError, UsageError
+from usbldr.filters.errors import LogError, SettingError, UsageError, did_you_mean
 from usbldr.filters.types import Mask, Trajectory, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.dvl_depth import chosen_convention
@@ -86,7 +86,8 @@ def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple
         raise UsageError(f"--estimate {name}: a scenario has no topics; name a file")
     reader = open_configured(log.path, request).reader
     if find_topic(reader.topics(), name) is None:
-        raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic", path=log.path)
+        hint = did_you_mean(name, [topic.name for topic in reader.topics()], 3)
+        raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic{hint}", path=log.path)
     choice = topic_named(log.path, reader.topics(), "truth", name, "option")
     topic, layout = choice.topic, choice.layout
     paths = wanted_paths(topic, layout)

@@ -1,6 +1,7 @@
 """Open a log as the user names it: find its configuration, name its columns, join its files."""
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -82,7 +83,9 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     """
     try:
         if not path.exists():
-            raise LogError("no such file or folder", path=path)
+            url = re.match(r"\w{2,}:/", str(path))  # Path leaves one slash of two; C:/ is a drive
+            hint = "; a URL is read by compare, check and drill alone: copy the log to this machine" if url else ""
+            raise LogError(f"no such file or folder{hint}", path=path)
     except OSError as err:  # a name that is too long, a folder that may not be entered
         raise LogError(f"cannot be read ({err.strerror})", path=path) from err
     stated = configuration_of(path, request)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, UsageError, did_you_mean
 from usbldr.io.conventions.truth import find_truth_file
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
 from usbldr.io.geodesy import Origin
@@ -50,7 +50,8 @@ def truth_source(
         if file is not None:
             return TruthSource(file, chosen_by="option")
         if find_topic(topics, option) is None:
-            raise LogError(f"truth {option} is neither a file, here or beside the log, nor a topic", path=path)
+            hint = did_you_mean(option, [topic.name for topic in topics], 3)
+            raise LogError(f"truth {option} is neither a file, here or beside the log, nor a topic{hint}", path=path)
         return TruthSource(topic=topic_named(path, topics, "truth", option, "option"), chosen_by="option")
     if section.file is not None:
         file = find_truth_file(section.file, path, from_option=False)

@@ -90,7 +90,7 @@ def compare(
         if output is not None:
             prepare(output, request, force)
     else:
-        methods = filter_list(filters or "dr,usbl,ekf,adf,cpf", choices)
+        methods = filter_list("dr,usbl,ekf,adf,cpf" if filters is None else filters, choices)
         request = {"logs": logs, "filters": methods, "seeds": seeds, "options": asdict(choices), "selection": selection}
         request |= {"bound": True} if bound else {}
         warn_of_unused_options(methods, any(map(is_simulated, logs)))

@@ -80,7 +80,9 @@ def drill(
     drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
     require_output(html, output)
     refuse_inputs([log], others, output, json_to, force)
-    plan = DrillPlan(log, drills, filter_list(filters or DEFAULT_FILTERS, choices), seeds, choices, others)
+    plan = DrillPlan(
+        log, drills, filter_list(DEFAULT_FILTERS if filters is None else filters, choices), seeds, choices, others
+    )
     plan.require_fitting()
     warn_of_unused_options(plan.methods, is_simulated(log) or any(drill.draws for drill in drills))
     if output is not None:

@@ -5,11 +5,11 @@ from typing import Any
 
 import click
 
-from usbldr.filters.errors import LogError, UsageError, printable
+from usbldr.filters.errors import LogError, printable
 from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import ESTIMATE
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
-from usbldr_cli.options.output_files import folder_option, json_option, refuse_file
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.options.telling import verbose_option
@@ -70,7 +70,7 @@ def evaluate(
     """
     from usbldr.filters.identification.identification import Identification
     from usbldr.io.estimate import read_estimate
-    from usbldr.io.inputs import InputFile, output_conflict
+    from usbldr.io.inputs import InputFile
     from usbldr.io.opening import ConfigurationFile
     from usbldr.io.reports.report_json import Run, ScoredTrack
     from usbldr.io.reports.run_directory import run_directory
@@ -84,8 +84,7 @@ def evaluate(
     target = output or Path(f"{Path(log).stem}-{Path(estimate).stem.strip('/').replace('/', '-') or 'estimate'}")
     if json_to not in (None, "-"):
         refuse_file("--json", Path(str(json_to)), force, read, target)
-    if what := output_conflict(target, read, inside=False):
-        raise UsageError(f"{target} {what}: choose another --output")
+    require_free(target, read, force)
     outputs.require_fitting(Path(log))
     dive = open_log(log, request)
     placed, track = read_estimate(dive, request, estimate, frame)

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import re
 import sys
 from typing import Any
 
@@ -9,7 +10,7 @@ import click
 
 from usbldr.filters.errors import StorageError, UsageError, UsbldrError, did_you_mean
 from usbldr.io.writing import STORAGE, write_fault
-from usbldr_cli.options.command_line import keep_command
+from usbldr_cli.options.command_line import given_command, keep_command
 from usbldr_cli.options.completion import register
 
 COMMANDS = {
@@ -56,9 +57,9 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command and its arguments; raise UsageError for a name that no command has."""
         if args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
-            raise UsageError(
-                f"there is no command {args[0]!r}{did_you_mean(args[0], COMMANDS)} (commands: {', '.join(COMMANDS)})"
-            )
+            hint = did_you_mean(args[0], [*COMMANDS, "--help", "--version"])
+            hint = f"; did you mean usbldr info {args[0]}?" if os.path.exists(args[0]) else hint
+            raise UsageError(f"there is no command {args[0]!r}{hint} (commands: {', '.join(COMMANDS)})")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -111,8 +112,13 @@ def cli() -> None:
 def one_line(fault: click.ClickException) -> str:
     """Return click's message on wrong options as one sentence that names the command's --help."""
     text = " ".join(fault.format_message().split())
-    ctx = getattr(fault, "ctx", None)
-    return f"{text.rstrip('.')}; see {ctx.command_path} --help" if ctx else text
+    text = re.sub(r"is not a valid (?:(integer)|float)(?: range)?", lambda m: f"is no {m[1] or 'number'}", text)
+    ctx: click.Context | None = getattr(fault, "ctx", None)
+    if ctx is None:
+        return text
+    options = {option for param in ctx.command.params for option in param.opts if option.startswith("--")}
+    single = [f"write -{word}; " for word in given_command(ctx) if f"-{word}" in options and not word.startswith("--")]
+    return f"{text.rstrip('.')}; {''.join(single)}see {ctx.command_path} --help"
 
 
 def main() -> None:

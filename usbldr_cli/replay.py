@@ -10,7 +10,7 @@ from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.completion import FILE, FILTER, LOG
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
-from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free, toml_name, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.options.telling import progress_option, verbose_option
@@ -89,7 +89,6 @@ def replay(
     $ usbldr replay dive.mcap --filter cpf
     """
     from usbldr.filters.replay.methods import method_named
-    from usbldr.io.inputs import output_conflict
     from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.session import is_simulated, open_log, require_scenario
     from usbldr_cli.runs.one_run import RunPlan, finish_run, prepare_run
@@ -99,7 +98,10 @@ def replay(
     if log is None:
         raise click.MissingParameter(ctx=click.get_current_context(), param_type="argument", param_hint="'LOG'")
     chosen = method_named(method)
+    choices.settings()  # refuses wrong texts before the log is read
     request, read = request_and_inputs(log, **selection)
+    if output is not None:
+        require_free(output, read, force)
     for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file not in (None, "-"):
             refuse_file(option, Path(file), force, read, output)
@@ -121,8 +123,7 @@ def replay(
         _refuse_without_shifts(chosen, ready.timeline)
     name = opened.path.name if opened.path.is_dir() else opened.path.stem
     target = output or Path(f"{name}-{method}{'-smoothed' if choices.smooth else ''}")
-    if what := output_conflict(target, read, inside=False):
-        raise UsageError(f"{target} {what}: choose another --output")
+    require_free(target, read, force)
     with run_directory(target, force) as folder:
         run = finish_run(plan, request, ready)
         write_run(folder, run, outputs)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.models.quantities import ReportedQuantity, sensor_errors_of
 from usbldr.filters.models.states import MOTION_STATES, StateLayout
@@ -46,7 +46,8 @@ def layout_for(calibrate: Sequence[str]) -> StateLayout:
     """Return the layout with the states of these keys after the motion states; raise UsageError for an unknown key."""
     unknown = [key for key in calibrate if key not in STATES]
     if unknown:
-        raise UsageError(f"unknown sensor error {unknown[0]!r} to calibrate (known: {', '.join(STATES)})")
+        hint = did_you_mean(unknown[0], STATES)
+        raise UsageError(f"unknown sensor error {unknown[0]!r} to calibrate{hint} (known: {', '.join(STATES)})")
     return StateLayout(MOTION_STATES + tuple(name for key in STATES if key in calibrate for name in STATES[key]))
 
 

@@ -8,7 +8,7 @@ faults = ["drop usbl@200:320", "cluster usbl:32m@320:380"]
 from pathlib import Path
 from typing import Literal
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.io.drills.drill import UNDAMAGED, Drill
 from usbldr.io.drills.fault_text import Fault, fault_of
 from usbldr.io.settings.noise_sections import Section
@@ -35,6 +35,8 @@ class SuiteFile(Section, frozen=True, kw_only=True):
 def read_suite(file: str) -> tuple[Drill, ...]:
     """Return the drills of a suite, a file or STANDARD; raise UsageError that names the key that is wrong."""
     path = FOLDER / f"{STANDARD}.toml" if file == STANDARD else Path(file)
+    if not path.exists():
+        raise UsageError(f"there is no suite {file}{did_you_mean(file, [STANDARD])} (a file NAME.toml, or {STANDARD})")
     stated = checked(read_document(path), SuiteFile, file)
     drills = tuple(Drill(one.name, tuple(_fault(file, one.name, text) for text in one.faults)) for one in stated.drill)
     refuse_repeats(file, [UNDAMAGED.name, *(drill.name for drill in drills)])

@@ -23,7 +23,7 @@ def run_directory(target: Path, force: bool = False) -> Generator[Path]:
     and only when the new one is complete. Raise UsageError before anything is written.
     """
     target = target.expanduser().resolve()
-    _check(target, force)
+    check_free(target, force)
     made_parents = [folder for folder in target.parents if not folder.exists()]
     token = secrets.token_hex(4)
     new, old = target.parent / f".{target.name}.{token}.part", target.parent / f".{target.name}.{token}.old"
@@ -53,7 +53,8 @@ def _put_in_place(new: Path, target: Path, old: Path) -> None:
         raise
 
 
-def _check(target: Path, force: bool) -> None:
+def check_free(target: Path, force: bool) -> None:
+    """Raise UsageError for a folder that a run may not replace (see `run_directory`)."""
     if not target.exists():
         return
     if not target.is_dir():

@@ -44,7 +44,7 @@ def cut_log(log: Log, start_s: float, end_s: float) -> Log:
     }
     tables = {sensor: table for sensor, table in tables.items() if len(table)}
     if not tables:
-        raise LogError(f"{log.path}: no record is between {start_s:g} and {end_s:g} s")
+        raise LogError(f"{log.path}: no record is from --start {start_s:g} to --end {end_s:g} s")
     known = log.parameters if start_s <= 0 else replace(log.parameters, start=None)
     return replace(log, tables=tables, parameters=known, truth=_cut_truth(log.truth, start_s, end_s))
 

@@ -12,7 +12,7 @@ def keep_command(ctx: click.Context, words: Sequence[str]) -> None:
     ctx.meta[GIVEN] = ("usbldr", *words)
 
 
-def given_command() -> tuple[str, ...]:
-    """Return the words of the command that runs; none outside the command line."""
-    ctx = click.get_current_context(silent=True)
+def given_command(ctx: click.Context | None = None) -> tuple[str, ...]:
+    """Return the words of a command, or of the one that runs; none outside the command line."""
+    ctx = ctx or click.get_current_context(silent=True)
     return () if ctx is None else ctx.meta.get(GIVEN, ())

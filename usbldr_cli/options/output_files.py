@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.reports.run_directory import json_text, write_atomically
+from usbldr.io.reports.run_directory import check_free, json_text, write_atomically
 from usbldr.io.writing import has_ending, writing
 from usbldr_cli.options.completion import FILE
 from usbldr_cli.options.log_options import inputs, read_request
@@ -86,6 +86,15 @@ def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made
         raise UsageError(f"{file}: there is no folder {file.parent}: choose another file for {option}")
     if not os.access(file if _special(file) else file.resolve().parent, os.W_OK):
         raise UsageError(f"{file}: cannot be written (no permission): choose another file for {option}")
+
+
+def require_free(folder: Path, read: Iterable[Path], force: bool) -> None:
+    """Raise UsageError for a run directory that is or contains an input, or that may not be replaced."""
+    from usbldr.io.inputs import output_conflict
+
+    if what := output_conflict(folder, read, inside=False):
+        raise UsageError(f"{folder} {what}: choose another --output")
+    check_free(folder.expanduser().resolve(), force)
 
 
 def refuse_inputs(

@@ -1,0 +1,122 @@
+"""Wrong uses of the command line, as a new user types them: one sentence each, with the documented exit code."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from checkout import SAMPLES
+from usbldr_cli import main as program
+
+Answer = tuple[int, str]
+
+
+@pytest.fixture
+def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
+    shutil.copytree(SAMPLES / "lawnmower_turn_db3", tmp_path / "dive_db3")
+    shutil.copy(SAMPLES / "lawnmower_turn_db3" / "lawnmower_turn_db3.db3", tmp_path / 'it\'s "mine".db3')
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "notes.txt").write_text("hello\n", encoding="utf-8")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    (tmp_path / "bad.toml").write_text("[dvl", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    def answer(*words: str) -> Answer:
+        monkeypatch.setattr("sys.argv", ["usbldr", *words])
+        with pytest.raises(SystemExit) as ended:
+            program.main()
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.count("\n") == 1, said.err
+        return int(ended.value.code or 0), said.err.strip()
+
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "wanted"),
+    [
+        ("replay", 2, "Missing argument 'LOG'; see usbldr replay --help"),
+        ("dive_db3", 2, "there is no command 'dive_db3'; did you mean usbldr info dive_db3? (commands: info, "),
+        ("help replay", 2, "there is no command 'help'; did you mean --help? (commands: "),
+        ("repaly dive_db3", 2, "there is no command 'repaly'; did you mean replay?"),
+        ("replay dive_db3 ekf", 2, "Got unexpected extra argument (ekf); see usbldr replay --help"),
+        (
+            "replay -filter ekf dive_db3",
+            2,
+            "Got unexpected extra argument (dive_db3); write --filter; see usbldr replay",
+        ),
+        ("replay dive_db3 --fliter ekf", 2, "No such option '--fliter'"),
+        ("replay dive_db3 --filters ekf", 2, "No such option '--filters'"),
+        ("compare dive_db3 --filters ", 2, "--filters names no filter (filters: ekf, "),
+        ("compare dive_db3 --filters ekf,ekf", 2, "--filters names ekf twice"),
+        ("compare dive_db3 dive_db3", 2, "LOG names dive_db3 twice"),
+        ("replay empty.mcap", 3, "empty.mcap: the file is empty"),
+        ("replay notes.txt", 3, "notes.txt: unknown format (starts with b'hello"),
+        ("replay dvie_db3", 3, "dvie_db3: no such file, folder or scenario; did you mean dive_db3? (scenarios: "),
+        ("replay full", 3, "full: this folder holds no recording and no CSV file with a header"),
+        ("replay https://host/dive.mcap", 3, "https:/host/dive.mcap: no such file or folder; a URL is read by compare"),
+        ("replay dive_db3 -o notes.txt", 2, "notes.txt: --output names a folder for all results: leave .txt out"),
+        ("replay dive_db3 -o full", 2, "{here}/full exists already: choose another --output, or --force to replace"),
+        ("replay dive_db3 -o full --force", 2, "{here}/full holds thesis.tex, which usbldr did not write"),
+        ("replay dive_db3 -o .", 2, ". contains the input dive_db3: choose another --output"),
+        ("replay dive_db3 --seed 1.5", 2, "Invalid value for '--seed': '1.5' is no integer; see usbldr replay --help"),
+        ("replay dive_db3 --fast-hz fast", 2, "Invalid value for '--fast-hz': 'fast' is no number; see"),
+        ("replay dive_db3 --particles 1", 2, "Invalid value for '--particles' / '-N': 1 is not in the range x>=2"),
+        (
+            "replay dive_db3 --calibrate scael",
+            2,
+            "unknown sensor error 'scael' to calibrate; did you mean scale? (known",
+        ),
+        (
+            "replay dive_db3 --noise usbl=cauchy",
+            2,
+            "--noise usbl=cauchy: write SENSOR=KIND with a sensor of dvl, compass",
+        ),
+        ("replay dive_db3 --aid gps", 2, "--aid gps: write gps@FROM:TO,FROM:TO with seconds of the log"),
+        ("replay dive_db3 --config bad.toml", 2, "bad.toml: is not valid TOML (Expected ']'"),
+        ("replay dive_db3 --usbl /usbl/fxi", 3, "dive_db3: no topic /usbl/fxi for the usbl; did you mean /usbl/fix"),
+        (
+            "replay dive_db3 --truth /gps/fxi",
+            3,
+            "dive_db3: truth /gps/fxi is neither a file, here or beside the log, nor",
+        ),
+        (
+            "check notes.txt",
+            2,
+            "notes.txt: is no baseline, NAME.toml; check --init notes.txt writes a first",
+        ),
+        ("init dive_db3 -o dive.yaml", 2, "dive.yaml: --output writes TOML: choose NAME.toml"),
+        ("simulate papr -o d.mcap", 2, "there is no scenario 'papr'; did you mean paper? (scenarios: "),
+        ("simulate paper -o d.mat", 2, "d.mat: there is no format with the ending .mat: choose NAME.mcap, .bag"),
+        (
+            "drill dive_db3 --suite stnadard",
+            2,
+            "there is no suite stnadard; did you mean standard? (a file NAME.toml, or",
+        ),
+        ("drill dive_db3 --drop usbl", 2, "--drop usbl: needs a span FROM:TO or a share after @, as usbl@300:600"),
+        ("export dive_db3 -o part.mcap --start 5000", 3, "dive_db3: no record is from --start 5000 to --end inf s"),
+        ("compare dive_db3 --html", 2, "--html writes report.html into the folder of --output: name one"),
+    ],
+)
+def test_a_wrong_use_is_answered_in_one_sentence(
+    ask: Callable[..., Answer], tmp_path: Path, line: str, code: int, wanted: str
+) -> None:
+    before = sorted(tmp_path.rglob("*"))
+
+    found, said = ask(*line.split(" "))
+
+    assert said.startswith("usbldr: " + wanted.replace("{here}", str(tmp_path))), said
+    assert found == code
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_quotes_and_control_characters_in_a_name_reach_no_terminal(ask: Callable[..., Answer], tmp_path: Path) -> None:
+    (tmp_path / "a\nb\x1b[31m.mcap").write_text("a", encoding="utf-8")
+
+    assert ask("info", 'it\'s "mine".db4')[1].startswith(
+        'usbldr: it\'s "mine".db4: no such file, folder or scenario; did'
+    )
+    assert ask("info", "a\nb\x1b[31m.mcap")[1].startswith("usbldr: a\\nb\\x1b[31m.mcap: unknown format")
