@@ -14,7 +14,9 @@ from usbldr_cli.options.telling import verbose_option
 @click.argument("scenario", type=LOG, required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="NAME.mcap, NAME.bag, NAME_db3 or a folder.")
 @format_option
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of random numbers.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True, help="Seed of random numbers."
+)
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option("--list", "list_them", is_flag=True, help="List the scenarios.")
 @verbose_option

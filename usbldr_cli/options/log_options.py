@@ -47,9 +47,13 @@ def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--truth",
             metavar="FILE|TOPIC",
             type=TRUTH,
-            help='Reference track; "none" for no scoring.',
+            help='Reference track; "none" for no scoring.  [default: the GPS of LOG]',
         ),
-        click.option("--truth-frame", type=click.Choice(["ENU", "NED", "latlon"]), help="Frame of the truth."),
+        click.option(
+            "--truth-frame",
+            type=click.Choice(["ENU", "NED", "latlon"]),
+            help="Frame of the truth.  [default: by its type, else by the fixes]",
+        ),
         click.option(
             "--with", "joined", metavar="FILE", type=FILE, multiple=True, help="Additional file of the same dive."
         ),
@@ -61,7 +65,7 @@ def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
             metavar="FACTOR",
             callback=_raise_limits,
             expose_value=False,
-            help="Multiply the limits on what reading LOG may cost.",
+            help="Multiply the limits on what reading LOG may cost.  [default: 1]",
         ),
     )
     for option in reversed(options):

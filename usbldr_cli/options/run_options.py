@@ -110,7 +110,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             having="takes_gate",
             type=share,
             metavar="P",
-            help="Reject measurements outside a gate that passes a share P of inliers ({methods}).",
+            help="Reject measurements outside a gate that passes a share P of inliers ({methods}).  [default: no gate]",
         ),
         click.option(
             "--seed",
@@ -121,7 +121,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="Seed of random numbers.",
         ),
         click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601."),
-        click.option("--end", metavar="TIME", help="Score up to this time."),
+        click.option("--end", metavar="TIME", help="Score up to this time.  [default: all of LOG]"),
         align_option,
         click.option(
             "--dr-from",
@@ -164,8 +164,17 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             metavar="gps@FROM:TO,...",
             help="Use GPS fixes as measurements in these windows, in seconds of the log, which are not scored.",
         ),
-        click.option("--fast-hz", type=float, default=5.0, show_default=True, help="Rate of the filter's epochs."),
-        click.option("--slow-hz", type=float, default=1.0, show_default=True, help="Rate of the scored epochs."),
+        click.option(
+            "--fast-hz",
+            type=float,
+            metavar="HZ",
+            default=5.0,
+            show_default=True,
+            help="Epochs of the filter per second.",
+        ),
+        click.option(
+            "--slow-hz", type=float, metavar="HZ", default=1.0, show_default=True, help="Scored epochs per second."
+        ),
     )
     decorated: Callable[..., Any] = packed
     for option in reversed(options):
