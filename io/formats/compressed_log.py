@@ -8,8 +8,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, cast
+from weakref import finalize
 
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.findings import Finding
@@ -32,8 +34,9 @@ class CompressedLog:
         """Decompress the file and open its contents; raise LogError if they are too large, or none can be read."""
         self.path = path
         self._compression = compression
-        self._folder = TemporaryDirectory(prefix="usbldr-")
-        self._copy = Path(self._folder.name) / (path.stem if path.suffix.lower() in ENDINGS else path.name)
+        self._folder = mkdtemp(prefix="usbldr-")
+        finalize(self, rmtree, self._folder, ignore_errors=True)
+        self._copy = Path(self._folder) / (path.stem if path.suffix.lower() in ENDINGS else path.name)
         self._damage = self._decompress()
         with self._naming():
             self._contents = reader_of(self._copy)
@@ -68,9 +71,7 @@ class CompressedLog:
                     budget.take_record(piece.count(b"\n") if text else 0)
                     copy.write(piece)
         except OSError as err:
-            why = (
-                f"cannot be decompressed into {self._folder.name} ({err.strerror or err}); TMPDIR names another folder"
-            )
+            why = f"cannot be decompressed into {self._folder} ({err.strerror or err}); TMPDIR names another folder"
             raise LogError(why, path=self.path) from err
 
     def _lost(self, err: DamagedFileError, where: str) -> Finding:

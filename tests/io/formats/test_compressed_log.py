@@ -1,6 +1,7 @@
 """Compressed logs are what their contents are; the libraries that compress them owe nothing to usbldr."""
 
 import bz2
+import gc
 import gzip
 import hashlib
 import lzma
@@ -229,3 +230,16 @@ def test_the_limits_of_the_contents_follow_from_the_size_of_the_compressed_file(
 
     with pytest.raises(LogError, match="too much for its size"):
         open_log(file).topics()
+
+
+def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    file = tmp_path / "dvl.csv.gz"
+    file.write_bytes(gzip.compress(DVL.encode()))
+    log = open_log(file)
+
+    assert len(list((tmp_path / "temporary").iterdir())) == 1
+    del log
+    gc.collect()
+    assert list((tmp_path / "temporary").iterdir()) == []
