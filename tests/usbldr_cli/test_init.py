@@ -139,7 +139,7 @@ def test_init_takes_no_configuration(log: Path) -> None:
     assert isinstance(done.exception, UsageError)
 
 
-LOCK, GYRO = "acme_msgs/msg/BottomLock", "acme_msgs/msg/NorthSeeker"
+LOCK, GYRO = "new_msgs/msg/BottomLock", "new_msgs/msg/NorthSeeker"
 define(
     {
         LOCK: "float64 stamp_s\nfloat32[3] velocity_mm_s\nfloat32[3] water_velocity\nbool bottom_lock\n",

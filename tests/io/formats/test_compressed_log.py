@@ -188,6 +188,7 @@ def test_the_finding_says_how_far_the_file_was_decompressed(tmp_path: Path) -> N
         (gzip.compress(b""), "the file is empty"),
         (gzip.compress(b"\0\1\2"), "unknown format (starts with b'\\x00\\x01\\x02')"),
     ],
+    ids=("no zstd data", "no gzip data", "twice", "empty", "unknown"),  # gzip holds the time of day
 )
 def test_what_cannot_be_decompressed_is_named(tmp_path: Path, content: bytes, text: str) -> None:
     file = tmp_path / "dive.mcap.zst"
