@@ -30,11 +30,12 @@ from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.configured import configured_columns
-from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
+from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
 from usbldr.io.provenance import Provenance, provenance_lines
 from usbldr.io.reader import Reader, TopicInfo, utc
+from usbldr.io.role_records import read_roles
 from usbldr.io.settings.configuration import parameters
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.stages import stage, tell
@@ -134,7 +135,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         sha256=digest_paths(opened.paths),
         format=reader.format,
         start_ns=start_ns,
-        tables={role: _in_seconds(role, table, start_ns) for role, table in tables.items()},
+        tables={role: _in_seconds(role, tables.pop(role), start_ns) for role in list(tables)},
         provenance=provenance,
         parameters=parameters(configuration),
         origin=origin,
@@ -162,30 +163,6 @@ def _without_messages(reader: Reader) -> LogError:
         more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
         return LogError(f"no topic can be read: {unread[0]}{more}", path=reader.path)
     return LogError("holds no messages" + (f" ({lost})" if lost else ""), path=reader.path)
-
-
-def _raws(
-    reader: Reader, choices: Mapping[str, TopicChoice], more_fields: Mapping[str, Sequence[str]]
-) -> dict[str, RawRecords]:
-    """Read the topics chosen, each once; ``more_fields`` (role -> fields) become quantities of their own names."""
-    paths = {
-        role: wanted_paths(choice.topic, choice.layout)
-        | {path: path for path in more_fields.get(role, ()) if choice.topic.has(path)}
-        for role, choice in choices.items()
-    }
-    wanted: dict[str, list[str]] = {}
-    for role, choice in choices.items():
-        of_topic = wanted.setdefault(choice.topic.name, [])
-        of_topic += [p for p in paths[role].values() if p not in of_topic]
-    records = reader.read(wanted)
-    for role, choice in choices.items():
-        if not len(records[choice.topic.name].received_ns):
-            why = "; ".join(finding.text for finding in reader.findings()) or "none fits its definition"
-            raise LogError(f"no message of {choice.topic.name} ({role}) could be read: {why}", path=reader.path)
-    return {
-        role: raw_records(reader.path, choice.topic, choice.layout, records[choice.topic.name], paths[role])
-        for role, choice in choices.items()
-    }
 
 
 def _timed_by_log(configuration: Configuration) -> frozenset[str]:
@@ -235,9 +212,12 @@ def _sensor_tables(
 
     Raises SettingError for a setting that does not fit a topic.
     """
-    as_logged = _raws(reader, choices, raw_fields or {})
+    as_logged, evidence = read_roles(reader, choices, raw_fields or {}, _tilted(configuration, choices))
     raws, findings = align_clocks(as_logged, _timed_by_log(configuration))
     origin = _origin(configuration, raws)
+    invalid = covariance_findings(raws)
+    asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES} | evidence
+    del as_logged  # the compass's records end in _converted
     made, more = _converted(configuration, raws, origin, truth_by)
     findings = [*findings, *more]
     tables: dict[str, pd.DataFrame] = {}
@@ -247,21 +227,28 @@ def _sensor_tables(
         tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
         findings += [*sensor.findings, *more]
         provenance[role] = _provenance(choices[role], sensor, tables[role])
-    findings += covariance_findings(raws)
-    asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES}
-    return SensorTables(tables, provenance, origin, findings, asked)
+    return SensorTables(tables, provenance, origin, [*findings, *invalid], asked)
+
+
+def _tilted(configuration: Configuration, choices: Mapping[str, TopicChoice]) -> bool:
+    """Return whether roll and pitch of the compass may be used: to turn velocities or lever arms level."""
+    levelled = configuration.dvl.level is not False and ("depth" in choices or configuration.dvl.level is True)
+    return levelled or any((*configuration.usbl.lever_arm_m, *configuration.gps.lever_arm_m))
 
 
 def _converted(
-    configuration: Configuration, raws: Mapping[str, RawRecords], origin: Origin | None, truth_by: str
+    configuration: Configuration, raws: dict[str, RawRecords], origin: Origin | None, truth_by: str
 ) -> tuple[dict[str, ConvertedTable], list[Finding]]:
-    """Turn each sensor to canonical columns. Depth and GPS without a valid record are findings, not errors."""
+    """Turn each sensor to canonical columns; take the compass, the largest, out of ``raws``.
+
+    Depth and GPS without a valid record are findings, not errors.
+    """
     made: dict[str, ConvertedTable] = {}
     findings: list[Finding] = []
     if "dvl" in raws:
         made["dvl"] = dvl_depth.dvl(raws["dvl"], configuration.dvl)
     if "compass" in raws:
-        made["compass"] = compass.compass(raws["compass"], configuration.compass, origin)
+        made["compass"] = compass.compass(raws.pop("compass"), configuration.compass, origin)
     if "depth" in raws:
         try:
             depth = dvl_depth.depth(raws["depth"], configuration.depth)
@@ -319,5 +306,6 @@ def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) 
 
 
 def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:
-    times = {name: (table[name.replace("_s", "_ns")] - start_ns) / 1e9 for name in ("time_s", "received_s")}
-    return table.assign(**times)[list(COLUMNS[role])].reset_index(drop=True)
+    times = {name: (table[name.replace("_s", "_ns")].to_numpy() - start_ns) / 1e9 for name in ("time_s", "received_s")}
+    columns = {name: times[name] if name in times else table[name].to_numpy() for name in COLUMNS[role]}
+    return pd.DataFrame(columns, copy=False)

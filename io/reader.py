@@ -5,11 +5,11 @@ A field path is the name that `rostopic echo -p` gives, with dots throughout: "h
 """
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,27 @@ class Reader(Protocol):
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in the data read so far."""
         ...
+
+
+class BeginAgainError(Exception):
+    """The blocks that a reader has yielded are void; it yields all anew if asked again."""
+
+
+@runtime_checkable
+class BlockReader(Protocol):
+    """A log that can be read in blocks of messages, so that only what is made of them needs memory."""
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Yield topics and blocks of their records, in the order of the log; may raise BeginAgainError."""
+        ...
+
+
+def blocks_of(reader: Reader, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+    """Yield topics and blocks of their records; of a log that is not read in blocks, all records of each topic."""
+    if isinstance(reader, BlockReader):
+        yield from reader.blocks(wanted)
+    else:
+        yield from reader.read(wanted).items()
 
 
 def name_of(text: str) -> str:

@@ -7,6 +7,8 @@ A USBL fix keeps its own time.
 """
 
 import math
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +21,7 @@ from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
+from usbldr.io.messages.layouts import BLOCK_RECORDS
 
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
 MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
@@ -59,8 +62,8 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         raise UsageError(f"{fast_hz:g} Hz over {last_s:.0f} s are {count:.2g} epochs; use a lower --fast-hz")
     time_s = np.arange(count) / fast_hz
 
-    dvl_count, dvl_mean = _averages(_epoch_of(t_d, fast_hz), np.column_stack([dvl, sd_d**2]), count)
-    yaw_count, yaw_mean = _averages(_epoch_of(t_c, fast_hz), np.column_stack([yaw, sd_c**2]), count)
+    dvl_count, dvl_mean = _epoch_averages(t_d, (*dvl.T, sd_d), fast_hz, count)
+    yaw_count, yaw_mean = _epoch_averages(t_c, (yaw, sd_c), fast_hz, count)
     gps = _gps(log)
     return Timeline(
         start_ns=log.start_ns,
@@ -104,9 +107,7 @@ def with_dvl_clock(log: Log, timeline: Timeline, clock_s: float) -> Timeline:
     fast_hz = 1 / (timeline.time_s[1] - timeline.time_s[0])
     t, dvl, sd = _dvl(log)
     t, count = t - clock_s, len(timeline.time_s)
-    epoch = _epoch_of(t, fast_hz)
-    inside = (epoch >= 0) & (epoch < count)
-    dvl_count, mean = _averages(epoch[inside], np.column_stack([dvl, sd**2])[inside], count)
+    dvl_count, mean = _epoch_averages(t, (*dvl.T, sd), fast_hz, count)
     return replace(
         timeline,
         dvl_mps=mean[:, :2],
@@ -140,17 +141,42 @@ def _compass(log: Log) -> tuple[Vector, Vector, Vector]:
     if "compass" not in log.tables:
         return np.empty(0), np.empty(0), np.empty(0)
     table = _sorted(log, "compass")
-    heading = table["heading_deg"].to_numpy(dtype=float)
+    t, heading, sd = (table[name].to_numpy(dtype=float) for name in ("time_s", "heading_deg", "sd_deg"))
     good = np.isfinite(heading)
     if not good.any():
         raise LogError(f"none of the {len(table)} compass records has a heading", path=log.path)
-    sd = table["sd_deg"].to_numpy(dtype=float)[good]
-    sd = np.radians(np.where(sd > 0, sd, COMPASS_SD_DEG))
-    wrapped: Vector = -np.radians(heading[good])
-    unwrapped: Vector = np.unwrap(wrapped)
-    yaw = unwrapped - 2 * np.pi * round(float(wrapped[0]) / (2 * np.pi))  # starts within half a turn of north
-    t, values = _one_per_stamp(table["time_s"].to_numpy(dtype=float)[good], np.column_stack([yaw, sd]))
+    if not good.all():
+        t, heading, sd = t[good], heading[good], sd[good]
+    if sd.strides == (0,):  # one value for all
+        sd = np.broadcast_to(np.radians(np.where(sd[:1] > 0, sd[:1], COMPASS_SD_DEG)), len(sd))
+    else:
+        sd = np.radians(np.where(sd > 0, sd, COMPASS_SD_DEG))
+    yaw = _unwrapped_yaw(heading)
+    if np.all(t[1:] > t[:-1]):
+        return t, yaw, sd
+    t, values = _one_per_stamp(t, np.column_stack([yaw, sd]))
     return t, values[:, 0], values[:, 1]
+
+
+def _unwrapped_yaw(heading_deg: Vector) -> Vector:
+    """Return yaw in radians without jumps of whole turns, (n,), which begins within half a turn of north.
+
+    As numpy.unwrap has it, to the bit, but block by block: it would need seven times the memory of its result.
+    """
+    yaw = np.empty(len(heading_deg))
+    turns = 0.0  # [rad] added so far
+    for first in range(0, len(yaw), BLOCK_RECORDS):
+        end, before = min(first + BLOCK_RECORDS, len(yaw)), max(0, first - 1)
+        wrapped = -np.radians(heading_deg[before:end])
+        step = np.diff(wrapped, prepend=wrapped[:1] if first == 0 else [])
+        short = np.mod(step + np.pi, 2 * np.pi) - np.pi
+        short[(short == -np.pi) & (step > 0)] = np.pi
+        added = np.where(np.abs(step) < np.pi, 0.0, short - step)
+        total = np.cumsum(np.concatenate([[turns], added]))[1:]
+        yaw[first:end] = wrapped[first - before :] + total
+        turns = float(total[-1])
+    yaw -= 2 * np.pi * round(float(-np.radians(heading_deg[0])) / (2 * np.pi))
+    return yaw
 
 
 def _fixes(log: Log) -> pd.DataFrame:
@@ -177,7 +203,11 @@ def _sorted(log: Log, sensor: str) -> pd.DataFrame:
     if sensor not in log.tables or log.tables[sensor].empty:
         raise LogError(missing_sensor_text(log, sensor), path=log.path)
     table = log.tables[sensor]
-    return table[np.isfinite(table["time_s"])].sort_values("time_s", kind="stable")
+    time_s = table["time_s"].to_numpy(dtype=float)
+    if np.all(time_s[1:] >= time_s[:-1]) and np.isfinite(time_s[[0, -1]]).all():  # with a NaN it is not so
+        return table
+    rows = np.flatnonzero(np.isfinite(time_s))
+    return table.iloc[rows[np.argsort(time_s[rows], kind="stable")]]
 
 
 def _one_per_stamp(time_s: Vector, values: Array) -> tuple[Vector, Array]:
@@ -191,6 +221,28 @@ def _one_per_stamp(time_s: Vector, values: Array) -> tuple[Vector, Array]:
 def _epoch_of(time_s: Vector, fast_hz: float) -> Indices:
     """Return k with t_k - dt/2 <= t < t_k + dt/2."""
     return np.floor(time_s * fast_hz + 0.5).astype(np.intp)
+
+
+def _epoch_averages(t: Vector, columns: Sequence[Vector], fast_hz: float, count: int) -> tuple[Indices, Array]:
+    """Return how many records are in each of ``count`` epochs, and the means of their columns, (count, k).
+
+    ``t`` (n,) is ascending; of the last column, a 1-sigma, the mean of its squares. In blocks that end with an epoch.
+    """
+    found, means = np.zeros(count, dtype=np.intp), np.full((count, len(columns)), np.nan)
+    first = 0
+    while first < len(t):
+        last = _epoch_of(t[min(first + BLOCK_RECORDS, len(t)) - 1], fast_hz)
+        end = bisect_right(range(len(t)), last, lo=first, key=lambda row: _epoch_of(t[row], fast_hz))
+        rows, first = slice(first, end), end
+        epoch = _epoch_of(t[rows], fast_hz)
+        inside = (epoch >= 0) & (epoch < count)
+        values = np.column_stack([*(column[rows] for column in columns[:-1]), columns[-1][rows] ** 2])[inside]
+        if not inside.any():
+            continue
+        begin = int(epoch[inside][0])
+        here = slice(begin, min(int(last) + 1, count))
+        found[here], means[here] = _averages(epoch[inside] - begin, values, here.stop - begin)
+    return found, means
 
 
 def _averages(group: Indices, values: Array, count: int) -> tuple[Indices, Array]:
@@ -235,7 +287,8 @@ def _interpolated(time_s: Vector, t: Vector, values: Array) -> Array:
 
 def _outages(sensor: str, t: Vector, last_s: float, longest_s: float) -> list[Outage]:
     edges = np.concatenate([[0.0], t, [last_s]])
-    return [Outage(sensor, float(edges[i]), float(edges[i + 1])) for i in np.flatnonzero(np.diff(edges) > longest_s)]
+    long = np.flatnonzero(edges[1:] - edges[:-1] > longest_s)
+    return [Outage(sensor, float(edges[i]), float(edges[i + 1])) for i in long]
 
 
 def _usbl_gap_s(t: Vector) -> float:

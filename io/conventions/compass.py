@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.errors import SettingError, UsageError
-from usbldr.filters.types import Array, Mask, Vector
+from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
+from usbldr.io.conventions.attitude import NO_DIRECTION, VERTICAL_PARTS, YAW, vertical, with_yaw
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
@@ -52,11 +53,14 @@ def compass(
     requested but its place or time is unknown.
     """
     times = times_of(raw, section.time, section.latency_s)
+    raw = with_yaw(raw, tilted=True)
     heading, causes, chosen, findings = _clockwise(raw, section, keys)
     good, invalid = valid_mask(raw, causes, "compass", "left out")
-    added, more_chosen, more = _declination(raw, section, place, int(times.time_ns[good][0]), keys)
-    chosen, findings = [*chosen, *more_chosen], [*findings, *more, *invalid, *_constant(raw, heading[good])]
-    heading = heading - section.bias_deg + added
+    added, more_chosen, more = _declination(raw, section, place, int(times.time_ns[np.argmax(good)]), keys)
+    chosen, findings = [*chosen, *more_chosen], [*findings, *more, *invalid, *_constant(raw, heading, good)]
+    for first in range(0, len(heading), BLOCK_RECORDS):
+        rows = slice(first, first + BLOCK_RECORDS)
+        heading[rows] = heading[rows] - section.bias_deg + added[rows]
     chosen += [Convention("bias_deg", section.bias_deg, "configuration", "deg")] if section.bias_deg else []
     A, B = section.deviation_sin_deg, section.deviation_cos_deg
     if A or B:
@@ -67,10 +71,10 @@ def compass(
             if value
         ]
     sd, sd_chosen = _sd_deg(raw, section)
-    columns = {"heading_deg": np.mod(heading, 360.0), "sd_deg": sd}
-    if "qx" in raw.values:
-        vertical = _vertical(raw, "ENU" if chosen[0].value == "ENU" else "NED", section.bias_deg)
-        columns |= dict(zip(VERTICAL, vertical.T, strict=True))
+    columns = {"heading_deg": np.mod(heading, 360.0, out=heading), "sd_deg": sd}
+    if VERTICAL_PARTS[0] in raw.values:
+        along = vertical(raw, "ENU" if chosen[0].value == "ENU" else "NED", section.bias_deg)
+        columns |= dict(zip(VERTICAL, along.T, strict=True))
     return keep_valid(converted_table(raw, times, columns, [*chosen, sd_chosen], findings), good)
 
 
@@ -100,8 +104,13 @@ def _clockwise(
     if "field_x" in raw.values:
         return _magnetometer(raw, convention, chosen, findings)
     if "angle" not in raw.values:
-        yaw, causes = _yaw_deg(raw)
-        return (90.0 - yaw if convention == "ENU" else yaw), causes, chosen, findings
+        yaw = raw.values[YAW]
+        causes = {
+            "not a number": ~np.isfinite(yaw),
+            "without orientation (covariance -1)": raw.number("own_covariance") == -1,
+            "zero quaternion": raw.values[NO_DIRECTION],
+        }
+        return (90.0 - yaw if convention == "ENU" else yaw.copy()), causes, chosen, findings
     unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "deg")
     unit_note = ""
     angle, findings = raw.number("angle"), [*findings, *more]
@@ -120,38 +129,6 @@ def _clockwise(
     }
     chosen.append(Convention("unit", unit, "records" if unit == PER_RECORD else unit_by, note=unit_note))
     return np.where(from_east, 90.0 - angle, angle), causes, chosen, findings
-
-
-def _yaw_deg(raw: RawRecords) -> tuple[Vector, dict[str, Mask]]:
-    """Return the yaw of the quaternions about their frame's z axis, degrees (n,), and by cause which are invalid."""
-    x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
-    yaw = np.degrees(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
-    length = np.sqrt(x * x + y * y + z * z + w * w)
-    causes = {
-        "not a number": ~np.isfinite(length),
-        "without orientation (covariance -1)": raw.number("own_covariance") == -1,
-        "zero quaternion": length < 0.5,
-    }
-    return yaw, causes
-
-
-def _vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:
-    """Return the direction of the vertical along starboard, forward, up of the vehicle, (n, 3), by the quaternions.
-
-    Their body is FLU in an ENU world, FRD in an NED one, and is turned clockwise from the bow by the bias.
-    """
-    blocks = (raw.part(slice(first, first + BLOCK_RECORDS)) for first in range(0, len(raw.received_ns), BLOCK_RECORDS))
-    return np.concatenate([np.empty((0, 3)), *(_vertical_of(block, convention, bias_deg) for block in blocks)])
-
-
-def _vertical_of(raw: RawRecords, convention: str, bias_deg: float) -> Array:
-    x, y, z, w = (raw.number(f"q{axis}") for axis in "xyzw")
-    forward = 2 * (x * z - w * y) * (1 if convention == "ENU" else -1)
-    starboard, up = -2 * (y * z + w * x), w * w + z * z - x * x - y * y
-    c, s = np.cos(np.radians(bias_deg)), np.sin(np.radians(bias_deg))
-    turned = np.column_stack([starboard * c + forward * s, forward * c - starboard * s, up])
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    return turned / np.where(length > 0, length, np.nan)
 
 
 def _magnetometer(
@@ -180,7 +157,7 @@ def _declination(
 ) -> tuple[Vector, list[Convention], list[Finding]]:
     """Return the degrees to add to each record, (n,), their conventions, and findings."""
     magnetic, stated_deg = _magnetic(raw), section.declination_deg
-    zero = np.zeros(len(raw.received_ns))
+    zero = np.broadcast_to(np.zeros(1), len(raw.received_ns))
     if magnetic is not None and not magnetic.any():
         if not stated_deg:
             return zero, [Convention("north", "true", "records")], []
@@ -214,14 +191,15 @@ def _declination(
     partly = [] if magnetic is None or magnetic.all() else [f"to {np.sum(magnetic)} magnetic records"]
     note = ", ".join([model_text, *partly] if model_text else partly)
     chosen = [Convention("declination_deg", value, chosen_by, "deg", note)] if value else []
-    return np.where(True if magnetic is None else magnetic, value, 0.0), chosen, []
+    added = np.where(np.ones(1, dtype=np.bool_) if magnetic is None else magnetic, value, 0.0)
+    return np.broadcast_to(added, len(raw.received_ns)), chosen, []
 
 
 def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, Convention]:
     """Return the 1-sigma of each record, degrees (n,), and who chose it."""
     if isinstance(section.sd_deg, float):
         chosen = Convention("sd_deg", section.sd_deg, "configuration", "deg")
-        return np.full(len(raw.received_ns), section.sd_deg), chosen
+        return np.broadcast_to(np.array([section.sd_deg]), len(raw.received_ns)), chosen
     sd = raw.number("sd_deg")
     if section.sd_deg == "message":
         in_degrees = raw.number("unit_code") == DEGREES
@@ -235,14 +213,17 @@ def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, Conventio
             sd = np.where(np.isfinite(sd), sd, np.sqrt(np.where(variance > 0, variance, np.nan)))
     known = np.isfinite(sd)
     if not known.any():
-        return np.full(len(sd), COMPASS_SD_DEG), Convention("sd_deg", COMPASS_SD_DEG, "default", "deg")
+        return np.broadcast_to(np.array([COMPASS_SD_DEG]), len(sd)), Convention(
+            "sd_deg", COMPASS_SD_DEG, "default", "deg"
+        )
     chosen_by: ChosenBy = "configuration" if section.sd_deg else "column names"
     chosen = Convention("sd_deg", float(np.nanmedian(sd)), chosen_by, "deg", "median of the records")
     return np.where(known, sd, COMPASS_SD_DEG), chosen
 
 
-def _constant(raw: RawRecords, heading: Vector) -> list[Finding]:
-    if len(heading) < MIN_CONSTANT_RECORDS or np.any(heading != heading[0]):
+def _constant(raw: RawRecords, heading: Vector, good: Mask) -> list[Finding]:
+    count, first = np.count_nonzero(good), heading[np.argmax(good)]
+    if count < MIN_CONSTANT_RECORDS or np.any((heading != first) & good):
         return []
-    text = f"all {len(heading)} headings are {heading[0] % 360.0:.1f} deg; check the sensor"
+    text = f"all {count} headings are {first % 360.0:.1f} deg; check the sensor"
     return [raw.finding("HEADING-CONSTANT", text)]

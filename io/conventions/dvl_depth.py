@@ -68,7 +68,7 @@ def converted_table(
     findings: Sequence[Finding],
 ) -> ConvertedTable:
     """Put times and columns into one table, times' conventions last."""
-    table = pd.DataFrame(times.columns() | dict(columns))
+    table = pd.DataFrame(times.columns() | dict(columns), copy=False)
     return ConvertedTable(table, (*chosen, *times.conventions), (*findings, *times.findings))
 
 
@@ -246,4 +246,6 @@ def _refuse(value: str | None, key: str, what: str, raw: RawRecords) -> None:
 
 def keep_valid(made: ConvertedTable, good: Mask) -> ConvertedTable:
     """Leave out the records that are not good."""
+    if good.all():
+        return made
     return replace(made, table=made.table[good].reset_index(drop=True))

@@ -26,22 +26,33 @@ class Records(NamedTuple):
     """Records of a table, in order of time."""
 
     topic: str
-    rows: Indices  # (n,) of the table
+    good: Mask  # (rows of the table,) which rows these are
     time_s: Vector  # (n,)
     values: Array  # (n, k)
 
     @classmethod
     def of(cls, topic: str, table: pd.DataFrame, columns: Sequence[str]) -> Self:
         """Take the columns of the rows that are finite, and valid, if the table has that column."""
-        values = table[list(columns)].to_numpy(dtype=float)
-        good = np.isfinite(values).all(axis=1)
+        one = len(columns) == 1  # no copy is made then
+        values = table[columns[0]].to_numpy(dtype=float)[:, None] if one else table[list(columns)].to_numpy(dtype=float)
+        good: Mask = np.all(np.isfinite(values), axis=1)
+        time_s = table["time_s"].to_numpy(dtype=float)
         if "valid" in table:
-            good &= table["valid"].to_numpy(dtype=np.bool_)
-        return cls(topic, np.flatnonzero(good), table["time_s"].to_numpy(dtype=float)[good], values[good])
+            good = good & table["valid"].to_numpy(dtype=np.bool_)
+        return cls(topic, good, time_s, values) if good.all() else cls(topic, good, time_s[good], values[good])
+
+    @property
+    def rows(self) -> Indices:
+        """The rows of the table, (n,)."""
+        return np.flatnonzero(self.good)
 
     def without(self, some: Mask) -> "Records":
         """Leave out some of the records."""
-        return Records(self.topic, self.rows[~some], self.time_s[~some], self.values[~some])
+        if not some.any():
+            return self
+        good = self.good.copy()
+        good[good] = ~some
+        return Records(self.topic, good, self.time_s[~some], self.values[~some])
 
 
 Tables = Mapping[str, pd.DataFrame]
@@ -60,14 +71,18 @@ def without_implausible(log: Log) -> Log:
         records = Records.of(provenance[role].topic, tables[role], columns)
         kept, findings = judge(records, tables)
         found += findings
-        if not np.array_equal(kept.values, before := records.values[np.isin(records.rows, kept.rows)]):
+        before = records.values if kept.good is records.good else records.values[kept.good[records.good]]
+        if kept.values is not before and not np.array_equal(kept.values, before):
             assert kept.values.shape == before.shape
-            tables[role] = tables[role].copy()
-            tables[role].iloc[kept.rows, tables[role].columns.get_indexer(pd.Index(columns))] = kept.values
-        if len(kept.rows) < len(records.rows):
-            left_out = np.setdiff1d(records.rows, kept.rows)
-            tables[role] = tables[role].drop(index=tables[role].index[left_out]).reset_index(drop=True)
-            provenance[role] = replace(provenance[role], used=provenance[role].used - len(left_out))
+            changed = {name: tables[role][name].to_numpy(copy=True) for name in columns}
+            for name, values in zip(columns, kept.values.T, strict=True):
+                changed[name][kept.good] = values
+            tables[role] = tables[role].assign(**changed)
+        if len(kept.values) < len(records.values):
+            rows = kept.good | ~records.good
+            columns_kept = {str(name): column.to_numpy()[rows] for name, column in tables[role].items()}
+            tables[role] = pd.DataFrame(columns_kept, copy=False)
+            provenance[role] = replace(provenance[role], used=provenance[role].used - np.count_nonzero(~rows))
     return replace(log, tables=tables, provenance=provenance, findings=(*log.findings, *found)) if found else log
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.filters.types import Array, Indices, Mask, Vector
 from usbldr.io.conventions.positions import LONGEST_STILL_S, ROUNDING
+from usbldr.io.messages.layouts import BLOCK_RECORDS
 
 MIN_FRESH_RECORDS = 100  # that differ from the one before; fewer do not show a sensor's noise
 MIN_FRESH_FIXES = 10  # the same of a USBL, which is never without noise
@@ -27,7 +28,7 @@ def repeated(values: Array) -> Mask:
 
 def runs(mask: Mask) -> tuple[Indices, Indices]:
     """Return the first record and the one after the last of each run of records (n,) in a mask."""
-    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    edges = np.diff(np.concatenate([[False], mask, [False]]).view(np.int8))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
@@ -39,8 +40,17 @@ def noisy(values: Array) -> bool:
     """
     if len(values) < MIN_FRESH_RECORDS:
         return False
-    second, third = (float(np.median(np.linalg.norm(np.diff(values, order, axis=0), axis=1))) for order in (2, 3))
-    return third > second > ROUNDING * float(np.max(np.abs(values)))
+    second, third = (_median_difference(values, order) for order in (2, 3))
+    return third > second > ROUNDING * float(max(values.max(), -values.min()))
+
+
+def _median_difference(values: Array, order: int) -> float:
+    """Return the median length of the differences of records (n, k)."""
+    lengths = np.empty(len(values) - order)
+    for first in range(0, len(lengths), BLOCK_RECORDS):
+        near = values[first : first + BLOCK_RECORDS + order]
+        lengths[first : first + BLOCK_RECORDS] = np.linalg.norm(np.diff(near, order, axis=0), axis=1)
+    return float(np.median(lengths, overwrite_input=True))
 
 
 def repeat_share(same: Mask) -> float:
@@ -54,7 +64,7 @@ def stuck(time_s: Vector, values: Array) -> Mask:
     The first record of a run is a measurement, its repeats are not.
     """
     same = repeated(values)
-    if repeat_share(same) > MAX_REPEAT_SHARE or not noisy(values[~same]):
+    if not same.any() or repeat_share(same) > MAX_REPEAT_SHARE or not noisy(values[~same]):
         return np.zeros(len(same), dtype=np.bool_)
     first, end = runs(same)
     long = (end - first >= MIN_REPEATS) & (time_s[end - 1] - time_s[first - 1] > LONGEST_STILL_S)

@@ -12,7 +12,7 @@ from usbldr.io.conventions.spikes import SPIKE_RATIO
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.dvl import MAX_SPEED_MPS
-from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.layouts import BLOCK_RECORDS, RawRecords
 from usbldr.io.provenance import Provenance
 
 ON_THE_PLANE = (("cov_xx", "cov_xy", "cov_yy"), ("cov_ee_m2", "cov_en_m2", "cov_nn_m2"))
@@ -116,13 +116,19 @@ def covariance_findings(raws: Mapping[str, RawRecords]) -> list[Finding]:
     """Report covariances that are negative, but for the -1 that means unknown, or not positive semidefinite."""
     found: list[Finding] = []
     for raw in raws.values():
-        bad = np.zeros(len(raw.received_ns), dtype=np.bool_)
-        for variance in (raw.number(name) for name in VARIANCES if name in raw.values):
-            bad |= (variance < 0) & (variance != UNKNOWN_VARIANCE)
-        for xx, xy, yy in (names for names in ON_THE_PLANE if set(names) <= set(raw.values)):
-            bad |= positions.indefinite(raw.number(xx), raw.number(xy), raw.number(yy))
-        if bad.any():
+        count = len(raw.received_ns)
+        blocks = (raw.part(slice(first, first + BLOCK_RECORDS)) for first in range(0, count, BLOCK_RECORDS))
+        if bad := sum(map(_invalid_covariances, blocks)):
             name = raw.topic.name
-            text = f"{name}: {bad.sum()} of {len(bad)} covariances are negative or not positive semidefinite"
+            text = f"{name}: {bad} of {count} covariances are negative or not positive semidefinite"
             found.append(Finding("COVARIANCE-INVALID", f"{text}; they count as unknown", name))
     return found
+
+
+def _invalid_covariances(raw: RawRecords) -> int:
+    bad = np.zeros(len(raw.received_ns), dtype=np.bool_)
+    for variance in (raw.number(name) for name in VARIANCES if name in raw.values):
+        bad |= (variance < 0) & (variance != UNKNOWN_VARIANCE)
+    for xx, xy, yy in (names for names in ON_THE_PLANE if set(names) <= set(raw.values)):
+        bad |= positions.indefinite(raw.number(xx), raw.number(xy), raw.number(yy))
+    return int(np.count_nonzero(bad))

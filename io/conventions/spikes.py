@@ -6,13 +6,14 @@ follows steps and steady turns exactly: they have no residual. A quick change of
 be further away than a vehicle moves there, and back, in the time between records.
 """
 
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
 from usbldr.filters.frames import wrapped
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Indices, Vector
 from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs
 from usbldr.io.messages.layouts import BLOCK_RECORDS
 
@@ -30,16 +31,27 @@ def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
     window = _window(time_s)
     median = np.column_stack([_running_median(v, window) for v in velocity_mps.T])
     deviation: Vector = np.linalg.norm(velocity_mps - median, axis=1)
-    change: Vector = np.linalg.norm(np.diff(velocity_mps, axis=0), axis=1)
-    return _impossible(deviation, window, MIN_SPIKE_MPS, change, MAX_ACCELERATION_MPS2 * np.diff(time_s))
+
+    def excess(rows: Indices) -> Vector:
+        change = np.linalg.norm(velocity_mps[rows] - velocity_mps[rows - 1], axis=1)
+        return change - MAX_ACCELERATION_MPS2 * (time_s[rows] - time_s[rows - 1])
+
+    return _impossible(deviation, window, MIN_SPIKE_MPS, excess)
 
 
 def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:
     """Return how far each heading (n,) is from its neighbours', degrees (n,), 0 if a vehicle can follow it."""
-    window, angle = _window(time_s), np.radians(heading_deg)
-    median = np.arctan2(_running_median(np.sin(angle), window), _running_median(np.cos(angle), window))
-    deviation = np.degrees(np.abs(wrapped(angle - median)))
-    return _impossible(deviation, window, MIN_SPIKE_DEG, _turns_deg(heading_deg), MAX_TURN_DPS * np.diff(time_s))
+    window, deviation = _window(time_s), np.empty(len(heading_deg))
+    for rows, near, inside in _blocks(len(heading_deg), window):
+        angle = np.radians(heading_deg[near])
+        median = np.arctan2(_running_median(np.sin(angle), window), _running_median(np.cos(angle), window))
+        deviation[rows] = np.degrees(np.abs(wrapped(angle - median)))[inside]
+
+    def excess(rows: Indices) -> Vector:
+        change = np.abs(wrapped(heading_deg[rows] - heading_deg[rows - 1], 180.0))
+        return change - MAX_TURN_DPS * (time_s[rows] - time_s[rows - 1])
+
+    return _impossible(deviation, window, MIN_SPIKE_DEG, excess)
 
 
 def heading_jumps_deg(time_s: Vector, heading_deg: Vector) -> Vector:
@@ -48,15 +60,22 @@ def heading_jumps_deg(time_s: Vector, heading_deg: Vector) -> Vector:
     A jump is the difference of the medians after and before, less the turn that goes on there: a record that is off
     alone is none.
     """
-    turn = wrapped(np.diff(heading_deg, prepend=heading_deg[:1]), 180.0)
-    usual = float(np.median(np.abs(turn))) if len(turn) else 0.0
-    possible = np.maximum(max(MIN_SPIKE_DEG, SPIKE_RATIO * usual), MAX_TURN_DPS * np.diff(time_s, prepend=time_s[:1]))
-    half, continuous, jumps = _window(time_s) // 2, np.cumsum(turn), np.zeros_like(turn)
-    for k in np.flatnonzero(np.abs(turn) > possible):
+    turn, jumps = np.zeros(len(heading_deg)), np.zeros(len(heading_deg))
+    for first in range(1, len(turn), BLOCK_RECORDS):
+        end = first + BLOCK_RECORDS
+        turn[first:end] = wrapped(np.diff(heading_deg[first - 1 : end]), 180.0)
+    usual = float(np.median(np.abs(turn), overwrite_input=True)) if len(turn) else 0.0
+    least = max(MIN_SPIKE_DEG, SPIKE_RATIO * usual)
+    large = np.flatnonzero((turn > least) | (turn < -least))
+    half, continuous = _window(time_s) // 2, np.cumsum(turn) if len(large) else turn
+    for k in large:
+        possible = max(least, MAX_TURN_DPS * (time_s[k] - time_s[max(0, k - 1)]))
+        if abs(turn[k]) <= possible:
+            continue
         around = np.arange(max(0, k - half), min(len(turn), k + half))
         straight = continuous[around] - np.median(turn[around]) * around
         step = wrapped(np.median(straight[around >= k]) - np.median(straight[around < k]), 180.0)
-        jumps[k] = step if abs(step) > possible[k] else 0.0
+        jumps[k] = step if abs(step) > possible else 0.0
     return jumps
 
 
@@ -67,42 +86,52 @@ def without_heading_jumps(time_s: Vector, heading_deg: Vector) -> Vector:
     edges = [0, *np.flatnonzero(steps).tolist(), len(offset)]
     durations_s = [time_s[end - 1] - time_s[first] for first, end in pairwise(edges)]
     kept = edges[int(np.argmax(durations_s))]
-    return (heading_deg - (offset - offset[kept])) % 360.0
+    offset -= offset[kept]
+    turned = np.subtract(heading_deg, offset, out=offset)
+    return np.mod(turned, 360.0, out=turned)
 
 
-def _impossible(deviation: Vector, window: int, least: float, change: Vector, possible: Vector) -> Vector:
+def _impossible(deviation: Vector, window: int, least: float, excess: Callable[[Indices], Vector]) -> Vector:
     """Return the deviations (n,) from the median that are spikes, else 0.
 
-    ``change`` (n - 1,) is from record to record, ``possible`` what a vehicle can do in that time, without noise.
+    ``excess`` returns for rows from 1 on by how much each differs from the one before beyond what a vehicle can do.
     """
     if len(deviation) == 0:
         return deviation
     usual = float(np.median(deviation))
-    far = deviation > np.maximum(least, SPIKE_RATIO * np.fmax(_running_median(deviation, window), usual))
+    far = np.zeros(len(deviation), dtype=np.bool_)
+    for rows, near, inside in _blocks(len(deviation), window):
+        median = _running_median(deviation[near], window)[inside]
+        far[rows] = deviation[rows] > np.maximum(least, SPIKE_RATIO * np.fmax(median, usual))
     first, end = runs(far)
-    too_fast = np.concatenate([[False], change > possible + NOISE_RATIO * usual, [False]])  # the ends show no way back
-    spikes = np.zeros_like(deviation)
-    spikes[far] = np.repeat(too_fast[first] & too_fast[end], end - first)
-    return spikes * deviation
+    too_fast = np.zeros(len(first), dtype=np.bool_)
+    known = (first > 0) & (end < len(deviation))  # the ends show no way back
+    too_fast[known] = (excess(first[known]) > NOISE_RATIO * usual) & (excess(end[known]) > NOISE_RATIO * usual)
+    spikes = np.zeros(len(deviation), dtype=np.bool_)
+    spikes[far] = np.repeat(too_fast, end - first)
+    return np.multiply(deviation, spikes, out=deviation)
 
 
 def _window(time_s: Vector) -> int:
     """Return the odd number of records of the running median."""
-    interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+    interval_s = float(np.median(np.diff(time_s), overwrite_input=True)) if len(time_s) > 1 else np.inf
     half = HALF_WINDOW_S / interval_s if interval_s > 0 else 0.0
     return 2 * max(HALF_WINDOW_RECORDS, round(half)) + 1
 
 
 def _running_median(values: Vector, window: int) -> Vector:
     """Return the median of each record's neighbours, (n,); windows at the borders are shorter."""
-    half, found = window // 2, np.empty_like(values)
-    for first in range(0, len(values), BLOCK_RECORDS):
-        end, before = first + BLOCK_RECORDS, min(first, half)
-        near = pd.Series(values[first - before : end + half]).rolling(window, center=True, min_periods=1)
-        found[first:end] = near.median().to_numpy()[before : before + len(found[first:end])]
+    found = np.empty_like(values)
+    for rows, near, inside in _blocks(len(values), window):
+        rolling = pd.Series(values[near]).rolling(window, center=True, min_periods=1)
+        found[rows] = rolling.median().to_numpy()[inside]
     return found
 
 
-def _turns_deg(heading_deg: Vector) -> Vector:
-    """Return the angles from record to record without sign, degrees (n - 1,)."""
-    return np.abs(wrapped(np.diff(heading_deg), 180.0))
+def _blocks(count: int, window: int) -> Iterator[tuple[slice, slice, slice]]:
+    """Yield blocks of records, each with all that its windows reach, and the block's place therein."""
+    half = window // 2
+    for first in range(0, count, BLOCK_RECORDS):
+        end = min(first + BLOCK_RECORDS, count)
+        start = max(0, first - half)
+        yield slice(first, end), slice(start, end + half), slice(first - start, end - start)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Mask, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
@@ -44,7 +44,7 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
     else:
         own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
         unset = (raw.stamp_ns == 0) & (not own)
-        stamp = np.where(unset, raw.received_ns, raw.stamp_ns)
+        stamp = np.where(unset, raw.received_ns, raw.stamp_ns) if unset.any() else raw.stamp_ns
         stamps = "time_ns" if own else "header stamp" if raw.layout.stamp == "header.stamp" else raw.layout.stamp
         made.append(Convention("time", stamps, "configuration" if clock else "type"))
         if unset.any():
@@ -58,10 +58,12 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
                 stamp = stamp - np.where(known, age_ns, 0)
                 median_s = float(np.median(age_ns[known])) / 1e9
                 made.append(Convention("age_s", median_s, "type", "s", f"median of {what}"))
-    time = stamp - round(latency_s * 1e9)
+    time = stamp
     if latency_s:
+        time = stamp - round(latency_s * 1e9)
         made.append(Convention("latency_s", latency_s, "configuration", "s"))
-    return Times(time, np.maximum(time, raw.received_ns), stamp, tuple(made), tuple(findings))
+    received = raw.received_ns if np.all(raw.received_ns >= time) else np.maximum(time, raw.received_ns)
+    return Times(time, received, stamp, tuple(made), tuple(findings))
 
 
 def _age_ns(raw: RawRecords) -> Nanoseconds | None:
@@ -91,7 +93,7 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
     """
     findings: list[Finding] = []
     time = table["time_ns"].to_numpy()
-    late = int(np.sum(np.diff(time) < 0))
+    late = int(np.sum(time[1:] < time[:-1]))
     if late:
         why = "fixes arrive late; sorted by stamp, arrival kept" if sensor == "usbl" else "sorted by stamp"
         text = f"{topic}: {late} of {len(time)} records are stamped earlier than the previous one ({why})"
@@ -99,15 +101,16 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
         table = table.sort_values("time_ns", kind="stable", ignore_index=True)
 
     values = [column for column in table if column not in ("received_ns", "stamp_ns")]
-    same = np.diff(table["time_ns"].to_numpy()) == 0
+    same = _same_as_next(table)
     rows = np.append(same, False) | np.append(False, same)  # only records of one stamp can be repeats
     repeated = np.zeros(len(table), dtype=np.bool_)
-    repeated[rows] = table[rows].duplicated(subset=values)
+    if same.any():
+        repeated[rows] = table[rows].duplicated(subset=values)
     if repeated.any():
         text = f"{topic}: {repeated.sum()} of {len(table)} records repeat another's stamp and values and are left out"
         findings.append(Finding("REPEATED", text, topic))
         table = table[~repeated].reset_index(drop=True)
-    shared = np.diff(table["time_ns"].to_numpy()) == 0
+    shared = _same_as_next(table)
     if shared.any():
         what = "all are kept" if sensor == "usbl" else "records of one stamp are averaged"
         text = f"{topic}: {shared.sum()} of {len(table)} records have another's stamp and other values; {what}"
@@ -115,6 +118,12 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
         if sensor != "usbl":
             table = _averaged(table)
     return table, findings
+
+
+def _same_as_next(table: pd.DataFrame) -> Mask:
+    """Return which records but the last, (n - 1,), have the time of the next."""
+    time = table["time_ns"].to_numpy()
+    return time[1:] == time[:-1]
 
 
 def _averaged(table: pd.DataFrame) -> pd.DataFrame:

@@ -1,6 +1,6 @@
 """What the binary formats share: the messages of one topic and type, counted, decoded and laid out in columns."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeAlias
@@ -13,7 +13,7 @@ from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, 
 from usbldr.io.decoding.definitions import Definitions
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.findings import Finding
-from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+from usbldr.io.reader import Records, TopicInfo
 
 TopicType: TypeAlias = tuple[str, str]  # topic and type
 BATCH_MESSAGES = 1 << 14  # [messages] decoded at once: enough for the speed of NumPy
@@ -131,50 +131,47 @@ def chosen_streams(streams: Mapping[TopicType, Stream], wanted: Iterable[str]) -
     return set({key[0]: key for key in by_count if key[0] in topics}.values())
 
 
-def decode_topics(
+def decode_blocks(
     log: Path,
     streams: Mapping[TopicType, Stream],
     wanted: Mapping[str, Sequence[str]],
     messages: Iterable[StreamMessage],
-) -> tuple[dict[str, Records], dict[str, Finding]]:
-    """Decode the wanted fields; return the columns, and findings for topics with messages that do not match.
+    unfit: dict[str, Finding],
+) -> Iterator[tuple[str, Records]]:
+    """Yield topics and blocks of their records with the wanted fields, in the order of the messages.
 
-    ``messages`` may hold more than is wanted; only the payloads of the wanted topics are stored.
+    ``messages`` may hold more than is wanted. Findings for topics with messages that do not match their definition are
+    added to ``unfit`` in the end.
     """
-    chosen = {key: _Batches(_decoder(log, streams[key]), wanted[key[0]]) for key in chosen_streams(streams, wanted)}
+    chosen = {key: _Batch(_decoder(log, streams[key]), wanted[key[0]]) for key in chosen_streams(streams, wanted)}
     for key, time_ns, data in messages:
-        batches = chosen.get(key)
-        if batches is not None:
-            batches.add(time_ns, data)
-    records: dict[str, Records] = {}
-    unfit: dict[str, Finding] = {}
-    for key, batches in chosen.items():
-        records[key[0]] = batches.records()
-        if batches.unfit:
-            unfit[key[0]] = _unfit(streams[key], batches)
-    return records, unfit
+        batch = chosen.get(key)
+        if batch is not None and batch.add(time_ns, data):
+            yield key[0], batch.decoded()
+    for key, batch in chosen.items():
+        yield key[0], batch.decoded()
+        if batch.unfit:
+            unfit[key[0]] = _unfit(streams[key], batch)
 
 
-class _Batches:
-    """The messages of a topic, decoded a batch at a time, so that their bytes need not be kept."""
+class _Batch:
+    """Some messages of a topic, to be decoded together."""
 
     def __init__(self, decoder: Decoder, paths: Sequence[str]) -> None:
         self._decoder, self._paths = decoder, tuple(dict.fromkeys(paths))
         self._times, self._payloads, self._size = list[int](), list[bytes](), 0
-        self._received = list[Nanoseconds]()
-        self._columns: dict[str, list[Column]] = {path: [] for path in paths}
         self.unfit = 0  # number of messages that do not match their definition
         self.unfit_heads: set[int] = set()  # the second bytes of those
 
-    def add(self, time_ns: int, data: bytes | memoryview) -> None:
-        """Add a message with its log time."""
+    def add(self, time_ns: int, data: bytes | memoryview) -> bool:
+        """Add a message with its log time; return whether the batch is full."""
         self._times.append(time_ns)
         self._payloads.append(bytes(data))
         self._size += len(data)
-        if self._size > BATCH_BYTES or len(self._times) >= BATCH_MESSAGES:
-            self._decode()
+        return self._size > BATCH_BYTES or len(self._times) >= BATCH_MESSAGES
 
-    def _decode(self) -> None:
+    def decoded(self) -> Records:
+        """Return the records of the messages, and begin anew."""
         times, payloads = np.array(self._times, dtype=np.int64), self._payloads
         self._times, self._payloads, self._size = [], [], 0
         read = concatenated(_pieces(self._decoder, payloads, self._paths), self._paths)
@@ -182,23 +179,8 @@ class _Batches:
             missing = np.delete(np.arange(len(times)), read.rows).tolist()
             self.unfit += len(missing)
             self.unfit_heads |= {p[1] for p in map(payloads.__getitem__, missing) if len(p) > 1 and p[0] == 0}
-        if len(read.rows):
-            order = np.argsort(read.rows)
-            self._received.append(times[read.rows[order]])
-            for path in self._paths:
-                self._columns[path].append(read.columns[path][order])
-
-    def records(self) -> Records:
-        """Return the messages in the order of log time, and those of equal time in the order of the file."""
-        self._decode()
-        received = np.concatenate([np.empty(0, dtype=np.int64), *self._received])
-        in_order = bool(np.all(received[1:] >= received[:-1]))
-        order = None if in_order else np.argsort(received, kind="stable")
-        columns: dict[str, Column] = {}
-        for path in self._paths:  # one after the other: only one of them is in memory twice
-            whole = np.concatenate(self._columns.pop(path, []) or [np.empty(0)])
-            columns[path] = whole if order is None else whole[order]
-        return Records(received if order is None else received[order], columns)
+        order = np.argsort(read.rows)
+        return Records(times[read.rows[order]], {path: read.columns[path][order] for path in self._paths})
 
 
 def _pieces(decoder: Decoder, payloads: Sequence[bytes], paths: Sequence[str]) -> Sequence[DecodedRows]:
@@ -211,7 +193,7 @@ FOREIGN_CDR: Mapping[int, str] = {2: "PL_CDR", 3: "PL_CDR", **dict.fromkeys((6, 
 """Encodings other than plain CDR by the second byte of a message (OMG DDS-XTypes 1.3, 7.6.3.1.2)."""
 
 
-def _unfit(stream: Stream, batches: _Batches) -> Finding:
+def _unfit(stream: Stream, batches: _Batch) -> Finding:
     """Report that messages did not match their definition, and whether another encoding is the reason."""
     heads = batches.unfit_heads & FOREIGN_CDR.keys() if stream.encoding == "cdr" else set[int]()
     foreign = sorted({FOREIGN_CDR[head] for head in heads})

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
-from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_topics
+from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_blocks
 from usbldr.io.findings import Finding
 from usbldr.io.formats.bag_fields import Connection
 from usbldr.io.formats.bag_records import BagScan
@@ -54,8 +55,12 @@ class BagLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; if a topic has several types, the one with most messages."""
-        records, self._unfit = decode_topics(self.path, self._scan[0], wanted, self._messages())
-        return records
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Decode the wanted topics block by block."""
+        self._unfit = {}
+        return decode_blocks(self.path, self._scan[0], wanted, self._messages(), self._unfit)
 
     def _messages(self) -> Iterator[StreamMessage]:
         connections: dict[int, TopicType] = {}

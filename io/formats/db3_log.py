@@ -15,13 +15,14 @@ from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
     Stream,
     StreamMessage,
     TopicType,
-    decode_topics,
+    decode_blocks,
     decoder_without_definition,
 )
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
@@ -149,8 +150,12 @@ class Db3Log:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; if a topic has several types, the one with most messages."""
-        records, self._unfit = decode_topics(self.path, self._streams, wanted, self._messages(wanted))
-        return records
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Decode the wanted topics block by block."""
+        self._unfit = {}
+        return decode_blocks(self.path, self._streams, wanted, self._messages(wanted), self._unfit)
 
     def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
         """Yield the messages of the wanted topics; the payloads of others are not read."""

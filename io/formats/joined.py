@@ -1,16 +1,17 @@
 """Several logs as one: the parts of a split recording, or the files of one dive, each with a clock of its own."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.definitions import ros2_name
 from usbldr.io.findings import Finding
 from usbldr.io.formats.counts import count_findings
 from usbldr.io.messages.registry import STAMPS
-from usbldr.io.reader import Column, Reader, Records, TopicInfo
+from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +44,16 @@ class JoinedLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Read each part, shift its times, and put the records in the order of log time."""
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Read one part after the other block by block, and shift its times."""
         largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=lambda topic: topic.count)}
-        pieces: dict[str, list[Records]] = {topic: [] for topic in wanted}
         for part in self.parts:
             present = {_key(topic) for topic in part.reader.topics() if topic.count}
             own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
-            for topic, records in part.reader.read(own).items() if own else ():
-                pieces[topic].append(_moved(records, part.offset_ns, self.time_units_ns))
-        return {topic: _in_one(pieces[topic], paths) for topic, paths in wanted.items()}
+            for topic, records in blocks_of(part.reader, own) if own else ():
+                yield topic, _moved(records, part.offset_ns, self.time_units_ns)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in each part."""
@@ -102,14 +105,3 @@ def _moved(records: Records, offset_ns: int, units_ns: Mapping[str, int]) -> Rec
             offset = offset_ns if unit_ns == 1 else offset_ns / unit_ns
             columns[path] = np.where(columns[path] == 0, 0, columns[path] - offset)
     return Records(records.received_ns - offset_ns, columns)
-
-
-def _in_one(pieces: Sequence[Records], paths: Sequence[str]) -> Records:
-    if len(pieces) == 1:
-        return pieces[0]
-    if not pieces:
-        return Records(np.empty(0, dtype=np.int64), {path: np.empty(0) for path in paths})
-    received = np.concatenate([piece.received_ns for piece in pieces])
-    order = np.argsort(received, kind="stable")
-    columns: dict[str, Column] = {path: np.concatenate([p.columns[path] for p in pieces])[order] for path in paths}
-    return Records(received[order], columns)

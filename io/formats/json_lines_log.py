@@ -11,8 +11,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
-from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_topics, json_decoder
+from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, json_decoder
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import text_lines
@@ -90,8 +91,12 @@ class JsonLinesLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted lines."""
-        records, self._unfit = decode_topics(self.path, self._streams, wanted, self._messages(wanted))
-        return records
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Decode the wanted lines block by block."""
+        self._unfit = {}
+        return decode_blocks(self.path, self._streams, wanted, self._messages(wanted), self._unfit)
 
     def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
         for key in self._streams:

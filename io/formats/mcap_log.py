@@ -11,13 +11,14 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
     Stream,
     TopicType,
     chosen_streams,
-    decode_topics,
+    decode_blocks,
     decoder_without_definition,
     json_decoder,
 )
@@ -29,7 +30,7 @@ from usbldr.io.formats.decompression import ZSTD, MessageUnpacker, unread_text
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.mcap_index import Index, IndexMismatchError, indexed_messages, read_index, with_schemas
 from usbldr.io.formats.mcap_records import McapMessage, McapScan
-from usbldr.io.reader import Records, TopicInfo, name_of, utc
+from usbldr.io.reader import BeginAgainError, Records, TopicInfo, name_of, utc
 
 
 class McapLog:
@@ -44,6 +45,7 @@ class McapLog:
         self._unfit: dict[str, Finding] = {}
         self._last_scan: McapScan | None = None  # None: the file was read by its index
         self._unpacker: MessageUnpacker | None = None  # None: messages are not compressed each on its own
+        self._index_is_wrong = False
         self._schemas: dict[int, Schema] = {}
         self._known: dict[TopicType, Stream] = {}
         self._keys: dict[int, TopicType] = {}  # by the file's channel numbers
@@ -75,17 +77,18 @@ class McapLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Decode the wanted topics; if a topic has several types, the one with most messages."""
-        streams = self._streams
-        if self._index.channel_summaries is not None:
-            try:
-                messages = self._decompressed(self._by_index(chosen_streams(streams, wanted)))
-                records, self._unfit = decode_topics(self.path, streams, wanted, messages)
-            except IndexMismatchError:
-                pass
-            else:
-                return records
-        records, self._unfit = decode_topics(self.path, streams, wanted, self._decompressed(self._by_walk()))
-        return records
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Decode the wanted topics block by block; raise BeginAgainError if the file disagrees with its index."""
+        self._unfit = {}
+        by_index = self._index.channel_summaries is not None and not self._index_is_wrong
+        messages = self._by_index(chosen_streams(self._streams, wanted)) if by_index else self._by_walk()
+        try:
+            yield from decode_blocks(self.path, self._streams, wanted, self._decompressed(messages), self._unfit)
+        except IndexMismatchError as err:
+            self._index_is_wrong = True
+            raise BeginAgainError from err
 
     def _decompressed(self, messages: Iterator[Payload]) -> Iterator[Payload]:
         """Decompress each message if rosbag2 compressed each on its own, as the first one shows."""

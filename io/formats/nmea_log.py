@@ -5,14 +5,15 @@ may begin with the time at which it was logged.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_sentences import SENTENCE, SentenceSet, find_sentences, undecoded_findings
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import text_lines
-from usbldr.io.reader import Reader, Records, TopicInfo
+from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
 """Last part of the type of a topic that may carry sentences, and its field."""
@@ -96,13 +97,18 @@ class LogWithSentences:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Read the log's own topics in one pass, and parse the wanted sentences."""
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Read the log's own topics block by block, and the wanted sentences of each kind."""
         own = {topic: paths for topic, paths in wanted.items() if topic not in self._topics}
-        found = dict(self._carried.read(own)) if own else {}
+        if own:
+            yield from blocks_of(self._carried, own)
         for topic, paths in wanted.items():
             if topic not in own:
                 sentences, name, _ = self._topics[topic]
-                found[topic], self._undecoded[topic] = sentences.by_name[name].records(paths)
-        return found
+                records, self._undecoded[topic] = sentences.by_name[name].records(paths)
+                yield topic, records
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what the log lost, and which sentences were dropped."""

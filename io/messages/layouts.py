@@ -86,9 +86,13 @@ class RawRecords:
 
         NaN if it is not finite, is beyond MAX_VALUE or means no data, and if the messages have no such field.
         """
+        count = len(self.received_ns)
         if quantity not in self.values:
-            return np.full(len(self.received_ns), np.nan)
-        values = np.asarray(self.values[quantity], dtype=np.float64)
+            return np.broadcast_to(np.array([np.nan]), count)
+        column = self.values[quantity]
+        if column.strides == (0,) and count > 1:  # one value for all
+            return np.broadcast_to(self.part(slice(1)).number(quantity), count)
+        values = np.asarray(column, dtype=np.float64)
         known = (np.abs(values) <= MAX_VALUE) & ~np.isin(values, self.layout.no_data_values.get(quantity, ()))
         return np.where(known, values * self.layout.scale.get(quantity, 1.0), np.nan)
 

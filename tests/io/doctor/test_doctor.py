@@ -4,7 +4,7 @@ import json
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -512,18 +512,18 @@ def yaw_turned(row: Row, by_deg: float) -> tuple[str, Mapping[str, Any]]:
 def test_settings_are_parsed_once_and_messages_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = write_mcap(tmp_path / "dive.mcap", curved_dive(dvl="FRD", gps=True))
     (tmp_path / "usbldr.toml").write_text("[dvl]\nmount_deg = 30.0\n", encoding="utf-8")
-    parse, decode, calls = tomllib.loads, McapLog.read, Counter[str]()
+    parse, decode, calls = tomllib.loads, McapLog.blocks, Counter[str]()
 
     def counted_parse(text: str) -> dict[str, Any]:
         calls["parse"] += 1
         return parse(text)
 
-    def counted_decode(self: McapLog, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def counted_decode(self: McapLog, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         calls["decode"] += 1
         return decode(self, wanted)
 
     monkeypatch.setattr(tomllib, "loads", counted_parse)
-    monkeypatch.setattr(McapLog, "read", counted_decode)
+    monkeypatch.setattr(McapLog, "blocks", counted_decode)
 
     assert "DVL-AXES" in findings(log)
 
