@@ -65,7 +65,7 @@ def _mount(result: InterpretationResult | None, found: Identification | None) ->
         return "mount_deg = 0.0", "not observable"
     offset_deg, sd_deg, significant = heading_offset(result, found)
     if significant:
-        why = f"fitted to the fixes, ±{max(sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
+        why = f"CHECK: fitted to the fixes, ±{max(sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
         return f"mount_deg = {wrapped(offset_deg, 180.0):.1f}", why
     return (
         "mount_deg = 0.0",

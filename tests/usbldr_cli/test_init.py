@@ -28,7 +28,7 @@ def test_the_file_says_how_the_log_was_made(log: Path, tmp_path: Path) -> None:
     done = run("init", str(log), "--output", str(target))
 
     assert done.exception is None, done.exception
-    assert done.output.startswith(f"{target}: written; check the 1 line marked CHECK\n")
+    assert done.output.startswith(f"{target}: written; check the 2 lines marked CHECK\n")
     found = tomllib.loads(target.read_text(encoding="utf-8"))
     assert found["dvl"]["topic"] == "/dvl"
     assert found["dvl"]["axes"] == "FRD"
