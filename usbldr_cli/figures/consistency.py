@@ -10,7 +10,7 @@ from usbldr.filters.evaluation.consistency import DOF, nees, with_truth
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.health import BINS, bin_means, mean_bounds
-from usbldr_cli.figures.plane import Plane, frame_plane, plane_of, sigma_ellipses
+from usbldr_cli.figures.plane import Plane, frame_plane, plane_of, sigma_ellipses, usual_box
 from usbldr_cli.figures.style import (
     TRUTH_COLOUR,
     Axes,
@@ -48,7 +48,7 @@ def consistency_figure(run: Run) -> Figure | None:
 
 def _draw_coloured(figure: Figure, axes: Axes, report: ErrorReport) -> None:
     """Draw the scored track, its colour the horizontal error, with 2-sigma ellipses of the filter along it."""
-    plane = plane_of(report.truth_m)
+    plane = plane_of(report.estimate_m)
     error_m = report.horizontal_m
     place_m = np.column_stack([plane.points(report.estimate_m), error_m])
     every = math.ceil(len(error_m) / SEGMENTS)
@@ -62,7 +62,7 @@ def _draw_coloured(figure: Figure, axes: Axes, report: ErrorReport) -> None:
     bar: Any = figure.colorbar(drawn, ax=axes, shrink=0.8, pad=0.01, extend="max")
     bar.set_label("horizontal error [m]")
     scale = _draw_ellipses(axes, report, plane)
-    frame_plane(axes, plane, np.vstack([report.estimate_m, report.truth_m]), 0.06)
+    frame_plane(axes, plane, np.vstack([report.estimate_m, usual_box(report.truth_m)]), 0.06)
     ellipses = "2-sigma ellipses" if scale == 1 else f"2-sigma ellipses {scale} times as large"
     ellipses = "bars: 2 sigma across" if plane.turn is not None else ellipses
     axes.set_title("\n".join(filter(None, (f"track by its error, {ellipses}", plane.text))))
@@ -75,7 +75,7 @@ def _draw_ellipses(axes: Axes, report: ErrorReport, plane: Plane) -> int:
     rows = rows[np.isfinite(report.cov_m2[rows]).all(axis=(1, 2))]
     cov_m2 = with_truth(report.cov_m2, report.truth_sd_m)[rows]
     usual_m = 2 * float(np.median(np.sqrt(np.trace(cov_m2, axis1=1, axis2=2) / 2)))
-    least_m = VISIBLE * float(np.max(np.ptp(report.truth_m, axis=0))) if plane.turn is None else 0.0
+    least_m = VISIBLE * float(np.max(np.ptp(report.estimate_m, axis=0))) if plane.turn is None else 0.0
     scale = next((one for one in SCALES if one * usual_m >= least_m), SCALES[-1])
     outlines = sigma_ellipses(report.estimate_m[rows], cov_m2, 2.0 * scale)
     lines = [plane.points(outline) for outline in outlines]
@@ -94,18 +94,20 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     bins = bin_means(t, values, edges)
     independent = np.where(bins[:, 2] > 0, np.maximum(bins[:, 2] * report.nees.independent_errors / len(t), 1.0), 0.0)
     low, high = mean_bounds(independent, DOF)
+    mean_s = edges[1] - edges[0]
     bottom, top = 0.01 * DOF, max(20.0 * DOF, 1.5 * float(np.nanmax(bins[:, 1])))
     shown_s, shown = one_a_dot(t, np.log(np.clip(values, bottom, top)))
     axes.plot(shown_s, np.exp(shown), ls="", marker=".", ms=2, color=mine, alpha=0.3, label="NEES of an epoch")
     style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
     axes.fill_between(
-        edges, low, high, step="post", label="95 % bounds of the mean if the covariance is right", **style
+        edges, low, high, step="post", label=f"95 % bounds of {mean_s:.0f} s means if the covariance is right", **style
     )
-    axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3, label=f"mean of {edges[1] - edges[0]:.0f} s")
+    axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3, label=f"mean of {mean_s:.0f} s")
     axes.axhline(DOF, color=TRUTH_COLOUR, lw=0.8)
     logarithmic(axes)
     axes.set_ylim(bottom, top)
     axes.set_ylabel("NEES, position")
     time_axis(axes, run.timeline.time_s)
     found = report.nees
-    axes.set_title(f"NEES: mean {found.mean:.2f} (expected {DOF}; 95 % bounds {found.low:.2f} to {found.high:.2f})")
+    bounds = f"95 % bounds of the whole run {found.low:.2f} to {found.high:.2f}"
+    axes.set_title(f"NEES: mean {found.mean:.2f} (expected {DOF}; {bounds})")

@@ -96,12 +96,10 @@ def _series(updates: UpdateTable, channel: Channel) -> Series:
 def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
     shade_outages(axes, run)
     mine = colour(run.method)
-    size = np.abs(series.innovation)
-    half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * float(np.median(series.sd))))
-    half = 1.1 * max(half, 2.2 * float(np.median(series.sd))) or 1.0
     outcomes = series.outcome
+    half = _half_height(series)
     point = 3.0 if len(outcomes) < DENSE else 1.6
-    longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(size) > 1 else np.inf
+    longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(outcomes) > 1 else np.inf
     t, bands = broken_at_gaps(series.time_s, 2 * np.column_stack([series.sd, series.nominal_sd]), longest_s)
     axes.fill_between(t, -bands[:, 0], bands[:, 0], color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
     if not np.allclose(series.sd, series.nominal_sd):
@@ -127,6 +125,15 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
     axes.set_ylim(-half, half)
     axes.set_ylabel(channel.label)
+
+
+def _half_height(series: Series) -> float:
+    """Return the height of the axes, which innovations of the updates used set, and their sigma without outliers."""
+    used = series.outcome == "used"
+    size = np.abs(series.innovation[used] if used.any() else series.innovation)
+    sd = float(np.median(series.nominal_sd))
+    half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * sd))
+    return 1.1 * max(half, 2.2 * sd) or 1.0
 
 
 def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:

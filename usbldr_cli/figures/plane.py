@@ -10,7 +10,7 @@ from usbldr_cli.figures.style import Axes
 
 STRAIGHT = 0.05  # width over length of a track: a narrower one would be a single line at one scale
 CIRCLE = np.linspace(0, 2 * math.pi, 37)  # [rad] corners of an ellipse
-SHOWN_FIXES = (1.0, 99.0)  # [%] of the points across a straight track that set its scale
+USUAL = (1.0, 99.0)  # [%] of the points that set the scale of axes: a few wrong ones do not
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +55,18 @@ def frame_plane(axes: Axes, plane: Plane, points_m: Array, margin: float) -> Non
         plane_axes(axes)
         frame_square(axes, drawn, margin)
         return
-    low, high = np.percentile(drawn, SHOWN_FIXES, axis=0)
+    low, high = np.percentile(drawn, USUAL, axis=0)
     reach = max(1.6 * float(np.abs([low[1], high[1]]).max()), 1.0)
     edge = margin * float(np.ptp(drawn[:, 0]))
     axes.set_xlim(drawn[:, 0].min() - edge, drawn[:, 0].max() + edge)
     axes.set_ylim(-reach, reach)
     axes.set_xlabel("along the track [m]")
     axes.set_ylabel("across it, to the left [m]")
+
+
+def usual_box(points_m: Array) -> Array:
+    """Return two corners (2, 2) between which all points (n, 2) but a few lie; none of none."""
+    return np.percentile(points_m, USUAL, axis=0) if len(points_m) else points_m
 
 
 def plane_axes(axes: Axes) -> None:

@@ -15,6 +15,7 @@ from usbldr_cli.figures.plane import (
     plane_axes,
     plane_of,
     sigma_ellipses,
+    usual_box,
 )
 from usbldr_cli.figures.style import (
     EVER,
@@ -58,13 +59,15 @@ def track_figure(run: Run) -> Figure:
     whole.set_title("\n".join(filter(None, (title, plane.text))))
     if report is not None and closer:
         close: Axes = panels[0, 1]
-        span, corners_m = _frame_worst(close, report)
+        worst = _worst(whole, plane, report)
+        span, corners_m = _frame_worst(close, report, worst, np.ptp(extent_m, axis=0).max() / 2)
         _draw_surroundings(close, run)
         whole.plot(*plane.points(corners_m).T, color=REJECTED_COLOUR, lw=1.0, zorder=7)
         _draw_context(close, run, span, 1.8)
         _draw_track(close, run, span)
-        _draw_worst(close, report, span)
-    legend_below(figure, (whole,), 8 if closer else 5)
+        _draw_worst(close, report, worst, span)
+    long = any("outside" in label for label in whole.get_legend_handles_labels()[1])
+    legend_below(figure, (whole,), 8 if closer and not long else 5)
     return figure
 
 
@@ -129,7 +132,8 @@ def _draw_track(axes: Axes, run: Run, span: Span, plane: Plane = EAST_NORTH) -> 
         during = within(time_s, span)
         _, line_m = broken_at_gaps(time_s[during], plane.points(truth_m[during]), run.truth.max_gap_s)
         style: dict[str, Any] = {"lw": 2.2, "marker": ".", "ms": 2.2, "mew": 0, "zorder": 3}
-        axes.plot(*line_m.T, color=TRUTH_COLOUR, label=f"truth ({run.truth.kind})", **style)
+        outside = f", {far} outside the axes" if (far := _outside(axes, line_m)) else ""
+        axes.plot(*line_m.T, color=TRUTH_COLOUR, label=f"truth ({run.truth.kind}{outside})", **style)
     if not raw_fixes(run.method):
         path = position_m[within(trajectory.time_s, span)]
         axes.plot(*path.T, color=colour(run.method), lw=1.3, label=run.label, zorder=4)
@@ -160,15 +164,23 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float, plane: Pl
             axes.plot(*fix_m[at].T, ls="", label=label, **style)
 
 
-def _frame_worst(axes: Axes, report: ErrorReport) -> tuple[Span, Array]:
-    """Frame the surroundings of the largest error.
+def _worst(axes: Axes, plane: Plane, report: ErrorReport) -> int:
+    """Return the epoch of the largest error, if possible of those whose truth is inside the axes."""
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    x, y = plane.points(report.truth_m).T
+    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    return int(np.argmax(np.where(inside, report.horizontal_m, -1.0) if inside.any() else report.horizontal_m))
+
+
+def _frame_worst(axes: Axes, report: ErrorReport, worst: int, most_m: float) -> tuple[Span, Array]:
+    """Frame the surroundings of the largest error, at most ``most_m`` to each side.
 
     Return the time around it that track or truth spend there, and the outline of the frame, closed, (5, 2).
     """
-    worst = int(np.argmax(report.horizontal_m))
     middle = (report.truth_m[worst] + report.estimate_m[worst]) / 2
-    surroundings_m = min(CLOSE_M, CLOSE_SHARE * float(np.max(np.ptp(report.truth_m, axis=0))))
-    half = max(CLOSE_ERRORS * float(report.horizontal_m[worst]), surroundings_m, LEAST_CLOSE_M)
+    surroundings_m = min(CLOSE_M, CLOSE_SHARE * float(np.max(np.ptp(usual_box(report.truth_m), axis=0))))
+    half = max(CLOSE_ERRORS * float(report.horizontal_m[worst]), surroundings_m)
+    half = max(min(half, most_m), LEAST_CLOSE_M)
     plane_axes(axes)
     frame_square(axes, np.stack([middle - half, middle + half]), 0.0)
     off_m = np.max(np.abs(np.stack([report.estimate_m, report.truth_m]) - middle), axis=2)
@@ -179,9 +191,8 @@ def _frame_worst(axes: Axes, report: ErrorReport) -> tuple[Span, Array]:
     return span, middle + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
 
 
-def _draw_worst(axes: Axes, report: ErrorReport, span: Span) -> None:
+def _draw_worst(axes: Axes, report: ErrorReport, worst: int, span: Span) -> None:
     """Join truth and estimate at the largest error, and draw the filter's 2-sigma ellipse there."""
-    worst = int(np.argmax(report.horizontal_m))
     ends = np.stack([report.truth_m[worst], report.estimate_m[worst]])
     axes.plot(*ends.T, color=REJECTED_COLOUR, lw=1.5, marker="o", ms=4, zorder=7)
     ellipse = ""
@@ -189,9 +200,11 @@ def _draw_worst(axes: Axes, report: ErrorReport, span: Span) -> None:
         outline = sigma_ellipses(ends[1:], report.cov_m2[worst][None], 2.0)[0]
         axes.fill(*outline.T, fc=colour(report.method), alpha=0.2, lw=0, zorder=3.5)
         ellipse = ", 2-sigma ellipse"
+    larger = int(np.count_nonzero(report.horizontal_m > report.horizontal_m[worst]))
+    outside = f"\n{larger} larger, up to {report.horizontal_m.max():.2f} m: their truth is outside the left axes"
     axes.set_title(
         f"largest error (red frame): {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}; "
-        f"{span[0]:.0f} to {span[1]:.0f} s"
+        f"{span[0]:.0f} to {span[1]:.0f} s{outside if larger else ''}"
     )
 
 
@@ -200,9 +213,7 @@ def _extent(run: Run) -> Array:
     track_m = aligned(run.scored, run.scored.trajectory.time_s, run.scored.trajectory.position_m)
     fix_m = aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)
     drifting = [aligned(other, other.trajectory.time_s, other.trajectory.position_m) for other in other_tracks(run)]
-    core = np.vstack(
-        [np.percentile(fix_m, [1, 99], axis=0) if raw_fixes(run.method) else track_m, scored_truth(run)[1]]
-    )
+    core = np.vstack([usual_box(fix_m) if raw_fixes(run.method) else track_m, usual_box(scored_truth(run)[1])])
     core = core[np.isfinite(core).all(axis=1)]
     middle, half = (core.min(axis=0) + core.max(axis=0)) / 2, float(np.max(np.ptp(core, axis=0))) / 2
     others = np.vstack([fix_m, *drifting])

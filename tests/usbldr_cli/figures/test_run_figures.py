@@ -216,6 +216,8 @@ def test_the_picture_of_consistency_has_the_errors_as_colours_and_the_nees_of_th
     true = np.einsum("ni,nij,nj->n", report.error_m, np.linalg.inv(report.cov_m2), report.error_m)  # the truth is exact
     np.testing.assert_allclose(np.asarray(dots.get_ydata())[inside], true[inside], rtol=1e-6)
     assert f"mean {report.nees.mean:.2f}" in right.get_title(loc="left")
+    assert "95 % bounds of the whole run" in right.get_title(loc="left")
+    assert {"mean of 10 s", "95 % bounds of 10 s means if the covariance is right"} <= set(labels(figure))
 
 
 def test_every_corner_of_an_ellipse_is_as_many_sigmas_from_its_centre() -> None:
@@ -280,6 +282,50 @@ def test_one_fix_kilometres_away_does_not_shrink_the_track() -> None:
         west, east = track_figure(run).axes[0].get_xlim()
 
     assert east - west < 300  # the vehicle makes 110 m east and 130 m north
+
+
+def run_with_wrong_truth_rows() -> Run:
+    """Return a run whose truth begins 5 km away."""
+    run = a_curved_run("ekf")
+    truth = run.log.truth
+    assert truth is not None
+    far_m = truth.position_m.copy()
+    far_m[1] += 5000.0
+    wrong = dataclasses.replace(truth, position_m=far_m)
+    times_s = run.timeline.time_s[run.timeline.slow]
+    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, wrong, times_s=times_s))
+    return dataclasses.replace(run, log=dataclasses.replace(run.log, truth=wrong), scored=scored)
+
+
+def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() -> None:
+    run = run_with_wrong_truth_rows()
+
+    with in_style():
+        figure, beside = track_figure(run), consistency_figure(run)
+
+    assert beside is not None
+    assert run.scored.report is not None
+    assert run.scored.report.horizontal_m.max() > 5000
+    for axes in (*figure.axes, beside.axes[0]):
+        assert np.ptp(axes.get_xlim()) < 300
+    assert "1 larger, up to" in figure.axes[1].get_title(loc="left")
+    assert "1 outside the axes" in next(text for text in labels(figure) if text.startswith("truth"))
+
+
+def test_outliers_of_the_fixes_do_not_flatten_the_innovations_of_the_others() -> None:
+    far = np.arange(0, len(TIMELINE.fix_m), 15)
+    fix_m = TIMELINE.fix_m.copy()
+    fix_m[far] += 300.0
+    with_outliers = run_filter("adf", dataclasses.replace(TIMELINE, fix_m=fix_m), LOG.parameters)
+
+    with in_style():
+        figure = innovation_figure(a_run(with_outliers))
+
+    assert figure is not None
+    axes = next(one for one in figure.subfigs[0].axes if one.get_ylabel() == "USBL east [m]")
+    assert axes.get_ylim()[1] < 30
+    edge = np.concatenate([line.get_ydata() for line in axes.get_lines() if line.get_label() != "used"])
+    assert np.count_nonzero(np.isclose(edge, 0.97 * axes.get_ylim()[1])) >= len(far) - 1
 
 
 def test_a_gross_error_is_marked_at_the_edge_instead_of_flattening_the_others() -> None:
