@@ -141,18 +141,18 @@ def fix_updates(trajectory: Trajectory) -> FixUpdates | None:
 def consistency_text(found: Nees | None, shift_removed: bool = False) -> str:
     """Return whether the filter's sigmas are consistent, too small or too large; "" if it has no covariance.
 
-    If a constant shift was taken off the errors, sigmas that are too large do not show: they contain the shift.
+    If a constant shift was taken off the errors, the sigmas contain it: too large ones are then no fault.
     """
     if found is None:
         return ""
     factor = math.sqrt(found.mean / DOF)
     if found.mean > found.high:
         return f"sigmas too small by a factor of {_factor(factor)}" if factor >= 1.05 else "sigmas slightly too small"
-    if found.mean < found.low and shift_removed:
-        return "sigmas not too small"
     if found.mean < found.low:
         large = 1 / max(factor, 1e-6)
-        return f"sigmas too large by a factor of {_factor(large)}" if large >= 1.05 else "sigmas slightly too large"
+        contain = ", but they contain the shift that was taken off" if shift_removed else ""
+        by = f"too large by a factor of {_factor(large)}" if large >= 1.05 else "slightly too large"
+        return f"sigmas {by}{contain}"
     return "consistent"
 
 

@@ -283,11 +283,15 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
     return lines
 
 
+PER_FIX = {1: " per coordinate", 2: " per fix"}  # its noise is heavy-tailed of each by itself, or of both together
+
+
 def _sensor(updates: SensorUpdates, fixes: FixUpdates | None) -> str:
     what, of = ("updates", updates) if fixes is None else ("fixes", fixes)
     counts = {"down-weighted": of.down_weighted, "rejected": of.rejected}
     text = "".join(f", {count} {outcome}" for outcome, count in counts.items() if count)
-    nis = "" if updates.nis_mean is None else f"NIS {updates.nis_mean:.2f} (expected {updates.nis_expected:.0f}); "
+    per = PER_FIX.get(round(updates.nis_expected or 0), "") if fixes else ""
+    nis = "" if updates.nis_mean is None else f"NIS {updates.nis_mean:.2f} (expected {updates.nis_expected:.0f}{per}); "
     gap = "" if fixes is None else f"; longest gap {fixes.longest_gap_s:.1f} s"
     return f"{nis}{what}: {of.used} used{text}{gap}"
 

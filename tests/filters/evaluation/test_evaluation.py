@@ -333,6 +333,8 @@ def test_the_verdict_on_consistency_is_the_factor_of_the_sigmas(factor: float, s
     report = evaluate(track_of(t, errors, np.broadcast_to(np.eye(2), (len(t), 2, 2))), truth_of(t, 0 * errors))
 
     assert consistency_text(report.nees) == said
+    too_large = ", but they contain the shift that was taken off" if factor < 1 else ""
+    assert consistency_text(report.nees, shift_removed=True) == said + too_large
 
 
 def test_errors_that_stay_alike_for_long_are_worth_few_independent_ones() -> None:
