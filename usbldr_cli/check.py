@@ -6,16 +6,17 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from usbldr.filters.errors import CheckError, UsageError
 from usbldr_cli.options.completion import FILE, FILTERS
-from usbldr_cli.options.filter_list import filter_list, refuse_repeats
+from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_file_option
-from usbldr_cli.options.log_options import inputs, read_request
+from usbldr_cli.options.log_options import inputs, read_request, selection_options
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file, write_json
+from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.run_outputs import RunOutputs
 from usbldr_cli.options.telling import progress_option, verbose_option
 from usbldr_cli.options.unused_options import unused_options
@@ -31,7 +32,7 @@ KEEP_NONE = Path("none")  # of --output
 NAME_LETTERS = 60  # of a row in the name of its folder
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @click.argument("files", metavar="BASELINE | LOG...", type=FILE, nargs=-1, required=True)
 @click.option("--init", "first", is_flag=True, help="Write a first baseline for each LOG instead.")
 @click.option(
@@ -52,6 +53,8 @@ NAME_LETTERS = 60  # of a row in the name of its folder
     show_default=True,
     help="With --init: a row for each method.",
 )
+@selection_options
+@run_options
 @click.option("--update", is_flag=True, help="Show the differences and store the new values.")
 @worker_options
 @folder_option('Folder for the run directories of failed rows; "none" keeps none.  [default: BASELINE-failed]')
@@ -68,6 +71,7 @@ def check(
     first: bool,
     baseline: Path,
     filters: str,
+    choices: RunChoices,
     update: bool,
     workers: WorkerChoices,
     output: Path | None,
@@ -77,26 +81,34 @@ def check(
     html_to: str | None,
     force: bool,
     quiet: bool,
+    **selection: Any,
 ) -> int:
     """Run the rows of BASELINE again; exit 1 if a metric is missing or worse than its limit allows.
 
     A missing row or log is a failure. A metric that is better by more than its limit passes, and is reported because
     the baseline is stale. For a row that fails, the doctor's findings on its log are printed, and its run directory
-    with pictures is kept. With --init, write a first baseline for each LOG.
+    with pictures is kept. With --init, write a first baseline for each LOG; options of replay then go to its rows.
 
     \b
     $ usbldr check --init dive.mcap --baseline gate.toml
     $ usbldr check gate.toml
     """
     from usbldr.io.settings.regression_baseline import read_baseline
-    from usbldr_cli.runs.baseline_rows import jobs_of_row
+    from usbldr_cli.runs.baseline_rows import given_options, jobs_of_row
     from usbldr_cli.runs.executors import executor
+    from usbldr_cli.runs.first_baseline import write_first_baseline
+    from usbldr_cli.runs.jobs import Job
     from usbldr_cli.tables.check_verdicts import as_json, markdown
     from usbldr_cli.tables.checked_rows import checked_rows
     from usbldr_cli.tables.junit import junit as junit_text
 
+    given = given_options()
     if first:
-        return _write_first(baseline, files, filters, workers, force)
+        return write_first_baseline(
+            baseline, [Job(log, "", choices, selection) for log in files], given, filters, workers, force
+        )
+    if given:
+        raise UsageError(f"--{next(iter(given))} is for --init: the rows of a baseline state their own options")
     file, *others = files
     if others:
         raise UsageError(f"check takes one BASELINE, not {len(files)}; --init LOG... writes one for several logs")
@@ -136,25 +148,6 @@ def _write_html(file: Path, baseline: "RegressionBaseline", checked: "Sequence[C
 
     blocks, drawn = check_plots(checked)
     write_file("--html", file, html(page(baseline, checked, blocks), drawn))
-
-
-def _write_first(file: Path, logs: Sequence[str], filters: str, workers: WorkerChoices, force: bool) -> int:
-    """Write a first baseline, values included."""
-    from usbldr_cli.runs.baseline_rows import default_choices
-    from usbldr_cli.runs.executors import executor
-    from usbldr_cli.runs.first_baseline import first_baseline
-
-    refuse_repeats("LOG", logs)
-    methods = filter_list(filters, default_choices())
-    for log in logs:
-        refuse_file("--baseline", file, force, inputs(log, read_request()))
-    with executor(workers) as where:
-        text, left_out = first_baseline(file, logs, methods, where)
-    for sentence in left_out:
-        click.echo(f"usbldr: {sentence}", err=True)
-    write_file("--baseline", file, text)
-    click.echo(f"{file}: written, {text.count('[[row]]')} rows; run them again with: usbldr check {file}")
-    return 0
 
 
 def _refuse(

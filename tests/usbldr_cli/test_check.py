@@ -333,6 +333,39 @@ def test_a_first_baseline_passes_and_its_log_is_named_from_its_folder(made: Path
     assert again.stderr == f"usbldr: {target} exists already: choose another file for --baseline, or --force\n"
 
 
+def test_options_of_a_first_baseline_are_written_into_its_rows_and_hold_there(made: Path, tmp_path: Path) -> None:
+    target, config = tmp_path / "gate.toml", tmp_path / "own.toml"
+    config.write_text("schema = 1\n[usbl]\nsd_m = 2.0\n")
+
+    options = ["--start", 20, "--end", 120.5, "--particles", 20, "--noise", "usbl=gaussian", "--config", config]
+    first = _check("--init", made / "dive.mcap", "--baseline", target, "--filters", "usbl,adf", *options)
+
+    assert (first.returncode, first.stderr) == (0, "")
+    raw, adf = tomllib.loads(target.read_text())["row"]
+    window = {"start": "20", "end": "120.5", "config": "own.toml"}
+    assert {key: raw[key] for key in raw.keys() & {*window, "particles", "noise"}} == window
+    assert {key: adf[key] for key in adf.keys() & {*window, "particles", "noise"}} == {
+        **window,
+        "noise": ["usbl=gaussian"],
+    }
+    assert adf["metrics"]["matched"]["value"] == 101
+    run = _check(target, "-q")
+    assert (run.returncode, run.stdout) == (0, "passed: 12 of 12 metrics in 2 rows within their limits\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["gate.toml", "--start", "4"], "--start is for --init: the rows of a baseline state their own options"),
+        (["--init", "dive.mcap", "--smooth"], "--smooth is a flag, which the row of a baseline cannot hold"),
+    ],
+)
+def test_options_that_a_check_cannot_use_are_refused(arguments: list[str], sentence: str) -> None:
+    done = _check(*arguments)
+
+    assert (done.returncode, done.stderr) == (2, f"usbldr: {sentence}\n")
+
+
 def test_a_first_baseline_leaves_out_what_a_log_has_no_sensor_for(tmp_path: Path) -> None:
     (tmp_path / "d").mkdir()
     for name in ("usbl", "gps"):

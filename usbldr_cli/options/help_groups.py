@@ -7,19 +7,22 @@ import click
 from usbldr.io.drills.kinds import KINDS
 
 COMMON = {
+    "Baseline": ("first", "baseline", "update"),
     "Log": ("config", "truth", "joined"),
     "Faults": ("suite", *KINDS),
     "Filter": ("method", "filters", "particles", "calibrate", "smooth", "seed", "seeds"),
     "Scoring": ("start", "end", "align"),
-    "Output": ("output", "force", "json_to", "quiet", "jobs"),
+    "Output": ("output", "force", "json_to", "quiet", "jobs", "junit", "markdown_to"),
 }
 RARE = {
+    "Baseline": (),
     "Log": ("dvl", "compass", "usbl", "gps", "depth", "truth_frame", "msg_path", "limits", "strict"),
     "Faults": (),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),
     "Output": (
         "html",
+        "html_to",
         "mcap",
         "fnv",
         "parquet",

@@ -56,9 +56,22 @@ def stated_options(folder: Path, options: Mapping[str, Option]) -> list[tuple[st
     return found
 
 
-def default_choices() -> RunChoices:
-    """Return the options of a row that states none."""
-    return _run_of_a_row.main([], prog_name="row", standalone_mode=False)[0]
+def given_options() -> dict[str, Option]:
+    """Return the options of a row that the command line states, as a row states them.
+
+    Raises UsageError for a flag, which a row cannot hold.
+    """
+    ctx, found = click.get_current_context(), dict[str, Option]()
+    for option in (param for param in _run_of_a_row.params if isinstance(param, click.Option)):
+        name = str(option.name)
+        if name not in ctx.params or ctx.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE:
+            continue
+        key = option.opts[0].lstrip("-").replace("-", "_")
+        if option.is_flag:
+            raise UsageError(f"--{key} is a flag, which the row of a baseline cannot hold")
+        value: Any = ctx.params[name]
+        found[key] = list(value) if option.multiple else value
+    return found
 
 
 def tool_text() -> str:

@@ -1,15 +1,23 @@
 """The first baseline of some logs: a row for each log and method, with the metrics that its run has."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import click
 import tomlkit
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.filters.replay.methods import METHODS, Method
-from usbldr_cli.runs.baseline_rows import default_choices, today, tool_text
-from usbldr_cli.runs.executors import Executor
+from usbldr.io.settings.regression_baseline import Option
+from usbldr_cli.options.filter_list import filter_list, refuse_repeats
+from usbldr_cli.options.log_options import inputs, read_request
+from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.unused_options import unused_options
+from usbldr_cli.options.worker_options import WorkerChoices
+from usbldr_cli.runs.baseline_rows import FILES, today, tool_text
+from usbldr_cli.runs.executors import Executor, executor
 from usbldr_cli.runs.job_store import JobResult
 from usbldr_cli.runs.jobs import Job
 from usbldr_cli.runs.run_jobs import run_jobs
@@ -27,17 +35,36 @@ CONSISTENCY = {"nees_mean": "rel = 0.05", "nis_mean_usbl": "rel = 0.02"}
 COUNTED = "abs = 0"
 
 
-def first_baseline(file: Path, logs: Sequence[str], methods: Sequence[str], where: Executor) -> tuple[str, list[str]]:
+def write_first_baseline(
+    file: Path, logs: Sequence[Job], given: Mapping[str, Option], filters: str, workers: WorkerChoices, force: bool
+) -> int:
+    """Write a first baseline, values included."""
+    refuse_repeats("LOG", [unit.log for unit in logs])
+    methods = filter_list(filters, logs[0].choices)
+    for unit in logs:
+        refuse_file("--baseline", file, force, inputs(unit.log, read_request(**unit.selection)))
+    with executor(workers) as where:
+        text, left_out = first_baseline(file, logs, methods, given, where)
+    for sentence in left_out:
+        click.echo(f"usbldr: {sentence}", err=True)
+    write_file("--baseline", file, text)
+    click.echo(f"{file}: written, {text.count('[[row]]')} rows; run them again with: usbldr check {file}")
+    return 0
+
+
+def first_baseline(
+    file: Path, logs: Sequence[Job], methods: Sequence[str], given: Mapping[str, Option], where: Executor
+) -> tuple[str, list[str]]:
     """Return the text of a baseline, and a sentence for each row that is left out because its run failed.
 
+    ``logs`` have the choices of all rows, and ``given`` those that the rows state.
     Raises the error of its runs if all runs of a log fail.
     """
-    choices = default_choices()
-    units = [Job(log, name, choices) for log in logs for name in methods]
+    units = [replace(log, method=name) for log in logs for name in methods]
     results = run_jobs(units, where)
     for first in range(0, len(units), len(methods)):
         _raise_if_none_ran(results[first : first + len(methods)])
-    rows = [_row(file, unit, one) for unit, one in zip(units, results, strict=True) if one.fault is None]
+    rows = [_row(file, unit, given, one) for unit, one in zip(units, results, strict=True) if one.fault is None]
     signed = f"{HEAD}tool = {_text(tool_text())}\ndate = {today().isoformat()}\n"
     pairs = zip(units, results, strict=True)
     left_out = [f"{unit.method} is left out: {one.fault}" for unit, one in pairs if one.fault is not None]
@@ -51,17 +78,32 @@ def _raise_if_none_ran(results: Sequence[JobResult]) -> None:
         raise kind("; ".join(dict.fromkeys(str(one.fault) for one in results)))
 
 
-def _row(file: Path, unit: Job, result: JobResult) -> str:
-    """Return the text of a row; the log is named relative to the file's folder."""
-    log = Path(os.path.relpath(unit.log, file.parent)).as_posix() if Path(unit.log).exists() else unit.log
+def _row(file: Path, unit: Job, given: Mapping[str, Option], result: JobResult) -> str:
+    """Return the text of a row; the log and other files are named relative to the file's folder."""
+    log = _beside(file, unit.log)
     judged = result.scored_against
     digest = "" if judged is None or unit.simulated else judged.log_sha256
     stated = {"name": f"{log} {unit.method}", "log": log, "log_sha256": digest, "filter": unit.method}
-    lines = ["[[row]]", *(f"{key} = {_text(value)}" for key, value in stated.items() if value), "[row.metrics]"]
+    lines = ["[[row]]", *(f"{key} = {_text(value)}" for key, value in stated.items() if value)]
+    for key, value in given.items():
+        if not unused_options([key], [unit.method], unit.simulated):
+            lines.append(f"{key} = {tomlkit.item(_stated(file, key, value)).as_string()}")
+    lines.append("[row.metrics]")
     for name, limit in _limits(METHODS[unit.method]).items():
         if name in result.metrics:
             lines.append(f"{name} = {{ value = {result.metrics[name]:.6g}, {limit} }}")
     return "\n".join(lines) + "\n"
+
+
+def _stated(file: Path, key: str, value: Option) -> Option:
+    """Return an option as the row states it."""
+    if key not in FILES:
+        return value
+    return [_beside(file, one) for one in value] if isinstance(value, list) else _beside(file, str(value))
+
+
+def _beside(file: Path, name: str) -> str:
+    return Path(os.path.relpath(name, file.parent)).as_posix() if Path(name).exists() else name
 
 
 def _text(value: str) -> str:

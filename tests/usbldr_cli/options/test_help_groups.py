@@ -4,10 +4,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from usbldr_cli.check import check
 from usbldr_cli.compare import compare
 from usbldr_cli.options.help_groups import COMMON, RARE
 from usbldr_cli.replay import replay
 
+every = pytest.mark.parametrize("command", [replay, compare, check], ids=["replay", "compare", "check"])
 both = pytest.mark.parametrize("command", [replay, compare], ids=["replay", "compare"])
 
 
@@ -28,7 +30,7 @@ def test_the_common_options_and_the_filters_fit_one_screen_in_titled_groups(comm
     assert f"{command.name} --help-all lists every option." in lines
 
 
-@both
+@every
 def test_help_all_lists_every_option(command: click.Command) -> None:
     reported = help_text(command, "--help-all")
 
@@ -38,7 +40,7 @@ def test_help_all_lists_every_option(command: click.Command) -> None:
     assert "--help-all lists" not in reported
 
 
-@both
+@every
 def test_every_option_is_in_one_group(command: click.Command) -> None:
     grouped = [name for groups in (COMMON, RARE) for names in groups.values() for name in names]
 
