@@ -127,7 +127,7 @@ def test_the_faults_of_the_options_are_one_drill_and_nothing_is_written_to_the_l
     [
         (("--drop", "usbl"), "--drop usbl: needs a span"),
         (("--drop", "usbl@300:400"), "the log has no usbl record there (0 to 100 s)"),
-        (("--suite", "none.toml"), "none.toml: cannot be read"),
+        (("--suite", "none.toml"), "there is no suite none.toml"),
         (("--drop", "usbl@1:2", "--filters", "kalman"), "there is no filter 'kalman'"),
         (("--drop", "usbl@1:2", "-o", "."), "contains the input"),
     ],

@@ -207,7 +207,7 @@ def test_a_stretch_holds_what_was_valid_in_it(tmp_path: Path) -> None:
     assert {sensor: len(table) for sensor, table in back.tables.items()} == {"dvl": 4, "compass": 4, "usbl": 4}
     assert back.start_ns == T0 + 3 * 10**9
     assert list(back.tables["usbl"]["east_m"]) == [3, 4, 5, 6]
-    with pytest.raises(LogError, match=r"no record is between 50 and 60 s"):
+    with pytest.raises(LogError, match=r"no record is from --start 50 to --end 60 s"):
         cut_log(log, 50.0, 60.0)
 
 
