@@ -69,6 +69,10 @@ class Records:
     received_ns: Nanoseconds  # (n,) log time
     columns: Mapping[str, Column]  # field path -> (n,)
 
+    def only(self, paths: Sequence[str]) -> "Records":
+        """Return the messages with these columns alone."""
+        return Records(self.received_ns, {path: self.columns[path] for path in paths})
+
 
 class Reader(Protocol):
     """An opened log."""

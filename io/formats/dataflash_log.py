@@ -7,7 +7,7 @@ fix gives the date. There are no checksums: what does not begin with the two mar
 from array import array
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from mmap import ACCESS_READ, mmap
+from mmap import mmap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import opened
+from usbldr.io.formats.files import mapped
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
@@ -77,8 +77,7 @@ class DataflashLog:
 
     @cached_property
     def _data(self) -> mmap:
-        with opened(self.path) as file:
-            return mmap(file.fileno(), 0, access=ACCESS_READ)
+        return mapped(self.path)
 
     @cached_property
     def _places(self) -> Mapping[int, "array[int]"]:

@@ -4,6 +4,7 @@ import stat
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 from usbldr.filters.errors import LogError
@@ -23,6 +24,12 @@ def opened(path: Path) -> Generator[BufferedReader]:
             yield file
     except OSError as err:
         raise LogError(f"cannot be read ({err.strerror or err})", path=path) from err
+
+
+def mapped(path: Path) -> mmap:
+    """Return the bytes of a file without reading them all; raise LogError (see `opened`)."""
+    with opened(path) as file:
+        return mmap(file.fileno(), 0, access=ACCESS_READ)
 
 
 def text_lines(path: Path) -> Iterator[str]:

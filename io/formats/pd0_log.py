@@ -8,7 +8,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
-from mmap import ACCESS_READ, mmap
+from mmap import mmap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import opened
+from usbldr.io.formats.files import mapped
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 MARK = b"\x7f\x7f"  # fixed by the format: how each ensemble begins
@@ -68,8 +68,7 @@ class Pd0Log:
 
     @cached_property
     def _data(self) -> mmap:
-        with opened(self.path) as file:
-            return mmap(file.fileno(), 0, access=ACCESS_READ)
+        return mapped(self.path)
 
     @cached_property
     def _tables(self) -> Mapping[str, Records]:
@@ -137,11 +136,7 @@ class Pd0Log:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Return the wanted columns."""
-        tables = self._tables
-        return {
-            topic: Records(tables[topic].received_ns, {path: tables[topic].columns[path] for path in paths})
-            for topic, paths in wanted.items()
-        }
+        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""

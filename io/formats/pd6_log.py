@@ -80,11 +80,7 @@ class Pd6Log:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Return the wanted columns."""
-        tables = self._tables
-        return {
-            topic: Records(tables[topic].received_ns, {path: tables[topic].columns[path] for path in paths})
-            for topic, paths in wanted.items()
-        }
+        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was left out."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from mmap import ACCESS_READ, mmap
+from mmap import mmap
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -18,7 +18,7 @@ import numpy as np
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import opened
+from usbldr.io.formats.files import mapped
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
 from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo
 
@@ -73,8 +73,7 @@ class TelemetryLog:
 
     @cached_property
     def _data(self) -> mmap:
-        with opened(self.path) as file:
-            return mmap(file.fileno(), 0, access=ACCESS_READ)
+        return mapped(self.path)
 
     @cached_property
     def _packets(self) -> Mapping[Key, Packets]:
