@@ -19,7 +19,7 @@ from usbldr.io.reader import Reader
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.validation import read_document
-from usbldr.io.stages import stage, tell
+from usbldr.io.stages import say, stage
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
         formats = dict.fromkeys(part.reader.format for part in parts)
         units_ns = time_units_ns(configured_columns(configuration, request.topics))
         reader = JoinedLog(path, " + ".join(formats), tuple(parts), time_units_ns=units_ns)
-    tell(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
+    say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     return OpenedLog(reader, tuple(paths.values()), configuration, stated.file)
 
 

@@ -38,7 +38,7 @@ from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.role_records import read_roles
 from usbldr.io.settings.configuration import parameters
 from usbldr.io.settings.sensor_sections import Configuration
-from usbldr.io.stages import stage, tell
+from usbldr.io.stages import say, stage
 from usbldr.io.truth_source import place_unknown, refuse_as_sensor, truth_kind, truth_section, truth_source
 
 
@@ -146,7 +146,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         unread={topic.name: topic.problem for topic in topics if topic.problem},
         raws=raws,
     )
-    tell(*_choices(log))
+    say(*_choices(log))
     return without_implausible(log)
 
 

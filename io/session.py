@@ -45,7 +45,7 @@ from usbldr.io.reports.estimate_text import evidence_text, noise_changes_text
 from usbldr.io.reports.report_json import ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.stages import stage, tell
+from usbldr.io.stages import say, stage
 from usbldr.io.timeline import with_dvl_clock
 
 UNCONFIGURED = Request(configuration="none")
@@ -117,11 +117,11 @@ def resolve(log: Log, timeline: Timeline, method: str, settings: RunSettings = R
         if settings.calibrate is None:
             kept = tuple(key for key in found.parameters.calibrate if key in estimable)
             found = replace(found, parameters=replace(found.parameters, calibrate=kept))
-    tell(f"sensor errors that {method} estimates: {', '.join(found.parameters.calibrate) or 'none'}")
+    say(f"sensor errors that {method} estimates: {', '.join(found.parameters.calibrate) or 'none'}")
     if found.evidence:
-        tell(f"evidence in the log {evidence_text(found.evidence)}")
+        say(f"evidence in the log {evidence_text(found.evidence)}")
     if found.noise_changes:
-        tell(f"noise by the log: {noise_changes_text(found.noise_changes)}")
+        say(f"noise by the log: {noise_changes_text(found.noise_changes)}")
     return found
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 LOGGER = logging.getLogger("usbldr")
 
 
-def tell(*texts: str) -> None:
+def say(*texts: str) -> None:
     """Record what was chosen and why, a sentence each."""
     for text in texts:
         LOGGER.info("%s", text)

@@ -18,8 +18,8 @@ from usbldr_cli.options.log_options import inputs, read_request, selection_optio
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.run_outputs import RunOutputs
-from usbldr_cli.options.telling import progress_option, verbose_option
 from usbldr_cli.options.unused_options import unused_options
+from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import click
 
 from usbldr.filters.errors import CheckError, printable
 from usbldr_cli.options.log_options import log_options, read_request
-from usbldr_cli.options.telling import verbose_option
+from usbldr_cli.options.verbosity import verbose_option
 
 if TYPE_CHECKING:
     from usbldr.io.doctor.doctor import Examination

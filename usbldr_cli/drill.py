@@ -19,8 +19,8 @@ from usbldr_cli.options.html_option import html_option, require_output
 from usbldr_cli.options.log_options import log_options, request_provenance
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.options.telling import progress_option, verbose_option
 from usbldr_cli.options.unused_options import warn_of_unused_options
+from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from usbldr_cli.options.log_options import labelled_inputs, log_options, request
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
-from usbldr_cli.options.telling import verbose_option
+from usbldr_cli.options.verbosity import verbose_option
 from usbldr_cli.run_output import print_run, write_run
 
 FRAMES = ("ENU", "NED", "latlon")

@@ -9,7 +9,7 @@ import click
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import format_option, log_options, request_and_inputs
 from usbldr_cli.options.run_options import seconds_of_log
-from usbldr_cli.options.telling import verbose_option
+from usbldr_cli.options.verbosity import verbose_option
 
 
 @click.command()

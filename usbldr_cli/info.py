@@ -10,7 +10,7 @@ import click
 from usbldr.filters.errors import LogError
 from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import read_request, selection_options
-from usbldr_cli.options.telling import verbose_option
+from usbldr_cli.options.verbosity import verbose_option
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log

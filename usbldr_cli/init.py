@@ -8,7 +8,7 @@ import click
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import inputs, log_options, read_request
 from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
-from usbldr_cli.options.telling import verbose_option
+from usbldr_cli.options.verbosity import verbose_option
 
 
 @click.command()

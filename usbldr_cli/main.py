@@ -127,7 +127,7 @@ def main() -> None:
         register()
     try:
         code = cli.main(prog_name="usbldr", standalone_mode=False)
-        sys.stdout.flush()  # here, where a full disk can still be told
+        sys.stdout.flush()  # here, where a full disk can still be reported
     except UsbldrError as fault:
         click.echo(f"usbldr: {fault}", err=True)
         sys.exit(fault.exit_code)

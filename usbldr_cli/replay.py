@@ -13,8 +13,8 @@ from usbldr_cli.options.log_options import request_and_inputs, selection_options
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free, toml_name, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
-from usbldr_cli.options.telling import progress_option, verbose_option
 from usbldr_cli.options.unused_options import warn_of_unused_options
+from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.run_output import print_run, write_run
 
 if TYPE_CHECKING:

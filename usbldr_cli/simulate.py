@@ -7,7 +7,7 @@ import click
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import format_option, inputs, read_request
-from usbldr_cli.options.telling import verbose_option
+from usbldr_cli.options.verbosity import verbose_option
 
 
 @click.command()

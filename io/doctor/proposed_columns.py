@@ -1,6 +1,6 @@
 """Columns for topics of unknown types that look like a missing sensor, by the names of topic, type and fields.
 
-A proposal, which the user has to confirm: a name tells neither axes nor, in most cases, units.
+A proposal, which the user has to confirm: a name states neither axes nor, in most cases, units.
 """
 
 import json

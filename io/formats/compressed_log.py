@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from usbldr.io.formats.csv_log import ConfiguredColumns, CsvLog
 
 ENDINGS = (".zst", ".zstd", ".gz", ".bz2", ".xz", ".lz4")
-HEAD_BYTES = 4096  # [bytes] by which texts are told from other contents: texts have no zeros
+HEAD_BYTES = 4096  # [bytes] looked at to recognise a text: texts have no zeros
 
 
 class CompressedLog:

@@ -14,7 +14,7 @@ from usbldr.io.units import Dimension, NamedUnit, named_unit
 class Rule(NamedTuple):
     """A quantity and the names of its columns."""
 
-    sensor: str  # "" : a time, or a position, whose sensor the rest of the name tells
+    sensor: str  # "" : a time, or a position, whose sensor the rest of the name says
     key: str  # usbldr's own column
     dimension: Dimension | None  # None: a flag
     words: str  # a pattern of the end of the name, in lower case, its words parted by "_"
@@ -61,7 +61,7 @@ OTHER = re.compile(
 
 
 class NamedColumn(NamedTuple):
-    """A column whose name tells what it holds."""
+    """A column whose name says what it holds."""
 
     name: str
     rule: Rule

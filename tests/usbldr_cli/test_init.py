@@ -149,7 +149,7 @@ define(
 
 
 def of_unknown_types(rows: list[Row]) -> list[Row]:
-    """Return the dive with types that nobody knows in place of the twist and of the heading."""
+    """Return the dive with unknown types in place of the twist and of the heading."""
     made: list[Row] = []
     for ns, topic, kind, values in rows:
         if topic == "/dvl":

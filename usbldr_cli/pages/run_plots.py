@@ -89,7 +89,7 @@ def _path(scored: Any, track: Any) -> Any:
 
 
 def _own(canvas: Canvas, run: Run) -> list[tuple[str, Sequence[Any]]]:
-    """Draw the track, which tells its error where it was scored, and the largest error."""
+    """Draw the track, which shows its error where it was scored, and the largest error."""
     place = _path(run.scored, run.scored.trajectory)
     line = canvas.line("east", "north", source=place, line_color=colour(run.method), line_width=1.8)
     report = run.scored.report

@@ -9,7 +9,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.log_options import configured_request, labelled_inputs
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.options.telling import progress
+from usbldr_cli.options.verbosity import progress
 
 if TYPE_CHECKING:
     from usbldr.filters.evaluation.influence import LeaveOneOut

@@ -6,9 +6,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from usbldr.io.stages import tell
+from usbldr.io.stages import say
 from usbldr.io.writing import writing
-from usbldr_cli.options.telling import progress
+from usbldr_cli.options.verbosity import progress
 from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult, JobStore
 from usbldr_cli.runs.jobs import FinishedJob, Job, run_job
@@ -47,7 +47,7 @@ def run_jobs(units: Sequence[Job], where: Executor, store: Path | None = None) -
                     with writing(kept.folder, "choose another --output"):
                         outcome = kept.write(key, outcome, trace)
                 outcomes[k] = outcome
-                tell(_outcome_text(units[k], outcome))
+                say(_outcome_text(units[k], outcome))
                 advance(len(outcomes))
     return [outcomes[k] for k in range(len(units))]
 

@@ -59,14 +59,14 @@ def progress(name: str, total: int) -> Generator[Callable[[int], None]]:
 
 
 def _json_progress(name: str, total: int) -> Callable[[int], None]:
-    began_s, told_s, told = time.perf_counter(), -EVERY_S, -1
+    began_s, shown_s, shown = time.perf_counter(), -EVERY_S, -1
 
     def advance(done: int) -> None:
-        nonlocal told_s, told
+        nonlocal shown_s, shown
         now_s = time.perf_counter() - began_s
-        if done == told or (done < total and now_s - told_s < EVERY_S):
+        if done == shown or (done < total and now_s - shown_s < EVERY_S):
             return
-        told_s, told = now_s, done
+        shown_s, shown = now_s, done
         content = {"event": "progress", "stage": name, "done": done, "total": total, "seconds": round(now_s, 3)}
         click.echo(json.dumps(content), err=True)
 
