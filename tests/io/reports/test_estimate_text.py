@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.identification import NoiseChange
+from usbldr.filters.identification.identification import ErrorEstimate, NoiseChange, SensorErrorEvidence
 from usbldr.filters.models.calibration import EstimatedError
-from usbldr.io.reports.estimate_text import error_text, noise_changes_text, with_sigma
+from usbldr.io.reports.estimate_text import error_text, fixed_errors_text, noise_changes_text, with_sigma
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,18 @@ def test_changed_noise_is_told_in_words_with_units() -> None:
     assert noise_changes_text(changes) == (
         "sigma of the DVL 1.4 instead of 1 times the stated one, share of USBL outliers 2.5 instead of 5 %"
     )
+
+
+def test_the_side_of_a_lever_is_a_word_and_not_a_sign() -> None:
+    def text(sign: float) -> str:
+        numbers = {"dvl_lever_starboard_m": 0.5, "dvl_lever_forward_m": 2.0, "dvl_clock_s": 1.0}
+        estimates = tuple(ErrorEstimate(name, sign * value, 0.1) for name, value in numbers.items())
+        return fixed_errors_text([SensorErrorEvidence("dvl-lever", 9.0, True, estimates)])
+
+    assert "to starboard of the transponder" in text(1.0)
+    assert "m ahead of it" in text(1.0)
+    assert "s late against" in text(1.0)
+    assert "to port of the transponder" in text(-1.0)
+    assert "m astern of it" in text(-1.0)
+    assert "s early against" in text(-1.0)
+    assert "-" not in text(-1.0)
