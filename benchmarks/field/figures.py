@@ -51,7 +51,7 @@ def draw_run(name: str, change: str, folder: Path, output: Path) -> list[str]:
 def online_run(case: Case, change: str, folder: Path) -> Run:
     """Return adf on a log with what people do without a filter beside it, by the log's last definition."""
     given, definition, way = dive(case.name, 0, folder), case.definitions[-1], replace(BEST, order=online(case))
-    line, found = resolved_input(Cell(case.name, way, change), 0, given)
+    line, found = resolved_input(Cell(case.name, way, change), 0, given, folder)
     truth = truth_for(definition, given)
     scored: list[ScoredTrack] = []
     for method in (way.method, "usbl", "dr"):

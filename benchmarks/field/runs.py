@@ -69,7 +69,7 @@ def run_task(task: Task, stored: frozenset[str]) -> list[FinishedJob]:
     case = CASES[cell.case]
     try:
         given = dive(cell.case, seed, folder)
-        line, found = resolved_input(cell, seed, given)
+        line, found = resolved_input(cell, seed, given, folder)
         key = _key(line, given, found.parameters, cell, seed)
         names = [f"{key}{definition.name}" for definition in case.definitions]
         if stored.issuperset(names):
@@ -81,14 +81,23 @@ def run_task(task: Task, stored: frozenset[str]) -> list[FinishedJob]:
         return [FinishedJob(JobResult(fault=str(fault), exit_code=fault.exit_code))] * len(case.definitions)
 
 
-def resolved_input(cell: Cell, seed: int, given: Dive) -> tuple[Timeline, Identification]:
+def resolved_input(cell: Cell, seed: int, given: Dive, folder: Path) -> tuple[Timeline, Identification]:
     """Return records and identification of a cell: those of the log with the cell's change."""
     change = CHANGES[cell.change]
     line = change.records(given.line)
-    before = replace(given.log, parameters=change.before(given.log.parameters, line))
-    with constants(change.constants):
-        found = resolve(before, line, cell.way.method, _choices(cell, seed).settings())
+    found = _identified(cell.case, cell.change, cell.way.calibrate, seed, folder)
     return line, replace(found, parameters=change.after(found.parameters, line))
+
+
+@functools.lru_cache(maxsize=8)
+def _identified(name: str, changed: str, calibrate: str, seed: int, folder: Path) -> Identification:
+    """Identify once for all filters: what a log has evidence for does not depend on the filter that is run."""
+    given, change = dive(name, seed, folder), CHANGES[changed]
+    line = change.records(given.line)
+    before = replace(given.log, parameters=change.before(given.log.parameters, line))
+    way = Way("adf", calibrate)
+    with constants(change.constants):
+        return resolve(before, line, way.method, _choices(Cell(name, way, changed), seed).settings())
 
 
 def _choices(cell: Cell, seed: int) -> RunChoices:
