@@ -24,6 +24,7 @@ class Hypothesis(NamedTuple):
     estimate: Estimate
     log_weight: float  # normalised over the hypotheses
     since_s: float = math.nan  # first fix that a rejecting one takes for an outlier
+    accepted_by: str = ""  # kind of the hypothesis that took the same fixes for inliers: it lies at their cluster
 
 
 class Ambiguity(NamedTuple):

@@ -101,7 +101,7 @@ class MultiHypothesisFilter:
         ]
         outage_s = step.t1_s - belief.last_fix_s
         ambiguity = belief.ambiguity or Ambiguity(step.t1_s, outage_s, step.t1_s)
-        hypotheses = self._reweighted(belief, likelihoods, ambiguity.accepting, step, make_rng)
+        hypotheses = self._reweighted(belief, likelihoods, step, make_rng)
         relocation_probability = float(self.drift_probability(np.array(outage_s)))
         if new := self._new_hypotheses(belief.hypotheses, likelihoods, relocation_probability, step, make_rng):
             ambiguity = ambiguity._replace(
@@ -153,25 +153,23 @@ class MultiHypothesisFilter:
         self,
         belief: MultiHypothesisBelief,
         likelihoods: Sequence[HypothesisLikelihoods],
-        accepting: Sequence[str],
         step: Step,
         make_rng: MakeRng,
     ) -> list[Hypothesis]:
         """Return the hypotheses after the fixes, reweighted, in their order, then those that resume.
 
         For a rejecting hypothesis the cluster continues with some probability, and then a fix has the likelihood that
-        an accepting hypothesis gives it; otherwise the cluster has ended and a branch resumes.
+        the hypothesis which accepted that cluster gives it; otherwise the cluster has ended and a branch resumes.
         """
         both = list(zip(belief.hypotheses, likelihoods, strict=True))
-        log_cluster = max(
-            (one.if_accepted for hypothesis, one in both if hypothesis.kind in accepting), default=-math.inf
-        )
+        log_accepted = {hypothesis.kind: one.if_accepted for hypothesis, one in both}
         after: list[Hypothesis] = []
         resumed: list[Hypothesis] = []
         for hypothesis, one in both:
             if hypothesis.kind == "rejecting":
                 lasted_s, lasts_s = belief.last_fix_s - hypothesis.since_s, step.t1_s - hypothesis.since_s
                 cluster_continues = self._survival(lasts_s) / self._survival(lasted_s)
+                log_cluster = log_accepted.get(hypothesis.accepted_by, -math.inf)
                 log_rejecting = float(np.logaddexp(_log(cluster_continues) + log_cluster, one.outlier))
                 after.append(
                     self._stepped_rejecting(
@@ -212,7 +210,10 @@ class MultiHypothesisFilter:
         new: list[Hypothesis] = []
         if leader.kind != "rejecting":
             rejecting = leader._replace(
-                kind="rejecting", log_weight=leader.log_weight + likelihood.outlier, since_s=step.t1_s
+                kind="rejecting",
+                log_weight=leader.log_weight + likelihood.outlier,
+                since_s=step.t1_s,
+                accepted_by="relocated" if far else "nominal",
             )
             new.append(self._stepped_rejecting(rejecting, step, make_rng))
         if far:

@@ -245,6 +245,18 @@ def test_single_outliers_are_not_reported_and_do_no_harm() -> None:
     assert result.error_m.mean() < 1.02 * alone.error_m.mean()
 
 
+@pytest.mark.parametrize("name", ["adf", "cpf"])
+@pytest.mark.parametrize("later_s", [4, 12])
+def test_fixes_after_a_single_outlier_are_used_though_an_outage_is_still_remembered(name: str, later_s: int) -> None:
+    line, truth = dive(0)
+    outlier = int(np.flatnonzero(line.fix_time_s == OUTAGE[1] + later_s)[0])
+    line.fix_m[outlier] += 30.0 * DRIFT
+
+    result = replayed(name, line, truth, UNCERTAIN)
+
+    assert [row for row, outcome in result.outcomes.items() if outcome != "used"] == [outlier]
+
+
 def test_outliers_that_were_recognised_are_reported_as_rejected() -> None:
     line, truth = dive(1, 10, 50.0)
     result = replayed("adf", line, truth, UNCERTAIN)
