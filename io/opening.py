@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
@@ -15,7 +15,7 @@ from usbldr.io.formats.files import opened
 from usbldr.io.formats.joined import JoinedLog, LogPart
 from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
-from usbldr.io.reader import Reader
+from usbldr.io.reader import NamedColumns, Reader
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.validation import read_document
@@ -106,14 +106,10 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
 
 
 def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:
-    """Open one file; name the columns of a CSV file as the configuration does, find the sentences in topics of text."""
+    """Open one file; name the columns of its tables as the configuration does, find the sentences in topics of text."""
     reader = open_log(path, with_folders(request.msg_path))
     stated = configured_columns(configuration, request.topics)
-    if not reader.format.startswith("CSV") or not stated:
-        return with_sentences(reader)
-    from usbldr.io.formats.csv_log import CsvLog
-
-    return cast("CsvLog", reader).with_columns(stated)
+    return reader.with_columns(stated) if stated and isinstance(reader, NamedColumns) else with_sentences(reader)
 
 
 def digest_paths(paths: Sequence[Path]) -> str:

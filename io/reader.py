@@ -20,6 +20,7 @@ from usbldr.io.findings import Finding
 Nanoseconds: TypeAlias = NDArray[np.int64]  # (n,) since 1970, never through float64
 Column: TypeAlias = NDArray[Any]  # (n,) int64, float64, bool or str, as the message has it
 MAX_TIME_NS = 1 << 62  # fixed: in 2116, so that differences of times fit 64 bits
+TABLES = ("csv", "table")  # encodings
 MAX_NAME = 250  # [characters] of a topic or type as users see it
 
 
@@ -40,6 +41,11 @@ class TopicInfo:
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""
         object.__setattr__(self, "problem", sentence(self.problem))
+
+    @property
+    def is_table(self) -> bool:
+        """Return whether its records are rows of a table, whose columns include their time."""
+        return self.encoding in TABLES
 
     @property
     def span_s(self) -> float:
@@ -97,6 +103,15 @@ class Reader(Protocol):
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in the data read so far."""
+        ...
+
+
+@runtime_checkable
+class NamedColumns(Protocol):
+    """A log of tables, whose columns the configuration may name."""
+
+    def with_columns(self, configured: Sequence[Any]) -> Reader:
+        """Return this log with the columns that the configuration states."""
         ...
 
 

@@ -10,18 +10,16 @@ from itertools import chain
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, cast
+from typing import Any
 from weakref import finalize
 
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.decompression import DamagedFileError, compression_of, unpacked_file
 from usbldr.io.formats.files import opened
+from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.limits import UnpackingBudget, note_copy
-from usbldr.io.reader import Reader, Records, TopicInfo
-
-if TYPE_CHECKING:
-    from usbldr.io.formats.csv_log import ConfiguredColumns, CsvLog
+from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo
 
 ENDINGS = (".zst", ".zstd", ".gz", ".bz2", ".xz", ".lz4")
 HEAD_BYTES = 4096  # [bytes] looked at to recognise a text: texts have no zeros
@@ -116,7 +114,9 @@ class CompressedLog:
         with self._naming():
             return (*own, *self._contents.findings())
 
-    def with_columns(self, configured: Sequence["ConfiguredColumns"]) -> "CompressedLog":
-        """Return this log with the columns of its CSV file that the configuration states."""
-        self._contents = cast("CsvLog", self._contents).with_columns(configured)
-        return self
+    def with_columns(self, configured: Sequence[Any]) -> Reader:
+        """Return this log with the columns of its tables that the configuration states, or with its sentences."""
+        if isinstance(self._contents, NamedColumns):
+            self._contents = self._contents.with_columns(configured)
+            return self
+        return with_sentences(self)

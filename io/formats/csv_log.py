@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
-from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, configured_sheet, foreign_sheets, plain_names, sheet_of
+from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, sheet_of
 from usbldr.io.formats.csv_text import (
     ParsedColumn,
     TextTable,
@@ -28,7 +28,8 @@ from usbldr.io.formats.csv_text import (
     text_files,
     times,
 )
-from usbldr.io.messages.configured import ConfiguredColumns, plain, topic_with_columns
+from usbldr.io.formats.topic_sheets import TableHead, TopicSheet, topic_sheets
+from usbldr.io.messages.configured import ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 
@@ -44,7 +45,12 @@ class CsvSource:
     file: Path
     header: tuple[str, ...]  # names as written
     sensor: str | None = None  # of a file with several sensors: whose rows
-    sheet: Sheet | None = None  # of a file whose columns name several sensors: which columns
+    shown: TopicSheet = TopicSheet("", None)  # how its columns are interpreted
+
+    @property
+    def sheet(self) -> Sheet | None:
+        """The meaning of each column, None if they match no sensor."""
+        return self.shown.sheet
 
 
 class CsvLog:
@@ -68,24 +74,19 @@ class CsvLog:
     @cached_property
     def _sources(self) -> Mapping[str, CsvSource]:
         """The files, and one source for each sensor of a file whose columns name several."""
-        found: dict[str, CsvSource] = {}
-        for topic, source in self._files.items():
-            configured = [stated.sensor for stated in self._by_topic.get(topic, ())]
-            sheets = {sensor: sheet for sensor, sheet in self._foreign(source).items() if sensor not in configured}
-            apart = configured or len(sheets) > 1
-            found |= {topic: source} if configured or not sheets else {}
-            found |= {f"{topic}/{s}" if apart else topic: replace(source, sheet=sheet) for s, sheet in sheets.items()}
-        return found
+        heads = {topic: self._head(source) for topic, source in self._files.items()}
+        found = topic_sheets(heads, self._configured, self.path)
+        return {topic: replace(self._files[one.table], shown=one) for topic, one in found.items()}
 
-    def _foreign(self, source: CsvSource) -> Mapping[str, Sheet]:
-        """Return the sensors that a file's columns name with their units; empty if the columns are known otherwise."""
-        if source.sensor is not None:
-            return {}
-        own = sheet_of(source.file.stem, source.header)
-        if own is not None and not own.problem:
-            return {}
-        sheets = foreign_sheets(source.file.stem, source.header, header_and_row(source.file)[1])
-        return {} if own is not None and any(sheet.problem for sheet in sheets.values()) else sheets
+    def _head(self, source: CsvSource) -> TableHead:
+        file, header = source.file, source.header
+        if source.sensor is None:
+            first_row = header_and_row(file)[1]
+            return TableHead(file, file.stem, header, sheet_of(file.stem, header), first_row)
+        texts = self._table(file).columns
+        rows = self._rows(source)
+        filled = [name for name in texts if name == "time_ns" or any(texts[name][row] for row in rows)]
+        return TableHead(file, file.stem, header, sheet_of(source.sensor.replace("/", "__"), filled))
 
     @cached_property
     def _files(self) -> Mapping[str, CsvSource]:
@@ -107,48 +108,12 @@ class CsvLog:
         sensors = dict.fromkeys(self._table(file).columns["sensor"])
         return {"/" + name_of(sensor.lstrip("/")): CsvSource(file, header, sensor) for sensor in sensors if sensor}
 
-    @cached_property
-    def _sheets(self) -> Mapping[str, Sheet | None]:
-        sheets = {topic: self._recognised(topic, source) for topic, source in self._sources.items()}
-        for topic, sensors in self._by_topic.items():
-            source = self._sources[topic]
-            sheets[topic] = configured_sheet(sensors, source.header, source.file, topic)
-        return sheets
-
-    @cached_property
-    def _by_topic(self) -> Mapping[str, Sequence[ConfiguredColumns]]:
-        found: dict[str, list[ConfiguredColumns]] = {}
-        for stated in self._configured:
-            topic = self._topic(stated)
-            if topic is not None:
-                found.setdefault(topic, []).append(stated)
-        return found
-
-    def _topic(self, stated: ConfiguredColumns) -> str | None:
-        """Return the topic that the configuration names, None if it is not in this log."""
-        if stated.topic is not None:
-            slashed = "/" + stated.topic.lstrip("/")
-            last = "/" + slashed.rpartition("/")[2]
-            return next((topic for topic in (slashed, last) if topic in self._files), None)
-        headers = [(topic, plain_names(source.header), ()) for topic, source in self._files.items()]
-        return topic_with_columns(stated, headers, self.path)
-
-    def _recognised(self, topic: str, source: CsvSource) -> Sheet | None:
-        if source.sheet is not None:
-            return source.sheet
-        if source.sensor is None:
-            return sheet_of(source.file.stem, source.header)
-        texts = self._table(source.file).columns
-        rows = self._rows(source)
-        filled = [name for name in texts if name == "time_ns" or any(texts[name][row] for row in rows)]
-        return sheet_of(source.sensor.replace("/", "__"), filled)
-
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics; one whose columns match no sensor has no type."""
         return tuple(self._info(topic, source) for topic, source in self._sources.items())
 
     def _info(self, topic: str, source: CsvSource) -> TopicInfo:
-        sheet = self._sheets[topic]
+        sheet = source.sheet
         if sheet is None:
             problem = f"its columns match no sensor ({listed(source.header)}); {ADVICE}"
             return TopicInfo(topic, "", "csv", 0, None, None, problem=problem)
@@ -197,7 +162,7 @@ class CsvLog:
         return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
-        source, sheet = self._sources[topic], self._sheets[topic]
+        source, sheet = self._sources[topic], self._sources[topic].sheet
         if sheet is None or sheet.received is None:
             raise LogError(f"{topic} cannot be read: its columns match no sensor; {ADVICE}", path=self.path)
         received = self._times(source, sheet.received)
@@ -227,7 +192,7 @@ class CsvLog:
         """Report the rows that are left out."""
         found: list[Finding] = []
         for topic, source in self._sources.items():
-            if source.sheet is not None and source.sheet.stamp is not None and topic in self._left_out:
+            if source.shown.by_name and source.sheet and source.sheet.stamp and topic in self._left_out:
                 named = {**source.sheet.columns, "time": source.sheet.stamp.column}
                 text = ", ".join(f"{key} from {column}" for key, column in named.items())
                 found.append(Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic))

@@ -155,7 +155,7 @@ def configured_layout(stated: ConfiguredColumns, topic: TopicInfo, path: Path) -
         scale=scale,
         by_columns=True,
     )
-    return layout if topic.encoding == "csv" else _timed(stated, layout, fields, path)
+    return layout if topic.is_table else _timed(stated, layout, fields, path)
 
 
 def _own_layout(stated: ConfiguredColumns, path: Path) -> MessageLayout:

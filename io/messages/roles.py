@@ -142,7 +142,7 @@ def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
     slashed = "/" + name.lstrip("/")
     last = "/" + slashed.rpartition("/")[2]
     exact = [t for t in topics if t.name in (name, slashed)]
-    alone = [t for t in topics if t.encoding == "csv" and t.name == last]
+    alone = [t for t in topics if t.is_table and t.name == last]
     found = sorted(exact or alone, key=lambda t: -t.count)
     return found[0] if found else None
 
