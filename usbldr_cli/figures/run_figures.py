@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.consistency import consistency_figure
@@ -134,10 +134,14 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
     axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.label, zorder=3)
 
 
+def usual_most(lengths: Array) -> float:
+    """Return the largest length, or 1.6 times the 99th percentile if that is less: a few gross errors do not set it."""
+    return min(float(lengths.max()), 1.6 * float(np.percentile(lengths, 99)))
+
+
 def half_height(report: ErrorReport) -> float:
     """Return the height, the same for both axes, which gross errors do not set: they are marked at the edge."""
-    size = np.abs(report.error_m)
-    half = min(float(size.max()), 1.6 * float(np.percentile(size, 99)))
+    half = usual_most(np.abs(report.error_m))
     if report.sd_m is not None:
         half = max(half, min(2 * float(np.nanpercentile(report.sd_m, 99)), 2 * half))
     return 1.12 * half if half > 0 else 1.0
@@ -163,6 +167,7 @@ def cdf_figure(run: Run) -> Figure | None:
     figure = run_figure(run, "Distribution of errors", 11, 4.9)
     panels: Any = figure.subplots(1, 3, sharey=True)
     references = [other.report for other in other_tracks(run) if other.report is not None]
+    widest_m = max(_widest(report, references, k) for k in range(3))
     for k, (axes, name) in enumerate(zip(panels, ("|east|", "|north|", "horizontal"), strict=True)):
         for other in (*references, report):
             width = 2.2 if other is report else 1.3
@@ -174,9 +179,10 @@ def cdf_figure(run: Run) -> Figure | None:
             else:
                 axes.step(length, 100 * share, where="post", **style)
         axes.set_title(_mark_quantiles(axes, _lengths(report, k), report))
-        axes.set_xlim(0, max(_widest(report, references, k) for k in range(3)))
+        axes.set_xlim(0, widest_m)
         axes.set_ylim(0, 101)
-        axes.set_xlabel(f"{name} error [m]")
+        largest_m = float(_lengths(report, k).max())
+        axes.set_xlabel(f"{name} error [m]" + (f" (largest: {largest_m:.2f})" if largest_m > widest_m else ""))
     panels[0].set_ylabel("cumulative share of errors [%]")
     legend_below(figure, (panels[0],))
     return figure
@@ -201,7 +207,7 @@ def _mark_quantiles(axes: Axes, lengths: Vector, report: ErrorReport) -> str:
 
 
 def _widest(report: ErrorReport, references: list[ErrorReport], k: int) -> float:
-    """Return the width that shows all of the method, and of the others what fits."""
-    own = float(_lengths(report, k).max())
+    """Return the width that shows the method up to a few far larger errors, and of the others what fits."""
+    own = usual_most(_lengths(report, k))
     theirs = [float(np.percentile(_lengths(other, k), 90)) for other in references]
     return max(1.15 * own, min(max(theirs, default=0.0), 4 * own)) or 1.0

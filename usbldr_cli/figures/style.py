@@ -132,6 +132,8 @@ def save(figure: Figure, path: Path) -> None:
         return
     figure.dpi = DPI
     canvas = FigureCanvasAgg(figure)  # unlike savefig, this draws only once
+    if any(axes.get_aspect() == 1 for axes in figure.axes):
+        figure.get_layout_engine().execute(figure)  # axes of equal scale settle in a second pass, that of the drawing
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
     packed = io.BytesIO()  # Pillow's own writing hides why it failed

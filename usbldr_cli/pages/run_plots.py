@@ -13,6 +13,7 @@ from usbldr.io.reports.estimate_text import in_unit
 from usbldr.io.reports.page import Plot
 from usbldr.io.reports.report_json import Run, fix_outcomes, fixes_table
 from usbldr.io.reports.tracks import a_point_a_second
+from usbldr_cli.figures.plane import usual_box
 from usbldr_cli.figures.run_figures import half_height
 from usbldr_cli.figures.style import AXES, colour, other_tracks, raw_fixes
 from usbldr_cli.figures.track import aligned, scored_truth
@@ -72,7 +73,7 @@ def _track(run: Run) -> Canvas:
         line = canvas.line("east", "north", source=truth, line_width=2.4, alpha=0.85)
         line.glyph.tags = INK
         entries.append((f"truth ({run.truth.kind})", [line]))
-        framing.append(line)
+        framing.append(canvas.scatter(*usual_box(truth_m).T, alpha=0))
     if not raw_fixes(run.method):
         entries += _own(canvas, run)
         framing += entries[-1][1]
