@@ -41,7 +41,8 @@ def noise_changes_text(changes: Sequence[NoiseChange]) -> str:
     texts: list[str] = []
     for change in changes:
         words, factor, unit = NOISE_WORDS.get(change.name, (change.name.replace("_", " "), 1.0, ""))
-        texts.append(f"{words} {factor * change.after:.3g} instead of {factor * change.before:.3g} {unit}".rstrip())
+        after = f"{factor * change.after:.3g} {unit}".rstrip()
+        texts.append(f"{words} {after} instead of {factor * change.before:.3g}")
     return ", ".join(texts)
 
 
@@ -52,7 +53,7 @@ def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
         side: ", ".join(f"{one.key} ({one.log_odds:+.1f})" for one in evidence if one.exists is exists)
         for side, exists in sides.items()
     }
-    return "; ".join(f"{side} {text}" for side, text in texts.items() if text) + " (log odds)"
+    return "; ".join(f"{side} {text}" for side, text in texts.items() if text) + " (log odds; 3: 20 to 1)"
 
 
 def fixed_errors_text(evidence: Sequence[SensorErrorEvidence]) -> str:

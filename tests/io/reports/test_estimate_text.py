@@ -32,7 +32,7 @@ def test_changed_noise_is_told_in_words_with_units() -> None:
     changes = (NoiseChange("dvl_sd_scale", 1.0, 1.4), NoiseChange("usbl_outlier_share", 0.05, 0.025))
 
     assert noise_changes_text(changes) == (
-        "sigma of the DVL 1.4 instead of 1 times the stated one, share of USBL outliers 2.5 instead of 5 %"
+        "sigma of the DVL 1.4 times the stated one instead of 1, share of USBL outliers 2.5 % instead of 5"
     )
 
 
