@@ -46,18 +46,13 @@ def both_hypotheses(bank: GaussianBank) -> GaussianBank:
 
 def negligible(bank: GaussianBank) -> bool:
     """Return whether no member has an offset: of the 2 N hypotheses the last N have hardly any weight."""
-    return bool(np.split(bank.log_weight, 2)[1].max() < np.log(NEGLIGIBLE))
+    return bool(_halves(bank.log_weight)[1].max() < np.log(NEGLIGIBLE))
 
 
 def mixed(bank: GaussianBank, dt_s: float) -> GaussianBank:
     """Return the 2 N hypotheses after ``dt_s`` of switching; the last two states are the offset, east and north."""
     begins, ends = -np.expm1(-dt_s / BETWEEN_S), -np.expm1(-dt_s / CLUSTER_S)
-    right, false = (
-        _Mixture(np.exp(weight), mean, cov)
-        for weight, mean, cov in zip(
-            np.split(bank.log_weight, 2), np.split(bank.mean, 2, axis=1), np.split(bank.cov, 2, axis=2), strict=True
-        )
-    )
+    right, false = _both(bank)
     begun, ended = right.cov.copy(), _Mixture(false.weight * ends, false.mean.copy(), false.cov.copy())
     begun[[-2, -1], [-2, -1]] += OFFSET_SD_M**2
     ended.mean[-2:] = 0.0
@@ -77,22 +72,27 @@ def mixed(bank: GaussianBank, dt_s: float) -> GaussianBank:
 def reweighted(bank: GaussianBank, log_likelihood: Vector) -> tuple[GaussianBank, Vector]:
     """Return the 2 N hypotheses weighted by their likelihoods (2 N,), and the log likelihoods of the members (N,)."""
     joint = bank.log_weight + log_likelihood
-    total = np.logaddexp(*np.split(joint, 2))
-    return bank._replace(log_weight=joint - np.tile(total, 2)), total
+    total = np.logaddexp(*_halves(joint))
+    return bank._replace(log_weight=joint - np.concatenate([total, total])), total
 
 
 def members(bank: GaussianBank) -> GaussianBank:
     """Return the N members, each the Gaussian of its two hypotheses."""
-    weight = np.exp(bank.log_weight)
-    merged = _merged(
-        *(
-            _Mixture(*part)
-            for part in zip(
-                np.split(weight, 2), np.split(bank.mean, 2, axis=1), np.split(bank.cov, 2, axis=2), strict=True
-            )
-        )
-    )
+    merged = _merged(*_both(bank))
     return GaussianBank(merged.mean, merged.cov, np.log(merged.weight))
+
+
+def _both(bank: GaussianBank) -> tuple[_Mixture, _Mixture]:
+    """Return the two hypotheses of the members: without and with an offset."""
+    parts = (_halves(array) for array in (np.exp(bank.log_weight), bank.mean, bank.cov))
+    right, false = zip(*parts, strict=True)
+    return _Mixture(*right), _Mixture(*false)
+
+
+def _halves(array: Array) -> tuple[Array, Array]:
+    """Return both halves of the last axis, which np.split does ten times slower."""
+    middle = array.shape[-1] // 2
+    return array[..., :middle], array[..., middle:]
 
 
 def _merged(a: _Mixture, b: _Mixture) -> _Mixture:

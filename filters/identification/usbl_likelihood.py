@@ -106,7 +106,7 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     used = [PASS_STATES[row] for row in rows]
     measured = _Fixes(
         np.stack([log.residual_m for log in logs], axis=2),
-        np.stack([log.measurement_matrix[:, :, rows] for log in logs], axis=3),
+        np.ascontiguousarray(np.stack([log.measurement_matrix[:, :, rows] for log in logs], axis=3)),
         np.array([about.index((member.latency_s, member.clock_s)) for member in members]),
     )
     time_s = timeline.fix_time_s[:MAX_FIXES]
@@ -119,7 +119,7 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     counted = has_dead_reckoning(timeline, time_s)
     N, total = len(members), np.zeros(len(members))
     bank = GaussianBank(mean[rows], cov[np.ix_(rows, rows)], np.zeros(N))
-    cov_m2, taken = timeline.fix_cov_m2[:MAX_FIXES], 0
+    cov_m2, taken = np.ascontiguousarray(timeline.fix_cov_m2[:MAX_FIXES]), 0
     arrays = (measured.residual_m, measured.measurement_matrix, measured.group, motion.bias.start, motion.changes)
     kernel = CompiledFixes(*arrays, noise[0], cov_m2, counted)
     for f, R in enumerate(cov_m2):
@@ -182,7 +182,7 @@ class _Motion:
     def predicted(self, bank: GaussianBank, f: int) -> GaussianBank:
         """Return the bank of N members, or of their 2 N hypotheses, at fix f."""
         times = len(bank.log_weight) // self.changes.shape[2]
-        fade, bias_m2, drift_m2 = np.tile(self.changes[:, f], times)
+        fade, bias_m2, drift_m2 = np.concatenate([self.changes[:, f]] * times, axis=1)
         mean, cov = bank.mean.copy(), bank.cov.copy()
         mean[self.bias] *= fade
         cov[self.bias] *= fade
