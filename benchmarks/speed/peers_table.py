@@ -59,12 +59,12 @@ def _counted(particles: object) -> str:
     return "" if particles == 1 else f", {particles} particles"
 
 
-def write(file: Path, text: str) -> None:
+def write(file: Path, text: str, markers: tuple[str, str] = (BEGIN, END)) -> None:
     """Replace what stands between the markers of a page."""
-    before, begin, rest = file.read_text(encoding="utf-8").partition(BEGIN)
-    _, end, after = rest.partition(END)
+    before, begin, rest = file.read_text(encoding="utf-8").partition(markers[0])
+    _, end, after = rest.partition(markers[1])
     if not (begin and end):
-        sys.exit(f"peers.py: {file} has no markers {BEGIN} and {END}")
+        sys.exit(f"{file} has no markers {markers[0]} and {markers[1]}")
     write_atomically(file, f"{before}{begin}\n\n{text}\n\n{end}{after}".encode())
 
 

@@ -1,12 +1,15 @@
-"""Reading four navigation topics beside a camera: usbldr against `mcap` with its ROS 2 decoder and against rosbags.
+"""Reading four navigation topics: usbldr against `mcap` with its ROS 2 decoder and against rosbags, as paired ratios.
 
-Ten minutes: 66,600 messages of DVL (5 Hz), Imu (100 Hz), USBL (1 Hz) and GPS (5 Hz), and 6000 camera frames of 50 kB
-that do not compress, 300 MB. Each reading is a process of its own, which imports first and is then measured: CPU
-seconds, best of some rounds in turn, and by how much the reading raised the peak memory. mcap's and rosbags' readings
-make each message an object and are content; usbldr's lists the topics, too, checks the checksum of each chunk, and ends
-in NumPy columns in the order of time.
+Two logs with DVL, Imu, USBL and GPS. "camera": two minutes, 21 sensor messages per second beside 5 frames per second of
+500 kB that do not compress, 300 MB. "dense": ten minutes, 111 sensor messages per second and nothing else.
 
-$ pip install mcap-ros2-support && python benchmarks/speed/reading.py
+Each reading is a process of its own, which imports first and is then measured: CPU seconds, and by how much the reading
+raised the peak memory. The readers take turns; the ratio is the median of the ratios of the rounds, so that it also
+holds on a machine that does other work. mcap's and rosbags' readers make each message an object and are content, and
+mcap's does not compare checksums; usbldr's lists the topics, too, compares the checksum of each chunk that it reads,
+and ends in NumPy columns in the order of time.
+
+$ pip install mcap-ros2-support && python benchmarks/speed/reading.py --write docs/broken_files.md
 """
 
 import argparse
@@ -14,85 +17,108 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from statistics import median
+from typing import Any, NamedTuple
 
 STAMP = ["header.stamp", "header.frame_id"]
-SENSORS = {  # rate, type, and what is read beside the stamp
-    "/dvl": (5, "marine_acoustic_msgs/msg/Dvl", [*(f"velocity.{axis}" for axis in "xyz"), "velocity_covar.0"]),
-    "/imu": (100, "sensor_msgs/msg/Imu", [*(f"orientation.{axis}" for axis in "xyzw"), "orientation_covariance.8"]),
+SENSORS = {  # type, and what is read beside the stamp
+    "/dvl": ("marine_acoustic_msgs/msg/Dvl", [*(f"velocity.{axis}" for axis in "xyz"), "velocity_covar.0"]),
+    "/imu": ("sensor_msgs/msg/Imu", [*(f"orientation.{axis}" for axis in "xyzw"), "orientation_covariance.8"]),
     "/usbl": (
-        1,
         "geometry_msgs/msg/PoseWithCovarianceStamped",
         [*(f"pose.pose.position.{axis}" for axis in "xyz"), "pose.covariance.0"],
     ),
-    "/gps": (5, "sensor_msgs/msg/NavSatFix", ["latitude", "longitude", "status.status", "position_covariance.0"]),
+    "/gps": ("sensor_msgs/msg/NavSatFix", ["latitude", "longitude", "status.status", "position_covariance.0"]),
 }
-CHUNK, FRAME, SECONDS = 4 << 20, 50_000, 600
-KINDS = ("uncompressed", "zstd", "lz4", "unchunked", "db3")
+TYPES = {topic: name for topic, (name, _) in SENSORS.items()} | {"/camera": "sensor_msgs/msg/CompressedImage"}
+LOGS = {  # seconds, and messages per second of each topic
+    "camera": (120, {"/dvl": 5, "/imu": 10, "/usbl": 1, "/gps": 5, "/camera": 5}),
+    "dense": (600, {"/dvl": 5, "/imu": 100, "/usbl": 1, "/gps": 5}),
+}
+FRAME_BYTES, CHUNK_BYTES = 500_000, 768 << 10  # the size of chunks is the default of rosbag2
+KINDS = (
+    "MCAP uncompressed",
+    "MCAP zstd",
+    "MCAP lz4",
+    "MCAP unchunked",
+    "rosbag2 (SQLite)",
+    "bag uncompressed",
+    "bag lz4",
+)
 
 
-def write(folder: Path, kind: str, seconds: int) -> Path:
-    """Write the log with mcap's own writer, or rosbags' for db3."""
+MARKERS = ("<!-- reading.py: begin -->", "<!-- reading.py: end -->")
+
+
+def written(folder: Path, log: str, kind: str) -> Path:
+    """Return a log written with mcap's own writer, or rosbags' for rosbag2 and bags."""
     import numpy as np
-    from mcap.writer import CompressionType
-    from mcap.writer import Writer as McapWriter
-    from rosbags.rosbag2 import Writer as BagWriter
+    from rosbags.rosbag1 import Writer as Bag1Writer
+    from rosbags.rosbag2 import Writer as Bag2Writer
 
     from usbldr.io.decoding.definitions import known_types
 
-    store = known_types(2)
-    rng = np.random.default_rng(0)
-    rows = [(k * 10**9 // rate, topic) for topic, (rate, *_) in SENSORS.items() for k in range(rate * seconds)]
-    rows = sorted(rows + [(k * 10**8 + 3 * 10**6, "/camera") for k in range(10 * seconds)])
-    types = {topic: name for topic, (_, name, _) in SENSORS.items()} | {"/camera": "sensor_msgs/msg/CompressedImage"}
+    ros1 = kind.startswith("bag")
+    store, rng = known_types(1 if ros1 else 2), np.random.default_rng(0)
+    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+    seconds, rates = LOGS[log]
+    rows = sorted((k * 10**9 // rate, topic) for topic, rate in rates.items() for k in range(rate * seconds))
+    messages = (
+        (topic, ns, bytes(serialize(message(store, TYPES[topic], ns, rng), TYPES[topic]))) for ns, topic in rows
+    )
+    if kind.startswith("MCAP"):
+        file = folder / "log.mcap"
+        write_mcap(
+            file,
+            kind.split()[1],
+            {topic: store.generate_msgdef(TYPES[topic], ros_version=2)[0] for topic in rates},
+            messages,
+        )
+        return file
+    writer: Any = Bag1Writer(folder / "log.bag") if ros1 else Bag2Writer(folder / "log", version=9)
+    if kind == "bag lz4":
+        writer.set_compression(writer.CompressionFormat.LZ4)
+    with writer:
+        connections = {topic: writer.add_connection(topic, TYPES[topic], typestore=store) for topic in rates}
+        for topic, ns, data in messages:
+            writer.write(connections[topic], ns, data)
+    return folder / "log.bag" if ros1 else folder / "log" / "log.db3"
 
-    def payload(time_ns: int, topic: str) -> bytes:
-        return bytes(store.serialize_cdr(message(store, types[topic], time_ns, rng), types[topic]))
 
-    if kind == "db3":
-        with BagWriter(folder / "db3", version=9) as bag:
-            connections = {topic: bag.add_connection(topic, name, typestore=store) for topic, name in types.items()}
-            for time_ns, topic in rows:
-                bag.write(connections[topic], time_ns, payload(time_ns, topic))
-        return next((folder / "db3").glob("*.db3"))
+def write_mcap(file: Path, kind: str, definitions: dict[str, str], messages: Iterator[tuple[str, int, bytes]]) -> None:
+    from mcap.writer import CompressionType, Writer
+
     compression = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4}.get(kind, CompressionType.NONE)
-    file = folder / f"{kind}.mcap"
     with file.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=CHUNK, compression=compression, use_chunking=kind != "unchunked")
+        writer = Writer(stream, CHUNK_BYTES, compression, use_chunking=kind != "unchunked")
         writer.start(profile="ros2")
         channels: dict[str, int] = {}
-        for topic, name in types.items():
-            text = store.generate_msgdef(name, ros_version=2)[0].encode()
-            channels[topic] = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", text))
-        for time_ns, topic in rows:
-            writer.add_message(channels[topic], time_ns, payload(time_ns, topic), time_ns)
+        for topic, text in definitions.items():
+            schema = writer.register_schema(TYPES[topic], "ros2msg", text.encode())
+            channels[topic] = writer.register_channel(topic, "cdr", schema)
+        for topic, ns, data in messages:
+            writer.add_message(channels[topic], ns, data, ns)
         writer.finish()
-    return file
 
 
-def message(store: Any, name: str, time_ns: int, rng: Any) -> Any:
-    """Return a message with its stamp, and numbers by chance in every place."""
+def message(store: Any, name: str, ns: int, rng: Any) -> Any:
+    """Return a message with its stamp, numbers by chance in every place, and a frame of the camera."""
     from rosbags.interfaces import Nodetype
 
-    types = store.types
-    if name == "std_msgs/msg/Header":
-        return types[name](types["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9)), "link")
-    if name == "sensor_msgs/msg/CompressedImage":
-        header = message(store, "std_msgs/msg/Header", time_ns, rng)
-        return types[name](header, "jpeg", rng.integers(0, 256, FRAME, "u1"))
-    values: list[Any] = []
-    for _, (node, what) in store.fielddefs[name][1]:
+    def value(node: Any, what: Any) -> Any:
         if node is Nodetype.NAME:
-            values.append(message(store, what, time_ns, rng))
-        elif node is Nodetype.BASE:
-            values.append(float(rng.random()) if what[0].startswith("float") else 1)
-        elif what[0][0] is Nodetype.NAME:
-            values.append([message(store, what[0][1], time_ns, rng) for _ in range(what[1])])
-        else:
-            values.append(rng.random(what[1]).astype(what[0][1][0]))
-    return types[name](*values)
+            return store.types[what](*divmod(ns, 10**9)) if what.endswith("/Time") else message(store, what, ns, rng)
+        if node is Nodetype.BASE:
+            return "link" if what[0] == "string" else float(rng.random()) if what[0].startswith("float") else 1
+        if node is Nodetype.SEQUENCE:
+            return rng.integers(0, 256, FRAME_BYTES, "u1")
+        (part, of), count = what
+        return [value(part, of) for _ in range(count)] if part is Nodetype.NAME else rng.random(count).astype(of[0])
+
+    return store.types[name](*(value(node, what) for _, (node, what) in store.fielddefs[name][1]))
 
 
 def by_usbldr(file: Path) -> Callable[[], int]:
@@ -102,8 +128,8 @@ def by_usbldr(file: Path) -> Callable[[], int]:
 
     def read() -> int:
         log = open_log(file)
-        found = {topic.name for topic in log.topics()}
-        records = log.read({topic: STAMP + paths for topic, (*_, paths) in SENSORS.items() if topic in found})
+        log.topics()
+        records = log.read({topic: STAMP + paths for topic, (_, paths) in SENSORS.items()})
         assert not log.findings()
         return sum(len(one.received_ns) for one in records.values())
 
@@ -136,12 +162,20 @@ def by_rosbags(file: Path) -> Callable[[], int]:
 READINGS = {"usbldr": by_usbldr, "mcap": by_mcap, "rosbags": by_rosbags}
 
 
-def timed(name: str, file: Path) -> None:
-    """Print what a reading costs: CPU seconds, megabytes, messages."""
+class Cost(NamedTuple):
+    """What a reading costs."""
+
+    cpu_s: float
+    memory_mb: float
+    messages: int
+
+
+def timed(name: str, file: Path) -> Cost:
+    """Read a log in this process."""
     read = READINGS[name](file)
     before, began = peak_mb(), time.process_time()
-    count = read()
-    print(time.process_time() - began, peak_mb() - before, count)
+    messages = read()
+    return Cost(time.process_time() - began, peak_mb() - before, messages)
 
 
 def peak_mb() -> float:
@@ -150,35 +184,58 @@ def peak_mb() -> float:
     return int(next(line for line in lines if line.startswith("VmHWM:")).split()[1]) / 1024
 
 
-def measured(name: str, file: Path) -> tuple[float, float, int]:
+def measured(name: str, file: Path) -> Cost:
+    """Read a log in a process of its own."""
     command = [sys.executable, __file__, "--timed", name, str(file)]
-    seconds, memory, count = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    return float(seconds), float(memory), int(count)
+    seconds, memory, messages = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    return Cost(float(seconds), float(memory), int(messages))
+
+
+def row(log: str, kind: str, file: Path, rounds: int) -> list[str]:
+    """Return the cells of a log: least CPU seconds (and memory) of each reader, median ratios with their range."""
+    names = [name for name in READINGS if kind.startswith("MCAP") or name != "mcap"]
+    for name in names:
+        measured(name, file)  # the file is in memory from here on
+    runs = [{name: measured(name, file) for name in names} for _ in range(rounds)]
+    assert len({cost.messages for run in runs for cost in run.values()}) == 1, "all read the same messages"
+    cells = [f"{log}, {kind}", f"{file.stat().st_size / 1e6:.0f}"]
+    for name in READINGS:
+        costs = [run[name] for run in runs if name in run]
+        cells.append(f"{min(c.cpu_s for c in costs):.2f} ({min(c.memory_mb for c in costs):.0f})" if costs else "")
+    for name in ("mcap", "rosbags"):
+        ratios = [run[name].cpu_s / run["usbldr"].cpu_s for run in runs if name in run]
+        cells.append(f"{median(ratios):.1f} ({min(ratios):.1f} to {max(ratios):.1f})" if ratios else "")
+    return cells
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description="Print the table.")
-    options.add_argument("--seconds", type=int, default=SECONDS, help="length of the log")
-    options.add_argument("--rounds", type=int, default=3, help="readings of each, in turn")
+    options = argparse.ArgumentParser(description="Print the table as Markdown.")
+    options.add_argument("--rounds", type=int, default=5, help="readings of each, in turn")
+    options.add_argument("--logs", nargs="+", default=list(LOGS), choices=LOGS)
     options.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
+    options.add_argument("--write", type=Path, nargs="*", default=[], help="pages whose markers take the table")
     options.add_argument("--timed", nargs=2, help=argparse.SUPPRESS)
     arguments = options.parse_args()
     if arguments.timed:
-        timed(arguments.timed[0], Path(arguments.timed[1]))
+        print(*timed(arguments.timed[0], Path(arguments.timed[1])))
         return
-    print("CPU seconds (memory in MB)           usbldr          mcap       rosbags   mcap/usbldr  rosbags/usbldr")
-    with tempfile.TemporaryDirectory() as folder:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # speed is a package
+    from speed.peers_table import processor, write
+
+    heads = ["log", "MB", *READINGS, "mcap / usbldr", "rosbags / usbldr"]
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    print("\n".join(lines))
+    for log in arguments.logs:
         for kind in arguments.kinds:
-            file = write(Path(folder), kind, arguments.seconds)
-            names = [name for name in READINGS if kind != "db3" or name != "mcap"]
-            runs = [{name: measured(name, file) for name in names} for _ in range(arguments.rounds)]
-            best = {name: min(run[name] for run in runs) for name in names}
-            assert len({count for _, _, count in best.values()}) == 1, "all read the same messages"
-            cells = [f"{best[n][0]:.2f} ({best[n][1]:.0f})" if n in best else "" for n in READINGS]
-            ratios = [f"{best[n][0] / best['usbldr'][0]:.1f}" if n in best else "" for n in ("mcap", "rosbags")]
-            size = f"{kind}, {file.stat().st_size / 1e6:.0f} MB"
-            print(f"{size:28}{cells[0]:>15}{cells[1]:>14}{cells[2]:>14}{ratios[0]:>14}{ratios[1]:>16}", flush=True)
-            file.unlink()
+            with tempfile.TemporaryDirectory() as folder:
+                cells = row(log, kind, written(Path(folder), log, kind), arguments.rounds)
+            lines.append(f"| {' | '.join(cells)} |")
+            print(lines[-1], flush=True)
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("usbldr", "mcap", "mcap-ros2-support", "rosbags"))
+    lines += ["", f"{processor()}, {arguments.rounds} rounds; {libraries}."]
+    print("\n".join(lines[-2:]))
+    for page in arguments.write:
+        write(page, "\n".join(lines), MARKERS)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.limits import CHUNK_BYTES, RAISE, TooLargeError, UnpackingBudget, limit
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # fixed by the format; no message of ROS begins like this
-STEP = 1 << 18  # [bytes] bytes decompressed at once, so that they stay in the cache
+STEP = 1 << 16  # [bytes] decompressed at once: they stay in the cache, and malloc reuses blocks below 128 kB
 FED = 1 << 8  # [bytes] given to a library at once, which zstd may decompress to 8 MB
 XZ_MEMORY = 1 << 27  # [bytes] for xz: `xz -9` needs 65 MB, and zstd has the same limit
 LIBRARY_ERRORS = (ValueError, OverflowError, MemoryError, RuntimeError, EOFError, zlib.error, lzma.LZMAError)
@@ -152,7 +152,7 @@ def _pieces(compression: str, packed: memoryview, size: int) -> Iterator[bytes]:
     while left and not unpacker.eof and (at < len(packed) or not unpacker.needs_input):
         fed = packed[at : at + STEP] if unpacker.needs_input else b""
         at += len(fed)
-        piece = unpacker.decompress(fed, left)
+        piece = unpacker.decompress(fed, min(STEP, left))
         yield piece
         left -= len(piece)
 

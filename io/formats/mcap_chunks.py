@@ -5,12 +5,12 @@ checksum, and no memory.
 """
 
 import struct
-import zlib
 from io import BufferedReader
 from pathlib import Path
 from typing import NamedTuple
 
 from mcap.exceptions import McapError
+from zlib_ng import zlib_ng
 
 from usbldr.io.formats import decompression
 from usbldr.io.formats.decompression import Decompressor
@@ -21,6 +21,11 @@ CHUNK = struct.Struct("<QQQII")  # first and last log time, decompressed size, c
 COMPRESSIONS = ("", "zstd", "lz4")
 DAMAGE = (McapError, struct.error, *decompression.DAMAGE)
 """Errors for damaged bytes, here and in the libraries."""
+
+
+def crc32(data: bytes | memoryview, before: int = 0) -> int:
+    """Return the checksum of bytes; ``before``: that of those before them."""
+    return zlib_ng.crc32(data, before)  # pyright: ignore[reportUnknownMemberType]
 
 
 class Chunk(NamedTuple):
@@ -62,7 +67,7 @@ class ChunkReader:
         except DAMAGE:
             return nothing
         complete = whole and len(data) == size
-        altered = complete and checksum != 0 and zlib.crc32(data) != checksum
+        altered = complete and checksum != 0 and crc32(data) != checksum
         return nothing._replace(data=data, sound=complete and not altered, altered=altered)
 
     def _packed(self, length: int) -> memoryview:

@@ -6,7 +6,6 @@ and with the messages themselves.
 """
 
 import struct
-import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from io import SEEK_END, BufferedReader
@@ -19,7 +18,7 @@ from mcap.records import Channel, ChunkIndex, Schema
 from mcap.summary import Summary
 from numpy.typing import NDArray
 
-from usbldr.io.formats.mcap_chunks import DAMAGE, HEAD, ChunkReader
+from usbldr.io.formats.mcap_chunks import DAMAGE, HEAD, ChunkReader, crc32
 
 Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the message's record in the decompressed chunk
 MESSAGE = np.dtype(
@@ -96,7 +95,7 @@ def _summary_is_sound(file: BufferedReader) -> bool:
     if not checksum or not 0 < start < end:
         return not checksum
     file.seek(start)
-    return zlib.crc32(file.read(end - start)) == checksum
+    return crc32(file.read(end - start)) == checksum
 
 
 def with_schemas(index: Index, records: Iterable[object]) -> Index:
@@ -155,7 +154,9 @@ def indexed_messages(
         if index.inside[place].isdisjoint(channels):
             continue
         try:
-            found = {channel: entries for channel, entries in _entries(file, chunk) if channel in channels}
+            found = [(channel, entries) for channel, entries in _entries(file, chunk) if channel in channels]
+            numbers = np.repeat([channel for channel, _ in found], [len(entries) for _, entries in found])
+            entries = np.concatenate([entries for _, entries in found])
             file.seek(place)
             op, length = HEAD.unpack(file.read(HEAD.size))
             data = chunks.read(length, length)
@@ -163,20 +164,22 @@ def indexed_messages(
             raise IndexMismatchError from err
         if op != Opcode.CHUNK or not data.sound:
             raise IndexMismatchError
-        for channel, entries in found.items():
-            starts, ends = _places(data.data, channel, entries)
-            for time_ns, start, end in zip(entries[:, 0].tolist(), starts, ends, strict=True):
-                yield channel, time_ns, data.data[start:end]
+        starts, ends = _places(data.data, numbers, entries)
+        for channel, time_ns, start, end in zip(numbers.tolist(), entries[:, 0].tolist(), starts, ends, strict=True):
+            yield channel, time_ns, data.data[start:end]
 
 
-def _places(data: memoryview, channel: int, entries: Entries) -> tuple[list[int], list[int]]:
-    """Return where messages begin and end in a chunk; raise IndexMismatchError if there is none, or another one."""
+def _places(data: memoryview, channels: NDArray[np.int64], entries: Entries) -> tuple[list[int], list[int]]:
+    """Return where messages begin and end in a chunk; raise IndexMismatchError if there is none, or another one.
+
+    ``channels`` (n,): of each entry.
+    """
     at = entries[:, 1].astype(np.int64)
     if at.min() < 0 or at.max() + MESSAGE.itemsize > len(data):
         raise IndexMismatchError
     rows = np.frombuffer(data, np.uint8)[at[:, np.newaxis] + np.arange(MESSAGE.itemsize)]
     heads = rows.view(MESSAGE)[:, 0]
-    right = (heads["op"] == Opcode.MESSAGE) & (heads["channel"] == channel) & (heads["time_ns"] == entries[:, 0])
+    right = (heads["op"] == Opcode.MESSAGE) & (heads["channel"] == channels) & (heads["time_ns"] == entries[:, 0])
     right &= heads["size"] <= len(data)
     ends = at + HEAD.size + heads["size"].astype(np.int64)
     if not right.all() or ends.max() > len(data):

@@ -1,7 +1,6 @@
 """The records of an MCAP file (https://mcap.dev/spec), read front to back; the file may be truncated or damaged."""
 
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
-from usbldr.io.formats.mcap_chunks import COMPRESSIONS, DAMAGE, HEAD, ChunkReader
+from usbldr.io.formats.mcap_chunks import COMPRESSIONS, DAMAGE, HEAD, ChunkReader, crc32
 from usbldr.io.limits import UnpackingBudget
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -111,7 +110,7 @@ class McapScan:
         self.file.seek(0)
         while left:
             block = self._exactly(min(left, STEP))
-            computed, left = zlib.crc32(block, computed), left - len(block)
+            computed, left = crc32(block, computed), left - len(block)
         self.altered_data = computed != checksum
         self.file.seek(here)
 

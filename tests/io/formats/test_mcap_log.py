@@ -72,9 +72,10 @@ def test_a_file_that_agrees_with_its_index_is_not_scanned(
     monkeypatch.setattr("usbldr.io.formats.mcap_log.McapScan", None)
     log = McapLog(file)
 
-    dvl = log.read(TWIST_X)["/dvl"]
+    read = log.read({**TWIST_X, "/imu": ["header.stamp"]})
 
-    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    np.testing.assert_array_equal(read["/dvl"].columns["twist.linear.x"], np.arange(1000.0))
+    np.testing.assert_array_equal(read["/imu"].columns["header.stamp"], T0 + np.arange(1000))
     assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 1000, "/imu": 1000}
 
 
