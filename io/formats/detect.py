@@ -83,6 +83,28 @@ def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return NmeaFile(path) if looks_like_nmea(head) else None
 
 
+def _parquet(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.parquet_tables import MAGIC, NAME, parquet_files, parquet_table
+    from usbldr.io.formats.table_log import TableLog
+
+    files = list(parquet_files(path)) if path.is_dir() else [path] * head.startswith(MAGIC)
+    return TableLog(path, NAME, [parquet_table(file) for file in files]) if files else None
+
+
+def _hdf5(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.hdf5_tables import MAGIC, NAME, hdf5_tables
+    from usbldr.io.formats.table_log import TableLog
+
+    return TableLog(path, NAME, hdf5_tables(path)) if head.startswith(MAGIC) else None
+
+
+def _mat(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.mat_tables import NAME, looks_like_mat, mat_tables
+    from usbldr.io.formats.table_log import TableLog
+
+    return TableLog(path, NAME, mat_tables(path)) if looks_like_mat(head) else None
+
+
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.csv_log import CsvLog
     from usbldr.io.formats.csv_text import looks_like_csv, text_files
@@ -99,6 +121,9 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "DataFlash logs (.BIN)": _dataflash,
     "PD0 files": _pd0,
     "PD6 text": _pd6,
+    "Parquet files and folders of them": _parquet,
+    "HDF5 files (also netCDF-4)": _hdf5,
+    "MATLAB files (.mat)": _mat,
     "JSON lines of Water Linked's devices": _json_lines,
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,

@@ -18,6 +18,7 @@ class TableHead:
     names: Sequence[str]  # as written
     own: Sheet | None  # how they are interpreted by usbldr's or rostopic's names
     first_row: Sequence[str] | None = None  # cells, which may show a date and time; None: names with units do not count
+    elsewhere: Sequence[str] = ()  # columns of other tables, which only the configuration names
 
 
 class TopicSheet(NamedTuple):
@@ -45,7 +46,9 @@ def topic_sheets(
         sensors = stated.get(topic, [])
         by_name = {s: sheet for s, sheet in _foreign(table).items() if s not in [one.sensor for one in sensors]}
         if sensors:
-            found[topic] = TopicSheet(topic, configured_sheet(sensors, table.names, table.file, topic))
+            found[topic] = TopicSheet(
+                topic, configured_sheet(sensors, [*table.names, *table.elsewhere], table.file, topic)
+            )
         elif not by_name:
             found[topic] = TopicSheet(topic, table.own)
         apart = sensors or len(by_name) > 1
@@ -67,4 +70,5 @@ def _topic(tables: Mapping[str, TableHead], stated: ConfiguredColumns, log: Path
         slashed = "/" + stated.topic.lstrip("/")
         last = "/" + slashed.rpartition("/")[2]
         return next((topic for topic in (slashed, last) if topic in tables), None)
-    return topic_with_columns(stated, [(topic, plain_names(t.names), ()) for topic, t in tables.items()], log)
+    names = [(topic, plain_names([*table.names, *table.elsewhere]), ()) for topic, table in tables.items()]
+    return topic_with_columns(stated, names, log)

@@ -1,0 +1,53 @@
+"""Tables in HDF5 files, also netCDF-4 and MATLAB 7.3: the arrays of a group, or an array of records.
+
+Source of the units: the attribute ``units`` of the CF conventions (cfconventions.org).
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from usbldr.io.formats.table_log import Array, Table, library, reading, tables_of
+from usbldr.io.limits import UnpackingBudget
+from usbldr.io.reader import Column
+from usbldr.io.units import named_unit
+
+MAGIC = b"\x89HDF\r\n\x1a\n"
+NAME = "HDF5"
+SINCE_1970 = "seconds since 1970-01-01"
+
+
+def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
+    """Return the tables of a file; raise LogError if it cannot be read, UsageError without h5py."""
+    h5py = library("h5py", f"{kind} files", "hdf5", file)
+    groups: dict[str, list[Array]] = {}
+    tables: list[Table] = []
+    budget = UnpackingBudget(file, file.stat().st_size)
+
+    def read(path: str, part: Any) -> Column:
+        with h5py.File(file, "r") as content:
+            return content[path][part]
+
+    def visit(path: str, item: Any) -> None:
+        budget.take_record()
+        if not isinstance(item, h5py.Dataset) or path.startswith("#") or item.external or item.is_virtual:
+            return  # of MATLAB's own, or in other files
+        if item.dtype.names and item.ndim == 1:
+            tables.append(Table(file, path, len(item), {name: partial(read, path, name) for name in item.dtype.names}))
+        elif item.dtype.kind in "biuf" and item.shape and b"char" not in item.attrs.get("MATLAB_class", b""):
+            group, _, name = path.rpartition("/")
+            arrays = groups.setdefault(group or file.stem, [])
+            arrays.append((_named(name, item.attrs.get("units")), item.shape, partial(read, path)))
+
+    with reading(file, kind), h5py.File(file, "r") as content:
+        content.visititems(visit)
+    return [*tables, *(table for name, arrays in groups.items() for table in tables_of(file, name, arrays))]
+
+
+def _named(name: str, unit: object) -> str:
+    """Return a name with the unit that its attribute states, unless the name states one."""
+    unit = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
+    if not isinstance(unit, str) or named_unit(name).unit:
+        return name
+    unit = "s" if unit.startswith(SINCE_1970) else unit
+    return f"{name} [{unit}]" if named_unit(f"{name} [{unit}]").dimension else name
