@@ -2,11 +2,12 @@
 
 import struct
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
+from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
 from usbldr.filters.errors import LogError, UsageError
@@ -14,7 +15,6 @@ from usbldr.io.decoding.definitions import known_types
 from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.run_messages import run_topics
 from usbldr.io.writers.ros_messages import Makers
-from usbldr.io.writing import STORAGE
 
 TRACK_MCAP = "track.mcap"
 
@@ -48,19 +48,9 @@ def write_run_mcap(file: Path, run: Run, merge: bool = False) -> None:
 
 
 def _copy(log: Path, writer: Writer) -> None:
-    try:
-        with log.open("rb") as stream:
-            _copy_messages(stream, writer)
-    except (McapError, struct.error, EOFError, zlib.error, ValueError, OSError) as err:
-        if isinstance(err, OSError) and err.errno in STORAGE:
-            raise
-        raise LogError(f"--mcap merge: the log cannot be copied ({err}); leave merge out", path=log) from err
-
-
-def _copy_messages(stream: BinaryIO, writer: Writer) -> None:
     schemas: dict[int, int] = {0: 0}  # 0: a channel without a schema
     channels: dict[int, int] = {}
-    for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+    for schema, channel, message in _messages(log):
         if schema is not None and schema.id not in schemas:
             schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
         if channel.id not in channels:
@@ -70,3 +60,13 @@ def _copy_messages(stream: BinaryIO, writer: Writer) -> None:
             )
         copied = channels[channel.id]
         writer.add_message(copied, message.log_time, message.data, message.publish_time, message.sequence)
+
+
+def _messages(log: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
+    """Yield the messages of a log; raise LogError if it cannot be read, but not for a fault of who writes the copy."""
+    try:
+        with log.open("rb") as stream:
+            yield from NonSeekingReader(stream).iter_messages(log_time_order=False)
+    except (McapError, struct.error, EOFError, zlib.error, ValueError, OSError) as err:
+        why = err.strerror if isinstance(err, OSError) and err.strerror else err
+        raise LogError(f"--mcap merge: the log cannot be copied ({why}); leave merge out", path=log) from err

@@ -1,7 +1,9 @@
 """track.mcap: what a run found, as messages that players show, read back by mcap and by rosbags."""
 
+import errno
 import json
 import math
+import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -15,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from checkout import ROOT, SAMPLES
 from commands import output_of, run
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, StorageError, UsageError
 
 LOG = SAMPLES / "paper.mcap"
 CONFIG = SAMPLES / "paper.usbldr.toml"
@@ -158,6 +160,26 @@ def test_a_damaged_log_is_not_merged_but_judged(tmp_path: Path) -> None:
     assert isinstance(done.exception, LogError)
     assert "leave merge out" in str(done.exception)
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("at_fault", "raised", "said"),
+    [
+        ("mcap.reader.NonSeekingReader.iter_messages", LogError, "the log cannot be copied (Input/output error)"),
+        ("mcap.writer.Writer.add_message", StorageError, "cannot be written (Input/output error)"),
+    ],
+)
+def test_a_fault_of_the_disk_is_that_of_the_log_or_that_of_the_copy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_fault: str, raised: type[Exception], said: str
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(at_fault, fail)
+    done = run("replay", LOG, "-f", "usbl", "--plots", "none", "--mcap", "merge", "-o", tmp_path / "run")
+
+    assert isinstance(done.exception, raised)
+    assert said in str(done.exception)
 
 
 def test_the_layout_for_foxglove_shows_topics_of_the_file(messages: dict[str, list[Any]]) -> None:
