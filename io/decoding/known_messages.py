@@ -9,7 +9,8 @@ mavlink: mavros_msgs; ros-drivers: nmea_msgs; foxglove; ros-geographic-info; ctu
 
 from collections.abc import Mapping
 
-HEADER = "std_msgs/Header header;"
+from usbldr.io.decoding.known_instruments import HEADER, INSTRUMENTS, each
+
 GPS_NUMBERS = (  # of GPSFix, one after the other
     "latitude longitude altitude track speed climb pitch roll dip time gdop pdop hdop vdop tdop "
     "err err_horz err_vert err_track err_speed err_climb err_time err_pitch err_roll err_dip"
@@ -107,12 +108,16 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
     ),
     "gps_msgs/msg/GPSFix": (
         f"{HEADER} GPSStatus status; "
-        + "".join(f"float64 {name}; " for name in GPS_NUMBERS.split())
+        + each("float64", GPS_NUMBERS)
         + "float64[9] position_covariance; uint8 position_covariance_type",
     ),
     "mavros_msgs/msg/GPSRAW": (
         f"{GPS_RAW} uint16 yaw; uint8 dgps_numch; uint32 dgps_age",
         f"{GPS_RAW} uint8 dgps_numch; uint32 dgps_age",  # before November 2021
+    ),
+    "mavros_msgs/msg/VfrHud": (
+        f"""{HEADER} float32 airspeed; float32 groundspeed; int16 heading; float32 throttle; float32 altitude; float32
+        climb""",
     ),
     "nmea_msgs/msg/Sentence": (f"{HEADER} string sentence",),
     "nmea_msgs/msg/Gpgga": (
@@ -139,6 +144,7 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
     ),
     "holoocean_interfaces/msg/DVLSensorRange": (f"{HEADER} float32[4] range",),
     "holoocean_interfaces/msg/DepthSensor": (f"{HEADER} float32 depth",),
+    **INSTRUMENTS,
 }
 
 KNOWN: Mapping[str, tuple[str, ...]] = {

@@ -2,17 +2,21 @@
 
 import sqlite3
 import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from commands import run
 from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import UsageError
+from usbldr.io.decoding.cdr import RosDecoder
+from usbldr.io.decoding.decoders import decoder_without_definition
 from usbldr.io.decoding.definitions import SHIPPED, with_folders
 from usbldr.io.decoding.known_messages import KNOWN
 from usbldr.io.formats.db3_log import Db3Log
@@ -91,6 +95,87 @@ def test_bytes_of_no_known_layout_are_named_with_the_way_out(tmp_path: Path) -> 
         "the file holds no definition of its type dvl_msgs/msg/DVL, and its messages do not match the 2 known layouts; "
         "name a folder that holds the right dvl_msgs/msg/DVL.msg with --msg-path DIR"
     ]
+
+
+PUBLISHED = {  # checksums of the fields as the packages' own .msg files give them, in the order of the layouts
+    "interfaces/msg/BottomTrack": (
+        530532187,
+        3672009620,
+    ),
+    "interfaces/msg/AHRS": (2777103905,),
+    "interfaces/msg/INS": (357821593,),
+    "sbg_driver/msg/SbgEkfEuler": (
+        1423584575,
+        4058058632,
+        327793669,
+    ),
+    "sbg_driver/msg/SbgEkfQuat": (
+        1032460708,
+        1330022712,
+        3844379208,
+    ),
+    "sbg_driver/msg/SbgEkfNav": (
+        41585990,
+        609418882,
+        36108182,
+    ),
+    "sbg_driver/msg/SbgGpsPos": (
+        1301906655,
+        3354498289,
+    ),
+    "septentrio_gnss_driver/msg/AttEuler": (118665567,),
+    "septentrio_gnss_driver/msg/INSNavGeod": (1602391508,),
+    "septentrio_gnss_driver/msg/PVTGeodetic": (2105092687,),
+    "vectornav_msgs/msg/CommonGroup": (2703983523,),
+    "vectornav_msgs/msg/GpsGroup": (2659939396,),
+    "vectornav_msgs/msg/InsGroup": (2918653756,),
+    "ublox_msgs/msg/NavPVT": (3967674807,),
+    "ublox_msgs/msg/NavPVT7": (1931569046,),
+    "mavros_msgs/msg/VfrHud": (3719652947,),
+}
+
+
+def fields_of(types: Any, name: str, prefix: str = "") -> list[str]:
+    """Return kind and path of each field of a type, parts of its own package resolved."""
+    found: list[str] = []
+    for field, (node, what) in types[name][1]:
+        inside = node is Nodetype.NAME and what.split("/")[0] == name.split("/")[0]
+        found += fields_of(types, what, f"{prefix}{field}.") if inside else [f"{what} {prefix}{field}"]
+    return found
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_known_instruments_have_the_fields_that_their_drivers_publish(name: str) -> None:
+    layouts = SHIPPED.layouts(name)
+
+    assert [zlib.crc32("\n".join(fields_of(types, name)).encode()) for types in layouts] == list(PUBLISHED[name])
+
+
+@pytest.mark.parametrize("name", [name for name, sums in PUBLISHED.items() if len(sums) > 1])
+def test_layouts_of_an_instrument_are_told_apart_by_their_bytes(name: str) -> None:
+    for types in SHIPPED.layouts(name):
+        store = get_typestore(Stores.EMPTY)
+        store.register(dict(types))
+        samples = [bytes(store.serialize_cdr(random_message(store, name, k), name)) for k in range(5)]
+
+        decoder = decoder_without_definition(name, SHIPPED, samples)
+
+        assert isinstance(decoder, RosDecoder)
+        assert decoder.fields == RosDecoder(name, types).fields
+
+
+def random_message(store: Any, name: str, seed: int) -> Any:
+    """Return a message with numbers by chance, and a frame of some letters."""
+    rng = np.random.default_rng(seed)
+    values: list[Any] = []
+    for _, (node, what) in store.fielddefs[name][1]:
+        if node is Nodetype.NAME:
+            values.append(random_message(store, what, seed))
+        elif what[0] == "string":
+            values.append("frame"[: seed % 5])
+        else:
+            values.append(bool(rng.integers(2)) if what[0] == "bool" else int(rng.integers(100)))
+    return store.types[name](*values)
 
 
 @pytest.fixture
