@@ -37,6 +37,7 @@ class TopicInfo:
     fields: tuple[str, ...] = ()  # field paths, an array by its bare name
     problem: str = ""  # why its messages cannot be read; reported only if the topic is wanted
     arrays: frozenset[str] = frozenset()  # the fields that are arrays: "covariance" has elements "covariance.0"
+    first_row: tuple[tuple[str, str], ...] = ()  # columns and first cells of a table that matches no sensor by them
 
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""

@@ -12,6 +12,8 @@ import msgspec
 
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor.doctor import Examination, examine
+from usbldr.io.formats.csv_sheets import ISO
+from usbldr.io.formats.unnamed_columns import is_number
 from usbldr.io.messages.configured import TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
@@ -41,6 +43,7 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
+SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -58,8 +61,9 @@ class Proposal:
         """Return the keys and their reasons for a configuration."""
         text = ", ".join(f"{key} = {json.dumps(path)}" for key, path in self.columns.items())
         which = f"; it could be {' or '.join(self.others)}" if self.others else ""
+        what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else "columns without units"
         return [
-            (f"topic = {json.dumps(self.topic.name)}", f"{self.topic.type}, {self.topic.count} messages{which}"),
+            (f"topic = {json.dumps(self.topic.name)}", f"{what}{which}"),
             (f"columns = {{ {text} }}", WHY),
         ]
 
@@ -93,7 +97,8 @@ def proposed_columns(path: Path, request: Request) -> dict[str, Proposal]:
     unknown = [topic for topic in topics if _unknown(topic)]
     found: dict[str, Proposal] = {}
     for role in ROLES:
-        if role not in roles.chosen and role not in roles.unresolved and role not in request.topics:
+        own = any(topic.type == f"usbldr/{role}" for topic in unknown)  # a file that its name gives to the sensor
+        if role not in roles.chosen and (own or role not in roles.unresolved) and role not in request.topics:
             fitting = [(topic, columns) for topic in unknown if (columns := _columns(role, topic))]
             fitting.sort(key=lambda one: (role not in suggested_sensors(one[0].name), -one[0].count))
             if fitting:
@@ -105,21 +110,37 @@ def proposed_columns(path: Path, request: Request) -> dict[str, Proposal]:
 def _unknown(topic: TopicInfo) -> bool:
     name = topic.name.lower()
     known = any(message_layout_of(role, topic) for role in LAYOUTS)
-    return (
-        bool(topic.count) and not topic.problem and not known and not NO_SENSOR.search(name) and not SHIP.search(name)
-    )
+    readable = bool(topic.count) and not topic.problem
+    named = not NO_SENSOR.search(name) and not SHIP.search(name)
+    return (readable or bool(topic.first_row)) and not known and named
 
 
 def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
     """Return own column -> field for a topic that looks like a sensor, empty if it does not."""
-    paths = [path for field in topic.fields for path in _elements(field, topic)]
+    paths = [name for name, _ in topic.first_row] or [path for one in topic.fields for path in _elements(one, topic)]
     found: dict[str, NamedColumn] = {}
     for column in filter(None, (named_column(path, (*VECTORS, *RULES, FLAG)) for path in paths)):
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         hinted = role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         if of_any or (hinted and column.rule.sensor in (role, "")):
+            if topic.first_row and column.rule.key in found:
+                return {}  # two columns of one quantity
             found.setdefault(column.rule.key, column)
+    if topic.first_row and _time_key(topic, found) is None:
+        return {}
     return found if any(needed <= found.keys() for needed in NEEDED[role]) else {}
+
+
+def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
+    """Return the key of ``columns`` for the time of a table by its unit and first value, None if they do not tell."""
+    column = found.get("time")
+    cell = dict(topic.first_row).get(column.name, "") if column else ""
+    if column is None or ISO.fullmatch(cell) or not is_number(cell):
+        return "time_unix_s" if ISO.fullmatch(cell) else None
+    units_ns = {key: ns for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
+    since_1970 = [key for key, unit_ns in units_ns.items() if SINCE_NS <= float(cell) * unit_ns < UNTIL_NS]
+    own_clock = "time_s" if "time_s" in units_ns and abs(float(cell)) * 1e9 < SINCE_NS else None
+    return next(iter(since_1970), own_clock)
 
 
 def _elements(field: str, topic: TopicInfo) -> Sequence[str]:
@@ -131,7 +152,9 @@ def _proposal(topic: TopicInfo, found: Mapping[str, NamedColumn], others: tuple[
     if "forward_mps" in found:
         found = {key: column for key, column in found.items() if key not in ("x_mps", "y_mps", "z_mps")}
     for key, column in found.items():
-        if key == "time":
+        if key == "time" and topic.first_row:
+            columns[str(_time_key(topic, found))] = column.name
+        elif key == "time":
             keys = [one for one, unit_ns in TIME_UNITS_NS.items() if column.known and unit_ns == column.factor]
             if keys and not topic.has("header.stamp"):
                 columns[keys[0]] = column.name

@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
-from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, sheet_of
+from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.formats.csv_text import (
     ParsedColumn,
     TextTable,
@@ -116,17 +116,23 @@ class CsvLog:
         sheet = source.sheet
         if sheet is None:
             problem = f"its columns match no sensor ({listed(source.header)}); {ADVICE}"
-            return TopicInfo(topic, "", "csv", 0, None, None, problem=problem)
+            return TopicInfo(topic, "", "csv", 0, None, None, problem=problem, first_row=self._first_row(source))
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         if sheet.received is None:
             problem = f"{source.file.name} {sheet.problem}"
-            return TopicInfo(topic, sheet.type, "csv", 0, None, None, fields, problem)
+            row = () if source.shown.by_name else self._first_row(source)
+            return TopicInfo(topic, sheet.type, "csv", 0, None, None, fields, problem, first_row=row)
         times, faults = self._times(source, sheet.received)
         lines = self._lines(source)
         times = np.delete(times, list(faults))
         problem = "" if len(times) or not faults else self._only_faults(topic, source, lines, faults)
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
         return TopicInfo(topic, sheet.type, "csv", len(times), first, last, fields, problem)
+
+    def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
+        """Return the columns and first cells of a file with one sensor."""
+        cells = [] if source.sensor else header_and_row(source.file)[1]
+        return tuple(zip(plain_names(source.header), cells, strict=False))
 
     def _only_faults(self, topic: str, source: CsvSource, lines: Sequence[int], faults: Mapping[int, str]) -> str:
         """Keep the faults of a topic without one good row; return the first."""

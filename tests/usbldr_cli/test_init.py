@@ -10,7 +10,7 @@ import pytest
 
 from commands import findings, run
 from curved import curved_dive, in_radians
-from recordings import SECOND, T0, Row, define, point, short_dive, write_mcap
+from recordings import SECOND, T0, Row, define, point, short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 
 MIRRORED: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED", "gravity": -9.8}
@@ -182,6 +182,49 @@ def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_pa
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
     done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
     assert done.return_value == 0, done.output
+
+
+def without_units(folder: Path) -> Path:
+    """Write the dive as files whose columns state no units: DVL in Unix seconds, heading in Unix milliseconds."""
+    rows = in_radians(curved_dive(dvl="FRD"), float(np.degrees(1.0)))
+    dvl = [f"{ns / 1e9:.3f},{v['twist.linear.x']},{v['twist.linear.y']},0" for ns, at, _, v in rows if at == "/dvl"]
+    heading = [f"{ns // 10**6},{v['data']}" for ns, at, _, v in rows if at == "/heading"]
+    fixes = [f"{ns},{v['point.x']},{v['point.y']}" for ns, _, _, v in rows if "point.x" in v]
+    return write_csv(
+        folder,
+        dvl="\n".join(["time,vx,vy,vz", *dvl]),
+        ahrs="\n".join(["stamp,heading", *heading]),
+        usbl="\n".join(["time_ns,east_m,north_m", *fixes]),
+    )
+
+
+def test_columns_of_csv_files_without_units_are_proposed(tmp_path: Path) -> None:
+    log, target = without_units(tmp_path / "dive"), tmp_path / "found.toml"
+
+    done = run("init", str(log), "--output", str(target))
+
+    assert done.exception is None, done.output
+    text = target.read_text(encoding="utf-8")
+    found = tomllib.loads(text)
+    assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
+    assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
+    assert found["dvl"]["axes"] == "FRD"
+    assert found["compass"]["unit"] == "deg"
+    assert text.count("# columns without units") == 2
+    assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
+    done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
+    assert done.return_value == 0, done.output
+
+
+def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:
+    log, target = without_units(tmp_path / "dive"), tmp_path / "found.toml"
+    sheet = (log / "ahrs.csv").read_text(encoding="utf-8").splitlines()
+    again = [f"{line},{line.split(',')[1]}" for line in sheet]
+    (log / "ahrs.csv").write_text("\n".join(["stamp,heading,gps_heading", *again[1:], ""]), encoding="utf-8")
+
+    run("init", str(log), "--output", str(target))
+
+    assert tomllib.loads(target.read_text(encoding="utf-8"))["compass"] == {"topic": "none"}
 
 
 def test_nothing_is_proposed_if_names_do_not_suffice(tmp_path: Path) -> None:
