@@ -191,8 +191,8 @@ class Trajectory:
         """Covariance of east and north, (T, 2, 2), or None."""
         if self.cov is None:
             return None
-        xy = [self.names.index("x"), self.names.index("y")]
-        return self.cov[:, xy][:, :, xy]
+        xy = np.array([self.names.index("x"), self.names.index("y")])
+        return self.cov[:, xy[:, None], xy]
 
     def state(self, name: str) -> Vector | None:
         """Return one state over time, (T,), or None if the track has no such state."""

@@ -1,7 +1,7 @@
 """A log in canonical form: one table per sensor, where each came from, and findings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -51,6 +51,11 @@ class Log:
     def map_unknown(self) -> bool:
         """Whether fixes are positions on a map whose origin is not stated, so that latitudes have no place on it."""
         return any(finding.code == "MAP-UNKNOWN" for finding in self.findings)
+
+    def without_records(self, role: str) -> "Log":
+        """Return the log without the records of a sensor, which it still has; those of a dense one fill the memory."""
+        tables = {name: table.iloc[:0].copy() if name == role else table for name, table in self.tables.items()}
+        return replace(self, tables=tables)
 
     def convention(self, role: str, key: str) -> Convention:
         """Return by which convention a sensor was read, NO_CONVENTION if unknown."""

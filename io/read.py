@@ -30,7 +30,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.configured import configured_columns
-from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
 from usbldr.io.provenance import Provenance, provenance_lines
@@ -306,6 +306,12 @@ def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) 
 
 
 def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:
-    times = {name: (table[name.replace("_s", "_ns")].to_numpy() - start_ns) / 1e9 for name in ("time_s", "received_s")}
-    columns = {name: times[name] if name in times else table[name].to_numpy() for name in COLUMNS[role]}
-    return pd.DataFrame(columns, copy=False)
+    """Return the table with times in seconds; of its own, only the columns in use stay in memory."""
+    columns = {str(name): column.to_numpy() for name, column in table.items()}
+    del table, columns["stamp_ns"]
+    for name in ("time", "received"):
+        time_ns = columns.pop(f"{name}_ns")
+        columns[f"{name}_s"] = seconds = np.empty(len(time_ns))
+        for rows in blocks(len(seconds)):
+            seconds[rows] = (time_ns[rows] - start_ns) / 1e9
+    return pd.DataFrame({name: columns[name] for name in COLUMNS[role]}, copy=False)

@@ -21,7 +21,7 @@ from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
-from usbldr.io.messages.layouts import BLOCK_RECORDS
+from usbldr.io.messages.layouts import BLOCK_RECORDS, blocks
 
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
 MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
@@ -286,9 +286,12 @@ def _interpolated(time_s: Vector, t: Vector, values: Array) -> Array:
 
 
 def _outages(sensor: str, t: Vector, last_s: float, longest_s: float) -> list[Outage]:
-    edges = np.concatenate([[0.0], t, [last_s]])
-    long = np.flatnonzero(edges[1:] - edges[:-1] > longest_s)
-    return [Outage(sensor, float(edges[i]), float(edges[i + 1])) for i in long]
+    spans = [(0.0, last_s)]
+    if len(t):
+        parts = [t[rows.start : rows.stop + 1] for rows in blocks(len(t))]
+        inside = [(part[k], part[k + 1]) for part in parts for k in np.flatnonzero(np.diff(part) > longest_s)]
+        spans = [(0.0, t[0]), *inside, (t[-1], last_s)]
+    return [Outage(sensor, float(start), float(end)) for start, end in spans if end - start > longest_s]
 
 
 def _usbl_gap_s(t: Vector) -> float:

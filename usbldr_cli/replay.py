@@ -91,7 +91,7 @@ def replay(
     from usbldr.filters.replay.methods import method_named
     from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.session import is_simulated, open_log, require_scenario
-    from usbldr_cli.runs.one_run import RunPlan, finish_run, prepare_run
+    from usbldr_cli.runs.one_run import RunPlan, finish_run, on_epochs, prepare_run
 
     if verify is not None:
         return _verify(Path(verify), log, quiet)
@@ -115,7 +115,8 @@ def replay(
     _say(opened, opened.findings)
     if strict and lost:
         raise LogError(lost[0])
-    ready = prepare_run(plan, opened)
+    opened, dive_timeline = on_epochs(plan, opened)
+    ready = prepare_run(plan, opened, dive_timeline)
     _say(opened, ready.log.findings[len(opened.findings) :])
     if write_calibration is not None:
         _refuse_without_errors(chosen, ready.identification)

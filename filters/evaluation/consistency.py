@@ -115,13 +115,15 @@ def sigmas(cov_m2: Array) -> Array:
 def sensor_updates(trajectory: Trajectory) -> dict[str, SensorUpdates]:
     """Return for each sensor, by name, the mean NIS, what it should be, and what became of the measurements."""
     table = UpdateTable.of(trajectory.updates)
-    found: dict[str, SensorUpdates] = {}
+    parts, found = table.parts, dict[str, SensorUpdates]()
     for sensor in table.sensors:
-        mine = table.of_sensor(sensor).parts
-        judged = mine[np.isfinite(mine.nis)]
-        mean = float(judged.nis.mean()) if len(judged.nis) else None
-        expected = float(judged.dof.mean()) if len(judged.dof) else None
-        found[sensor] = SensorUpdates(mean, expected, *np.bincount(mine.outcome, minlength=len(OUTCOMES)).tolist())
+        mine = parts.sensor == table.names.index(sensor)
+        judged = mine & np.isfinite(parts.nis)
+        known = bool(judged.any())
+        mean = float(parts.nis[judged].mean()) if known else None
+        expected = float(parts.dof[judged].mean()) if known else None
+        outcomes = np.bincount(parts.outcome[mine], minlength=len(OUTCOMES))
+        found[sensor] = SensorUpdates(mean, expected, *outcomes.tolist())
     return found
 
 

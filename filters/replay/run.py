@@ -90,7 +90,8 @@ def _run(
         k = slice(first, first + len(found.mean))
         mean[k], cov[k], ess[k], acceptance[k] = found.mean, found.cov, found.ess, found.acceptance
         inflation[k], reacquisitions = found.inflation, found.reacquisitions
-        widening[k] = 0.0 if found.widening is None else found.widening
+        if found.widening is not None:
+            widening[k] = found.widening
         updates.add(settled)
         progress(k.stop, count)
     progress(count, count)

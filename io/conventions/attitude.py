@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from usbldr.filters.types import Array
-from usbldr.io.messages.layouts import BLOCK_RECORDS, RawRecords
+from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.reader import Column
 
 QUATERNION = ("qx", "qy", "qz", "qw")
@@ -37,8 +37,7 @@ def vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:
     Their body is FLU in an ENU world, FRD in an NED one, and is turned clockwise from the bow by the bias.
     """
     found = np.empty((len(raw.received_ns), 3))
-    for first in range(0, len(found), BLOCK_RECORDS):
-        rows = slice(first, first + BLOCK_RECORDS)
+    for rows in blocks(len(found)):
         starboard, forward, up = (raw.values[name][rows] for name in VERTICAL_PARTS)
         forward = forward * (1 if convention == "ENU" else -1)
         c, s = np.cos(np.radians(bias_deg)), np.sin(np.radians(bias_deg))

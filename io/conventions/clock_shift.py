@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from usbldr.io.findings import Finding
-from usbldr.io.messages.layouts import BLOCK_RECORDS, RawRecords
+from usbldr.io.messages.layouts import RawRecords, blocks
 
 SAME_CLOCK_NS = 1800 * 1_000_000_000  # time zones are whole hours apart, or half ones
 LEAST = 0.01  # [1] share of records that may have smaller delays
@@ -44,8 +44,7 @@ def least_delay_ns(raw: RawRecords) -> int:
     known = raw.stamp_ns != 0
     rank = int(LEAST * np.count_nonzero(known))
     least = np.empty(0, dtype=np.int64)  # the smallest of the blocks so far, as many as decide
-    for first in range(0, len(known), BLOCK_RECORDS):
-        rows = slice(first, first + BLOCK_RECORDS)
+    for rows in blocks(len(known)):
         delays = (raw.received_ns[rows] - raw.stamp_ns[rows])[known[rows]]
         least = np.sort(np.concatenate([least, delays]))[: rank + 1]
     return int(least[rank]) if len(least) else 0

@@ -18,7 +18,7 @@ from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.compass import BY_RANGE, PER_RECORD
-from usbldr.io.messages.layouts import BLOCK_RECORDS, RawRecords
+from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import CompassSection
 
@@ -58,8 +58,7 @@ def compass(
     good, invalid = valid_mask(raw, causes, "compass", "left out")
     added, more_chosen, more = _declination(raw, section, place, int(times.time_ns[np.argmax(good)]), keys)
     chosen, findings = [*chosen, *more_chosen], [*findings, *more, *invalid, *_constant(raw, heading, good)]
-    for first in range(0, len(heading), BLOCK_RECORDS):
-        rows = slice(first, first + BLOCK_RECORDS)
+    for rows in blocks(len(heading)):
         heading[rows] = heading[rows] - section.bias_deg + added[rows]
     chosen += [Convention("bias_deg", section.bias_deg, "configuration", "deg")] if section.bias_deg else []
     A, B = section.deviation_sin_deg, section.deviation_cos_deg

@@ -79,7 +79,8 @@ def valid_mask(
 
     Raises LogError if none is good, ending in the advice.
     """
-    flags = {"flagged invalid": raw.number("valid") == 0, "with an error code": np.abs(raw.number("error")) > 0}
+    error = raw.number("error")
+    flags = {"flagged invalid": raw.number("valid") == 0, "with an error code": (error > 0) | (error < 0)}
     good = np.ones(len(raw.received_ns), dtype=np.bool_)
     counts: dict[str, int] = {}
     for cause, mask in {**flags, **causes}.items():

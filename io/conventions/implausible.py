@@ -14,7 +14,7 @@ import pandas as pd
 
 from usbldr.filters.types import Array, Indices, Mask, Vector
 from usbldr.io.conventions.repeats import copied_fixes, runs, stuck, sudden_zeros
-from usbldr.io.conventions.spikes import heading_jumps_deg, heading_spikes, velocity_spikes, without_heading_jumps
+from usbldr.io.conventions.spikes import heading_jumps, heading_spikes, velocity_spikes, without_jumps
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
@@ -74,16 +74,23 @@ def without_implausible(log: Log) -> Log:
         before = records.values if kept.good is records.good else records.values[kept.good[records.good]]
         if kept.values is not before and not np.array_equal(kept.values, before):
             assert kept.values.shape == before.shape
-            changed = {name: tables[role][name].to_numpy(copy=True) for name in columns}
+            table = {str(name): column.to_numpy() for name, column in tables[role].items()}
             for name, values in zip(columns, kept.values.T, strict=True):
-                changed[name][kept.good] = values
-            tables[role] = tables[role].assign(**changed)
+                table[name] = values if kept.good.all() else _replaced(table[name], kept.good, values)
+            tables[role] = pd.DataFrame(table, copy=False)
         if len(kept.values) < len(records.values):
             rows = kept.good | ~records.good
             columns_kept = {str(name): column.to_numpy()[rows] for name, column in tables[role].items()}
             tables[role] = pd.DataFrame(columns_kept, copy=False)
             provenance[role] = replace(provenance[role], used=provenance[role].used - np.count_nonzero(~rows))
     return replace(log, tables=tables, provenance=provenance, findings=(*log.findings, *found)) if found else log
+
+
+def _replaced(column: Vector, good: Mask, values: Vector) -> Vector:
+    """Return a column (n,) with other values in the good rows."""
+    changed = column.copy()
+    changed[good] = values
+    return changed
 
 
 def _dvl(records: Records, tables: Tables) -> Judged:
@@ -175,17 +182,18 @@ def _without_spikes(records: Records, deviation: Vector, unit: str) -> Judged:
 def _without_jumps(records: Records) -> Judged:
     """Turn the headings beside the longest stretch to fit it; the compass has one constant error then."""
     heading_deg = records.values[:, 0]
-    jump_deg = np.abs(heading_jumps_deg(records.time_s, heading_deg))
-    if not jump_deg.any():
+    rows, jump_deg = heading_jumps(records.time_s, heading_deg)
+    if not len(rows):
         return records, []
-    time_s, size = _worst(records, jump_deg)
+    worst = int(np.argmax(np.abs(jump_deg)))
+    time_s, size = float(records.time_s[rows[worst]]), abs(float(jump_deg[worst]))
     text = (
-        f"{records.topic}: the heading jumps {np.count_nonzero(jump_deg)} times further than a vehicle can turn, the "
+        f"{records.topic}: the heading jumps {len(rows)} times further than a vehicle can turn, the "
         f"furthest by {size:.0f} deg at {time_s:.1f} s; the headings of the longest stretch stay, the others are "
         "turned to fit them"
     )
-    turned = records._replace(values=without_heading_jumps(records.time_s, heading_deg)[:, None])
-    return turned, [Finding("HEADING-JUMP", text, records.topic, time_s, size, "deg")]
+    turned = without_jumps(records.time_s, heading_deg, rows, jump_deg)
+    return records._replace(values=turned[:, None]), [Finding("HEADING-JUMP", text, records.topic, time_s, size, "deg")]
 
 
 def _worst(records: Records, size: Vector) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from usbldr.filters.types import Array, Indices, Mask, Vector
 from usbldr.io.conventions.positions import LONGEST_STILL_S, ROUNDING
-from usbldr.io.messages.layouts import BLOCK_RECORDS
+from usbldr.io.messages.layouts import blocks
 
 MIN_FRESH_RECORDS = 100  # that differ from the one before; fewer do not show a sensor's noise
 MIN_FRESH_FIXES = 10  # the same of a USBL, which is never without noise
@@ -47,9 +47,9 @@ def noisy(values: Array) -> bool:
 def _median_difference(values: Array, order: int) -> float:
     """Return the median length of the differences of records (n, k)."""
     lengths = np.empty(len(values) - order)
-    for first in range(0, len(lengths), BLOCK_RECORDS):
-        near = values[first : first + BLOCK_RECORDS + order]
-        lengths[first : first + BLOCK_RECORDS] = np.linalg.norm(np.diff(near, order, axis=0), axis=1)
+    for rows in blocks(len(lengths)):
+        near = values[rows.start : rows.stop + order]
+        lengths[rows] = np.linalg.norm(np.diff(near, order, axis=0), axis=1)
     return float(np.median(lengths, overwrite_input=True))
 
 

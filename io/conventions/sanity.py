@@ -12,7 +12,7 @@ from usbldr.io.conventions.spikes import SPIKE_RATIO
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.dvl import MAX_SPEED_MPS
-from usbldr.io.messages.layouts import BLOCK_RECORDS, RawRecords
+from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.provenance import Provenance
 
 ON_THE_PLANE = (("cov_xx", "cov_xy", "cov_yy"), ("cov_ee_m2", "cov_en_m2", "cov_nn_m2"))
@@ -117,8 +117,7 @@ def covariance_findings(raws: Mapping[str, RawRecords]) -> list[Finding]:
     found: list[Finding] = []
     for raw in raws.values():
         count = len(raw.received_ns)
-        blocks = (raw.part(slice(first, first + BLOCK_RECORDS)) for first in range(0, count, BLOCK_RECORDS))
-        if bad := sum(map(_invalid_covariances, blocks)):
+        if bad := sum(_invalid_covariances(raw.part(rows)) for rows in blocks(count)):
             name = raw.topic.name
             text = f"{name}: {bad} of {count} covariances are negative or not positive semidefinite"
             found.append(Finding("COVARIANCE-INVALID", f"{text}; they count as unknown", name))

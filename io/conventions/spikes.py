@@ -15,7 +15,7 @@ import pandas as pd
 from usbldr.filters.frames import wrapped
 from usbldr.filters.types import Array, Indices, Vector
 from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs
-from usbldr.io.messages.layouts import BLOCK_RECORDS
+from usbldr.io.messages.layouts import blocks
 
 HALF_WINDOW_RECORDS = 6  # the median of 13 records endures bursts of 6
 HALF_WINDOW_S = 1.0  # the same of a sensor faster than 6 Hz
@@ -42,7 +42,7 @@ def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
 def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:
     """Return how far each heading (n,) is from its neighbours', degrees (n,), 0 if a vehicle can follow it."""
     window, deviation = _window(time_s), np.empty(len(heading_deg))
-    for rows, near, inside in _blocks(len(heading_deg), window):
+    for rows, near, inside in _windows(len(heading_deg), window):
         angle = np.radians(heading_deg[near])
         median = np.arctan2(_running_median(np.sin(angle), window), _running_median(np.cos(angle), window))
         deviation[rows] = np.degrees(np.abs(wrapped(angle - median)))[inside]
@@ -54,36 +54,37 @@ def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:
     return _impossible(deviation, window, MIN_SPIKE_DEG, excess)
 
 
-def heading_jumps_deg(time_s: Vector, heading_deg: Vector) -> Vector:
-    """Return by how much the heading jumps to each record and stays there, degrees (n,), 0 if a vehicle can turn so.
+def heading_jumps(time_s: Vector, heading_deg: Vector) -> tuple[Indices, Vector]:
+    """Return the records (j,) to which the headings (n,) jump and stay there as no vehicle turns, and degrees (j,).
 
     A jump is the difference of the medians after and before, less the turn that goes on there: a record that is off
     alone is none.
     """
-    turn, jumps = np.zeros(len(heading_deg)), np.zeros(len(heading_deg))
-    for first in range(1, len(turn), BLOCK_RECORDS):
-        end = first + BLOCK_RECORDS
-        turn[first:end] = wrapped(np.diff(heading_deg[first - 1 : end]), 180.0)
+    turn, jumps = np.zeros(len(heading_deg)), dict[int, float]()
+    for rows in blocks(len(turn) - 1):
+        turn[rows.start + 1 : rows.stop + 1] = wrapped(np.diff(heading_deg[rows.start : rows.stop + 1]), 180.0)
     usual = float(np.median(np.abs(turn), overwrite_input=True)) if len(turn) else 0.0
     least = max(MIN_SPIKE_DEG, SPIKE_RATIO * usual)
     large = np.flatnonzero((turn > least) | (turn < -least))
     half, continuous = _window(time_s) // 2, np.cumsum(turn) if len(large) else turn
-    for k in large:
+    for k in large.tolist():
         possible = max(least, MAX_TURN_DPS * (time_s[k] - time_s[max(0, k - 1)]))
         if abs(turn[k]) <= possible:
             continue
         around = np.arange(max(0, k - half), min(len(turn), k + half))
         straight = continuous[around] - np.median(turn[around]) * around
         step = wrapped(np.median(straight[around >= k]) - np.median(straight[around < k]), 180.0)
-        jumps[k] = step if abs(step) > possible else 0.0
-    return jumps
+        if abs(step) > possible:
+            jumps[k] = float(step)
+    return np.array(list(jumps), dtype=np.intp), np.array(list(jumps.values()))
 
 
-def without_heading_jumps(time_s: Vector, heading_deg: Vector) -> Vector:
+def without_jumps(time_s: Vector, heading_deg: Vector, rows: Indices, jump_deg: Vector) -> Vector:
     """Return the headings (n,), degrees, without their jumps: the longest stretch stays, others are turned to fit."""
-    steps = heading_jumps_deg(time_s, heading_deg)
-    offset = np.cumsum(steps)
-    edges = [0, *np.flatnonzero(steps).tolist(), len(offset)]
+    offset = np.zeros(len(heading_deg))
+    offset[rows] = jump_deg
+    np.cumsum(offset, out=offset)
+    edges = [0, *rows.tolist(), len(offset)]
     durations_s = [time_s[end - 1] - time_s[first] for first, end in pairwise(edges)]
     kept = edges[int(np.argmax(durations_s))]
     offset -= offset[kept]
@@ -100,7 +101,7 @@ def _impossible(deviation: Vector, window: int, least: float, excess: Callable[[
         return deviation
     usual = float(np.median(deviation))
     far = np.zeros(len(deviation), dtype=np.bool_)
-    for rows, near, inside in _blocks(len(deviation), window):
+    for rows, near, inside in _windows(len(deviation), window):
         median = _running_median(deviation[near], window)[inside]
         far[rows] = deviation[rows] > np.maximum(least, SPIKE_RATIO * np.fmax(median, usual))
     first, end = runs(far)
@@ -122,16 +123,15 @@ def _window(time_s: Vector) -> int:
 def _running_median(values: Vector, window: int) -> Vector:
     """Return the median of each record's neighbours, (n,); windows at the borders are shorter."""
     found = np.empty_like(values)
-    for rows, near, inside in _blocks(len(values), window):
+    for rows, near, inside in _windows(len(values), window):
         rolling = pd.Series(values[near]).rolling(window, center=True, min_periods=1)
         found[rows] = rolling.median().to_numpy()[inside]
     return found
 
 
-def _blocks(count: int, window: int) -> Iterator[tuple[slice, slice, slice]]:
+def _windows(count: int, window: int) -> Iterator[tuple[slice, slice, slice]]:
     """Yield blocks of records, each with all that its windows reach, and the block's place therein."""
     half = window // 2
-    for first in range(0, count, BLOCK_RECORDS):
-        end = min(first + BLOCK_RECORDS, count)
-        start = max(0, first - half)
-        yield slice(first, end), slice(start, end + half), slice(first - start, end - start)
+    for rows in blocks(count):
+        start = max(0, rows.start - half)
+        yield rows, slice(start, rows.stop + half), slice(rows.start - start, rows.stop - start)

@@ -5,7 +5,7 @@ packages. The types are in dvl, compass, usbl, gps and depth.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -101,6 +101,11 @@ class RawRecords:
         if quantity not in self.values:
             return np.full(len(self.received_ns), "")
         return np.asarray(self.values[quantity], dtype=np.str_)
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Yield the rows of so many records, a block after the other."""
+    return (slice(first, min(first + BLOCK_RECORDS, count)) for first in range(0, count, BLOCK_RECORDS))
 
 
 def xyz(prefix: str) -> dict[str, str]:

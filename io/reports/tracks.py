@@ -22,6 +22,7 @@ from usbldr.io.geodesy import Origin, to_geodetic
 
 SECONDS_PER_HOUR = 3600.0  # fixed
 MAP_STEP_S = 1.0  # a map shows no more than a point a second
+ROWS = 10_000  # [rows] of a table turned to text at once: a megabyte or two
 
 DECIMALS = {"s": 9, "m": 4, "m2": 9, "deg": 9, "heading_deg": 4, "mps": 5, "scale": 7}
 """Digits written for a column, by its name or by the unit that ends it: 1 ns, 0.1 mm, 0.1 mm on the ground."""
@@ -31,7 +32,10 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
     """Write a table with the digits that its units deserve; an unknown value is an empty cell."""
     keys = {name: name if name in DECIMALS else name.rsplit("_", 1)[-1] for name in map(str, table)}
     digits = {name: DECIMALS[key] for name, key in keys.items() if key in DECIMALS}
-    table.round(digits).to_csv(path, index=False, lineterminator="\n")
+    with path.open("w", encoding="utf-8", newline="") as out:
+        for first in range(0, max(len(table), 1), ROWS):  # one piece of an empty table: its header
+            rows = table.iloc[first : first + ROWS].round(digits)
+            rows.to_csv(out, index=False, header=not first, lineterminator="\n")
 
 
 def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
@@ -71,7 +75,7 @@ def track_content(trajectory: Trajectory) -> dict[str, Any]:
     """Return what report.json says of a track: epochs, states, and the digest of times, means and covariances."""
     digest = hashlib.sha256()
     for part in (trajectory.time_s, trajectory.mean, trajectory.cov):
-        digest.update(b"" if part is None else np.ascontiguousarray(part, dtype="<f8").tobytes())
+        digest.update(b"" if part is None else np.ascontiguousarray(part, dtype="<f8").ravel().data)
     return {"epochs": len(trajectory.time_s), "states": trajectory.names, "sha256": digest.hexdigest()}
 
 

@@ -12,6 +12,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Outage
 from usbldr.io.log import Log
+from usbldr.io.messages import layouts
 from usbldr.io.timeline import timeline, with_dvl_clock
 
 NAN = float("nan")
@@ -222,6 +223,17 @@ def test_a_usbl_outage_is_measured_by_the_sensors_own_rate() -> None:
     assert slow.outages == (Outage("usbl", 180.0, 360.0),)
     assert quick.outages == (Outage("usbl", 100.0, 112.0),)
     assert none.outages == (Outage("usbl", 0.0, 600.0),)
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 100])
+def test_outages_are_found_in_blocks_of_any_length(length: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layouts, "BLOCK_RECORDS", length)
+    times = [6.0, 7.0, 8.0, 15.0, 16.0, 30.0, 31.0, 32.0]
+
+    made = timeline(log(dvl=dvl_table(times), compass=compass_table(np.arange(41))))
+
+    found = [(outage.start_s, outage.end_s) for outage in made.outages if outage.sensor == "dvl"]
+    assert found == [(0.0, 6.0), (8.0, 15.0), (16.0, 30.0), (32.0, 40.0)]
 
 
 def test_errors_are_taken_on_the_slow_grid() -> None:

@@ -54,23 +54,32 @@ class PreparedRun(NamedTuple):
     identification: "Identification"
 
 
-def prepare_run(plan: RunPlan, log: "Log") -> PreparedRun:
-    """Identify what the log settles of noise and sensor errors; raise what the method refuses of log and options.
+def on_epochs(plan: RunPlan, log: "Log") -> "tuple[Log, Timeline]":
+    """Divide a log into epochs, and return it without its headings, which nothing needs any more.
 
-    The findings of the log are completed by what the data say against its conventions.
+    Raises what the method refuses of log and options.
     """
     from usbldr.filters.replay.methods import method_named
-    from usbldr.io.doctor.cross_check import convention_warnings
     from usbldr.io.read import require
-    from usbldr.io.session import not_a_filter, resolve
+    from usbldr.io.session import not_a_filter
     from usbldr.io.timeline import timeline
 
     chosen, choices = method_named(plan.method), plan.choices
     require(log, chosen.sensors)
     if choices.aid is not None and not chosen.is_filter:
         raise UsageError(f"--aid {not_a_filter(plan.method)}")
-    dive_timeline = timeline(log, choices.fast_hz, choices.slow_hz)
-    settings = choices.settings(log.start_ns)
+    return log.without_records("compass"), timeline(log, choices.fast_hz, choices.slow_hz)
+
+
+def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> PreparedRun:
+    """Identify what the log settles of noise and sensor errors.
+
+    The findings of the log are completed by what the data say against its conventions.
+    """
+    from usbldr.io.doctor.cross_check import convention_warnings
+    from usbldr.io.session import resolve
+
+    settings = plan.choices.settings(log.start_ns)
     found = resolve(log, dive_timeline, plan.method, settings)
     log = replace(log, findings=(*log.findings, *convention_warnings(log, dive_timeline)))
     return PreparedRun(log, dive_timeline, settings, found)
@@ -103,7 +112,8 @@ def run_again(plan: RunPlan) -> "Run":
     request = configured_request(plan.log, plan.selection)
     with local_log(plan.log, request) as path:
         log = open_log(path, request, plan.choices.seed)
-    return finish_run(plan, request, prepare_run(plan, log))
+    log, dive_timeline = on_epochs(plan, log)
+    return finish_run(plan, request, prepare_run(plan, log, dive_timeline))
 
 
 def _score(method: str, ready: PreparedRun, dive_timeline: "Timeline | None" = None) -> "ScoredTrack":

@@ -16,6 +16,7 @@ from usbldr.io.conventions import spikes
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor.doctor import examine
 from usbldr.io.log import Log
+from usbldr.io.messages import layouts
 from usbldr.io.opening import Request
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -328,8 +329,12 @@ def test_spikes_are_the_same_in_blocks_of_any_length(dive: Log, length: int, mon
     off = np.random.default_rng(5).choice(len(time_s), 40, replace=False)
     heading_deg = heading_deg + 50.0 * np.isin(np.arange(len(time_s)), off)
     whole = spikes.heading_spikes(time_s, heading_deg)
+    turned_deg = heading_deg + 90.0 * (np.arange(len(time_s)) >= 2000)
+    rows, jump_deg = spikes.heading_jumps(time_s, turned_deg)
 
-    monkeypatch.setattr(spikes, "BLOCK_RECORDS", length)
+    monkeypatch.setattr(layouts, "BLOCK_RECORDS", length)
 
     assert np.count_nonzero(whole) > 20
     np.testing.assert_array_equal(spikes.heading_spikes(time_s, heading_deg), whole)
+    assert 2000 in rows.tolist()
+    np.testing.assert_array_equal(spikes.heading_jumps(time_s, turned_deg), (rows, jump_deg))

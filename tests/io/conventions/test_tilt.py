@@ -10,8 +10,8 @@ from logs import logged
 from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist, write_mcap, yaw
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.dead_reckoning import dr
-from usbldr.io.conventions import compass
 from usbldr.io.log import Log
+from usbldr.io.messages import layouts
 from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
 from usbldr.io.writers.export import export
@@ -146,7 +146,7 @@ def test_the_lever_arm_of_a_tilted_vehicle_tilts_with_it(tmp_path: Path, pitch_d
 def test_attitudes_are_the_same_in_blocks_of_any_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = logged(tmp_path, dive(up_mps=0.3), settings()).tables["dvl"]
 
-    monkeypatch.setattr(compass, "BLOCK_RECORDS", 7)
+    monkeypatch.setattr(layouts, "BLOCK_RECORDS", 7)
     in_blocks = logged(tmp_path, dive(up_mps=0.3), settings()).tables["dvl"]
 
     np.testing.assert_array_equal(in_blocks.to_numpy(dtype=float), whole.to_numpy(dtype=float))

@@ -13,6 +13,7 @@ from evo.tools import file_interface
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.types import Trajectory, Truth
 from usbldr.io.geodesy import Origin
+from usbldr.io.reports import tracks
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
 
 START_NS = 1_474_477_150_374_442_123
@@ -85,6 +86,17 @@ def test_the_track_table_holds_compass_headings_and_leaves_the_unknown_empty(tmp
     assert (table.sd_east_m == 2).all()
     assert (table.sd_north_m == 3).all()
     assert table.lat_deg.isna().all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 6, 7])
+def test_a_table_is_written_the_same_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(tracks, "ROWS", 3)
+    table = pd.DataFrame({"time_s": np.arange(count) / 7, "outcome": "used", "sd_m": np.full(count, np.nan)})
+
+    write_csv(tmp_path / "table.csv", table)
+
+    rows = [f"{round(k / 7, 9)!r},used,\n" for k in range(count)]
+    assert (tmp_path / "table.csv").read_bytes().decode() == "".join(["time_s,outcome,sd_m\n", *rows])
 
 
 def test_a_plain_track_has_neither_sigma_nor_heading() -> None:

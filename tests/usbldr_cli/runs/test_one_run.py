@@ -1,0 +1,22 @@
+"""One run from a log to its report."""
+
+import weakref
+
+from checkout import SAMPLES
+from usbldr.io.opening import DEFAULT_REQUEST
+from usbldr.io.session import open_log
+from usbldr_cli.options.run_options import RunChoices
+from usbldr_cli.runs.one_run import RunPlan, on_epochs
+
+
+def test_headings_end_when_the_epochs_have_them() -> None:
+    choices = RunChoices(2, None, 0, None, None, "none", "start", 5.0, 1.0)
+    path = SAMPLES / "paper.mcap"
+    log = open_log(path, DEFAULT_REQUEST)
+    records = weakref.ref(log.tables["compass"])
+
+    log, epochs = on_epochs(RunPlan(str(path), "adf", choices), log)
+
+    assert records() is None
+    assert log.tables["compass"].empty
+    assert epochs.yaw_count.sum() == log.provenance["compass"].used
