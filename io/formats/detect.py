@@ -83,6 +83,12 @@ def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return NmeaFile(path) if looks_like_nmea(head) else None
 
 
+def _alog(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.alog_log import AlogLog, looks_like_alog
+
+    return AlogLog(path) if looks_like_alog(head) else None
+
+
 def _parquet(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.parquet_tables import MAGIC, NAME, parquet_files, parquet_table
     from usbldr.io.formats.table_log import TableLog
@@ -121,6 +127,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "DataFlash logs (.BIN)": _dataflash,
     "PD0 files": _pd0,
     "PD6 text": _pd6,
+    "MOOS logs (.alog)": _alog,
     "Parquet files and folders of them": _parquet,
     "HDF5 files (also netCDF-4)": _hdf5,
     "MATLAB files (.mat)": _mat,

@@ -54,7 +54,7 @@ NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
 }
 """A sensor is there if all columns of one of these are."""
 OTHER = re.compile(
-    r"(^|_)(gyro|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
+    r"(^|_)(earth|gyro|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
     r"estimated?|truth|true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
 )
 """Words of columns that are no measurement of these sensors."""
