@@ -42,12 +42,17 @@ class TooLargeError(ValueError):
     """A part of a file is larger than a limit."""
 
 
-_copied_from: dict[str, int] = {}  # decompressed copy of a log -> bytes of the compressed file
+_copied_from: dict[str, Path] = {}  # decompressed copy of a log -> the compressed file
 
 
-def note_copy(copy: Path, size: int) -> None:
+def note_copy(copy: Path, original: Path) -> None:
     """Let the limits of a decompressed copy follow from the size of the compressed file: they do not multiply."""
-    _copied_from[str(copy)] = size
+    _copied_from[str(copy)] = original
+
+
+def original_of(path: Path) -> Path:
+    """Return the file that the user has: of a decompressed copy the compressed one."""
+    return _copied_from.get(str(path), path)
 
 
 class UnpackingBudget:
@@ -56,7 +61,7 @@ class UnpackingBudget:
     def __init__(self, path: Path | str, size: int, text: bool = False) -> None:
         """Take the log, its size in bytes, and whether it is a compressed text."""
         self._path = path
-        size = _copied_from.get(str(path), size)
+        size = _copied_from[str(path)].stat().st_size if str(path) in _copied_from else size
         self._whole = limit(TEXT_BYTES + TEXT_RATIO * size if text else UNPACKED_BYTES + UNPACKED_RATIO * size)
         self._left = self._whole
         self._records = limit((TEXT_LINES if text else RECORDS) + size // RECORD_BYTES)

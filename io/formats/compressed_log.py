@@ -42,7 +42,7 @@ class CompressedLog:
     def _decompress(self) -> Finding | None:
         """Write the copy; return what is missing from it."""
         size = self.path.stat().st_size
-        note_copy(self._copy, size)
+        note_copy(self._copy, self.path)
         with opened(self.path) as file:
             pieces = unpacked_file(file, self._compression)
             try:

@@ -89,6 +89,12 @@ def _alog(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return AlogLog(path) if looks_like_alog(head) else None
 
 
+def _lsf(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.lsf_log import LsfLog, looks_like_lsf
+
+    return LsfLog(path) if looks_like_lsf(head) else None
+
+
 def _parquet(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.parquet_tables import MAGIC, NAME, parquet_files, parquet_table
     from usbldr.io.formats.table_log import TableLog
@@ -128,6 +134,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "PD0 files": _pd0,
     "PD6 text": _pd6,
     "MOOS logs (.alog)": _alog,
+    "LSF logs of IMC messages": _lsf,
     "Parquet files and folders of them": _parquet,
     "HDF5 files (also netCDF-4)": _hdf5,
     "MATLAB files (.mat)": _mat,

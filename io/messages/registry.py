@@ -7,6 +7,7 @@ from usbldr.io.messages.depth import DEPTH
 from usbldr.io.messages.dvl import DVL
 from usbldr.io.messages.dvl_files import FILES_COMPASS, FILES_DEPTH, FILES_DVL, FILES_GPS, FILES_USBL
 from usbldr.io.messages.gps import GPS, TRUTH
+from usbldr.io.messages.imc import IMC_COMPASS, IMC_DEPTH, IMC_DVL, IMC_GPS, IMC_USBL
 from usbldr.io.messages.layouts import MessageLayout, only_when_named
 from usbldr.io.messages.mavlink import (
     MAVLINK_COMPASS,
@@ -21,12 +22,12 @@ from usbldr.io.messages.usbl import USBL
 from usbldr.io.reader import TopicInfo
 
 LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
-    "dvl": (*DVL, *MAVLINK_DVL, *FILES_DVL),
-    "compass": (*COMPASS, *NMEA_HEADINGS, *MAVLINK_COMPASS, *FILES_COMPASS),
-    "usbl": (*USBL, *MAVLINK_USBL, *FILES_USBL),
-    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS, *MAVLINK_GPS, *FILES_GPS),
-    "depth": (*DEPTH, *MAVLINK_DEPTH, *FILES_DEPTH),
-    "truth": (*TRUTH, *only_when_named(NMEA_PLACES), *MAVLINK_TRUTH, *only_when_named(FILES_GPS)),
+    "dvl": (*DVL, *MAVLINK_DVL, *FILES_DVL, *IMC_DVL),
+    "compass": (*COMPASS, *NMEA_HEADINGS, *MAVLINK_COMPASS, *FILES_COMPASS, *IMC_COMPASS),
+    "usbl": (*USBL, *MAVLINK_USBL, *FILES_USBL, *IMC_USBL),
+    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS, *MAVLINK_GPS, *FILES_GPS, *IMC_GPS),
+    "depth": (*DEPTH, *MAVLINK_DEPTH, *FILES_DEPTH, *IMC_DEPTH),
+    "truth": (*TRUTH, *only_when_named(NMEA_PLACES), *MAVLINK_TRUTH, *only_when_named((*FILES_GPS, *IMC_GPS))),
 }
 """The first layout that matches a topic is used.
 

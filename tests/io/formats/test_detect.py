@@ -11,8 +11,9 @@ from usbldr.io.formats.detect import open_log
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
 FORMATS = (
     "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), MAVLink telemetry logs (.tlog), DataFlash logs (.BIN), "
-    "PD0 files, PD6 text, MOOS logs (.alog), Parquet files and folders of them, HDF5 files (also netCDF-4), "
-    "MATLAB files (.mat), JSON lines of Water Linked's devices, text files of NMEA sentences and CSV folders"
+    "PD0 files, PD6 text, MOOS logs (.alog), LSF logs of IMC messages, Parquet files and folders of them, "
+    "HDF5 files (also netCDF-4), MATLAB files (.mat), JSON lines of Water Linked's devices, "
+    "text files of NMEA sentences and CSV folders"
 )
 
 
