@@ -21,12 +21,14 @@ from usbldr.filters.identification import evidence, noise_fit, usbl_likelihood
 from usbldr.filters.models.parameters import UNKNOWN_START, Parameters, Start
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
+from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Mask, Timeline
 
 HALF, TWICE = "half", "twice"
 FACTORS = {HALF: 0.5, TWICE: 2.0}
 LEAST_BIAS_M = 1e-6  # [m] the least that a configuration may state
 THINNED_S = (10.0, 60.0)
+PF = "states of pf"  # which fixes every error of the compass when it samples the yaw
 OUTAGES_S = ((600.0, 1200.0), (2000.0, 2600.0))
 MODULES = SimpleNamespace(evidence=evidence, noise_fit=noise_fit, usbl_likelihood=usbl_likelihood, prior=prior)
 
@@ -76,6 +78,11 @@ def _plain_start(parameters: Parameters, line: Timeline) -> Parameters:
         return parameters
     east_m, north_m = np.median(line.fix_m[:5], axis=0).tolist()
     return replace(parameters, start=Start(east_m, north_m, 3.0))
+
+
+def _estimable_by_pf(parameters: Parameters, line: Timeline) -> Parameters:
+    """Leave out what pf cannot estimate, as the command line does without --calibrate."""
+    return replace(parameters, calibrate=tuple(k for k in parameters.calibrate if k in METHODS["pf"].estimates))
 
 
 def _ablations() -> Iterator[tuple[str, Change]]:
@@ -170,6 +177,7 @@ ABLATIONS: Mapping[str, Change] = dict(_ablations())
 SENSITIVITY: Mapping[str, Change] = dict(_sensitivity())
 CHANGES: Mapping[str, Change] = {
     "": Change(),
+    PF: Change(after=_estimable_by_pf),
     **dict(_records()),
     **ABLATIONS,
     **SENSITIVITY,

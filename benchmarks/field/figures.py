@@ -95,7 +95,7 @@ def draw_consistency(case: Case, rows: Rows, output: Path) -> str:
 def draw_paper_filters(case: Case, rows: Rows, output: Path) -> str:
     """Draw the errors of the paper's filters, as its Figure 3 does for a lake trial; return the name of the file."""
     file = f"{case.name}_filters.png"
-    compared = [replace(rows[case.scored[-1], way, ""], label=way.method) for way in paper_ways(case)]
+    compared = [replace(rows[case.scored[-1], way, change], label=way.method) for way, change in paper_ways(case)]
     with in_style():
         figure = overlay.error_figure(compared)
         if figure is not None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
-from field.changes import ABLATIONS, SENSITIVITY, THINNED_S
+from field.changes import ABLATIONS, PF, SENSITIVITY, THINNED_S
 from field.logs import Case
 from paper.runs import Way
 from usbldr_cli.runs.seed_table import ComparisonRow
@@ -46,7 +46,7 @@ def plan(cases: Sequence[Case], sensitivity: bool = True) -> Plan:
         wanted |= {Cell(case.name, way, name): few for name, way in ablated(case)}
         wanted |= {Cell(case.name, BEST, name): 1 for name in SENSITIVITY if sensitivity}
         if case.name in PAPER_LOGS:
-            wanted |= {Cell(case.name, way): 1 for way in paper_ways(case)}
+            wanted |= {Cell(case.name, way, change): 1 for way, change in paper_ways(case)}
         if case.name == "stpere_marina":
             wanted |= {Cell(case.name, way, "cut"): 1 for way in cut_ways()}
     return wanted
@@ -76,9 +76,9 @@ def thinned_ways(case: Case) -> list[Way]:
     return [replace(way, calibrate=AUTO, order=online(case)) for way in (GATED, Way("adf"), Way("cpf"))]
 
 
-def paper_ways(case: Case) -> list[Way]:
-    """Return the filters of the paper's lake trial, as a vehicle could run them."""
-    return [Way(method, AUTO, order=online(case)) for method in ("pf", "upf", "cpf")]
+def paper_ways(case: Case) -> list[tuple[Way, str]]:
+    """Return the filters of the paper's lake trial with their changes, as a vehicle could run them."""
+    return [(Way(name, AUTO, order=online(case)), PF if name == "pf" else "") for name in ("pf", "upf", "cpf")]
 
 
 def cut_ways() -> list[Way]:

@@ -20,7 +20,6 @@ from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import STATES, estimated_errors
-from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.io.session import replay, resolve
@@ -69,11 +68,11 @@ def run_task(task: Task, stored: frozenset[str]) -> list[FinishedJob]:
     case = CASES[cell.case]
     try:
         given = dive(cell.case, seed, folder)
-        line, found = resolved_input(cell, seed, given, folder)
-        key = _key(line, given, found.parameters, cell, seed)
+        key = _key(given, cell, seed)
         names = [f"{key}{definition.name}" for definition in case.definitions]
         if stored.issuperset(names):
             return [FinishedJob(None, key=name) for name in names]
+        line, found = resolved_input(cell, seed, given, folder)
         with constants(CHANGES[cell.change].constants):
             made = replay(given.log, line, cell.way.method, _choices(cell, seed).settings(), found)
         return [FinishedJob(*_judged(case, k, made, given, line, found), name) for k, name in enumerate(names)]
@@ -145,11 +144,9 @@ def refusals(made: Trajectory) -> dict[str, float]:
     return {"refused_in_a_row": float(max(rows)), "refused_at_the_end": float(rows[-1])}
 
 
-def _key(line: Timeline, given: Dive, parameters: Parameters, cell: Cell, seed: int) -> str:
-    """Return the digest of all that a result depends on: what filter and judge are given, and the code of both."""
-    starting = [name for name in CHANGES[cell.change].constants if name.startswith("prior.")] and cell.change
-    settings = _choices(cell, seed).settings()
-    parts = (line, given.truth, parameters, cell.way.method, settings, starting)
+def _key(given: Dive, cell: Cell, seed: int) -> str:
+    """Return the digest of all that a result depends on: log and truth, what is run, and the code."""
+    parts = (given.line, given.truth, given.log.parameters, cell, _choices(cell, seed))
     return hashlib.sha256(pickle.dumps(parts) + _code()).hexdigest()[:32]
 
 
@@ -160,6 +157,6 @@ def _code() -> bytes:
 
     files = [
         *sorted(Path(str(usbldr.filters.__file__)).parent.rglob("*.py")),
-        *sorted(Path(__file__).parent.glob("[lr]*.py")),
+        *sorted(Path(__file__).parent.glob("[clr]*.py")),
     ]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()

@@ -85,8 +85,8 @@ def paper_filters(cases: Sequence[Case], rows: Rows) -> str:
     body: list[tuple[str, ...]] = [("the paper's lake trial", *cells) for cells in LAKE_TRIAL]
     for case in (one for one in cases if one.name in PAPER_LOGS):
         for name in case.scored:
-            for way in paper_ways(case):
-                label, _, *cells = _plain(way.method, AUTO, rows[name, way, ""])
+            for way, change in paper_ways(case):
+                label, _, *cells = _plain(way.method, AUTO, rows[name, way, change])
                 body.append((name, label, *cells[:4]))
     heads = ("filter", *HEADS[1:5])
     return markdown_table(Table("dive, m", heads, tuple(body)))
