@@ -84,12 +84,12 @@ def resolved_input(cell: Cell, seed: int, given: Dive, folder: Path) -> tuple[Ti
     """Return records and identification of a cell: those of the log with the cell's change."""
     change = CHANGES[cell.change]
     line = change.records(given.line)
-    found = _identified(cell.case, cell.change, cell.way.calibrate, seed, folder)
+    found = identified_once(cell.case, cell.change, cell.way.calibrate, seed, folder)
     return line, replace(found, parameters=change.after(found.parameters, line))
 
 
 @functools.lru_cache(maxsize=8)
-def _identified(name: str, changed: str, calibrate: str, seed: int, folder: Path) -> Identification:
+def identified_once(name: str, changed: str, calibrate: str, seed: int, folder: Path) -> Identification:
     """Identify once for all filters: what a log has evidence for does not depend on the filter that is run."""
     given, change = dive(name, seed, folder), CHANGES[changed]
     line = change.records(given.line)

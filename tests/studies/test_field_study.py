@@ -18,13 +18,14 @@ from field.changes import ABLATIONS, CHANGES, MODULES, SENSITIVITY, constants
 from field.figures import draw_consistency
 from field.logs import CASES, Case, cut, moved_onto_fixes, stamped_at_arrival, thinned
 from field.plan import BEST, FEW_DIVES, GATED, ONLINE, Cell, Rows, online, plan
-from field.runs import refusals, run_task
+from field.runs import identified_once, refusals, run_task
 from pages import AskedRows, table_widths
 from paper.runs import Way
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.usbl_likelihood import KEYS
+from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
@@ -203,7 +204,7 @@ def test_every_default_is_halved_and_doubled() -> None:
 
 def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
     """Each change has to do something on a log that uses everything, or it would show a robustness that is none."""
-    given = Parameters()
+    given = Parameters(calibrate=tuple(STATES))
     usual = prior.prior(line, given, StateLayout())
     for name, change in CHANGES.items():
         if name in ("", "without guard"):
@@ -255,8 +256,10 @@ def test_with_rare_fixes_the_noise_of_the_dvls_records_keeps_the_track(tmp_path:
         return outcome
 
     estimated = run()
+    identified_once.cache_clear()
     with constants(ABLATIONS["DVL noise not estimated"].constants):
         stated = run()
+    identified_once.cache_clear()
 
     assert estimated.metrics["mean_horizontal_m"] < 0.3 * stated.metrics["mean_horizontal_m"]
     assert estimated.metrics["refused_in_a_row"] <= 2
