@@ -17,13 +17,12 @@ from usbldr.io.formats.csv_sheets import plain
 from usbldr.io.formats.csv_text import (
     ParsedColumn,
     column,
-    cut_findings,
     nanoseconds,
     numbers,
     read_texts,
-    row_findings,
     seconds,
 )
+from usbldr.io.formats.text_table import cut_findings, row_findings
 from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,23 +17,21 @@ from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.formats.csv_text import (
     ParsedColumn,
-    TextTable,
-    cut_findings,
     header_and_row,
-    listed,
     nanoseconds,
     numbers,
     raw_header,
     read_texts,
-    row_findings,
     text_files,
     times,
 )
+from usbldr.io.formats.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.formats.topic_sheets import TableHead, TopicSheet, topic_sheets
 from usbldr.io.messages.configured import ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 
+Value = TypeVar("Value")
 ADVICE = "name them with the key columns in the sensor's section of usbldr.toml"
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
@@ -83,9 +82,8 @@ class CsvLog:
         if source.sensor is None:
             first_row = header_and_row(file)[1]
             return TableHead(file, file.stem, header, sheet_of(file.stem, header), first_row)
-        texts = self._table(file).columns
-        rows = self._rows(source)
-        filled = [name for name in texts if name == "time_ns" or any(texts[name][row] for row in rows)]
+        names = self._table(file).columns
+        filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]
         return TableHead(file, file.stem, header, sheet_of(source.sensor.replace("/", "__"), filled))
 
     @cached_property
@@ -145,19 +143,18 @@ class CsvLog:
             self._read[file] = read_texts(file)
         return self._read[file]
 
-    def _rows(self, source: CsvSource) -> Sequence[int]:
-        table = self._table(source.file)
-        if source.sensor is None:
-            return range(len(table.lines))
-        return [row for row, sensor in enumerate(table.columns["sensor"]) if sensor == source.sensor]
-
     def _lines(self, source: CsvSource) -> Sequence[int]:
-        lines = self._table(source.file).lines
-        return [lines[row] for row in self._rows(source)]
+        return self._own_rows(source, self._table(source.file).lines)
 
     def _cells(self, source: CsvSource, name: str) -> Sequence[str]:
-        texts = self._table(source.file).columns[name]
-        return texts if source.sensor is None else [texts[row] for row in self._rows(source)]
+        return self._own_rows(source, self._table(source.file).columns[name])
+
+    def _own_rows(self, source: CsvSource, values: Sequence[Value]) -> Sequence[Value]:
+        """Return the values of a file's rows that belong to the sensor."""
+        if source.sensor is None:
+            return values
+        sensors = self._table(source.file).columns["sensor"]
+        return [value for value, sensor in zip(values, sensors, strict=True) if sensor == source.sensor]
 
     def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
         cells = self._cells(source, clock.column)
@@ -190,7 +187,7 @@ class CsvLog:
         name = sheet.columns[path]
         cells = self._cells(source, name)
         if path in WORDS | sheet.texts:
-            return ParsedColumn(np.array(cells), {})
+            return ParsedColumn(np.array(list(cells)), {})
         parsed = numbers(cells, name)
         return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 

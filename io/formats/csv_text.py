@@ -3,6 +3,7 @@
 import codecs
 import csv
 import re
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
@@ -12,15 +13,14 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import ISO, plain_names
 from usbldr.io.formats.files import opened, text_lines
+from usbldr.io.formats.text_table import MAX_CHARACTERS, TextColumn, TextTable, listed
 from usbldr.io.formats.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.reader import MAX_TIME_NS, Column
 
 SECOND = 1_000_000_000  # fixed: nanoseconds
-MAX_NAMES = 20  # of names in a sentence
-MAX_CHARACTERS = 60  # of a name or a cell in a sentence
+PIECE = 10_000  # [rows] split into cells at once: some megabytes
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 WORDS = {"": "nan", "true": "1", "false": "0"}
 Number = TypeVar("Number", int, float)
@@ -76,15 +76,6 @@ def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     return [name.strip() for name in _cells(first, separator)], _cells(next(lines, ""), separator)
 
 
-class TextTable(NamedTuple):
-    """The cells of a file as stripped text."""
-
-    columns: Mapping[str, Sequence[str]]  # by plain names
-    lines: Sequence[int]  # line of each row
-    left_out: Mapping[int, str]  # line -> why it is not a row
-    cut_line: int = 0  # last line, if it has no line end and may be cut; 0: it has
-
-
 def read_texts(file: Path) -> TextTable:
     """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
 
@@ -101,8 +92,9 @@ def read_texts(file: Path) -> TextTable:
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
         raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
+    texts = {name: TextColumn() for name in header}
     rows: list[Sequence[str]] = []
-    numbered: list[int] = []
+    numbered = array("q")
     left_out: dict[int, str] = {}
     cut = 0
     for number, line in enumerate(lines, start=2 if known is None else 1):
@@ -122,11 +114,16 @@ def read_texts(file: Path) -> TextTable:
             continue
         rows.append(cells)
         numbered.append(number)
-    columns = zip(*rows, strict=True) if rows else [()] * len(header)
-    texts: dict[str, Sequence[str]] = dict(zip(header, columns, strict=True))
-    if separator not in (",", None):
-        texts = {name: [_with_point(cell) for cell in cells] for name, cells in texts.items()}
+        if len(rows) == PIECE:
+            _add(texts, rows, separator)
+            rows = []
+    _add(texts, rows, separator)
     return TextTable(texts, numbered, left_out, cut)
+
+
+def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], separator: str | None) -> None:
+    for column, cells in zip(texts.values(), zip(*rows, strict=True), strict=bool(rows)):
+        column.add(cells if separator in (",", None) else [_with_point(cell) for cell in cells])
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
@@ -136,12 +133,6 @@ def _cells(line: str, separator: str | None) -> list[str]:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     cells = line.rstrip("\r\n").split(separator)
     return [cell.strip() for cell in cells] if any(blank in line for blank in BLANKS) else cells
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as text, the first of many."""
-    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return ", ".join(name[:MAX_CHARACTERS] for name in names[:MAX_NAMES]) + more
 
 
 def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequence[str]:
@@ -199,17 +190,21 @@ def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
 def _parsed(
     texts: Sequence[str], name: str, parse: Callable[[str], Number], unknown: Number, what: str
 ) -> ParsedColumn:
-    values: list[Number] = []
     faults: dict[int, str] = {}
-    for row, text in enumerate(texts):
-        try:
-            if "_" in text:  # which Python takes for part of a number
-                raise ValueError
-            values.append(parse(text))
-        except (InvalidOperation, ValueError, OverflowError):
-            values.append(unknown)
-            faults[row] = f'{name} is "{text[:MAX_CHARACTERS]}", not {what}'
-    return ParsedColumn(np.array(values, dtype=np.int64 if isinstance(unknown, int) else np.float64), faults)
+
+    def values() -> Iterator[Number]:
+        for row, text in enumerate(texts):
+            value = unknown
+            try:
+                if "_" in text:  # which Python takes for part of a number
+                    raise ValueError
+                value = parse(text)
+            except (InvalidOperation, ValueError, OverflowError):
+                faults[row] = f'{name} is "{text[:MAX_CHARACTERS]}", not {what}'
+            yield value
+
+    kind = np.int64 if isinstance(unknown, int) else np.float64
+    return ParsedColumn(np.fromiter(values(), dtype=kind, count=len(texts)), faults)
 
 
 def _in_range(time_ns: int) -> int:
@@ -226,22 +221,3 @@ def _iso_ns(text: str) -> int:
     date, clock, fraction, zone = match.groups()
     moment = datetime.fromisoformat(f"{date}T{clock}{zone or 'Z'}")
     return int(moment.timestamp()) * 1_000_000_000 + int((fraction or "").ljust(9, "0"))
-
-
-def row_findings(file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "") -> list[Finding]:
-    """Report the rows of a table that are left out (line -> why), and its cut line."""
-    findings: list[Finding] = []
-    if left_out:
-        first, *others = sorted(left_out)
-        more = f"; so are lines {listed(list(map(str, others)))}" if others else ""
-        text = f"{file.name}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
-        findings.append(Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=True))
-    return findings
-
-
-def cut_findings(file: Path, table: TextTable) -> list[Finding]:
-    """Report that the last line has no line end."""
-    if not table.cut_line:
-        return []
-    text = f"{file.name}: line {table.cut_line}, the last, has no line end and is left out: it may be cut"
-    return [Finding("TRUNCATED", f"{text}; append a line end if it is whole", lost_data=True)]

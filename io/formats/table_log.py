@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
-from usbldr.io.formats.csv_text import listed
+from usbldr.io.formats.text_table import listed
 from usbldr.io.formats.topic_sheets import TableHead, TopicSheet, topic_sheets
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.messages.configured import ConfiguredColumns

@@ -7,6 +7,7 @@ import pytest
 
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.formats import csv_text
 from usbldr.io.formats.csv_log import CsvLog
 from usbldr.io.read import Request, read_log
 
@@ -174,6 +175,23 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
 
     np.testing.assert_array_equal(dvl["starboard_mps"], [0.5, 0.25])
     np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
+
+
+@pytest.mark.parametrize("rows", [1, 6, 7])
+def test_cells_that_are_kept_in_pieces_are_those_of_the_file(
+    tmp_path: Path, rows: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(csv_text, "PIECE", 3)
+    lines = [f"{T0 + k};{k},5;{-k}" for k in range(rows)]
+    lines[rows // 2] = f"{T0 + rows // 2};;1,25"
+    text = "\n".join(["time_ns;starboard_mps;forward_mps", *lines])
+
+    dvl = CsvLog(write_csv(tmp_path / "dive", dvl=text)).read({"/dvl": ["starboard_mps", "forward_mps"]})["/dvl"]
+
+    at = np.arange(rows)
+    np.testing.assert_array_equal(dvl.received_ns, T0 + at)
+    np.testing.assert_array_equal(dvl.columns["starboard_mps"], np.where(at == rows // 2, np.nan, at + 0.5))
+    np.testing.assert_array_equal(dvl.columns["forward_mps"], np.where(at == rows // 2, 1.25, -at))
 
 
 def test_a_column_that_is_there_twice_is_an_error(tmp_path: Path) -> None:

@@ -1,0 +1,71 @@
+"""The cells of a text file by column, kept as text: one string for each cell would need ten times the memory."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, overload
+
+from usbldr.io.findings import Finding
+
+MAX_NAMES = 20  # of names in a sentence
+MAX_CHARACTERS = 60  # of a name or a cell in a sentence
+
+
+class TextColumn(Sequence[str]):
+    """Cells without line ends. To read them one after the other is fast; to pick one, all are read."""
+
+    def __init__(self) -> None:
+        self._pieces: list[str] = []  # the cells of many rows each, one a line
+        self._count = 0
+
+    def add(self, cells: Sequence[str]) -> None:
+        """Add the cells of at least one row."""
+        self._pieces.append("\n".join(cells))
+        self._count += len(cells)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[str]:
+        for piece in self._pieces:
+            yield from piece.split("\n")
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[str]: ...
+    def __getitem__(self, index: int | slice) -> str | list[str]:
+        return list(self)[index]
+
+
+class TextTable(NamedTuple):
+    """The cells of a file as stripped text."""
+
+    columns: Mapping[str, Sequence[str]]  # by plain names
+    lines: Sequence[int]  # line of each row
+    left_out: Mapping[int, str]  # line -> why it is not a row
+    cut_line: int = 0  # last line, if it has no line end and may be cut; 0: it has
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as text, the first of many."""
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    return ", ".join(name[:MAX_CHARACTERS] for name in names[:MAX_NAMES]) + more
+
+
+def row_findings(file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "") -> list[Finding]:
+    """Report the rows of a table that are left out (line -> why), and its cut line."""
+    findings: list[Finding] = []
+    if left_out:
+        first, *others = sorted(left_out)
+        more = f"; so are lines {listed(list(map(str, others)))}" if others else ""
+        text = f"{file.name}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
+        findings.append(Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=True))
+    return findings
+
+
+def cut_findings(file: Path, table: TextTable) -> list[Finding]:
+    """Report that the last line has no line end."""
+    if not table.cut_line:
+        return []
+    text = f"{file.name}: line {table.cut_line}, the last, has no line end and is left out: it may be cut"
+    return [Finding("TRUNCATED", f"{text}; append a line end if it is whole", lost_data=True)]
