@@ -57,15 +57,16 @@ class AlogLog:
         found: dict[str, Postings] = {}
         counter, variables, start_ns, bad, first_bad, cut = DecoderSet(self.path), 0, 0, 0, 0, 0
         for number, line in enumerate(text_lines(self.path), start=1):
+            if not line.endswith("\n"):
+                cut = number
+                continue
             if line.startswith("%") or not line.strip():
                 start = START.match(line)
                 start_ns = _nanoseconds(start[1]) or start_ns if start else start_ns
                 continue
             cells = line.split(None, 3)
             time_ns = _nanoseconds(cells[0])
-            if not line.endswith("\n"):
-                cut = number
-            elif len(cells) < 3 or time_ns is None:
+            if len(cells) < 3 or time_ns is None:
                 bad, first_bad = bad + 1, first_bad or number
             else:
                 _, variable, source, value = *cells[:3], cells[3].strip() if len(cells) > 3 else ""

@@ -123,6 +123,14 @@ def test_a_moos_log_cut_anywhere_lacks_only_its_last_line_and_says_so(tmp_path: 
         assert any(finding.lost_data for finding in log.findings()) == (whole[end - 1] != "\n")
 
 
+def test_a_moos_log_cut_within_its_header_says_so(tmp_path: Path) -> None:
+    (tmp_path / "a.alog").write_text(HEAD[:-5])
+    log = AlogLog(tmp_path / "a.alog")
+
+    assert log.topics() == ()
+    assert any(finding.lost_data for finding in log.findings())
+
+
 def test_lines_that_are_no_postings_are_counted(tmp_path: Path) -> None:
     text = HEAD + line(0, "X", "app", 1.5) + "a text\nof two lines\n" + line(1, "X", "app", 2.5)
     (tmp_path / "a.alog").write_text(text)
