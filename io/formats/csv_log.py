@@ -26,13 +26,12 @@ from usbldr.io.formats.csv_text import (
     times,
 )
 from usbldr.io.formats.text_table import TextTable, cut_findings, listed, row_findings
-from usbldr.io.formats.topic_sheets import TableHead, TopicSheet, topic_sheets
+from usbldr.io.formats.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 from usbldr.io.messages.configured import ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 
 Value = TypeVar("Value")
-ADVICE = "name them with the key columns in the sensor's section of usbldr.toml"
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 

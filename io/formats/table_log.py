@@ -19,14 +19,13 @@ from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.formats.text_table import listed
-from usbldr.io.formats.topic_sheets import TableHead, TopicSheet, topic_sheets
+from usbldr.io.formats.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.messages.configured import ConfiguredColumns
 from usbldr.io.messages.field_names import sensors_by_name
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 
 MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
-ADVICE = "name them with the key columns in the sensor's section of usbldr.toml"
 Mask: TypeAlias = NDArray[np.bool_]
 Array: TypeAlias = tuple[str, tuple[int, ...], Callable[[Any], Column]]
 """Its name, its shape, and a function that reads a part of it."""
@@ -59,7 +58,7 @@ def reading(file: Path, what: str) -> Generator[None]:
         yield
     except UsbldrError:
         raise
-    except Exception as err:
+    except Exception as err:  # each library has errors of its own for damaged bytes, few documented
         why = next(iter(str(err).splitlines()), "") or type(err).__name__
         raise LogError(f"cannot be read as {what}: damaged, cut or of an unknown kind ({why})", path=file) from err
 
@@ -201,7 +200,9 @@ class TableLog:
             self._budget.take_bytes(table.rows * 8)
             with reading(table.file, self.format):
                 values = self._reader_of(table, name)()
-                assert len(values) == table.rows
+            if len(values) != table.rows:
+                count = f"{len(values)} of {table.rows} values"
+                raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
             self._columns[key] = values
         return self._columns[key]
 

@@ -1,4 +1,4 @@
-"""The doctor on field logs: what their collectors found by hand, found without being told."""
+"""The doctor on field logs: what their collectors found by hand, found from the log alone."""
 
 from pathlib import Path
 

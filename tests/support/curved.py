@@ -20,7 +20,7 @@ def curved_dive(
     straight: bool = False,
     gross: tuple[int, ...] = (),
 ) -> list[Row]:
-    """Ten minutes of surge and sway around curves, told in the conventions that are asked for.
+    """Ten minutes of surge and sway around curves, stated in the conventions that are asked for.
 
     ``mount_deg``: heading of the DVL's x axis minus heading of the bow; ``late_s``: stamps of fixes minus true time.
     """

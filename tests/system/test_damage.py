@@ -113,7 +113,7 @@ def read(path: Path, wanted: Mapping[str, list[str]]) -> Read:
             for topic, paths in wanted.items()
             if topic in present and all(present[topic].has(path) for path in paths)
         }
-        unread = any(topic in present and present[topic].problem for topic in wanted)  # the user is told
+        unread = any(topic in present and present[topic].problem for topic in wanted)  # a problem is reported
         for topic, records in log.read(ask).items() if not unread else ():
             columns = [records.received_ns, *(records.columns[path] for path in wanted[topic])]
             rows[topic] = set(zip(*(column.tolist() for column in columns), strict=True))

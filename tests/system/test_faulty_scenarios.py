@@ -1,4 +1,4 @@
-"""Dives in which much is wrong, as files and as tables: what is written comes back, and no true error is told."""
+"""Dives in which much is wrong, as files and as tables: what is written comes back, and no true error is stated."""
 
 import dataclasses
 import math
@@ -41,7 +41,7 @@ HONEST = dataclasses.replace(
     usbl=Usbl(1.0, Accuracy(1.0), Gaussian(per_scalar=False), lever_m=(0.0, -2.0, 1.0)),
     gps=Gps(1.0, 0.02, Mixture(0.1), lever_m=(1.0, 2.0, 3.0)),
 )
-"""What a filter is told of FAULTY, as if it were so."""
+"""What is stated to a filter of FAULTY, as if it were so."""
 
 
 def test_of_everything_that_is_wrong_the_configuration_tells_nothing() -> None:

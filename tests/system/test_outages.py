@@ -60,7 +60,7 @@ class Dive(NamedTuple):
 
 
 def scenario(sensors: tuple[str, ...], start_s: float, lasts_s: float, every_s: float = 1.0) -> Scenario:
-    """The square as nobody has told the filter of it, and sensors that fall silent in it."""
+    """The square with the generic assumptions of a filter, and sensors that fall silent in it."""
     usbl = replace(SQUARE.usbl, assumed_noise=Contamination(), rate_hz=1 / every_s)
     square = replace(SQUARE, duration_s=start_s + lasts_s + AFTER_S, process=ProcessNoise(), usbl=usbl)
     silent = Timing(silences_s=((start_s, start_s + lasts_s),))

@@ -99,7 +99,7 @@ def test_fixes_of_a_ship_that_turns_lie_on_the_vehicles_way(dive: Path) -> None:
 
 
 def test_the_dive_is_replayed_from_both_files(dive: Path) -> None:
-    """Nobody told where the vehicle started; the ship's receiver is neither its GPS nor its truth."""
+    """No start is stated; the ship's receiver is neither its GPS nor its truth."""
     output_of("replay", dive, "--filter", "ekf", "--output", dive.parent / "run", "--quiet")
 
     track = np.genfromtxt(dive.parent / "run" / "track_5hz.csv", delimiter=",", names=True)

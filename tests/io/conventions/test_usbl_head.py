@@ -234,7 +234,7 @@ def test_a_range_and_bearing_of_a_beacon_from_the_vehicles_bow(tmp_path: Path) -
 
 
 def test_a_slower_sound_shortens_ranges_before_the_depth_is_taken_off(tmp_path: Path) -> None:
-    """100 m told for 1500 m/s are 96 m at 1440 m/s; 57.6 m below the head leave 76.8 m."""
+    """100 m computed with 1500 m/s are 96 m at 1440 m/s; 57.6 m below the head leave 76.8 m."""
     log = logged_csv(
         tmp_path,
         "[usbl]\nsound_speed_scale = 0.96\nhead = { east_m = 0.0, north_m = 0.0 }",

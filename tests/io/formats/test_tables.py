@@ -138,8 +138,8 @@ def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> N
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [1.5, 4.5])
     np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, 1.0])
     np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [1.0, 2.0])
-    told = [finding for finding in log.findings if finding.lost_data]
-    assert [finding.text for finding in told] == [
+    lost = [finding for finding in log.findings if finding.lost_data]
+    assert [finding.text for finding in lost] == [
         "/nav/compass: 1 of 4 rows have no time; left out",
         "/nav/depth: 1 of 4 rows have no time; left out",
     ]
