@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from moos_recordings import COUNT, HEAD, line, write_alog
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError
 from usbldr.io.doctor.proposed_columns import proposed_columns
@@ -15,9 +16,6 @@ from usbldr.io.limits import VARIABLE
 from usbldr.io.opening import Request
 from usbldr.io.read import read_log
 
-COUNT = 40
-BANNER = "%" * 60
-HEAD = f"{BANNER}\n%% LOG FILE:       ./a.alog\n%% LOGSTART            {T0 // SECOND}.25\n{BANNER}\n"
 COLUMNS = """
 [dvl]
 columns = { x = "DVL_VEL_X", y = "DVL_VEL_Y" }
@@ -27,32 +25,6 @@ columns = { heading = "COMPASS_HEADING" }
 [gps]
 columns = { lat_deg = "GPS_LATITUDE", lon_deg = "GPS_LONGITUDE" }
 """
-
-
-def line(time_s: float, variable: str, source: str, value: object) -> str:
-    """Return a line with the widths of pLogger."""
-    return f"{time_s:<15.5f} {variable:<20} {source:<15} {value} \n"
-
-
-def lines() -> list[str]:
-    """Return a dive; an application posts the values of a reading one after the other, in wrong order of the file."""
-    found: list[str] = []
-    for k in range(COUNT):
-        found += [
-            line(k + 0.5, "COMPASS_HEADING", "iCompass", f"{k / 4:.5f}"),
-            line(k + 0.0001, "DVL_VEL_Y", "iDVL", f"{0.25:.5f}"),
-            line(k, "DVL_VEL_X", "iDVL:driver", f"{1 + k / 64:.6f}"),
-            line(k + 0.2, "DVL_TEMPERATURE", "iDVL", "8.00000"),
-            line(k + 0.0002, "DVL_STATUS", "iDVL", "all is, well = yes"),
-            line(k - 0.2, "GPS_LATITUDE", "gGPS", f"{60 + k * 1e-6:.8f}"),
-            line(k - 0.2, "GPS_LONGITUDE", "gGPS", f"{10:.8f}"),
-        ]
-    return found
-
-
-def write_alog(file: Path) -> Path:
-    file.write_text(HEAD + "".join(lines()), encoding="utf-8")
-    return file
 
 
 def test_what_an_application_posts_together_is_a_record(tmp_path: Path) -> None:

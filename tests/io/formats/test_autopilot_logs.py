@@ -3,15 +3,14 @@
 import random
 import struct
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink import DFReader, mavutil
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_recordings import COUNT, onboard, packets, row, write_bin, write_tlog
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.formats.dataflash_log import DataflashLog
@@ -19,34 +18,6 @@ from usbldr.io.formats.detect import open_log
 from usbldr.io.formats.tlog_log import TelemetryLog
 from usbldr.io.opening import Request
 from usbldr.io.read import read_log
-
-COUNT = 60
-
-
-def packets(version_1: bool = False) -> list[bytes]:
-    """Return packets as a ground station stores them, each after its time."""
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    dvl = mavlink.MAVLink(None, srcSystem=255, srcComponent=0)
-    found: list[bytes] = []
-    for k in range(COUNT):
-        moved = [0.2 + k / 100, -0.1, 0.01]
-        messages = [
-            (dvl, mavlink.MAVLink_vision_position_delta_message(k, 200_000, [0, 0, 0.1], moved, 90)),
-            (sender, mavlink.MAVLink_attitude_message(1000 * k, 0.01, 0.02, k / 20, 0, 0, 0)),
-            (sender, mavlink.MAVLink_gps_raw_int_message(k, 3, 476176249 + k, -1223610207, 0, 1, 1, 0, 0, 9)),
-            (sender, mavlink.MAVLink_scaled_pressure2_message(k, 1500.5 + k, 0, 0)),
-            (sender, mavlink.MAVLink_statustext_message(6, b"dive" + b"!" * (k % 3))),
-        ]
-        for owner, message in messages:
-            time_us = T0 // 1000 + k * 1_000_000
-            packed = bytes(message.pack(owner, force_mavlink1=version_1 and message.get_msgId() < 256))
-            found.append(struct.pack(">Q", time_us) + packed)
-    return found
-
-
-def write_tlog(file: Path, version_1: bool = False) -> Path:
-    file.write_bytes(b"".join(packets(version_1)))
-    return file
 
 
 def value_of(message: Any, path: str) -> Any:
@@ -123,64 +94,6 @@ def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Pa
     assert problems == {"mavlink/1/1/UNKNOWN_8388607": "its message 8388607 is not in the dialect ardupilotmega"}
     (finding,) = log.findings()
     assert finding.text == "1 messages are not in the dialect ardupilotmega, or damaged; not read"
-
-
-Definition = tuple[int, str, str, str, str]  # number, name, codes, columns, units
-DEFINITIONS: Sequence[Definition] = (
-    (130, "ATT", "QccffC", "TimeUS,Roll,Pitch,DesYaw,Yaw,ErrYaw", "sddddd"),
-    (131, "GPS", "QBBIHBcLLe", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt", "s#-s-S-DUm"),
-    (132, "BARO", "QBff", "TimeUS,I,Alt,Press", "s#mP"),
-    (133, "VISO", "Qffffffff", "TimeUS,dt,AngDX,AngDY,AngDZ,PosDX,PosDY,PosDZ,conf", "ssrrrmmm-"),
-    (134, "MSG", "QZ", "TimeUS,Message", "s-"),
-)
-STRUCT: Mapping[str, str] = {
-    "Q": "Q",
-    "c": "h",
-    "C": "H",
-    "f": "f",
-    "B": "B",
-    "I": "I",
-    "H": "H",
-    "L": "i",
-    "e": "i",
-} | {
-    "Z": "64s",
-    "N": "16s",
-    "n": "4s",
-}
-
-
-def fmt(number: int, name: str, codes: str, columns: str) -> bytes:
-    size = 3 + struct.calcsize("<" + "".join(STRUCT[code] for code in codes))
-    return b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, size, name.encode(), codes.encode(), columns.encode())
-
-
-def row(number: int, codes: str, *values: Any) -> bytes:
-    return b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(STRUCT[code] for code in codes), *values)
-
-
-def onboard(gps: bool = True) -> list[bytes]:
-    """Return the messages of an onboard log."""
-    parts = [fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
-    parts += [fmt(129, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")]
-    for number, name, codes, columns, units in DEFINITIONS:
-        parts += [fmt(number, name, codes, columns), row(129, "QBNN", 1, number, units.encode(), b"-" * len(units))]
-    codes_of = {number: codes for number, _, codes, _, _ in DEFINITIONS}
-    for k in range(COUNT):
-        t = 5_000_000 + 1_000_000 * k
-        parts += [row(130, codes_of[130], t, 12, -34, 1.0, (350 + k) % 360 + 0.25, 7)]
-        parts += [row(133, codes_of[133], t + 10, 200_000.0, 0, 0, 0, 0.2 + k / 100, -0.1, 0.01, 90.0 if k != 4 else 0)]
-        if gps:
-            week = (131, codes_of[131], t + 20, 0, 3 if k > 1 else 1, 100_000 + 1000 * k, 2200)
-            parts += [row(*week, 9, 80, 476176249 + k, -1223610207, 1200)]
-        parts += [row(132, codes_of[132], t + 30, instance, 0, 101325 + 1e4 * instance) for instance in (0, 1)]
-        parts += [row(134, codes_of[134], t + 40, b"ArduSub V4.5")]
-    return parts
-
-
-def write_bin(file: Path, parts: Sequence[bytes] | None = None) -> Path:
-    file.write_bytes(b"".join(onboard() if parts is None else parts))
-    return file
 
 
 def test_an_onboard_log_has_the_values_of_pymavlink(tmp_path: Path) -> None:

@@ -2,9 +2,8 @@
 
 import random
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -14,85 +13,13 @@ import pytest
 import scipy.io
 from pyarrow import parquet
 
-from recordings import SECOND, T0, write_csv
+from recordings import SECOND, T0
+from table_recordings import COUNT, WRITERS, as_csv, dive
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.opening import Request
 from usbldr.io.read import read_log
-
-COUNT = 50
-Columns = Mapping[str, Any]
-Tables = Mapping[str, Columns]
-
-
-def dive() -> Tables:
-    """Return tables with usbldr's own names; no time is a multiple of a microsecond."""
-    rng, times = np.random.default_rng(5), T0 + np.arange(COUNT) * SECOND + 123_456_789
-    return {
-        "dvl": {"time_ns": times, "forward_mps": rng.normal(1, 0.1, COUNT), "starboard_mps": rng.normal(0, 1, COUNT)},
-        "compass": {"time_ns": times + 7, "heading_deg": rng.uniform(0, 360, COUNT)},
-        "gps": {
-            "time_ns": times + 5,
-            "lat_deg": 60 + rng.normal(0, 1e-5, COUNT),
-            "lon_deg": 10 + rng.normal(0, 1e-5, COUNT),
-        },
-    }
-
-
-def as_csv(folder: Path, tables: Tables) -> Path:
-    texts = {name: pd.DataFrame(dict(columns)).to_csv(index=False) for name, columns in tables.items()}
-    return write_csv(folder / "csv", **texts)
-
-
-def as_parquet(folder: Path, tables: Tables) -> Path:
-    (folder / "parquet").mkdir()
-    for name, columns in tables.items():
-        parquet.write_table(pa.table(dict(columns)), folder / "parquet" / f"{name}.parquet")
-    return folder / "parquet"
-
-
-def as_hdf5(folder: Path, tables: Tables) -> Path:
-    with h5py.File(folder / "dive.h5", "w") as file:
-        for name, columns in tables.items():
-            for label, values in columns.items():
-                file.create_dataset(f"{name}/{label}", data=values, compression="gzip")
-    return folder / "dive.h5"
-
-
-def as_records(folder: Path, tables: Tables) -> Path:
-    """Write an array of records for each table, as PyTables does."""
-    with h5py.File(folder / "dive.hdf5", "w") as file:
-        for name, columns in tables.items():
-            file.create_dataset(name, data=pd.DataFrame(dict(columns)).to_records(index=False))
-    return folder / "dive.hdf5"
-
-
-def as_mat(folder: Path, tables: Tables) -> Path:
-    scipy.io.savemat(
-        folder / "dive.mat", {name: dict(columns) for name, columns in tables.items()}, do_compression=True
-    )
-    return folder / "dive.mat"
-
-
-def as_mat_7_3(folder: Path, tables: Tables) -> Path:
-    """Write as MATLAB does: HDF5 behind 512 bytes, vectors as matrices of one row."""
-    with h5py.File(folder / "dive.mat", "w", userblock_size=512) as file:
-        for name, columns in tables.items():
-            for label, values in columns.items():
-                file.create_dataset(f"{name}/{label}", data=np.atleast_2d(np.asarray(values).T))
-    with (folder / "dive.mat").open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    return folder / "dive.mat"
-
-
-WRITERS: Mapping[str, Callable[[Path, Tables], Path]] = {
-    "Parquet": as_parquet,
-    "HDF5": as_hdf5,
-    "HDF5 records": as_records,
-    "MATLAB": as_mat,
-    "MATLAB 7.3": as_mat_7_3,
-}
 
 
 @pytest.mark.parametrize("form", WRITERS)
