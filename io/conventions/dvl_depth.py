@@ -103,11 +103,11 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     """
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
     axes, chosen_by, findings = chosen_convention(raw, "axes", section.axes, by_frame)
-    by_default = chosen_by == "default"
+    by_name = bool(chosen_by == "default" and raw.frame_id)
     unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "m/s")
     to_mps = MPS_PER_UNIT[unit]
     chosen = [
-        Convention("axes", axes, "frame_id" if by_default else chosen_by, note=raw.frame_id if by_default else ""),
+        Convention("axes", axes, "frame_id" if by_name else chosen_by, note=raw.frame_id if by_name else ""),
         Convention("unit", unit, unit_by),
     ]
 
@@ -210,7 +210,7 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         if unit != "m":
             raise SettingError(f'[depth] unit = "{unit}": {raw.topic.name} holds depths in m')
         sign, sign_by, more = chosen_convention(raw, "positive", section.positive, usual)
-        by_frame = height and sign_by == "default"
+        by_frame = bool(height and sign_by == "default" and raw.frame_id)
         value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
         chosen.append(
             Convention("positive", sign, "frame_id" if by_frame else sign_by, note=raw.frame_id if by_frame else "")

@@ -166,7 +166,8 @@ def _sensor(stem: str, header: set[str]) -> str | None:
 def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -> Mapping[str, Sheet]:
     """Return sensor -> how its columns are interpreted by their names and units; empty if no sensor is there.
 
-    A time may be a date and time instead of a number with a unit, which ``first_row`` shows.
+    A time may be a date and time instead of a number with a unit, which ``first_row`` shows. Columns besides, by
+    usbldr's own names, are the sensor's.
     """
     names = plain_names(header)
     found = dict(sensors_by_name(names, stem.lower()))
@@ -182,10 +183,12 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     stamp, *arrived = (
         TimeColumn(one.name, round(one.factor) if one.known else SECOND_NS) for one in (*stamps, *arrivals)
     )
+    taken = {same[0].name for columns in found.values() for same in columns.values()}
+    own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
     return {
         sensor: Sheet(
             CANONICAL + sensor,
-            {key: same[0].name for key, same in columns.items()},
+            {key: same[0].name for key, same in columns.items()} | {name: name for name in own[sensor]},
             arrived[0] if arrived else stamp,
             stamp,
             scale={key: same[0].factor for key, same in columns.items()},

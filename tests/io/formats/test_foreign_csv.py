@@ -58,6 +58,27 @@ def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
     assert log.start_ns == T0
 
 
+def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_path: Path) -> None:
+    at = T0 // SECOND
+    log = logged_csv(
+        tmp_path,
+        "",
+        dvl=f"t_s,starboard_mps,forward_mps,sd_mps,valid\n{at},0.1,1.5,0.02,1\n{at + 1},0.1,1.5,0.02,0",
+        compass=f"t_s,heading_deg,sd_deg\n{at},10,0.7\n{at + 1},11,0.7",
+        usbl=f"t_s,east_m,north_m,cov_ee_m2,cov_en_m2,cov_nn_m2,depth_m\n{at},1,2,4,1,9,20",
+    )
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False]
+    assert log.convention("compass", "sd_deg").value == 0.7
+    np.testing.assert_allclose(log.tables["usbl"][["cov_ee_m2", "cov_en_m2", "cov_nn_m2"]], [[4.0, 1.0, 9.0]])
+
+
+def test_axes_that_no_name_states_are_a_default(tmp_path: Path) -> None:
+    log = logged_csv(tmp_path, "", dive=WIDE)
+
+    assert (log.convention("dvl", "axes").value, log.convention("dvl", "axes").chosen_by) == ("FLU", "default")
+
+
 def test_ranges_and_fixes_are_those_of_the_usbl(tmp_path: Path) -> None:
     fix = f"Time (s),Range [m],Bearing [rad]\n{T0 // SECOND},100,{np.pi / 2}"
     local = f"Time (s),USBL East [cm],USBL North [cm]\n{T0 // SECOND},4000,-2000"
