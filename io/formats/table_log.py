@@ -5,7 +5,7 @@ no value.
 """
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -22,7 +22,7 @@ from usbldr.io.formats.text_table import listed
 from usbldr.io.formats.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.messages.configured import ConfiguredColumns
-from usbldr.io.messages.field_names import sensors_by_name
+from usbldr.io.messages.field_names import named_column, sensors_by_name
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 
 MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
@@ -141,7 +141,9 @@ class TableLog:
         if sheet is None or sheet.received is None:
             unknown = f"its columns match no sensor ({listed(list(table.columns))}); {ADVICE}"
             problem = f"{table.topic} {sheet.problem}" if sheet else unknown
-            return TopicInfo(topic, sheet.type if sheet else "", "table", 0, None, None, problem=problem)
+            row = () if one.by_name else self._first_row(table)
+            kind = sheet.type if sheet else ""
+            return TopicInfo(topic, kind, "table", 0, None, None, problem=problem, first_row=row)
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         try:
             times, good = self._times(table, sheet.received)
@@ -150,6 +152,21 @@ class TableLog:
         times = times[good]
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
         return TopicInfo(topic, sheet.type, "table", len(times), first, last, fields)
+
+    def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
+        """Return the columns, and the first value of those that may be times; the others are not read."""
+        plain = dict(zip(table.columns, plain_names(list(table.columns)), strict=True))
+        times = {column.name for column in map(named_column, plain) if column and column.rule.dimension == "time"}
+        return tuple((short, self._first_value(table, short) if name in times else "") for name, short in plain.items())
+
+    def _first_value(self, table: Table, name: str) -> str:
+        """Return the first value of a column as text, empty if there is none or it cannot be read."""
+        values: Column = np.empty(0)
+        with suppress(LogError):
+            values = self._column(table, name)[:1]
+        if values.dtype.kind == "M":
+            values = np.datetime_as_string(values, unit="ms")
+        return "" if np.ma.getmaskarray(values).any() else "".join(map(str, values))
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Read the wanted columns; rows without a time are left out."""

@@ -2,11 +2,15 @@
 
 import re
 import tomllib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
+import pandas as pd
 import pytest
+import scipy.io
 
 from commands import findings, run
 from curved import curved_dive, in_radians
@@ -214,6 +218,45 @@ def test_columns_of_csv_files_without_units_are_proposed(tmp_path: Path) -> None
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
     done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
     assert done.return_value == 0, done.output
+
+
+def parquet_folder(folder: Path, tables: Mapping[str, pd.DataFrame]) -> Path:
+    folder.mkdir()
+    for name, table in tables.items():
+        table.to_parquet(folder / f"{name}.parquet")
+    return folder
+
+
+def hdf5_file(file: Path, tables: Mapping[str, pd.DataFrame]) -> Path:
+    with h5py.File(file, "w") as content:
+        for name, table in tables.items():
+            for label, values in table.items():
+                content.create_dataset(f"{name}/{label}", data=values.to_numpy())
+    return file
+
+
+def mat_file(file: Path, tables: Mapping[str, pd.DataFrame]) -> Path:
+    columns = {
+        name: {str(label): values.to_numpy() for label, values in table.items()} for name, table in tables.items()
+    }
+    scipy.io.savemat(file, columns)
+    return file
+
+
+@pytest.mark.parametrize("write", [parquet_folder, hdf5_file, mat_file])
+def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_files(
+    tmp_path: Path, write: Callable[[Path, Mapping[str, pd.DataFrame]], Path]
+) -> None:
+    csv = without_units(tmp_path / "csv")
+    log = write(tmp_path / "dive", {file.stem: pd.read_csv(file) for file in csv.glob("*.csv")})
+    found: list[dict[str, object]] = []
+    for path in (csv, log):
+        done = run("init", str(path), "--output", str(tmp_path / "found.toml"), "--force")
+        assert done.exception is None, done.output
+        found.append(tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8")))
+
+    assert found[0]["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}  # type: ignore[index]
+    assert found[1] == found[0]
 
 
 def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:
