@@ -1,11 +1,12 @@
 """The interface of every log format: its topics, and their messages as columns named by field path.
 
 A field path is the name that `rostopic echo -p` gives, with dots throughout: "header.stamp", "twist.twist.linear.x",
-"twist.covariance.0". A new format is one class with these methods and one line in detect.FORMATS.
+"twist.covariance.0", "beams.0.range". A new format is one class with these methods and one line in detect.FORMATS.
 """
 
+import re
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -34,9 +35,9 @@ class TopicInfo:
     count: int
     first_ns: int | None  # first and last log time; None: no message
     last_ns: int | None
-    fields: tuple[str, ...] = ()  # field paths, an array by its bare name
+    fields: tuple[str, ...] = ()  # field paths, an array by its bare name, of an array of messages the first's
     problem: str = ""  # why its messages cannot be read; reported only if the topic is wanted
-    arrays: frozenset[str] = frozenset()  # the fields that are arrays: "covariance" has elements "covariance.0"
+    arrays: frozenset[str] = frozenset()  # "covariance" if it has elements "covariance.0", "beams" of "beams.0.range"
     first_row: tuple[tuple[str, str], ...] = ()  # columns and first cells of a table that matches no sensor by them
 
     def __post_init__(self) -> None:
@@ -60,13 +61,35 @@ class TopicInfo:
 
     @property
     def shown_fields(self) -> tuple[str, ...]:
-        """Return the fields as a user names them: an array by its first element, "velocity[0]"."""
-        return tuple(f"{field}[0]" if field in self.arrays else field for field in self.fields)
+        """Return the fields as a user names them: arrays by their first elements, "velocity[0]", "beams[0].range"."""
+        return tuple(shown_field(field, self.arrays) for field in self.fields)
 
     def has(self, path: str) -> bool:
         """Return whether messages of this topic have the field."""
-        head, _, last = path.rpartition(".")
-        return path in self.fields or (last.isdecimal() and head in self.arrays)
+        return path in self.fields or listed_field(path, self.fields, self.arrays) is not None
+
+
+def listed_field(path: str, fields: Collection[str], arrays: Collection[str]) -> str | None:
+    """Return the field, as a topic lists it, that a path names; None for a whole array, and if there is none.
+
+    It is the path itself, or the array of which this is an element, or the same field of an array's first message.
+    """
+    if path in fields and path not in arrays:
+        return path
+    *parts, last = path.split(".")
+    listed = ""
+    for part in parts:
+        listed = f"{listed}.{'0' if part.isdecimal() and listed in arrays else part}".lstrip(".")
+    if last.isdecimal() and listed in arrays and listed in fields:
+        return listed
+    listed = f"{listed}.{last}"
+    return listed if listed in fields and listed not in arrays else None
+
+
+def shown_field(field: str, arrays: Collection[str]) -> str:
+    """Return a field as a user names it: an array by its first element."""
+    within = re.sub(r"\.0(?=\.)", lambda found: "[0]" if field[: found.start()] in arrays else found[0], field)
+    return f"{within}[0]" if field in arrays else within
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,17 +8,32 @@ import re
 import struct
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from usbldr.io.decoding.columns import TYPE_FIELDS, DecodedRows, DefinitionError, Extractor, decode_one_by_one
+from usbldr.io.decoding.columns import (
+    TYPE_FIELDS,
+    DecodedRows,
+    DefinitionError,
+    Extractor,
+    arrays_within,
+    decode_one_by_one,
+)
 from usbldr.io.decoding.definitions import Types, ros2_name
 from usbldr.io.decoding.ros_byte_layout import TIMES, decode_by_layout
 from usbldr.io.limits import RAISE, limit
+from usbldr.io.reader import listed_field
+
+
+class Leaf(NamedTuple):
+    """A field that holds no others: a number, text or time, or an array of such."""
+
+    unset: float | str  # its value if an array is too short to have it; of a time 0
+    is_array: bool
 
 
 class RosDecoder:
@@ -31,13 +46,13 @@ class RosDecoder:
         self._definitions = dict(types)
         try:
             self._refuse_endless(self._name, {}, set())
-            paths = self._paths(self._name)
+            self._kinds = self._leaves(self._name)
         except RecursionError as err:
             raise DefinitionError("it is nested too deeply") from err
         except KeyError as err:
             raise DefinitionError(" ".join(str(err).split())[:80]) from err
-        self.fields = tuple(paths)
-        self.arrays = frozenset(path for path, is_array in paths.items() if is_array)
+        self.fields = tuple(self._kinds)
+        self.arrays = arrays_within(self.fields) | {path for path, leaf in self._kinds.items() if leaf.is_array}
 
     def _refuse_endless(self, name: str, counted: dict[str, int], within: set[str]) -> int:
         """Return the number of fields below a type; raise DefinitionError if it contains itself, or has too many.
@@ -66,20 +81,22 @@ class RosDecoder:
         store.register(self._definitions)
         return store
 
-    def _paths(self, name: str, prefix: str = "") -> dict[str, bool]:
-        """Return the fields below a type, scalars and times by their path, and which are arrays of scalars."""
-        found: dict[str, bool] = {}
+    def _leaves(self, name: str, prefix: str = "") -> dict[str, Leaf]:
+        """Return the fields below a type by their path; of an array of messages those of the first."""
+        found: dict[str, Leaf] = {}
         for field, (kind, what) in self._definitions[name][1]:
-            path = prefix + field
-            if kind is Nodetype.NAME and what not in TIMES:
-                found |= self._paths(str(what), path + ".")
-            elif kind in (Nodetype.BASE, Nodetype.NAME):
-                found[path] = False
-            elif isinstance(what[0], tuple) and what[0][0] is Nodetype.BASE:
-                found[path] = True
+            is_array = kind not in (Nodetype.BASE, Nodetype.NAME)
+            node, element = what[0] if is_array else (kind, what)
+            if node is Nodetype.NAME and element not in TIMES:
+                found |= self._leaves(str(element), f"{prefix}{field}.0." if is_array else f"{prefix}{field}.")
             else:
-                self._paths(str(what[0][1]))  # raises KeyError if there is no such type
+                unset = 0 if node is Nodetype.NAME else "" if "string" in element[0] else float("nan")
+                found[prefix + field] = Leaf(unset, is_array)
         return found
+
+    def _unset(self, path: str) -> Any:
+        """Return the value of a field of a message whose array is too short to have it."""
+        return self._kinds[listed_field(path, self._kinds, self.arrays) or path].unset
 
     def fits(self, payloads: Sequence[bytes]) -> bool:
         """Return whether all of some messages match the definition."""
@@ -87,14 +104,15 @@ class RosDecoder:
 
     def pieces(self, payloads: Sequence[bytes], paths: Sequence[str]) -> list[DecodedRows]:
         """Read all messages; those that do not match the definition are in no piece."""
-        pieces, left = decode_by_layout(self._definitions, self._name, payloads, paths, self._encoding == "cdr")
+        unset = {path: self._unset(path) for path in paths}
+        pieces, left = decode_by_layout(self._definitions, self._name, payloads, unset, self._encoding == "cdr")
         if len(left):
             pieces.append(decode_one_by_one(self.extractor(paths), payloads, paths, left.tolist()))
         return pieces
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
-        getters = [_getter(path) for path in paths]
+        getters = [_getter(path, self._unset(path)) for path in paths]
         deserialize = self._store.deserialize_ros1 if self._encoding == "ros1" else self._store.deserialize_cdr
 
         def extract(data: bytes) -> tuple[Any, ...] | None:
@@ -139,16 +157,21 @@ def _idl_types(text: str) -> Types:
     return types
 
 
-def _getter(path: str) -> Callable[[object], Any]:
-    """Return a function from a message to the value at the path; times become integer nanoseconds."""
+def _getter(path: str, unset: Any) -> Callable[[object], Any]:
+    """Return a function from a message to the value at the path, times as integer nanoseconds.
+
+    It is ``unset`` if an array is too short.
+    """
     parts = path.split(".")
-    index = int(parts.pop()) if parts[-1].isdecimal() else None
 
     def get(message: Any) -> Any:
         for part in parts:
-            message = getattr(message, part)
-        if index is not None:
-            return message[index] if index < len(message) else float("nan")
+            if not part.isdecimal():
+                message = getattr(message, part)
+            elif int(part) < len(message):
+                message = message[int(part)]
+            else:
+                return unset
         if hasattr(message, "nanosec"):
             return message.sec * 1_000_000_000 + message.nanosec
         return message

@@ -1,5 +1,6 @@
 """From the bytes of messages to columns: what the decoders of all encodings share."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -32,6 +33,11 @@ def limited(fields: Iterable[tuple[str, Leaf | None]]) -> dict[str, Leaf]:
     if len(found) > most:
         raise DefinitionError(f"it has more than {most} fields; {RAISE}")
     return {path: leaf for path, leaf in found if leaf is not None}
+
+
+def arrays_within(paths: Iterable[str]) -> frozenset[str]:
+    """Return the arrays of messages in whose first elements some fields are: "beams" of "beams.0.range"."""
+    return frozenset(path[: found.start()] for path in paths for found in re.finditer(r"\.0(?=\.)", path))
 
 
 class DecodedRows(NamedTuple):

@@ -11,7 +11,8 @@ from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 
-from usbldr.io.decoding.columns import DefinitionError, Extractor, limited
+from usbldr.io.decoding.columns import DefinitionError, Extractor, arrays_within, limited
+from usbldr.io.reader import listed_field
 
 LeafType: TypeAlias = Literal["number", "text", "time"]
 Leaf: TypeAlias = tuple[LeafType, bool]  # and whether it is an array of such
@@ -41,11 +42,12 @@ class JsonDecoder:
         found = limited(_leaves(whole, whole))
         self._kinds: Mapping[str, LeafType] = {path: kind for path, (kind, _) in found.items()}
         self.fields = tuple(self._kinds)
-        self.arrays = frozenset(path for path, (_, is_array) in found.items() if is_array)
+        self.arrays = arrays_within(found) | {path for path, (_, is_array) in found.items() if is_array}
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
-        getters = [_getter(path, self._kinds) for path in paths]
+        listed = [listed_field(path, self._kinds, self.arrays) or path for path in paths]
+        getters = [_getter(path, self._kinds[field]) for path, field in zip(paths, listed, strict=True)]
 
         def extract(data: bytes) -> tuple[Any, ...] | None:
             try:
@@ -137,9 +139,8 @@ def _time_names(fields: Mapping[str, Any]) -> tuple[str, str] | None:
     return (seconds[0], nanoseconds[0]) if len(fields) == 2 and seconds and nanoseconds else None
 
 
-def _getter(path: str, kinds: Mapping[str, LeafType]) -> Callable[[Any], Any]:
+def _getter(path: str, kind: LeafType) -> Callable[[Any], Any]:
     """Return a function from a message to the value at the path; it raises if a value is not of its kind."""
-    kind = kinds.get(path) or kinds[path.rpartition(".")[0]]  # an element of an array of numbers
     parts = path.split(".")
 
     def get(message: Any) -> Any:

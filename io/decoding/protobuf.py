@@ -13,7 +13,8 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 
-from usbldr.io.decoding.columns import DefinitionError, Extractor, limited
+from usbldr.io.decoding.columns import DefinitionError, Extractor, arrays_within, limited
+from usbldr.io.reader import listed_field
 
 TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
 LEVELS = 8  # of messages in messages; definitions may be recursive
@@ -32,11 +33,13 @@ class ProtobufDecoder:
         self._class = GetMessageClass(descriptor)
         self._kinds = limited(_leaves(descriptor))
         self.fields = tuple(self._kinds)
-        self.arrays = frozenset(path for path, field in self._kinds.items() if field.is_repeated)
+        repeated = {path for path, field in self._kinds.items() if field.is_repeated}
+        self.arrays = arrays_within(self.fields) | repeated
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
-        getters = [_getter(path, self._kinds) for path in paths]
+        listed = [listed_field(path, self._kinds, self.arrays) or path for path in paths]
+        getters = [_getter(path, self._kinds[field]) for path, field in zip(paths, listed, strict=True)]
 
         def extract(data: bytes) -> tuple[Any, ...] | None:
             try:
@@ -77,9 +80,8 @@ def _leaves(descriptor: Descriptor, prefix: str = "", level: int = 0) -> Iterato
             yield from _leaves(inner, f"{path}.0." if field.is_repeated else f"{path}.", level + 1)
 
 
-def _getter(path: str, kinds: dict[str, FieldDescriptor]) -> Callable[[Message], Any]:
+def _getter(path: str, field: FieldDescriptor) -> Callable[[Message], Any]:
     """Return a function from a message to the value at the path; times become integer nanoseconds."""
-    field = kinds.get(path) or kinds[path.rpartition(".")[0]]  # an element of an array of numbers
     parts = path.split(".")
     is_text, is_time = field.type == FieldDescriptor.TYPE_STRING, field.message_type is not None
     unset: Any = "" if is_text else 0 if is_time else float("nan")

@@ -70,20 +70,20 @@ class ByteLayout:
         """Return which messages have this layout, (n,)."""
         return np.all(block[:, self.fixed_at] == self.fixed, axis=1)
 
-    def column(self, block: Block, path: str) -> Column:
-        """Return a field of all messages, (n,); NaN for a number that their array is too short to have.
+    def column(self, block: Block, path: str, unset: Any) -> Column:
+        """Return a field of all messages, (n,); ``unset`` if their array is too short to have it.
 
         Raises UnknownLayoutError for a whole array, and UnicodeDecodeError.
         """
         place = self.places.get(path)
-        if place is None or place.array:
+        if place is None:
             name, _, number = path.rpartition(".")
-            place = self.places.get(name)
-            if place is None or not number.isdecimal():
-                raise UnknownLayoutError
-            if int(number) >= place.length:
-                return np.full(len(block), np.nan)
-            place = Place(place.offset + int(number) * np.dtype(place.kind).itemsize, place.kind, 1)
+            array = self.places.get(name)
+            if array is None or int(number) >= array.length:
+                return np.full(len(block), unset)
+            place = Place(array.offset + int(number) * np.dtype(array.kind).itemsize, array.kind, 1)
+        if place.array:
+            raise UnknownLayoutError
         return _values(block, place)
 
 
@@ -204,9 +204,12 @@ def byte_layout_of(definitions: Definitions, name: str, sample: bytes, aligned: 
 
 
 def decode_by_layout(
-    definitions: Definitions, name: str, payloads: Sequence[bytes], paths: Sequence[str], aligned: bool
+    definitions: Definitions, name: str, payloads: Sequence[bytes], unset: Mapping[str, Any], aligned: bool
 ) -> tuple[list[DecodedRows], Rows]:
-    """Read all messages that have a layout; return them in pieces, and which messages are left."""
+    """Read all messages that have a layout; return them in pieces, and which messages are left.
+
+    ``unset``: the wanted fields, and the value of each if an array is too short to have it.
+    """
     pieces: list[DecodedRows] = []
     left: list[Rows] = [np.empty(0, dtype=np.intp)]
     for rows in _of_one_size(payloads):
@@ -219,7 +222,9 @@ def decode_by_layout(
                 layout = byte_layout_of(definitions, name, payloads[int(rows[0])], aligned)
                 same = layout.matches(block)
                 table = block if same.all() else block[same]
-                pieces.append(DecodedRows(rows[same], {path: layout.column(table, path) for path in paths}))
+                pieces.append(
+                    DecodedRows(rows[same], {path: layout.column(table, path, value) for path, value in unset.items()})
+                )
             except (UnknownLayoutError, UnicodeDecodeError):
                 same = np.arange(len(rows)) == 0
                 left.append(rows[same])

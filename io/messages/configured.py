@@ -1,8 +1,8 @@
 """Topics of any type as sensors: the key ``columns`` of a section names the field, or CSV column, of each quantity.
 
 A field is named by its path with dots, an element of an array by its number: "velocity.x", "velocity[0]",
-"velocity.0". A unit in brackets behind it, "velocity.x [mm/s]", or one that its name ends in, "vx_mm_s", holds unless
-the section states ``unit``.
+"velocity.0", "beams[2].range". A unit in brackets behind it, "velocity.x [mm/s]", or one that its name ends in,
+"vx_mm_s", holds unless the section states ``unit``.
 """
 
 import re
@@ -13,7 +13,7 @@ from pathlib import Path
 from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS
-from usbldr.io.reader import TopicInfo
+from usbldr.io.reader import TopicInfo, listed_field, shown_field
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.units import Dimension, NamedUnit, named_unit, spellings
 
@@ -82,8 +82,7 @@ def field_of(name: str, fields: Sequence[str], arrays: Collection[str] = ()) -> 
     """Return the field that a name means: itself, without its unit, or with an index in brackets; None if none."""
     for choice in (plain(name), named_unit(plain(name)).label):
         path = _path(choice)
-        head, _, last = path.rpartition(".")
-        if (path in fields and path not in arrays) or (last.isdecimal() and head in arrays):
+        if listed_field(path, fields, arrays) is not None:
             return path
     return None
 
@@ -97,7 +96,7 @@ def named_fields(
 ) -> dict[str, str]:
     """Return quantity -> field; raise UsageError that lists the fields of the topic if one does not exist."""
     found: dict[str, str] = {}
-    shown = [f"{field}[0]" if field in arrays else field for field in fields]
+    shown = [shown_field(field, arrays) for field in fields]
     for key, name in stated.columns.items():
         field = field_of(name, fields, arrays)
         if field is None:

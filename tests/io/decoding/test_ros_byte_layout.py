@@ -1,6 +1,7 @@
 """Messages read by their layout: rosbags' own decoder, message by message, is the oracle."""
 
 import random
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,13 +23,15 @@ uint8[3] three
 float32[] many
 string[] names
 geometry_msgs/Point[] points
+time_free_msgs/Inner[] inners
+builtin_interfaces/Time[] times
 int64 last
 uint64 huge
 string second
 time_free_msgs/Inner inner
 builtin_interfaces/Time when
 """
-INNER = "uint8 a\nfloat64 b\nstring[2] pair\nchar c\nbyte d\n"
+INNER = "uint8 a\nfloat64 b\nstring[2] pair\nchar c\nbyte d\nfloat32[] row\nbuiltin_interfaces/Time t\nstring s\n"
 TYPES = [
     "sensor_msgs/msg/Imu",
     "sensor_msgs/msg/NavSatFix",
@@ -94,15 +97,19 @@ def value(message: Any, path: str) -> Any:
     return message.sec * 10**9 + message.nanosec if hasattr(message, "nanosec") else message
 
 
-def paths_of(decoder: RosDecoder, message: Any) -> list[str]:
-    """List all scalars, and the first of each array of numbers that is not empty."""
-    paths: list[str] = []
-    for path in decoder.fields:
-        one = value(message, path)
-        if not isinstance(one, (np.ndarray, list)):
-            paths.append(path)
-        elif isinstance(one, np.ndarray) and len(one):
-            paths += [f"{path}.0", f"{path}.{len(one) - 1}"]
+def paths_of(store: Typestore, type_name: str, prefix: str = "") -> dict[str, Any]:
+    """List all fields below a type, of arrays those of element 0 and 2, and what absent ones are."""
+    paths: dict[str, Any] = {}
+    for field, (node, what) in store.fielddefs[type_name][1]:
+        is_array = node not in (Nodetype.BASE, Nodetype.NAME)
+        kind, name = what[0] if is_array else (node, what)
+        for path in [f"{prefix}{field}.0", f"{prefix}{field}.2"] if is_array else [prefix + field]:
+            if kind is Nodetype.BASE:
+                paths[path] = "" if name[0] == "string" else np.nan
+            elif str(name).endswith("/Time"):
+                paths[path] = 0
+            else:
+                paths |= paths_of(store, str(name), path + ".")
     return paths
 
 
@@ -118,18 +125,22 @@ def columns(decoder: RosDecoder, payloads: Sequence[bytes], paths: Sequence[str]
 @pytest.mark.parametrize("type_name", TYPES)
 def test_columns_are_what_was_written(ros_version: int, type_name: str, most: int) -> None:
     decoder, payloads, made = messages(ros_version, type_name, 60, most)
-    paths = paths_of(decoder, made[0])
+    paths = paths_of(STORES[ros_version], type_name)
 
-    rows, read = columns(decoder, payloads, paths)
+    rows, read = columns(decoder, payloads, list(paths))
 
     assert rows == list(range(60))
-    for path in paths:
+    assert {re.sub(r"\.\d+$", "", path.replace(".2.", ".0.")) for path in paths} == {*decoder.fields}
+    for path, absent in paths.items():
         for row, message in enumerate(made):
             try:
                 expected = value(message, path)
             except IndexError:
-                expected = np.nan
+                expected = absent
             np.testing.assert_array_equal(read[path][row], expected, err_msg=f"{path} of message {row}")
+    alone = [decoder.extractor(list(paths))(payload) for payload in payloads]  # one by one, as what has no layout
+    for path, values in zip(paths, zip(*(one or () for one in alone), strict=True), strict=True):
+        np.testing.assert_array_equal(values, read[path], err_msg=path)
 
 
 def test_messages_of_one_layout_need_no_decoder(monkeypatch: pytest.MonkeyPatch) -> None:
