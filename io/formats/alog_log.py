@@ -1,12 +1,13 @@
 """Logs of MOOS (.alog): text lines of a time, a variable, the application that posted it, and its value.
 
 Source: MOOS-IvP's documentation of pLogger and of the alog tools (oceanai.mit.edu/ivpman). A topic is an application,
-and its fields are the variables that hold numbers: those that it posts together make a record.
+and its fields are the variables that hold numbers: those that it posts together make a record. The text "X=1.5,Y=2" of
+a variable holds the fields VARIABLE.X and VARIABLE.Y.
 """
 
 import re
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +24,7 @@ from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo, name_of
 START = re.compile(r"%%\s*LOGSTART\s+([\d.]+)")
 TOGETHER_NS = 10_000_000  # [ns] between the first and the last value of a record; sensors report at up to 50 Hz
 WORDS = {"true": 1.0, "false": 0.0}
+PAIR = re.compile(r"(?:^|,)\s*([A-Za-z_]\w*)\s*=\s*([^,=]+)", re.ASCII)  # of a text: a name and its value
 MARK = re.compile(r"[DS]:")  # of numbers and texts, if the log marks types
 
 
@@ -112,19 +114,34 @@ def _nanoseconds(text: str) -> int | None:
 
 
 def _add(postings: Postings, time_ns: int, variable: str, value: str) -> int:
-    """Add a posting if it is a number; return whether its variable is new."""
+    """Add the numbers of a posting; return how many of their variables are new."""
+    before = len(postings.names)
     value = value[2:] if MARK.match(value) else value
-    try:
-        number = WORDS[value.lower()] if value.lower() in WORDS else float(value)
-    except ValueError:
+    whole = _number(value)
+    if whole is None:
         postings.texts.add(variable)
-        return 0
-    new = variable not in postings.names
-    place = postings.names.setdefault(variable, len(postings.names))
-    postings.times_ns.append(time_ns)
-    postings.variables.append(place)
-    postings.values.append(number)
-    return int(new)
+    for name, number in _parts(variable, value) if whole is None else [(variable, whole)]:
+        postings.times_ns.append(time_ns)
+        postings.variables.append(postings.names.setdefault(name, len(postings.names)))
+        postings.values.append(number)
+    return len(postings.names) - before
+
+
+def _number(text: str) -> float | None:
+    """Return a number, true as 1 and false as 0; None if the text is another."""
+    try:
+        return WORDS[text.lower()] if text.lower() in WORDS else float(text)
+    except ValueError:
+        return None
+
+
+def _parts(variable: str, text: str) -> Iterator[tuple[str, float]]:
+    """Yield the numbers in a text of names and values; of a name that comes twice the first, as MOOS-IvP reads it."""
+    first = dict(reversed(PAIR.findall(text)))
+    for name in reversed(first):
+        number = _number(first[name].strip())
+        if number is not None:
+            yield f"{variable}.{name}", number
 
 
 def _info(topic: str, postings: Postings) -> TopicInfo:

@@ -71,6 +71,52 @@ def test_types_may_be_marked_and_times_may_count_from_1970(tmp_path: Path) -> No
     assert (records.received_ns - T0).tolist() == [k * SECOND for k in range(4)]
 
 
+def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
+    """The report is that of pNodeReporter's documentation; of a name that comes twice the first counts."""
+    report = "NAME=alpha,TYPE=UUV,UTC_TIME=1252348077.59,X=51.71,Y=-35.50,LAT=43.824981,LON=-70.329755,SPD=2.00,"
+    report += "HDG=118.85,YAW=118.84754,DEP=4.63,LENGTH=3.8,MODE=MODE@ACTIVE:LOITERING"
+    texts = [("NODE_REPORT_LOCAL", report), ("USBL_FIX", "S:who=7, x = 1.5 ,y=-2,ok=true,x=9"), ("USBL_FIX", "x=2.5")]
+    texts += [("POLYGON", "pts={0,0:10,20},label=one,edge=3"), ("EMPTY", "a=,=5,b,c==1,1=2,-d=3")]
+    text = "".join(line(k, variable, "app", value) for k, (variable, value) in enumerate(texts))
+    (tmp_path / "a.alog").write_text(HEAD + text)
+    log = open_log(tmp_path / "a.alog")
+
+    (topic,) = log.topics()
+    records = log.read({"/app": topic.fields})["/app"].columns
+
+    assert {path: column[0] for path, column in records.items() if path.startswith("NODE")} == {
+        "NODE_REPORT_LOCAL.UTC_TIME": 1252348077.59,
+        "NODE_REPORT_LOCAL.X": 51.71,
+        "NODE_REPORT_LOCAL.Y": -35.5,
+        "NODE_REPORT_LOCAL.LAT": 43.824981,
+        "NODE_REPORT_LOCAL.LON": -70.329755,
+        "NODE_REPORT_LOCAL.SPD": 2.0,
+        "NODE_REPORT_LOCAL.HDG": 118.85,
+        "NODE_REPORT_LOCAL.YAW": 118.84754,
+        "NODE_REPORT_LOCAL.DEP": 4.63,
+        "NODE_REPORT_LOCAL.LENGTH": 3.8,
+    }
+    others = {path: column[1:] for path, column in records.items() if not path.startswith("NODE")}
+    nan = np.nan
+    expected = {"x": [1.5, 2.5, nan], "y": [-2.0, nan, nan], "ok": [1.0, nan, nan], "who": [7.0, nan, nan]}
+    assert others.keys() == {"POLYGON.edge", *(f"USBL_FIX.{name}" for name in expected)}
+    for name, values in expected.items():
+        np.testing.assert_array_equal(others[f"USBL_FIX.{name}"], values)
+    np.testing.assert_array_equal(others["POLYGON.edge"], [nan, nan, 3.0])
+
+
+def test_positions_within_a_text_are_fixes(tmp_path: Path) -> None:
+    rows = [line(k + 0.5, "USBL_REPORT", "iUSBL", f"T={T0 // SECOND + k},X={k},Y={-2 * k}") for k in range(COUNT)]
+    (tmp_path / "a.alog").write_text(HEAD + "".join(rows))
+    columns = '{ time_unix_s = "USBL_REPORT.T", x = "USBL_REPORT.X", y = "USBL_REPORT.Y" }'
+    (tmp_path / "usbldr.toml").write_text(f"[usbl]\ncolumns = {columns}\n")
+
+    fixes = read_log(tmp_path / "a.alog").tables["usbl"]
+
+    np.testing.assert_array_equal(fixes[["east_m", "north_m"]], [[k, -2 * k] for k in range(COUNT)])
+    np.testing.assert_array_equal(np.diff(fixes["time_s"]), 1.0)
+
+
 def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path) -> None:
     """Of five readings the second lacks Y, the third X; the others are 5 ms apart: no record has values of two."""
     rows = [(0.0, "X", 1), (0.001, "Y", 2), (0.1, "X", 3), (0.2, "Y", 4)]
