@@ -59,7 +59,10 @@ FILES_COMPASS = (
         unsupported="holds a yaw that counts from where dead reckoning began, not from north",
     ),
 )
-FILES_GPS = (MessageLayout("pd0_gga", PLACE, own_columns("quality"), "by type", LATLON),)
+FILES_GPS = (
+    MessageLayout("pd0_gga", PLACE, own_columns("quality"), "by type", LATLON),
+    MessageLayout("pd0_navigation", PLACE, own_columns("valid"), "by type", LATLON),
+)
 FILES_DEPTH = tuple(
     MessageLayout(kind, {"depth": "depth_m"}, recognised="by type", defaults=DOWN) for kind in ("pd0_depth", "pd6_ts")
 )

@@ -1,0 +1,61 @@
+"""Positions in PD0 files, beside the ensembles of the instrument: those of WinRiver and of VmDas.
+
+Sources: WinRiver's blocks of GGA sentences, and VmDas' block of navigation (VmDas User's Guide, binary navigation data
+format).
+"""
+
+import struct
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from usbldr.io.reader import MAX_TIME_NS
+
+NMEA, NAVIGATION = 0x2022, 0x2000  # fixed: kinds of data
+GGA = struct.Struct(
+    "<HHHd7s10sdcdcB"
+)  # kind, 104, size, age [s] at the ensemble, name, time, latitude, longitude, quality
+GGA_BLOCK = 104  # fixed by WinRiver
+PLACES = struct.Struct(
+    "<HBBHI12xIii12xH"
+)  # kind, day, month, year, first fix, last fix, its latitude and longitude, flags
+TICK_NS = 100_000  # fixed by VmDas: the unit of times of day
+TURN = 180 / 2**31  # fixed by VmDas [deg]: the unit of angles
+VALID = 0b10_0010  # fixed by VmDas: position and time are valid
+DAY_NS = 86_400_000_000_000  # fixed
+
+
+def winriver_fixes(blocks: Sequence[bytes], time_ns: int) -> list[tuple[int, float, float, int]]:
+    """Return log time, latitude, longitude and quality of GGA sentences beside an ensemble of a time.
+
+    A block states how long before the ensemble it arrived; so fixes and velocities are timed by one clock.
+    """
+    found: list[tuple[int, float, float, int]] = []
+    for block in blocks:
+        if len(block) < GGA.size or int.from_bytes(block[2:4], "little") != GGA_BLOCK:
+            continue
+        _, _, _, age_s, _, _, lat, south, lon, west, quality = GGA.unpack_from(block)
+        if not abs(age_s) < 60:  # also NaN; an ensemble takes seconds at most
+            continue
+        signs = (-1 if south == b"S" else 1), (-1 if west == b"W" else 1)
+        found.append((time_ns - round(age_s * 1e9), signs[0] * lat, signs[1] * lon, quality))
+    return found
+
+
+def vmdas_fixes(blocks: Sequence[bytes], time_ns: int) -> list[tuple[int, int, float, float, int]]:
+    """Return log time, UTC, latitude, longitude and validity of the last fix before an ensemble of a time.
+
+    The log time is that of the ensemble by the instrument's clock. A last fix before the first is of the next day.
+    """
+    found: list[tuple[int, int, float, float, int]] = []
+    for block in blocks:
+        if len(block) < PLACES.size:
+            continue
+        _, day, month, year, first, last, lat, lon, flags = PLACES.unpack_from(block)
+        try:
+            days = (datetime(year, month, day, tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)).days
+        except ValueError:
+            continue
+        stamp_ns = (days + (last < first)) * DAY_NS + last * TICK_NS
+        if abs(stamp_ns) < MAX_TIME_NS:
+            found.append((time_ns, stamp_ns, lat * TURN, lon * TURN, int(flags & VALID == VALID)))
+    return found
