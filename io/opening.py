@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import date
 from pathlib import Path
 from typing import Literal
 
@@ -12,14 +13,16 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
 from usbldr.io.formats.detect import open_log
 from usbldr.io.formats.files import opened
-from usbldr.io.formats.joined import JoinedLog, LogPart
+from usbldr.io.formats.joined import UNDATED, JoinedLog, LogPart
 from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
 from usbldr.io.reader import NamedColumns, Reader
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
-from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.settings.sensor_sections import Configuration, FileSection
 from usbldr.io.settings.validation import read_document
 from usbldr.io.stages import say, stage
+
+DAY_NS = 86_400_000_000_000  # fixed
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,18 +94,29 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     stated = configuration_of(path, request)
     configuration = stated.settings
     folder = path.resolve().parent
-    offsets = {(folder / f.path).resolve(): round(f.clock_offset_s * 1e9) for f in configuration.file}
+    sections = {(folder / f.path).resolve(): f for f in configuration.file}
     paths = {path.resolve(): path} | {(folder / f.path).resolve(): folder / f.path for f in configuration.file}
     paths |= {Path(name).resolve(): Path(name) for name in request.joined}
-    parts = [LogPart(_opened(paths[real], configuration, request), offsets.get(real, 0)) for real in paths]
+    parts = [_part(_opened(paths[real], configuration, request), sections.get(real)) for real in paths]
     (first, *others) = parts
     reader = first.reader
-    if others or first.offset_ns:
+    if others or first.offset_ns or first.dated:
         formats = dict.fromkeys(part.reader.format for part in parts)
         units_ns = time_units_ns(configured_columns(configuration, request.topics))
         reader = JoinedLog(path, " + ".join(formats), tuple(parts), time_units_ns=units_ns)
     say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     return OpenedLog(reader, tuple(paths.values()), configuration, stated.file)
+
+
+def _part(reader: Reader, stated: FileSection | None) -> LogPart:
+    """Return a file with its clock; raise UsageError if a date is stated, and its times have dates."""
+    offset_ns = round(stated.clock_offset_s * 1e9) if stated else 0
+    if stated is None or stated.date is None:
+        return LogPart(reader, offset_ns)
+    if not any(finding.code in UNDATED for finding in reader.findings()):
+        raise UsageError("its times have dates; leave out date under [[file]]", path=reader.path)
+    midnight_ns = (stated.date - date(1970, 1, 1)).days * DAY_NS
+    return LogPart(reader, offset_ns - midnight_ns, dated=True)
 
 
 def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:

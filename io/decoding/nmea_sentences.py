@@ -185,7 +185,7 @@ def _received(
     text = "lines without log time: sentences are timed by the time they contain, the others evenly between"
     findings = [Finding("NMEA-TIME", f"{source}: {text}")]
     if not dated:
-        text = f"{source}: no sentence contains a date; the first day is taken as 1970-01-01; set clock_offset_s"
+        text = f"{source}: no sentence contains a date; the first day is taken as 1970-01-01; state date under [[file]]"
         findings.append(Finding("NMEA-DATE", text))
     return received, findings
 

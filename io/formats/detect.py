@@ -17,8 +17,6 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
-    b"\x7d\x00": "a PD4 file, whose times have no date; record PD6 or PD0",
-    b"\x7d\x01": "a PD5 file, whose times have no date; record PD6 or PD0",
 }
 """Other formats by their first bytes, with what to do about them."""
 TAR, TAR_AT = b"ustar", 257  # fixed by the format
@@ -63,6 +61,12 @@ def _pd0(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.pd0_log import Pd0Log, looks_like_pd0
 
     return Pd0Log(path) if looks_like_pd0(head) else None
+
+
+def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.formats.pd45_log import Pd45Log, looks_like_pd45
+
+    return Pd45Log(path, f"PD{4 + head[1]}") if looks_like_pd45(head) else None
 
 
 def _pd6(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -132,6 +136,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "MAVLink telemetry logs (.tlog)": _tlog,
     "DataFlash logs (.BIN)": _dataflash,
     "PD0 files": _pd0,
+    "PD4 and PD5 files": _pd45,
     "PD6 text": _pd6,
     "MOOS logs (.alog)": _alog,
     "LSF logs of IMC messages": _lsf,

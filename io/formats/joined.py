@@ -13,6 +13,9 @@ from usbldr.io.formats.counts import count_findings
 from usbldr.io.messages.registry import STAMPS
 from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
 
+UNDATED = ("NMEA-DATE", "NO-DATE")
+"""Codes of the finding that the times of a log have no date."""
+
 
 @dataclass(frozen=True, slots=True)
 class LogPart:
@@ -20,6 +23,7 @@ class LogPart:
 
     reader: Reader
     offset_ns: int = 0
+    dated: bool = False  # whether the offset has the date that the log lacks
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +65,7 @@ class JoinedLog:
             replace(finding, text=f"{part.reader.path.name}: {finding.text}")
             for part in self.parts
             for finding in part.reader.findings()
+            if not (part.dated and finding.code in UNDATED)
         ]
         counted: list[Finding] = []
         if self.stated_messages is not None and not any(finding.lost_data for finding in own):

@@ -1,6 +1,6 @@
-"""What the files of Doppler logs themselves hold: PD0, PD6, and the JSON lines of Water Linked's devices.
+"""What the files of Doppler logs themselves hold: PD0, PD4, PD5, PD6, and the JSON lines of Water Linked's devices.
 
-Sources: the manuals named in the readers (io/formats/pd0_log.py, pd6_log.py, json_lines_log.py).
+Sources: the manuals named in the readers (io/formats/pd0_log.py, pd45_log.py, pd6_log.py, json_lines_log.py).
 """
 
 from collections.abc import Mapping
@@ -24,6 +24,9 @@ WATER_LINKED: Mapping[str, Recognised] = {
 FILES_DVL = (
     MessageLayout(  # the bottom's motion along starboard, forward, up: every sign is reversed
         "pd0_bottom_track", own_columns("x", "y", "z"), own_columns("coordinates"), "by type", {"axes": "PBD"}
+    ),
+    MessageLayout(  # the instrument's motion along starboard, forward, up
+        "pd45_bottom_track", own_columns("x", "y", "z"), own_columns("coordinates"), "by type", {"axes": "SFU"}
     ),
     MessageLayout(  # a ship's axes, which PD6 defines: to starboard, forward, away from the bottom
         "pd6_bs",
@@ -50,7 +53,7 @@ FILES_DVL = (
 FILES_COMPASS = (
     *(
         MessageLayout(kind, {"angle": "heading_deg"}, recognised="by type", defaults=COMPASS_DEG)
-        for kind in ("pd0_heading", "pd6_sa")
+        for kind in ("pd0_heading", "pd45_heading", "pd6_sa")
     ),
     MessageLayout(
         "waterlinked_position_local",
@@ -64,7 +67,8 @@ FILES_GPS = (
     MessageLayout("pd0_navigation", PLACE, own_columns("valid"), "by type", LATLON),
 )
 FILES_DEPTH = tuple(
-    MessageLayout(kind, {"depth": "depth_m"}, recognised="by type", defaults=DOWN) for kind in ("pd0_depth", "pd6_ts")
+    MessageLayout(kind, {"depth": "depth_m"}, recognised="by type", defaults=DOWN)
+    for kind in ("pd0_depth", "pd45_depth", "pd6_ts")
 )
 FILES_USBL = (
     MessageLayout(

@@ -4,6 +4,7 @@ Every key that states an error of a sensor (mount_deg, bias_deg, scale_error, la
 readings; declination_deg is added; angles are degrees clockwise. docs/configuration.md explains each key.
 """
 
+import datetime
 from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta
@@ -38,6 +39,7 @@ from usbldr.io.settings.noise_sections import (
 )
 
 MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: a larger one is a wrong unit
+FIRST_YEAR, LAST_YEAR = 1970, 2115  # fixed: of times in nanoseconds since 1970
 Clock: TypeAlias = Literal["header", "log"]
 UsblColumn: TypeAlias = Literal[
     "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m", "target"
@@ -249,10 +251,15 @@ class TruthSection(Section, frozen=True, kw_only=True):
 
 
 class FileSection(Section, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Another file of the same dive, or the log itself: its clock minus the clock of the dive."""
+    """Another file of the same dive, or the log itself: its clock minus the clock of the dive, its missing date."""
 
     path: str
     clock_offset_s: ClockOffset = 0.0
+    date: datetime.date | None = None
+
+    def __post_init__(self) -> None:
+        if self.date is not None and not FIRST_YEAR <= self.date.year <= LAST_YEAR:
+            raise ValueError(f"date must lie between {FIRST_YEAR} and {LAST_YEAR}")
 
 
 class Configuration(Section, frozen=True, kw_only=True):

@@ -101,6 +101,8 @@ def _sentence(message: str, form: object, key: str) -> str:
     path = re.sub(r"^.*\$\.?|`$", "", place)
     if invalid := re.fullmatch(r"Invalid enum value '?(.*?)'?", what):
         what = f"{invalid[1]} is not allowed (allowed: {', '.join(dict.fromkeys(_words(_annotation(path, form))))})"
+    elif what == "Invalid RFC3339 encoded date":
+        what = "expected a date, such as 2026-05-01"
     elif what.startswith("Object missing required field"):
         what = f"the key {what.split('`')[1]} is missing"
     elif what.startswith("Expected"):

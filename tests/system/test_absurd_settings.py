@@ -3,6 +3,7 @@
 The keys are found in the section types, so that a new one is fuzzed from its first day.
 """
 
+import datetime
 import random
 import typing
 from collections.abc import Iterator, Mapping
@@ -98,17 +99,17 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     "start.north_m": "east_m = 0\nsd_m = 1",
     "start.sd_m": "east_m = 0\nnorth_m = 0",
     **dict.fromkeys(("start.heading_sd_deg", "start.velocity_sd_mps", "start.turn_rate_sd_dps"), START),
-    "file.clock_offset_s": "path = 'dive.mcap'",
+    **dict.fromkeys(("file.clock_offset_s", "file.date"), "path = 'dive.mcap'"),
 }
 NEEDED = {"compass": "topic = '/imu'", "gps": "topic = '/gps/fix'"}  # the ship has such topics, too
 
 
 def numbers(annotation: object, path: str = "") -> Iterator[str]:
-    """Yield the dotted paths of all keys that hold a number."""
+    """Yield the dotted paths of all keys that hold a number or a date."""
     if isinstance(annotation, type) and issubclass(annotation, Struct):
         for name, hint in typing.get_type_hints(annotation, include_extras=True).items():
             yield from numbers(hint, f"{path}.{name}".removeprefix("."))
-    elif annotation in (int, float):
+    elif annotation in (int, float, datetime.date):
         yield path
     elif isinstance(annotation, UnionType) or typing.get_origin(annotation) is not typing.Literal:
         for part in typing.get_args(annotation):
@@ -155,7 +156,7 @@ def check_sentence(done: Result, key: str) -> None:
         assert name in str(done.exception)
 
 
-def test_every_key_that_holds_a_number_is_among_those_tried() -> None:
+def test_every_key_that_holds_a_number_or_a_date_is_among_those_tried() -> None:
     assert set(numbers(Configuration)) - {"schema"} == set(KEYS)
 
 

@@ -11,9 +11,9 @@ from usbldr.io.formats.detect import open_log
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
 FORMATS = (
     "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), MAVLink telemetry logs (.tlog), DataFlash logs (.BIN), "
-    "PD0 files, PD6 text, MOOS logs (.alog), LSF logs of IMC messages, Parquet files and folders of them, "
-    "HDF5 files (also netCDF-4), MATLAB files (.mat), JSON lines of Water Linked's devices, "
-    "text files of NMEA sentences and CSV folders"
+    "PD0 files, PD4 and PD5 files, PD6 text, MOOS logs (.alog), LSF logs of IMC messages, "
+    "Parquet files and folders of them, HDF5 files (also netCDF-4), MATLAB files (.mat), "
+    "JSON lines of Water Linked's devices, text files of NMEA sentences and CSV folders"
 )
 
 
@@ -43,7 +43,6 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"\x89MCAP0\nrest", "is an MCAP file whose " + CONVERTED),
         (b"\x89MCAP0\r\r\nrest", "is an MCAP file whose " + CONVERTED),
         (b"#ROSBAG V2.0\r\nrest", "is a ROS 1 bag whose " + CONVERTED),
-        (b"\x7d\x01rest", "is a PD5 file, whose times have no date; record PD6 or PD0"),
     ],
 )  # fmt: skip
 def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) -> None:

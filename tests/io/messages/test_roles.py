@@ -216,10 +216,10 @@ def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
     assert isinstance(fault, UsageError)
     assert str(fault) == (
         "dive.mcap: /gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot be used as dvl "
-        "(only bottomtrack, dvl, groundvelocity, linkquestdvl, nortekdf21, odometry, pd0_bottom_track, pd6_bi, "
-        "pd6_bs, teledyneexplorerdvl, transducerreportstamped, twiststamped, twistwithcovariancestamped, "
-        "vision_position_delta, viso, waterlinked_velocity, waterlinked_velocity_water, or any type whose fields are "
-        "named by columns under [dvl]; usbldr info --fields /gps/fix lists them)"
+        "(only bottomtrack, dvl, groundvelocity, linkquestdvl, nortekdf21, odometry, pd0_bottom_track, "
+        "pd45_bottom_track, pd6_bi, pd6_bs, teledyneexplorerdvl, transducerreportstamped, twiststamped, "
+        "twistwithcovariancestamped, vision_position_delta, viso, waterlinked_velocity, waterlinked_velocity_water, "
+        "or any type whose fields are named by columns under [dvl]; usbldr info --fields /gps/fix lists them)"
     )
 
 
