@@ -24,7 +24,7 @@ from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo, name_of
 START = re.compile(r"%%\s*LOGSTART\s+([\d.]+)")
 TOGETHER_NS = 10_000_000  # [ns] between the first and the last value of a record; sensors report at up to 50 Hz
 WORDS = {"true": 1.0, "false": 0.0}
-PAIR = re.compile(r"(?:^|,)\s*([A-Za-z_]\w*)\s*=\s*([^,=]+)", re.ASCII)  # of a text: a name and its value
+PAIR = re.compile(r"(?:^|,)\s*([A-Za-z_]\w*)\s*=\s*([^,]+)", re.ASCII)  # of a text: a name and its value
 MARK = re.compile(r"[DS]:")  # of numbers and texts, if the log marks types
 
 

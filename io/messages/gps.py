@@ -98,12 +98,6 @@ GEODETIC = (  # a receiver's own messages rank after the NavSatFix that its driv
         stamp="fixes.0.timestamp",
         frame="fixes.0.frame_id",
     ),
-    MessageLayout(
-        "locationfixes",
-        {},
-        recognised="only when named",
-        unsupported="holds nested messages, which are read only from protobuf and JSON; log LocationFix",
-    ),
     MessageLayout("latlonstamped", NAVSAT, {}, "by type", LATLON),  # smarc_msgs
     *(  # ublox_msgs: 1e-7 degrees and millimetres, without header
         MessageLayout(

@@ -16,6 +16,7 @@ from recordings import (
     HEADER,
     POINT,
     POSE_COVARIANCE,
+    ROS2,
     SECOND,
     T0,
     TWIST,
@@ -31,7 +32,7 @@ from usbldr.io.read import read_log
 define(
     {
         "some_foxglove_msgs/msg/LocationFix": "float64 latitude\nfloat64 longitude\n",
-        "some_foxglove_msgs/msg/LocationFixes": "some_foxglove_msgs/LocationFix[1] fixes\n",
+        "some_foxglove_msgs/msg/LocationFixes": "some_foxglove_msgs/LocationFix[] fixes\n",
     }
 )
 define({"gps_only_msgs/msg/GPSFix": HEADER + "float64 latitude\nfloat64 longitude\nfloat64 track\nfloat64 err_horz\n"})
@@ -135,11 +136,15 @@ def test_a_heading_sentence_of_unknown_fields_is_refused(tmp_path: Path) -> None
         logged_nmea(tmp_path, f"1600000000 {line}", compass="/PTSAH")
 
 
-def test_fixes_within_a_message_of_ros_are_refused_by_what_they_are(tmp_path: Path) -> None:
-    row = (T0, "/gps", "some_foxglove_msgs/msg/LocationFixes", {})
+def test_the_first_of_several_fixes_counts_and_a_message_without_fix_is_none(tmp_path: Path) -> None:
+    fix = ROS2.types["some_foxglove_msgs/msg/LocationFix"]
+    fixes = [[fix(45.0, 7.0), fix(1.0, 1.0)], [], [fix(45.001, 7.0)]]
+    kind = "some_foxglove_msgs/msg/LocationFixes"
+    log = logged(tmp_path, [(T0 + k * SECOND, "/gps", kind, {"fixes": one}) for k, one in enumerate(fixes)])
 
-    with pytest.raises(UsageError, match="it holds nested messages, which are read only from protobuf and JSON"):
-        logged(tmp_path, [row], topics={"gps": "/gps"})
+    assert log.tables["gps"]["lat_deg"].tolist() == [45.0, 45.001]
+    assert log.tables["gps"]["time_s"].tolist() == [0.0, 2.0]
+    assert "1 of 3 records are invalid and left out (1 not a number)" in codes(log)["GPS-INVALID"]
 
 
 def test_a_course_is_no_heading(tmp_path: Path) -> None:
