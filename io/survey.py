@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from usbldr.filters.errors import UsbldrError
+from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.opening import Request, open_configured
@@ -24,11 +24,12 @@ class Survey:
     findings: tuple[Finding, ...]
     log: Log | None  # without the undecided roles; None: see fault
     fault: str  # why it cannot be replayed as is; a log without any sensor needs no reason
+    unreadable: bool = False  # whether the messages of a sensor's topic cannot be read
 
     @property
     def complete(self) -> bool:
-        """Return whether nothing of the file was lost."""
-        return not any(finding.lost_data for finding in self.findings)
+        """Return whether all topics of sensors could be read, and nothing of the file was lost."""
+        return not self.unreadable and not any(finding.lost_data for finding in self.findings)
 
 
 def survey(path: Path, request: Request) -> Survey:
@@ -54,6 +55,7 @@ def survey(path: Path, request: Request) -> Survey:
         findings=log.findings if log else reader.findings(),
         log=log,
         fault=fault,
+        unreadable=any(isinstance(unresolved, LogError) for unresolved in found.unresolved.values()),
     )
 
 

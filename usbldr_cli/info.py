@@ -38,7 +38,7 @@ def info(logs: tuple[str, ...], all_topics: bool, fields_of: tuple[str, ...], as
     """List the topics of LOG and how each sensor is read.
 
     Lists topics with type, count, rate, span and role, every convention and its source, and the findings on the log.
-    Exit code 3 if a part of LOG could not be read.
+    Exit code 3 if a part of LOG, or a sensor's topic, could not be read.
 
     \b
     $ usbldr info dive.mcap
@@ -86,7 +86,7 @@ def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
         lines += ["", *(f"{finding.code}: {finding.text}" for finding in found.findings)]
     if found.fault:
         lines += ["", f"cannot be replayed as is: {found.fault}"]
-    elif not found.roles:
+    elif not found.roles and found.complete:
         lines += ["", "no topic is a sensor that usbldr knows"]
     return "\n".join(map(printable, lines))
 

@@ -47,12 +47,15 @@ class MessageLayout:
     by_columns: bool = False  # the configuration names its fields
     preference: int | None = None  # rank in its sensor's order of preference, 0 first; None: not compared
 
-    def fits(self, topic: TopicInfo) -> bool:
-        """Return whether a topic has this type and these fields."""
+    def named_by(self, topic: TopicInfo) -> bool:
+        """Return whether a topic has a type, and a topic, of this name."""
         package, _, name = topic.type.replace("/msg/", "/").replace(".", "/").rpartition("/")
         known = name.lower() == self.type and (not self.packages or package.startswith(self.packages))
-        known = known and re.search(self.topic, topic.name) is not None
-        return known and all(topic.has(path) for path in self.required.values())
+        return known and re.search(self.topic, topic.name) is not None
+
+    def fits(self, topic: TopicInfo) -> bool:
+        """Return whether a topic has this type and these fields."""
+        return self.named_by(topic) and all(topic.has(path) for path in self.required.values())
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,12 +41,14 @@ class Roles:
     chosen: Mapping[str, TopicChoice]
     unresolved: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
     of_ship: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
+    unread: Mapping[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Report the topics that rank behind those chosen, and those of a ship."""
+        """Report the topics that rank behind those chosen, those of a ship, and those that cannot be read."""
         preferred = [_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked]
-        return (*preferred, *(_left_to_ship(role, topics) for role, topics in self.of_ship.items()))
+        left = (_left_to_ship(role, topics) for role, topics in self.of_ship.items())
+        return (*preferred, *left, *(_unread(role, topic) for role, topic in self.unread.items()))
 
 
 def choose_roles(
@@ -64,6 +66,7 @@ def choose_roles(
     chosen: dict[str, TopicChoice] = {}
     errors: dict[str, UsbldrError] = {}
     of_ship: dict[str, Sequence[TopicInfo]] = {}
+    unread: dict[str, TopicInfo] = {}
     for role in ROLES:
         name = options.get(role) or configured.get(role)
         stated = by_columns.get(role)
@@ -94,7 +97,9 @@ def choose_roles(
                 errors[role] = _unreadable(log, role, unreadable[0])
             elif unusable := [topic for topic in topics if topic.count and _unusable(role, topic)]:
                 errors[role] = _refused(log, role, unusable[0])
-    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship)
+            elif missed := [topic for topic in topics if topic.count and topic.problem and _named_for(role, topic)]:
+                unread[role] = missed[0]
+    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship, unread)
 
 
 def topic_named(
@@ -150,8 +155,8 @@ def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
 def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = ()) -> Candidates:
     """Return the topics that could be the role: those whose name suggests it before the others.
 
-    Of these, without the ``taken`` ones, the types that are first in their sensor's order of preference. The topics of
-    a ship are apart, unless the role is the USBL, or the DVL has such a name too.
+    Of these, without the ``taken`` ones, the types that rank first for their sensor. A ship's topics are apart, unless
+    the role is the USBL, or the DVL has such a name too.
     """
     vehicle = [topic for topic in topics if not SHIP.search(topic.name.lower())]
     if role == "usbl" or (_have_dvl(topics) and not _have_dvl(vehicle)):
@@ -174,45 +179,50 @@ def _suitable(role: str, topics: Iterable[TopicInfo]) -> tuple[list[TopicInfo], 
     hinted: list[TopicInfo] = []
     for topic in topics:
         layout = message_layout_of(role, topic)
-        if (
-            layout is None
-            or layout.unsupported
-            or topic.count == 0
-            or topic.problem
-            or NO_SENSOR.search(topic.name.lower())
-        ):
+        if layout is None or layout.unsupported or topic.count == 0 or topic.problem:
             continue
-        hints = suggested_sensors(topic.name)
-        own = topic.type == f"usbldr/{role}"  # usbldr's own or configured columns: its name adds nothing
-        by_type = layout.recognised == "by type" and (role in hints or not hints or own)
-        if by_type or (layout.recognised == "by type and name" and role in hints):
+        if _found(role, topic, layout):
             ranks[topic] = layout.preference
-            hinted += [topic] if role in hints else []
+            hinted += [topic] if role in suggested_sensors(topic.name) else []
     best = hinted or list(ranks)
     best = [topic for topic in best if not SECOND_CHOICE.search(topic.name)] or best
     return best, ranks
 
 
+def _found(role: str, topic: TopicInfo, layout: MessageLayout) -> bool:
+    """Return whether a topic of this layout is found as the role by its type and name."""
+    hints = suggested_sensors(topic.name)
+    own = topic.type == f"usbldr/{role}"  # usbldr's own or configured columns: its name adds nothing
+    by_type = layout.recognised == "by type" and (role in hints or not hints or own)
+    by_name = layout.recognised == "by type and name" and role in hints
+    return (by_type or by_name) and not NO_SENSOR.search(topic.name.lower())
+
+
+def _named_for(role: str, topic: TopicInfo) -> bool:
+    """Return whether a topic would be found as the role if its messages had the fields that its type suggests."""
+    return any(layout.named_by(topic) and _found(role, topic, layout) for layout in LAYOUTS[role])
+
+
 def _preferred(role: str, choice: TopicChoice) -> Finding:
     others = "; ".join(f"{topic.name} ({topic.type}, {topic.count} messages)" for topic in choice.lower_ranked)
-    text = (
-        f"{choice.topic.name}: used as {role}; its type is preferred to that of {others}; "
-        f"choose another with --{role} TOPIC or with topic under [{role}]"
-    )
-    return Finding("ROLE-PREFERRED", text, choice.topic.name)
+    text = f"{choice.topic.name}: used as {role}; its type is preferred to that of {others}; choose another with"
+    return Finding("ROLE-PREFERRED", f"{text} --{role} TOPIC or with topic under [{role}]", choice.topic.name)
 
 
 def _left_to_ship(role: str, topics: Sequence[TopicInfo]) -> Finding:
     names = " and ".join(topic.name for topic in topics)
-    text = (
-        f"{names}: not used as {role}, because of the name taken for a sensor of the ship; "
-        f"a sensor of the vehicle is chosen with --{role} TOPIC or with topic under [{role}]"
-    )
+    why = f"not used as {role}, because of the name taken for a sensor of the ship"
+    text = f"{names}: {why}; a sensor of the vehicle is chosen with --{role} TOPIC or with topic under [{role}]"
     return Finding("ROLE-SHIP", text, topics[0].name)
 
 
 def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
     return LogError(f"{topic.name} cannot be read as {role}: {topic.problem}", path=log)
+
+
+def _unread(role: str, topic: TopicInfo) -> Finding:
+    text = f"{topic.name}: could be the {role} by its type {topic.type}, but cannot be read: {topic.problem}"
+    return Finding("TOPIC-UNREAD", f"{text}; --{role} none leaves it out", topic.name, lost_data=True)
 
 
 def _unusable(role: str, topic: TopicInfo) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from commands import run as call
-from recordings import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap
+from recordings import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads
 from usbldr.filters.errors import LogError, UsageError
 
 PAGE = """\
@@ -173,3 +173,18 @@ def test_the_fields_of_a_topic_are_listed_as_columns_can_name_them(tmp_path: Pat
     assert "fields" not in json.loads(run(file, "--json")[1])["logs"][0]["topics"][0]
     with pytest.raises(LogError, match=r"no topic /gps/fixx; did you mean /gps/fix\? \(topics in this log: /gps/fix\)"):
         run(file, "--fields", "/gps/fixx")
+
+
+def test_a_sensor_that_cannot_be_read_is_exit_code_3(tmp_path: Path) -> None:
+    schema = ("foxglove.LocationFix", "flatbuffer", b"{}")
+    file = write_payloads(tmp_path / "a.mcap", "/gps/fix", "flatbuffer", schema, [b"{}"])
+    other = write_payloads(
+        tmp_path / "b.mcap", "/camera", "flatbuffer", ("foxglove.RawImage", "flatbuffer", b"{}"), [b""]
+    )
+
+    code, page = run(file)
+
+    assert code == 3
+    assert "TOPIC-UNREAD: /gps/fix: could be the gps by its type foxglove.LocationFix, but cannot be read: " in page
+    assert run(file, "--gps", "/gps/fix")[0] == 3
+    assert run(file, "--gps", "none")[0] == run(other)[0] == 0

@@ -223,10 +223,22 @@ def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
     )
 
 
-def test_an_unreadable_topic_is_an_error_only_if_it_is_named() -> None:
+def test_an_unreadable_topic_is_an_error_if_it_is_named_and_a_finding_if_it_is_missing() -> None:
     json = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported")
+    other = topic("/camera/info", "sensor_msgs/msg/CameraInfo", (), problem="encoding json is not supported")
+    without = choose_roles(LOG, [json, other, DVL], {}, {})
 
-    assert taken(choose_roles(LOG, [json, DVL], {}, {})) == {"dvl": "/dvl/twist"}
+    assert taken(without) == {"dvl": "/dvl/twist"}
+    assert [(finding.code, finding.level, finding.text) for finding in without.findings] == [
+        (
+            "TOPIC-UNREAD",
+            "error",
+            f"/gps/fix: could be the gps by its type {GPS.type}, but cannot be read: encoding json is not supported; "
+            "--gps none leaves it out",
+        )
+    ]
+    assert not choose_roles(LOG, [json, GPS, DVL], {}, {}).findings
+    assert not choose_roles(LOG, [json, DVL], {"gps": "none"}, {}).findings
     assert str(choose_roles(LOG, [json], {"gps": "/gps/fix"}, {}).unresolved["gps"]) == (
         "dive.mcap: /gps/fix cannot be read as gps: encoding json is not supported"
     )
