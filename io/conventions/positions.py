@@ -20,6 +20,7 @@ UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
+IMC_NO_FIXES = (2, 3)  # fixed: dead reckoning, manual input
 UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
@@ -58,7 +59,7 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
         by_name = np.char.startswith(fix_names, "no")
         ubx_type, flags = raw.number("ubx_fix_type"), raw.number("ubx_flags")
         by_ubx = ~np.isnan(ubx_type) & (~np.isin(ubx_type, UBX_FIXES) | (flags % 2 == 0))  # the lowest flag: valid
-        by_type = (raw.number("fix_type") < 2) | by_ubx
+        by_type = (raw.number("fix_type") < 2) | by_ubx | np.isin(raw.number("imc_fix_type"), IMC_NO_FIXES)
         causes["without fix (by its quality)"] = (raw.number("quality") == 0) | by_type | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)

@@ -89,13 +89,14 @@ def definitions_beside(log: Path) -> Mapping[int, Definition]:
 
 
 def _definition(message: ElementTree.Element) -> Definition:
+    def values(field: ElementTree.Element) -> Iterator[tuple[str, int]]:
+        return ((value.get("abbrev", ""), int(value.get("id", ""), 0)) for value in field.iter("value"))
+
     members = (
         Member(
             field.get("abbrev", ""),
             field.get("type", ""),
-            {value.get("abbrev", ""): int(value.get("id", ""), 0) for value in field.iter("value")}
-            if field.get("unit") == "Bitfield"
-            else {},
+            {name: bit for name, bit in values(field) if bit} if field.get("unit") == "Bitfield" else {},
         )
         for field in message.iter("field")
     )

@@ -43,7 +43,7 @@ IMC_GPS = (
     MessageLayout(
         "gpsfix",
         PLACE | {"valid": "validity.VALID_POS"},
-        {},
+        {"imc_fix_type": "type"},
         "by type",
         LATLON,
         packages=IMC,

@@ -1,0 +1,130 @@
+"""IMC messages of LSTS' vehicles: imcpy writes them; units and signs are those that IMC.xml states."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imc_recordings import imcpy, sent, write_messages
+from logs import codes
+from recordings import SECOND, T0
+from usbldr.io.formats.detect import open_log
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+LAT, LON = 0.7184, -0.1519  # [rad] off Porto
+START_S = T0 / SECOND
+
+
+def dive(folder: Path, kind: str, *sequence: dict[str, Any], **topics: str) -> Log:
+    """Write messages of one kind, one a second, and read them."""
+    file = write_messages(folder, [sent(kind, START_S + k, 5, **fields) for k, fields in enumerate(sequence)])
+    return read_log(file, Request(topics=topics))
+
+
+def fix_of_gps(east_rad: float = 0.0, bits: int = 7, kind: int = 0) -> dict[str, Any]:
+    own = imcpy.GpsFix
+    place = {"lat": LAT, "lon": LON + east_rad, "hacc": 3.0, "satellites": 9, "cog": 1.0, "sog": 2.0}
+    return place | {"validity": own.ValidityBits(bits), "type": own.TypeEnum(kind)}
+
+
+def test_a_gps_fix_is_in_radians_and_valid_if_its_position_is(tmp_path: Path) -> None:
+    fixes = [fix_of_gps(), fix_of_gps(1e-6), fix_of_gps(9.0, bits=3), fix_of_gps(2e-6, bits=4)]
+
+    table = dive(tmp_path, "GpsFix", *fixes).tables["gps"]
+
+    np.testing.assert_allclose(table["lat_deg"], np.degrees(LAT), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(table["lon_deg"], np.degrees(LON + np.array([0, 1e-6, 2e-6])), rtol=0, atol=1e-12)
+    assert table["time_s"].tolist() == [0.0, 1.0, 3.0]
+
+
+@pytest.mark.parametrize(("name", "read"), [("STANDALONE", 1), ("DIFFERENTIAL", 1), ("SIMULATION", 1),
+                                            ("DEAD_RECKONING", 0), ("MANUAL_INPUT", 0)])  # fmt: skip
+def test_a_position_that_was_not_measured_is_no_gps_fix(tmp_path: Path, name: str, read: int) -> None:
+    kind = int(getattr(imcpy.GpsFix.TypeEnum, name))
+
+    log = dive(tmp_path, "GpsFix", fix_of_gps(), fix_of_gps(1e-6, kind=kind), fix_of_gps(2e-6))
+
+    assert len(log.tables["gps"]) == 2 + read
+    assert ("GPS-INVALID" in codes(log)) != bool(read)
+
+
+@pytest.mark.parametrize(("kind", "more"), [("UsblFix", {"target": 31}),
+                                            ("UsblFixExtended", {"target": "lauv-1", "accuracy": 2.5})])  # fmt: skip
+def test_usbl_fixes_are_in_radians(tmp_path: Path, kind: str, more: dict[str, Any]) -> None:
+    log = dive(tmp_path, kind, *({"lat": LAT + k * 1e-7, "lon": LON, **more} for k in range(5)))
+
+    table = log.tables["usbl"]
+    radius_m = 6_378_137.0 * (1 - 0.00669438) / (1 - 0.00669438 * np.sin(LAT) ** 2) ** 1.5  # of the meridian, WGS 84
+    north_m = table["north_m"].to_numpy()
+    np.testing.assert_allclose(north_m - north_m[0], np.arange(5) * 1e-7 * radius_m, rtol=0, atol=1e-3)
+
+
+def test_the_target_of_a_usbl_fix_may_be_named(tmp_path: Path) -> None:
+    fixes = [{"target": 30 + k % 2, "lat": LAT + k * 1e-7, "lon": LON} for k in range(6)]
+    (tmp_path / "usbldr.toml").write_text('[usbl]\ntarget = "31"\n')
+
+    assert dive(tmp_path, "UsblFix", *fixes).tables["usbl"]["time_s"].tolist() == [0.0, 2.0, 4.0]
+
+
+def test_a_heading_turns_clockwise_from_north_in_radians(tmp_path: Path) -> None:
+    angles = [{"psi": psi, "psi_magnetic": 3.0, "theta": 0.2, "phi": 0.1} for psi in (0.0, np.pi / 2, -np.pi / 2)]
+
+    table = dive(tmp_path, "EulerAngles", *angles).tables["compass"]
+
+    np.testing.assert_allclose(table["heading_deg"] % 360, [0, 90, 270], rtol=0, atol=1e-12)
+
+
+def test_velocities_are_forward_starboard_down_in_metres_per_second(tmp_path: Path) -> None:
+    valid = imcpy.GroundVelocity.ValidityBits(7)
+    log = dive(tmp_path, "GroundVelocity", *({"validity": valid, "x": 1.5, "y": 0.25, "z": 0.125} for _ in range(3)))
+
+    table = log.tables["dvl"]
+    np.testing.assert_array_equal(table[["forward_mps", "starboard_mps", "up_mps"]], [[1.5, 0.25, -0.125]] * 3)
+
+
+def test_a_depth_is_down_in_metres(tmp_path: Path) -> None:
+    log = dive(tmp_path, "Depth", *({"value": 2.0 + k / 8} for k in range(4)))
+
+    assert log.tables["depth"]["depth_m"].tolist() == [2.0, 2.125, 2.25, 2.375]
+
+
+@pytest.mark.parametrize("kind", ["WaterVelocity", "EstimatedState"])
+def test_what_is_no_measurement_over_ground_is_not_used(tmp_path: Path, kind: str) -> None:
+    fields = {"validity": imcpy.WaterVelocity.ValidityBits(7)} if kind == "WaterVelocity" else {"lat": LAT, "u": 1.0}
+
+    assert dive(tmp_path, kind, fields, fields).tables == {}
+
+
+def test_what_the_vehicle_estimated_may_be_named(tmp_path: Path) -> None:
+    toml = """
+[compass]
+columns = { heading = "psi" }
+unit = "rad"
+convention = "compass"
+[depth]
+columns = { depth_m = "depth" }
+[dvl]
+columns = { x = "u", y = "v", z = "w" }
+axes = "FSD"
+"""
+    (tmp_path / "usbldr.toml").write_text(toml)
+    state = {"lat": LAT, "lon": LON, "psi": 0.5, "u": 1.25, "v": -0.5, "w": 0.25, "vx": 9.0, "depth": 3.0, "alt": 7.0}
+
+    tables = dive(tmp_path, "EstimatedState", state, state).tables
+
+    assert tables["dvl"][["forward_mps", "starboard_mps", "up_mps"]].to_numpy().tolist() == [[1.25, -0.5, -0.25]] * 2
+    np.testing.assert_allclose(tables["compass"]["heading_deg"], np.degrees(0.5), rtol=0, atol=1e-6)
+    assert tables["depth"]["depth_m"].tolist() == [3.0, 3.0]
+
+
+def test_a_bit_that_is_none_is_no_field(tmp_path: Path) -> None:
+    file = write_messages(tmp_path, [sent("GpsFix", START_S, 5, **fix_of_gps(bits=5))])
+
+    (topic,) = open_log(file).topics()
+
+    flags = [path for path in topic.fields if path.startswith("validity.")]
+    assert flags == ["validity.VALID_DATE", "validity.VALID_TIME", "validity.VALID_POS"]
+    values = open_log(file).read({topic.name: flags})[topic.name].columns
+    assert [values[flag][0] for flag in flags] == [True, False, True]
