@@ -14,7 +14,7 @@ from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.formats.csv_sheets import ISO
 from usbldr.io.formats.unnamed_columns import is_number
-from usbldr.io.messages.configured import TIME_UNITS_NS
+from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES
@@ -138,7 +138,9 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
     if column is None or ISO.fullmatch(cell) or not is_number(cell):
         return "time_unix_s" if ISO.fullmatch(cell) else None
     units_ns = {key: ns for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
-    since_1970 = [key for key, unit_ns in units_ns.items() if SINCE_NS <= float(cell) * unit_ns < UNTIL_NS]
+    since_1970 = [
+        key for key, ns in units_ns.items() if SINCE_NS <= (float(cell) - AT_1970.get(key, 0)) * ns < UNTIL_NS
+    ]
     own_clock = "time_s" if "time_s" in units_ns and abs(float(cell)) * 1e9 < SINCE_NS else None
     return next(iter(since_1970), own_clock)
 

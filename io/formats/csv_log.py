@@ -157,7 +157,7 @@ class CsvLog:
 
     def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
         cells = self._cells(source, clock.column)
-        return nanoseconds(cells, clock.column) if clock.unit_ns == 1 else times(cells, clock.column, clock.unit_ns)
+        return nanoseconds(cells, clock.column) if clock.unit_ns == 1 else times(cells, *clock)
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Read the wanted columns; rows with an invalid cell in one of them are left out."""

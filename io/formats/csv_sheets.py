@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.messages.configured import ARRIVALS, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
+from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
 from usbldr.io.messages.field_names import NamedColumn, sensors_by_name
 from usbldr.io.units import spellings
 
@@ -29,6 +29,7 @@ class TimeColumn(NamedTuple):
 
     column: str
     unit_ns: int = 1  # 1: whole nanoseconds; else with decimals
+    at_1970: int = 0  # the time 1970-01-01 in this unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +236,7 @@ def configured_sheet(sensors: Sequence[ConfiguredColumns], header: Sequence[str]
             raise UsageError(
                 f"[{stated.sensor}] columns must name exactly one of {', '.join(TIME_UNITS_NS)}", path=file
             )
-        stamp = TimeColumn(fields[times[0]], TIME_UNITS_NS[times[0]])
+        stamp = TimeColumn(fields[times[0]], TIME_UNITS_NS[times[0]], AT_1970.get(times[0], 0))
         arrivals = [TimeColumn(fields[key], unit_ns) for key, unit_ns in ARRIVALS.items() if key in fields]
         clocks.setdefault((arrivals[0] if arrivals else stamp, stamp), stated.sensor)
         columns |= {name: name for name in fields.values()}

@@ -165,14 +165,16 @@ def seconds(texts: Sequence[str], name: str) -> ParsedColumn:
     return times(texts, name, SECOND)
 
 
-def times(texts: Sequence[str], name: str, unit_ns: int) -> ParsedColumn:
-    """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds.
+def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> ParsedColumn:
+    """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds since 1970.
 
-    Exact: 1474477150.374442 is not representable in float64.
+    ``at_1970``: that moment in the unit. Exact: 1474477150.374442 is not representable in float64.
     """
 
     def exact(text: str) -> int:
-        return _in_range(_iso_ns(text) if ISO.fullmatch(text) else int((Decimal(text) * unit_ns).to_integral_value()))
+        if ISO.fullmatch(text):
+            return _in_range(_iso_ns(text))
+        return _in_range(int(((Decimal(text) - at_1970) * unit_ns).to_integral_value()))
 
     what = "a number of seconds" if unit_ns == SECOND else "a number or a date and time"
     return _parsed(texts, name, exact, 0, what)

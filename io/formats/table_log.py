@@ -150,8 +150,9 @@ class TableLog:
         except LogError as fault:
             return TopicInfo(topic, sheet.type, "table", 0, None, None, fields, fault.text)
         times = times[good]
+        none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
-        return TopicInfo(topic, sheet.type, "table", len(times), first, last, fields)
+        return TopicInfo(topic, sheet.type, "table", len(times), first, last, fields, "" if len(times) else none)
 
     def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
         """Return the columns, and the first value of those that may be times; the others are not read."""
@@ -206,6 +207,7 @@ class TableLog:
         if values.dtype.kind not in "iufM":
             raise LogError(f"/{table.topic}: the column {clock.column} holds no times", path=table.file)
         dated = values.dtype.kind == "M"
+        values = values.astype(np.float64) - clock.at_1970 if clock.at_1970 and not dated else values
         values, unit_ns = (values.astype(np.int64), 1) if dated else (values, clock.unit_ns)
         good = (np.abs(values.astype(np.float64)) * unit_ns < MAX_TIME_NS) & ~masked  # False for NaN, and for no date
         values = np.where(good, values, 0)

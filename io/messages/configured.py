@@ -23,8 +23,11 @@ TIME_UNITS_NS: Mapping[str, int] = {
     "time_unix_ms": 1_000_000,
     "time_unix_s": 1_000_000_000,
     "time_s": 1_000_000_000,
+    "time_datenum": 86_400_000_000_000,
 }
 """Keys for the time of validity and their units; time_s counts from 1970 unless the log states another origin."""
+AT_1970: Mapping[str, int] = {"time_datenum": 719_529}  # fixed: what MATLAB's datenum returns
+"""Keys whose times do not count from 1970: the value of 1970-01-01."""
 ARRIVALS: Mapping[str, int] = {"received_ns": 1, "received_unix_s": 1_000_000_000}
 FLAGS = ("valid", "error", "target")
 """Keys beside the quantities."""
@@ -205,4 +208,5 @@ def _timed(stated: ConfiguredColumns, layout: MessageLayout, fields: Mapping[str
         raise UsageError(f"[{stated.sensor}] columns name {' and '.join(times)}; state one of them", path=path)
     if not times:
         return layout
-    return replace(layout, stamp=fields[times[0]], stamp_unit_ns=TIME_UNITS_NS[times[0]])
+    (key,) = times
+    return replace(layout, stamp=fields[key], stamp_unit_ns=TIME_UNITS_NS[key], stamp_at_1970=AT_1970.get(key, 0))

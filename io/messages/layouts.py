@@ -38,6 +38,7 @@ class MessageLayout:
     packages: tuple[str, ...] = ()  # prefixes of the packages for whose drivers the defaults hold; (): any
     stamp: str = "header.stamp"  # the field of the time of validity
     stamp_unit_ns: int = 0  # of that field as the configuration states it; 0: it is whole nanoseconds, or no time
+    stamp_at_1970: int = 0  # the value of that field at 1970-01-01
     frame: str = "header.frame_id"  # the field that names the frame of the values
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, if not 1
     no_data_values: Mapping[str, tuple[float, ...]] = field(
@@ -166,6 +167,8 @@ def _configured_stamps(log: Path, topic: TopicInfo, layout: MessageLayout, times
     what = f"{topic.name}: {layout.stamp} under columns"
     if times.dtype.kind not in "iuf":
         raise UsageError(f"{what} is text, not a time", path=log)
+    if layout.stamp_at_1970:
+        times = np.where(times == 0, 0.0, times.astype(np.float64) - layout.stamp_at_1970)
     known = np.isfinite(times)
     if np.any(np.abs(times[known].astype(np.float64)) * layout.stamp_unit_ns >= MAX_TIME_NS):
         raise UsageError(f"{what} has values beyond 2116 in the unit of its key; is it time_ns?", path=log)

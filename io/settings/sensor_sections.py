@@ -45,7 +45,7 @@ UsblColumn: TypeAlias = Literal[
     "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m", "target"
 ]
 Time: TypeAlias = Literal[
-    "time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s", "received_ns", "received_unix_s"
+    "time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s", "time_datenum", "received_ns", "received_unix_s"
 ]
 Flag: TypeAlias = Literal["valid", "error"]
 

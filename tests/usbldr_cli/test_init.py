@@ -1,5 +1,6 @@
 """usbldr init: what it writes is what the log was made by, and replay accepts it unchanged."""
 
+import datetime
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -257,6 +258,18 @@ def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_fil
 
     assert found[0]["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}  # type: ignore[index]
     assert found[1] == found[0]
+
+
+def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
+    tables = {file.stem: pd.read_csv(file) for file in without_units(tmp_path / "csv").glob("*.csv")}
+    tables["dvl"]["time"] = tables["dvl"]["time"] / 86_400 + datetime.date(1970, 1, 1).toordinal() + 366
+
+    done = run("init", str(mat_file(tmp_path / "dive", tables)), "--output", str(tmp_path / "found.toml"))
+
+    assert done.exception is None, done.output
+    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
+    assert found["dvl"]["columns"] == {"time_datenum": "time", "x": "vx", "y": "vy", "z": "vz"}
+    assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
 
 
 def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:
