@@ -1,6 +1,6 @@
-"""A log in a compressed file (dive.mcap.zst, dive.csv.gz): decompressed once into a temporary copy, which is read.
+"""Logs in compressed files (dive.mcap.zst, dive/dvl.csv.gz): decompressed once into temporary copies, which are read.
 
-The copy lasts as long as the reader. Errors and findings name the file that the user has.
+The copies last as long as the reader. Errors and findings name the files that the user has.
 """
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -26,77 +26,44 @@ HEAD_BYTES = 4096  # [bytes] looked at to recognise a text: texts have no zeros
 
 
 class CompressedLog:
-    """A compressed log, read by the reader of its contents."""
+    """A compressed log, or a folder with compressed files, read by the reader of its contents."""
 
-    def __init__(self, path: Path, compression: str, reader_of: Callable[[Path], Reader]) -> None:
-        """Decompress the file and open its contents; raise LogError if they are too large, or none can be read."""
+    def __init__(self, path: Path, files: Mapping[Path, str], reader_of: Callable[[Sequence[Path]], Reader]) -> None:
+        """Decompress the files (path -> compression), and open their copies by ``reader_of``.
+
+        Raises LogError if a file is too large, or if nothing of it can be decompressed.
+        """
         self.path = path
-        self._compression = compression
-        self._folder = mkdtemp(prefix="usbldr-")
-        finalize(self, rmtree, self._folder, ignore_errors=True)
-        self._copy = Path(self._folder) / (path.stem if path.suffix.lower() in ENDINGS else path.name)
-        self._damage = self._decompress()
+        self._compressions = ", ".join(sorted(set(files.values())))
+        folder = mkdtemp(prefix="usbldr-")
+        finalize(self, rmtree, folder, ignore_errors=True)
+        copies = [Path(folder) / (file.stem if file.suffix.lower() in ENDINGS else file.name) for file in files]
+        self._originals = dict(zip(copies, files, strict=True))
+        whose = {file: "" if file == path else f"{file.name}: " for file in files}
+        lost = [_decompressed(file, files[file], copy, whose[file]) for copy, file in self._originals.items()]
+        self._damage = [finding for finding in lost if finding]
         with self._naming():
-            self._contents = reader_of(self._copy)
-
-    def _decompress(self) -> Finding | None:
-        """Write the copy; return what is missing from it."""
-        size = self.path.stat().st_size
-        note_copy(self._copy, self.path)
-        with opened(self.path) as file:
-            pieces = unpacked_file(file, self._compression)
-            try:
-                first = next((piece for piece in pieces if piece), b"")
-                if compression_of(first):
-                    raise LogError("is compressed twice; decompress it once", path=self.path)
-                self._write(first, pieces, size)
-            except DamagedFileError as err:
-                where = f"at byte {err.at} of {size}" + f" ({err.why})" * bool(err.why)
-                if not self._copy.exists():
-                    raise LogError(
-                        f"is damaged: no {self._compression} data could be decompressed {where}", path=self.path
-                    ) from err
-                return self._lost(err, where)
-        return None
-
-    def _write(self, first: bytes, pieces: Iterator[bytes], size: int) -> None:
-        text = b"\0" not in first[:HEAD_BYTES]
-        budget = UnpackingBudget(self.path, size, text)
-        try:
-            with self._copy.open("wb") as copy:
-                for piece in chain([first], pieces):
-                    budget.take_bytes(len(piece))
-                    budget.take_record(piece.count(b"\n") if text else 0)
-                    copy.write(piece)
-        except OSError as err:
-            why = f"cannot be decompressed into {self._folder} ({err.strerror or err}); TMPDIR names another folder"
-            raise LogError(why, path=self.path) from err
-
-    def _lost(self, err: DamagedFileError, where: str) -> Finding:
-        if err.why:
-            text = f"the {self._compression} data are damaged {where}: what precedes is read, and values may be altered"
-            return Finding("DAMAGED", text, lost_data=True)
-        return Finding(
-            "TRUNCATED", f"the {self._compression} data end early, {where}: what precedes is read", lost_data=True
-        )
+            self._contents = reader_of(copies)
 
     @contextmanager
     def _naming(self) -> Generator[None]:
-        """Name the compressed file in errors about its copy, and its damage."""
+        """Name the compressed files in errors about their copies, and their damage."""
         try:
             yield
         except UsbldrError as fault:
-            path = self.path if fault.path is not None and Path(fault.path) == self._copy else fault.path
-            damage = f" ({self._damage.text})" if self._damage else ""
+            path = fault.path and self._originals.get(Path(fault.path), fault.path)
+            damage = "".join(f" ({finding.text})" for finding in self._damage)
             raise type(fault)(self._named(fault.text) + damage, path=path, topic=fault.topic) from fault
 
     def _named(self, text: str) -> str:
-        return text.replace(str(self._copy), str(self.path))
+        for copy, original in self._originals.items():
+            text = text.replace(str(copy), str(original))
+        return text
 
     @property
     def format(self) -> str:
         """What a user calls it: "MCAP, zstd"."""
-        return f"{self._contents.format}, {self._compression}"
+        return f"{self._contents.format}, {self._compressions}"
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
@@ -110,9 +77,8 @@ class CompressedLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost in the compressed file, and in its contents."""
-        own = (self._damage,) if self._damage else ()
         with self._naming():
-            return (*own, *self._contents.findings())
+            return (*self._damage, *self._contents.findings())
 
     def with_columns(self, configured: Sequence[Any]) -> Reader:
         """Return this log with the columns of its tables that the configuration states, or with its sentences."""
@@ -120,3 +86,44 @@ class CompressedLog:
             self._contents = self._contents.with_columns(configured)
             return self
         return with_sentences(self)
+
+
+def _decompressed(path: Path, compression: str, copy: Path, whose: str) -> Finding | None:
+    """Write the copy of a file; return what is missing from it, ``whose`` before the text."""
+    size = path.stat().st_size
+    note_copy(copy, path)
+    with opened(path) as file:
+        pieces = unpacked_file(file, compression)
+        try:
+            first = next((piece for piece in pieces if piece), b"")
+            if compression_of(first):
+                raise LogError("is compressed twice; decompress it once", path=path)
+            _write(copy, first, pieces, path)
+        except DamagedFileError as err:
+            where = f"at byte {err.at} of {size}" + f" ({err.why})" * bool(err.why)
+            if not copy.exists():
+                text = f"is damaged: no {compression} data could be decompressed {where}"
+                raise LogError(text, path=path) from err
+            return _lost(f"{whose}the {compression} data", err, where)
+    return None
+
+
+def _write(copy: Path, first: bytes, pieces: Iterator[bytes], original: Path) -> None:
+    text = b"\0" not in first[:HEAD_BYTES]
+    budget = UnpackingBudget(original, original.stat().st_size, text)
+    try:
+        with copy.open("wb") as file:
+            for piece in chain([first], pieces):
+                budget.take_bytes(len(piece))
+                budget.take_record(piece.count(b"\n") if text else 0)
+                file.write(piece)
+    except OSError as err:
+        why = f"cannot be decompressed into {copy.parent} ({err.strerror or err}); TMPDIR names another folder"
+        raise LogError(why, path=original) from err
+
+
+def _lost(what: str, err: DamagedFileError, where: str) -> Finding:
+    if err.why:
+        text = f"{what} are damaged {where}: what precedes is read, and values may be altered"
+        return Finding("DAMAGED", text, lost_data=True)
+    return Finding("TRUNCATED", f"{what} end early, {where}: what precedes is read", lost_data=True)

@@ -54,8 +54,9 @@ class CsvSource:
 class CsvLog:
     """A folder of CSV files, or one such file."""
 
-    def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = ()) -> None:
-        self.path = path
+    def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = (), copies: Sequence[Path] = ()) -> None:
+        """Take a file or a folder, and the decompressed copies of the folder's compressed files."""
+        self.path, self._copies = path, copies
         self._configured = tuple(configured)
         self._read: dict[Path, TextTable] = {}
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
@@ -67,7 +68,7 @@ class CsvLog:
 
     def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "CsvLog":
         """Return this log with the columns that the configuration states."""
-        return CsvLog(self.path, configured)
+        return CsvLog(self.path, configured, self._copies)
 
     @cached_property
     def _sources(self) -> Mapping[str, CsvSource]:
@@ -88,7 +89,7 @@ class CsvLog:
     @cached_property
     def _files(self) -> Mapping[str, CsvSource]:
         found: dict[str, CsvSource] = {}
-        for file in text_files(self.path) if self.path.is_dir() else [self.path]:
+        for file in (*text_files(self.path), *self._copies) if self.path.is_dir() else [self.path]:
             for topic, source in self._topics_of(file).items():
                 if topic in found:
                     raise LogError(

@@ -14,12 +14,14 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.csv_sheets import ISO, plain_names
+from usbldr.io.formats.decompression import compression_of, first_bytes
 from usbldr.io.formats.files import opened, text_lines
 from usbldr.io.formats.text_table import MAX_CHARACTERS, TextColumn, TextTable, listed
 from usbldr.io.formats.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.reader import MAX_TIME_NS, Column
 
 SECOND = 1_000_000_000  # fixed: nanoseconds
+HEAD_BYTES = 4096  # [bytes] by which a file is recognised
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 WORDS = {"": "nan", "true": "1", "false": "0"}
@@ -31,9 +33,27 @@ def text_files(folder: Path) -> Iterator[Path]:
     for file in sorted(folder.iterdir()):
         if file.is_file() and not file.name.startswith(".") and file.suffix not in (".toml", ".md", ".json"):
             with opened(file) as content:
-                head = content.read(4096)
+                head = content.read(HEAD_BYTES)
             if looks_like_csv(head):
                 yield file
+
+
+def compressed_texts(folder: Path) -> dict[Path, str]:
+    """Return the compressed files of a folder whose contents look like CSV, and their compressions.
+
+    Files whose decompressed copies lie beside them do not count. One that is named .csv and cannot be decompressed
+    does, so that its damage is an error.
+    """
+    found: dict[Path, str] = {}
+    for file in sorted(folder.iterdir()):
+        if not file.is_file() or file.name.startswith(".") or file.with_suffix("").is_file():
+            continue
+        with opened(file) as content:
+            if compression := compression_of(content.peek(16)):
+                head = first_bytes(content, compression, HEAD_BYTES)
+                if looks_like_csv(head) if head else Path(file.stem).suffix == ".csv":
+                    found[file] = compression
+    return found
 
 
 def looks_like_csv(head: bytes) -> bool:

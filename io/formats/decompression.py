@@ -7,6 +7,7 @@ import bz2
 import lzma
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,17 @@ def unpacked_file(file: BufferedReader, compression: str) -> Iterator[bytes]:
             fed, unpacker = (unpacker.unused_data or b"", None) if unpacker.eof else (b"", unpacker)
     if unpacker:
         raise DamagedFileError(file.tell(), "")
+
+
+def first_bytes(file: BufferedReader, compression: str, count: int) -> bytes:
+    """Return the first bytes of a compressed file's contents, as far as they can be decompressed."""
+    head = b""
+    with suppress(DamagedFileError):
+        for piece in unpacked_file(file, compression):
+            head += piece[: count - len(head)]
+            if len(head) == count:
+                break
+    return head
 
 
 def _fed(unpacker: Any, fed: bytes) -> Iterator[bytes]:

@@ -123,8 +123,13 @@ def _mat(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.csv_log import CsvLog
-    from usbldr.io.formats.csv_text import looks_like_csv, text_files
+    from usbldr.io.formats.csv_text import compressed_texts, looks_like_csv, text_files
 
+    compressed = compressed_texts(path) if path.is_dir() else {}
+    if compressed:
+        from usbldr.io.formats.compressed_log import CompressedLog
+
+        return CompressedLog(path, compressed, lambda copies: CsvLog(path, copies=copies))
     fits = any(text_files(path)) if path.is_dir() else looks_like_csv(head)
     return CsvLog(path) if fits else None
 
@@ -163,7 +168,7 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
         if compression := compression_of(head):
             from usbldr.io.formats.compressed_log import CompressedLog
 
-            return CompressedLog(path, compression, lambda copy: open_log(copy, known))
+            return CompressedLog(path, {path: compression}, lambda copies: open_log(copies[0], known))
         for reader_of in FORMATS.values():
             if (reader := reader_of(path, head, known)) is not None:
                 return reader

@@ -52,7 +52,7 @@ def _reader(file: Path, known: Definitions) -> Reader:
     if compression := compression_of(head):
         from usbldr.io.formats.compressed_log import CompressedLog
 
-        return CompressedLog(file, compression, lambda copy: _reader(copy, known))
+        return CompressedLog(file, {file: compression}, lambda copies: _reader(copies[0], known))
     if head.startswith(b"\x89MCAP0\r\n"):
         from usbldr.io.formats.mcap_log import McapLog
 

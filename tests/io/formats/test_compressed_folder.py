@@ -1,0 +1,159 @@
+"""CSV files that are compressed inside their folder: the folder is the log that it would be with them decompressed."""
+
+import bz2
+import gc
+import gzip
+import lzma
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
+import pandas as pd
+import pytest
+import zstandard
+
+from recordings import SECOND, T0, write_csv
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.limits import VARIABLE
+from usbldr.io.opening import Request
+from usbldr.io.read import read_log
+
+PACK: Mapping[str, Callable[[bytes], bytes]] = {
+    "gz": gzip.compress,
+    "zst": zstandard.compress,
+    "bz2": bz2.compress,
+    "xz": lzma.compress,
+    "lz4": lz4.frame.compress,
+}
+NAMES = {"gz": "gzip", "zst": "zstd", "bz2": "bzip2"}
+COUNT = 60
+TIMES = [T0 + k * SECOND for k in range(COUNT)]
+
+
+def dive(folder: Path) -> Path:
+    return write_csv(
+        folder,
+        dvl="time_ns,forward_mps,starboard_mps\n" + "\n".join(f"{t},{t % 977 / 7},0.5" for t in TIMES),
+        nav__compass="time_ns,heading_deg\n" + "\n".join(f"{t},{t % 359}" for t in TIMES),
+        gps="time_ns,lat_deg,lon_deg\n" + "\n".join(f"{t},45.0,{t % 89 / 7}" for t in TIMES),
+    )
+
+
+def packed(folder: Path, name: str, ending: str = "gz") -> Path:
+    """Compress a file of a folder in place of itself."""
+    whole = (folder / name).read_bytes()
+    (folder / name).unlink()
+    (folder / f"{name}.{ending}").write_bytes(PACK[ending](whole))
+    return folder / f"{name}.{ending}"
+
+
+@pytest.mark.parametrize("ending", PACK)
+@pytest.mark.parametrize("names", [["dvl.csv"], ["dvl.csv", "gps.csv", "nav__compass.csv"]])
+def test_a_folder_with_compressed_files_is_the_folder_without(tmp_path: Path, names: list[str], ending: str) -> None:
+    plain = read_log(dive(tmp_path / "dive"))
+    for name in names:
+        packed(tmp_path / "dive", name, ending)
+    log = read_log(tmp_path / "dive")
+
+    assert (
+        log.format
+        == f"CSV folder, {['zstd', 'gzip', 'bzip2', 'xz', 'lz4'][['zst', 'gz', 'bz2', 'xz', 'lz4'].index(ending)]}"
+    )
+    assert log.tables.keys() == plain.tables.keys() == {"dvl", "compass", "gps"}
+    assert {role: p.topic for role, p in log.provenance.items()} == {r: p.topic for r, p in plain.provenance.items()}
+    for sensor, table in plain.tables.items():
+        pd.testing.assert_frame_equal(log.tables[sensor], table, check_exact=True)
+    assert not [finding for finding in log.findings if finding.lost_data]
+
+
+def test_columns_of_a_compressed_file_are_named_by_the_configuration(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", ahrs="t,psi\n" + "\n".join(f"{t},{t % 7}" for t in TIMES))
+    packed(dive(folder), "nav__compass.csv")
+    packed(folder, "ahrs.csv")
+    (folder / "usbldr.toml").write_text('[compass]\ncolumns = { time_ns = "t", heading = "psi" }\n')
+
+    assert read_log(folder).tables["compass"]["heading_deg"].tolist() == [t % 7 for t in TIMES]
+    (folder / "usbldr.toml").write_text('[compass]\ntopic = "ahrs"\ncolumns = { time_ns = "t", heading = "phi" }\n')
+    with pytest.raises(UsageError) as fault:
+        read_log(folder)
+    assert str(fault.value).startswith(f"{folder / 'ahrs.csv.gz'}: /ahrs has no phi")
+
+
+def test_a_file_beside_its_compressed_copy_is_read_once(tmp_path: Path) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "dvl.csv.gz").write_bytes(gzip.compress(b"time_ns,forward_mps,starboard_mps\n1,2,3\n"))
+
+    log = open_log(folder)
+
+    assert log.format == "CSV folder"
+    assert {topic.name: topic.count for topic in log.topics()}["/dvl"] == COUNT
+
+
+def test_what_a_compressed_file_lacks_is_reported_with_its_name(tmp_path: Path) -> None:
+    file = packed(dive(tmp_path / "dive"), "dvl.csv")
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) * 3 // 4])
+    log = read_log(tmp_path / "dive")
+
+    assert 0 < len(log.tables["dvl"]) < COUNT
+    assert len(log.tables["gps"]) == COUNT
+    cut = [finding.text for finding in log.findings if finding.code == "TRUNCATED" and finding.lost_data]
+    assert cut[0].startswith("dvl.csv.gz: the gzip data end early, at byte ")
+
+
+def test_a_compressed_file_without_one_good_byte_is_an_error(tmp_path: Path) -> None:
+    file = packed(dive(tmp_path / "dive"), "dvl.csv")
+    file.write_bytes(file.read_bytes()[:12])
+
+    with pytest.raises(LogError, match=r"dvl.csv.gz: is damaged: no gzip data could be decompressed"):
+        open_log(tmp_path / "dive")
+
+
+def test_a_wrong_cell_is_named_with_the_compressed_file(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", dvl="time_ns,forward_mps,starboard_mps\n1,x,3")
+    file = packed(folder, "dvl.csv")
+
+    with pytest.raises(LogError) as fault:
+        open_log(folder).read({"/dvl": ["forward_mps"]})
+    assert str(fault.value) == f'{file}: line 2: forward_mps is "x", not a number'
+
+
+def test_compressed_files_that_are_no_csv_are_passed_over(tmp_path: Path) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "photo.gz").write_bytes(gzip.compress(bytes(range(256))))
+    (folder / "cut.gz").write_bytes(gzip.compress(b"a,b\n")[:5])
+    (folder / ".hidden.csv.gz").write_bytes(gzip.compress(b"time_ns,heading_deg\n1,2\n"))
+
+    assert open_log(folder).format == "CSV folder"
+
+
+def test_a_file_that_decompresses_to_too_much_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "big.csv.gz").write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 2_000_000))
+    monkeypatch.setenv(VARIABLE, "0.01")
+
+    with pytest.raises(LogError, match=r"big.csv.gz: .*--limits 10 raises the limits tenfold"):
+        open_log(folder)
+
+
+def test_the_copies_go_with_the_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    packed(dive(tmp_path / "dive"), "dvl.csv")
+    log = open_log(tmp_path / "dive")
+
+    assert len(list((tmp_path / "temporary").iterdir())) == 1
+    del log
+    gc.collect()
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_a_run_names_the_folder_that_the_user_has(tmp_path: Path) -> None:
+    packed(dive(tmp_path / "dive"), "dvl.csv")
+    log = read_log(tmp_path / "dive")
+
+    assert log.path == tmp_path / "dive"
+    with pytest.raises(LogError) as fault:
+        read_log(tmp_path / "dive", Request(topics={"usbl": "/absent"}))
+    assert str(fault.value).startswith(f"{tmp_path / 'dive'}: ")
