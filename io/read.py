@@ -22,10 +22,11 @@ from usbldr.io.conventions.sanity import (
     truth_overlap_findings,
     truth_underwater_findings,
 )
+from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.timestamps import sorted_by_time
 from usbldr.io.conventions.truth import by_fixes, read_truth_file, truth_from_table
 from usbldr.io.conventions.usbl import FixContext, usbl
-from usbldr.io.conventions.usbl_head import SHIP, ship_choices, time_series
+from usbldr.io.conventions.usbl_head import SHIP, ship_choices
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text

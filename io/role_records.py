@@ -1,17 +1,19 @@
 """The records of each sensor, read in one pass over a log, block by block; only what is used of them is kept."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import LogError
-from usbldr.io.conventions.attitude import with_yaw
+from usbldr.io.conventions.attitude import attitudes, with_yaw
 from usbldr.io.decoding.collected import CollectedRecords
 from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
 from usbldr.io.messages.roles import TopicChoice
 from usbldr.io.reader import BeginAgainError, Reader, Records, blocks_of
 
 EVIDENCE_RECORDS = 100_000  # [records] of which the medians of messages are taken: these are sure to 0.4 % of a sigma
+MAX_ATTITUDES = 1_000_000  # [records] of which roll and pitch are kept, 40 MB: 28 per second in 10 hours
 
 
 class RoleRecords(NamedTuple):
@@ -66,7 +68,8 @@ class _Collected:
         self._evidence_fields += [f for f in (choice.layout.stamp, choice.layout.frame) if choice.topic.has(f)]
         self._records: CollectedRecords | None = None
         self._evidence = CollectedRecords(0, self._evidence_fields)
-        self._every = max(1, -(-choice.topic.count // EVIDENCE_RECORDS)) if more_fields is not None else None
+        self._every = _every(choice.topic.count, EVIDENCE_RECORDS) if more_fields is not None else None
+        self._attitudes: CollectedRecords | None = None
         self.count = 0
 
     @property
@@ -77,7 +80,10 @@ class _Collected:
     def add(self, block: Records) -> None:
         """Add a block of records."""
         raw = self._raw(block, self._paths)
-        raw = with_yaw(raw, self._tilted) if self._role == "compass" else raw
+        if self._role == "compass":
+            if self._tilted:
+                self._add_attitudes(raw)
+            raw = with_yaw(raw)
         if self._records is None:
             self._records = CollectedRecords(self.topic.count, list(raw.values))
         self._records.add(Records(block.received_ns, raw.values))
@@ -87,15 +93,32 @@ class _Collected:
             self._evidence.add(Records(block.received_ns[rows], some))
         self.count += len(block.received_ns)
 
+    def _add_attitudes(self, raw: RawRecords) -> None:
+        """Keep the attitudes of some records, evenly spread over the log."""
+        every = _every(self.topic.count, MAX_ATTITUDES)
+        some = attitudes(raw.part(slice(-self.count % every, None, every)))
+        if some is not None and len(some.received_ns):
+            names = list(some.values)
+            self._attitudes = self._attitudes or CollectedRecords(-(-self.topic.count // every), names)
+            self._attitudes.add(Records(some.received_ns, some.values))
+
     def raws(self) -> RawRecords:
         """Return all records."""
         assert self._records is not None
-        records = self._records.whole()
-        return self._raw(records, {name: name for name in records.columns})
+        raw = self._named(self._records.whole())
+        return raw if self._attitudes is None else replace(raw, attitude=self._named(self._attitudes.whole()))
 
     def evidence(self) -> RawRecords:
         """Return some records, evenly spread over the log."""
-        return self._raw(self._evidence.whole(), {field: field for field in self._evidence_fields})
+        return self._named(self._evidence.whole())
+
+    def _named(self, records: Records) -> RawRecords:
+        return self._raw(records, {name: name for name in records.columns})
 
     def _raw(self, records: Records, paths: Mapping[str, str]) -> RawRecords:
         return raw_records(self._log, self.topic, self._layout, records, paths)
+
+
+def _every(count: int, most: int) -> int:
+    """Return of how many records one is kept, so that there are no more than ``most``."""
+    return max(1, -(-count // most))

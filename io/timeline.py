@@ -20,6 +20,7 @@ from usbldr.filters.models.usual_velocity import LONGEST_GAP_S, VelocityHistory
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.conventions.map_north import headings_on_plane
+from usbldr.io.conventions.time_series import unwrap
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import BLOCK_RECORDS, blocks
 
@@ -159,23 +160,12 @@ def _compass(log: Log) -> tuple[Vector, Vector, Vector]:
 
 
 def _unwrapped_yaw(heading_deg: Vector) -> Vector:
-    """Return yaw in radians without jumps of whole turns, (n,), which begins within half a turn of north.
-
-    As numpy.unwrap has it, to the bit, but block by block: it would need seven times the memory of its result.
-    """
-    yaw = np.empty(len(heading_deg))
-    turns = 0.0  # [rad] added so far
-    for first in range(0, len(yaw), BLOCK_RECORDS):
-        end, before = min(first + BLOCK_RECORDS, len(yaw)), max(0, first - 1)
-        wrapped = -np.radians(heading_deg[before:end])
-        step = np.diff(wrapped, prepend=wrapped[:1] if first == 0 else [])
-        short = np.mod(step + np.pi, 2 * np.pi) - np.pi
-        short[(short == -np.pi) & (step > 0)] = np.pi
-        added = np.where(np.abs(step) < np.pi, 0.0, short - step)
-        total = np.cumsum(np.concatenate([[turns], added]))[1:]
-        yaw[first:end] = wrapped[first - before :] + total
-        turns = float(total[-1])
-    yaw -= 2 * np.pi * round(float(-np.radians(heading_deg[0])) / (2 * np.pi))
+    """Return yaw in radians without jumps of whole turns, (n,), which begins within half a turn of north."""
+    yaw = np.radians(heading_deg)
+    np.negative(yaw, out=yaw)
+    whole = 2 * np.pi * round(float(yaw[0]) / (2 * np.pi))
+    unwrap(yaw, 2 * np.pi)
+    yaw -= whole
     return yaw
 
 

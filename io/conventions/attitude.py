@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from usbldr.filters.types import Array
+from usbldr.filters.types import Array, Mask
 from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.reader import Column
 
@@ -14,10 +14,10 @@ VERTICAL_PARTS = ("vertical_y", "vertical_x", "vertical_z")  # along -y, x, z of
 MIN_LENGTH = 0.5  # [-] of a quaternion: a shorter one states no direction
 
 
-def with_yaw(raw: RawRecords, tilted: bool) -> RawRecords:
-    """Return records with YAW and NO_DIRECTION in place of quaternions, and VERTICAL_PARTS if ``tilted``.
+def with_yaw(raw: RawRecords) -> RawRecords:
+    """Return records with YAW and NO_DIRECTION in place of quaternions; others are returned as they are.
 
-    Yaw is that about the z axis of the quaternion's frame, degrees. Other records are returned as they are.
+    Yaw is that about the z axis of the quaternion's frame, degrees.
     """
     if not raw.values.keys() >= set(QUATERNION):
         return raw
@@ -25,10 +25,28 @@ def with_yaw(raw: RawRecords, tilted: bool) -> RawRecords:
     values: dict[str, Column] = {name: column for name, column in raw.values.items() if name not in QUATERNION}
     values[YAW] = np.degrees(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
     values[NO_DIRECTION] = np.sqrt(x * x + y * y + z * z + w * w) < MIN_LENGTH
-    if tilted:
-        parts = (-2 * (y * z + w * x), 2 * (x * z - w * y), w * w + z * z - x * x - y * y)
-        values |= dict(zip(VERTICAL_PARTS, parts, strict=True))
     return replace(raw, values=values)
+
+
+def without_direction(raw: RawRecords) -> dict[str, Mask]:
+    """Return which records with YAW (n,) state no direction, by cause."""
+    return {
+        "not a number": ~np.isfinite(raw.values[YAW]),
+        "without orientation (covariance -1)": raw.number("own_covariance") == -1,
+        "zero quaternion": raw.values[NO_DIRECTION],
+    }
+
+
+def attitudes(raw: RawRecords) -> RawRecords | None:
+    """Return the records whose quaternion states a direction, with VERTICAL_PARTS in its place; None without any."""
+    if not raw.values.keys() >= set(QUATERNION):
+        return None
+    x, y, z, w = (raw.number(name) for name in QUATERNION)
+    parts = (-2 * (y * z + w * x), 2 * (x * z - w * y), w * w + z * z - x * x - y * y)
+    values = {name: column for name, column in raw.values.items() if name not in QUATERNION}
+    values |= dict(zip(VERTICAL_PARTS, parts, strict=True))
+    known = ~np.any(list(without_direction(with_yaw(raw)).values()), axis=0)
+    return replace(raw, values=values).part(known)
 
 
 def vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:

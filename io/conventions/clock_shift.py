@@ -6,7 +6,6 @@ record is stamped much before it was measured. Integer nanoseconds.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -30,7 +29,7 @@ def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tupl
         if raw.stamp_ns is None or abs(delay_ns[role]) <= SAME_CLOCK_NS:
             shifted[role] = raw
             continue
-        shifted[role] = replace(raw, stamp_ns=np.where(raw.stamp_ns == 0, 0, raw.stamp_ns + shift))
+        shifted[role] = raw.later_by(shift)
         text = f"shifted by {shift / 1e9:.3f} s, the smallest delay from stamp to log"
         text = f"stamps come from another clock than the log's and other sensors'; {text}"
         findings.append(raw.finding("CLOCK-SHIFTED", text))

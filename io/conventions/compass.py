@@ -5,14 +5,14 @@ An error of the compass that the configuration states is subtracted.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
-from usbldr.io.conventions.attitude import NO_DIRECTION, VERTICAL_PARTS, YAW, vertical, with_yaw
+from usbldr.io.conventions.attitude import YAW, vertical, with_yaw, without_direction
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
@@ -28,7 +28,7 @@ DEGREES = 1  # fixed: of its unit; 0: radians
 CLOCKWISE = 1  # fixed: of its orientation, from north; 0: counter-clockwise from east
 NEWTON_STEPS = 8  # from 30 degrees to far below a compass's resolution
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
-VERTICAL = ("vertical_starboard", "vertical_forward", "vertical_up")  # columns of a compass that knows its attitude
+VERTICAL = ("vertical_starboard", "vertical_forward", "vertical_up")  # columns of an attitude
 MIN_CONSTANT_RECORDS = 100  # fewer may be equal by chance
 
 
@@ -53,7 +53,7 @@ def compass(
     requested but its place or time is unknown.
     """
     times = times_of(raw, section.time, section.latency_s)
-    raw = with_yaw(raw, tilted=True)
+    raw = with_yaw(raw)
     heading, causes, chosen, findings = _clockwise(raw, section, keys)
     good, invalid = valid_mask(raw, causes, "compass", "left out")
     added, more_chosen, more = _declination(raw, section, place, int(times.time_ns[np.argmax(good)]), keys)
@@ -71,10 +71,17 @@ def compass(
         ]
     sd, sd_chosen = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0, out=heading), "sd_deg": sd}
-    if VERTICAL_PARTS[0] in raw.values:
-        along = vertical(raw, "ENU" if chosen[0].value == "ENU" else "NED", section.bias_deg)
-        columns |= dict(zip(VERTICAL, along.T, strict=True))
-    return keep_valid(converted_table(raw, times, columns, [*chosen, sd_chosen], findings), good)
+    made = keep_valid(converted_table(raw, times, columns, [*chosen, sd_chosen], findings), good)
+    if raw.attitude is None:
+        return made
+    return replace(made, attitude=_attitude(raw.attitude, section, str(chosen[0].value)))
+
+
+def _attitude(raw: RawRecords, section: CompassSection, convention: str) -> ConvertedTable:
+    """Return the direction of the vertical along the axes of the vehicle, VERTICAL."""
+    along = vertical(raw, "ENU" if convention == "ENU" else "NED", section.bias_deg)
+    times = times_of(raw, section.time, section.latency_s)
+    return converted_table(raw, times, dict(zip(VERTICAL, along.T, strict=True)), (), ())
 
 
 def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
@@ -104,12 +111,7 @@ def _clockwise(
         return _magnetometer(raw, convention, chosen, findings)
     if "angle" not in raw.values:
         yaw = raw.values[YAW]
-        causes = {
-            "not a number": ~np.isfinite(yaw),
-            "without orientation (covariance -1)": raw.number("own_covariance") == -1,
-            "zero quaternion": raw.values[NO_DIRECTION],
-        }
-        return (90.0 - yaw if convention == "ENU" else yaw.copy()), causes, chosen, findings
+        return (90.0 - yaw if convention == "ENU" else yaw.copy()), without_direction(raw), chosen, findings
     unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "deg")
     unit_note = ""
     angle, findings = raw.number("angle"), [*findings, *more]

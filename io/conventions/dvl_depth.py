@@ -40,6 +40,7 @@ class ConvertedTable:
     conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...]
     geodetic: bool = False  # its positions are known by latitude and longitude
+    attitude: "ConvertedTable | None" = None  # of a compass that knows it: fewer records, with compass.VERTICAL
 
 
 def chosen_convention(

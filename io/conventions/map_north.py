@@ -11,7 +11,9 @@ import numpy as np
 from usbldr.filters.frames import convergence_rad, rotated
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.implausible import Records
+from usbldr.io.conventions.time_series import bracketing, unwrap
 from usbldr.io.log import Log
+from usbldr.io.messages.layouts import blocks
 
 FEW_FIXES = 5  # the median of so many tolerates two outliers, as at the start of dead reckoning
 
@@ -37,42 +39,46 @@ def headings_on_plane(log: Log) -> Log:
         return log
     table = log.tables["compass"]
     headings = Records.of("", table, ["heading_deg"])
-    if not len(headings.rows):
+    if not len(headings.values):
         return log
-    turn_rad = convergence_rad(log.origin.lat_deg, _places_m(log, source, headings))
-    heading_deg = table["heading_deg"].to_numpy(dtype=float, copy=True)
-    heading_deg[headings.rows] = (headings.values[:, 0] - np.degrees(turn_rad)) % 360.0
+    known_s, moved_m = _displacement_m(log, headings)
+    since_s, offset_m = _offsets_m(log, source, headings, known_s, moved_m)
+    time_s, heading_deg = table["time_s"].to_numpy(dtype=float), table["heading_deg"].to_numpy(dtype=float, copy=True)
+    for rows in blocks(len(table)):
+        good, turned = headings.good[rows], heading_deg[rows]
+        t = time_s[rows][good]
+        place_m = _interpolated(t, known_s, moved_m) + offset_m[np.searchsorted(since_s, t, side="right")]
+        turned[good] = (turned[good] - np.degrees(convergence_rad(log.origin.lat_deg, place_m))) % 360.0
     provenance = dict(log.provenance) | {source: replace(log.provenance[source], geodetic=False)}
     tables = dict(log.tables) | {"compass": table.assign(heading_deg=heading_deg)}
     return replace(log, tables=tables, provenance=provenance)
 
 
-def _places_m(log: Log, source: str, headings: Records) -> Array:
-    """Return where the vehicle was at the time of each heading, east and north, (n, 2)."""
-    fixes, time_s = Records.of("", log.tables[source], ["east_m", "north_m"]), headings.time_s
-    moved = _displacement_m(log, headings)
-    start = log.parameters.start
+def _offsets_m(log: Log, source: str, headings: Records, known_s: Vector, moved_m: Array) -> tuple[Vector, Array]:
+    """Return times (k,) and what to add to displacements before and after each, east and north, (k + 1, 2)."""
+    fixes, start = Records.of("", log.tables[source], ["east_m", "north_m"]), log.parameters.start
     if source == "gps" and start is not None:
-        return moved + np.array([start.east_m, start.north_m])
-    if not len(fixes.rows):
-        return moved
-    offset_m = fixes.values - _interpolated(fixes.time_s, time_s, moved)
+        return np.empty(0), np.array([[start.east_m, start.north_m]])
+    if not len(fixes.values):
+        return np.empty(0), np.zeros((1, 2))
+    near_s = headings.time_s[bracketing(headings.time_s, fixes.time_s)]
+    offset_m = fixes.values - _interpolated(fixes.time_s, near_s, _interpolated(near_s, known_s, moved_m))
     count = min(FEW_FIXES, len(offset_m))
     medians_m: Array = np.median(np.lib.stride_tricks.sliding_window_view(offset_m, count, axis=0), axis=-1)
     if source == "gps":  # the truth may only give the start
-        return moved + medians_m[0]
-    return moved + medians_m[np.maximum(np.searchsorted(fixes.time_s, time_s, side="right") - count, 0)]
+        return np.empty(0), medians_m[:1]
+    return fixes.time_s[count:], medians_m
 
 
-def _displacement_m(log: Log, headings: Records) -> Array:
-    """Return the dead-reckoned displacement since the first DVL record at the time of each heading, (n, 2)."""
+def _displacement_m(log: Log, headings: Records) -> tuple[Vector, Array]:
+    """Return times (n,) and the displacement dead-reckoned since the first DVL record, (n, 2)."""
     dvl = Records.of("", log.tables["dvl"], ["starboard_mps", "forward_mps"])
-    if len(dvl.rows) < 2:
-        return np.zeros((len(headings.rows), 2))
-    yaw: Vector = -np.unwrap(np.radians(headings.values[:, 0]))
-    V = rotated(np.interp(dvl.time_s, headings.time_s, yaw), dvl.values)
+    if len(dvl.values) < 2:
+        return np.zeros(1), np.zeros((1, 2))
+    clockwise = unwrap(np.radians(headings.values[:, 0]), 2 * np.pi)
+    V = rotated(-np.interp(dvl.time_s, headings.time_s, clockwise), dvl.values)
     moved = np.cumsum((V[1:] + V[:-1]) / 2 * np.diff(dvl.time_s)[:, None], axis=0)
-    return _interpolated(headings.time_s, dvl.time_s[1:], moved)
+    return dvl.time_s[1:], moved
 
 
 def _interpolated(time_s: Vector, known_s: Vector, values: Array) -> Array:

@@ -13,7 +13,8 @@ from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.compass import VERTICAL
 from usbldr.io.conventions.dvl_depth import ConvertedTable
-from usbldr.io.conventions.usbl_head import rotated_clockwise, time_series
+from usbldr.io.conventions.time_series import time_series
+from usbldr.io.conventions.usbl_head import rotated_clockwise
 from usbldr.io.provenance import ChosenBy, Convention
 
 VELOCITY = ["starboard_mps", "forward_mps", "up_mps"]
@@ -30,12 +31,12 @@ def level_velocities(
 
     Raises SettingError if they are to be levelled, but the compass has no attitude.
     """
-    if compass is None or VERTICAL[0] not in compass.table:
+    if compass is None or compass.attitude is None:
         if stated:
             raise SettingError("[dvl] level: no record of the compass holds an attitude (a quaternion)")
         return dvl
     time_ns = dvl.table["time_ns"].to_numpy(dtype=np.int64)
-    vertical = time_series(compass, "compass", VERTICAL).at(time_ns, LONGEST_GAP_S)
+    vertical = time_series(compass.attitude, "compass", VERTICAL).at(time_ns, LONGEST_GAP_S)
     velocity = dvl.table[VELOCITY].to_numpy(dtype=float)
     level = along_level_axes(velocity, vertical)
     chosen_by: ChosenBy = "configuration"
@@ -57,12 +58,13 @@ def level_velocities(
 
 def level_lever_arm(fixes: ConvertedTable, compass: ConvertedTable | None, lever_m: LeverArm) -> ConvertedTable:
     """Return fixes, moved so that their lever arm, as stated for an upright vehicle, holds if it is tilted."""
-    if not any(lever_m) or compass is None or VERTICAL[0] not in compass.table:
+    if not any(lever_m) or compass is None or compass.attitude is None:
         return fixes
     time_ns = fixes.table["time_ns"].to_numpy(dtype=np.int64)
-    there = time_series(compass, "compass", ["heading_deg", *VERTICAL]).at(time_ns, LONGEST_GAP_S)
+    vertical = time_series(compass.attitude, "compass", VERTICAL).at(time_ns, LONGEST_GAP_S)
+    heading_deg = time_series(compass, "compass", ["heading_deg"]).at(time_ns, LONGEST_GAP_S)[:, 0]
     arm_m = np.tile(lever_m, (len(time_ns), 1))
-    tilted_m = rotated_clockwise((along_level_axes(arm_m, there[:, 1:]) - arm_m)[:, :2], there[:, 0])
+    tilted_m = rotated_clockwise((along_level_axes(arm_m, vertical) - arm_m)[:, :2], heading_deg)
     tilted_m = np.where(np.isfinite(tilted_m), tilted_m, 0.0)
     east_m, north_m = (fixes.table[["east_m", "north_m"]].to_numpy(dtype=float) - tilted_m).T
     how = Convention("lever_arm", "roll and pitch of the compass", "records")

@@ -17,6 +17,7 @@ from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.positions import off_plane_causes, on_plane
+from usbldr.io.conventions.time_series import TimeSeries
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl_covariance import (
     reference_covariance,
@@ -24,7 +25,7 @@ from usbldr.io.conventions.usbl_covariance import (
     stated_covariance,
     with_variance_floor,
 )
-from usbldr.io.conventions.usbl_head import TimeSeries, UsblReference, rotated_clockwise, usbl_reference
+from usbldr.io.conventions.usbl_head import UsblReference, rotated_clockwise, usbl_reference
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin

@@ -1,7 +1,7 @@
 """The known end of a USBL's line of sight: the head, fixed or on a ship, or the beacon of a vehicle's own head.
 
 Everything is taken at the time of validity of each fix: east, north and up in metres on the local plane, headings in
-degrees clockwise from true north. Records are interpolated, but never across a gap.
+degrees clockwise from true north.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from usbldr.io.conventions.compass import OF_HEAD
 from usbldr.io.conventions.compass import compass as compass_records
 from usbldr.io.conventions.dvl_depth import ConvertedTable
 from usbldr.io.conventions.map_north import on_plane_north
-from usbldr.io.conventions.timestamps import sorted_by_time
+from usbldr.io.conventions.time_series import time_series
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.messages.layouts import RawRecords
@@ -28,33 +28,6 @@ from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSectio
 
 SHIP, SHIP_HEADING = "ship", "ship's heading"  # roles of topics that the configuration names for the head
 SHIP_SD_M = 3.0  # of a ship's receiver that states none
-
-
-@dataclass(frozen=True, slots=True)
-class TimeSeries:
-    """Something measured over time: n records in ascending order, k numbers each."""
-
-    time_ns: Nanoseconds  # (n,)
-    values: Array  # (n, k)
-
-    def at(self, time_ns: Nanoseconds, longest_gap_s: float = np.inf) -> Array:
-        """Return the values at the times, (m, k), NaN outside the records and inside gaps that are longer."""
-        own_s, wanted_s = (np.asarray(t - self.time_ns[0], dtype=np.float64) / 1e9 for t in (self.time_ns, time_ns))
-        between = np.full((len(wanted_s), self.values.shape[1]), np.nan)
-        for k, column in enumerate(self.values.T):
-            between[:, k] = np.interp(wanted_s, own_s, column, left=np.nan, right=np.nan)
-        first, last = (np.searchsorted(own_s, wanted_s, side=side) for side in ("left", "right"))
-        gap_s = own_s[np.minimum(first, len(own_s) - 1)] - own_s[np.maximum(last - 1, 0)]  # 0 on a record
-        return np.where(gap_s[:, None] > longest_gap_s, np.nan, between)
-
-
-def time_series(made: ConvertedTable, sensor: str, columns: Sequence[str]) -> TimeSeries:
-    """Return columns of a sensor's table as they change over time; headings run on past 360."""
-    table, _ = sorted_by_time(made.table, "", sensor)
-    values = table[list(columns)].to_numpy(dtype=float)
-    if columns[0] == "heading_deg":
-        values = np.column_stack([np.unwrap(values[:, 0], period=360.0), values[:, 1:]])
-    return TimeSeries(table["time_ns"].to_numpy(dtype=np.int64), values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Mask, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo
 
@@ -70,6 +70,7 @@ class RawRecords:
     received_ns: Nanoseconds  # (n,) log time
     values: Mapping[str, Column]  # quantity -> (n,)
     frame_id: str
+    attitude: "RawRecords | None" = None  # of a compass: some of the records, with their attitude
 
     def finding(self, code: str, text: str) -> Finding:
         """Return a finding on the topic, whose name the text goes on from."""
@@ -79,11 +80,17 @@ class RawRecords:
         """Return an error of the topic."""
         return LogError(text, path=self.log, topic=self.topic.name)
 
-    def part(self, rows: slice) -> "RawRecords":
+    def part(self, rows: slice | Mask) -> "RawRecords":
         """Return some of the records."""
         stamp_ns = None if self.stamp_ns is None else self.stamp_ns[rows]
         values = {quantity: column[rows] for quantity, column in self.values.items()}
         return replace(self, stamp_ns=stamp_ns, received_ns=self.received_ns[rows], values=values)
+
+    def later_by(self, shift_ns: int) -> "RawRecords":
+        """Return the records with their stamps shifted; a stamp of zero is unset and stays so."""
+        stamp_ns = None if self.stamp_ns is None else np.where(self.stamp_ns == 0, 0, self.stamp_ns + shift_ns)
+        attitude = None if self.attitude is None else self.attitude.later_by(shift_ns)
+        return replace(self, stamp_ns=stamp_ns, attitude=attitude)
 
     def number(self, quantity: str) -> Vector:
         """Return a quantity as floats in its own unit, (n,).

@@ -16,12 +16,15 @@ RATE_HZ = 200
 MINUTE = 60 * RATE_HZ  # messages
 SHORT, LONG = 10 * MINUTE, 22 * MINUTE  # both are longer than a block
 BYTES_PER_MESSAGE = 100  # 54 were measured; one Python object of each payload alone would have 360
+LEVER_ARM = "[usbl]\nlever_arm_m = [0.3, 0.2, -0.5]\n"  # so that roll and pitch are used
 PEAK = r"""
 import re, sys
 from pathlib import Path
-from usbldr.io.read import read_log
+from usbldr.io import role_records
+from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
-timeline(read_log(Path(sys.argv[1])))
+role_records.MAX_ATTITUDES = 20_000
+timeline(read_log(Path(sys.argv[1]), Request(sys.argv[2])))
 print(int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1]) * 1024)
 """
 
@@ -87,12 +90,21 @@ def write_dense(file: Path, count: int) -> Path:
     return file
 
 
+@pytest.fixture(scope="module")
+def dense_logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A short and a long log."""
+    folder = tmp_path_factory.mktemp("dense")
+    return [write_dense(folder / f"{count}.mcap", count) for count in (SHORT, LONG)]
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak of a process is read from Linux's /proc")
-def test_memory_grows_by_a_few_columns_per_message(tmp_path: Path) -> None:
+@pytest.mark.parametrize("settings", ["", LEVER_ARM], ids=["upright", "tilted"])
+def test_memory_grows_by_a_few_columns_per_message(tmp_path: Path, dense_logs: list[Path], settings: str) -> None:
+    (tmp_path / "usbldr.toml").write_text(settings, encoding="utf-8")
     peaks: list[int] = []
-    for count in (SHORT, LONG):
-        file = write_dense(tmp_path / f"{count}.mcap", count)
-        run = subprocess.run([sys.executable, "-c", PEAK, str(file)], capture_output=True, text=True, check=True)
+    for file in dense_logs:
+        command = [sys.executable, "-c", PEAK, str(file), str(tmp_path / "usbldr.toml")]
+        run = subprocess.run(command, capture_output=True, text=True, check=True)
         peaks.append(int(run.stdout))
 
     assert (peaks[1] - peaks[0]) / (LONG - SHORT) < BYTES_PER_MESSAGE

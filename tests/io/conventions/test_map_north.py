@@ -1,17 +1,22 @@
 """Dives along a parallel, whose end is known in closed form: the compass reads east all the way."""
 
 import math
+import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.filters.replay.online import OnlineFilter
 from usbldr.filters.replay.prior import find_anchor
+from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.log import Log
+from usbldr.io.messages import layouts
 from usbldr.io.read import Request, read_log
 from usbldr.io.timeline import timeline
 from usbldr.io.writers.export import export
@@ -91,6 +96,15 @@ def test_far_fixes_move_the_headings_but_two_wrong_ones_do_not(tmp_path: Path) -
     assert np.degrees(line.yaw_rad[0]) == pytest.approx(-90.0 - 1.015, abs=0.01)  # 20 km / radius * tan(80 deg)
 
 
+def test_later_fixes_place_the_headings_that_follow(tmp_path: Path) -> None:
+    """Against a current the vehicle stays where it is: at the origin no heading is turned."""
+    fixes = "time_ns,lat_deg,lon_deg " + " ".join(f"{T0_S + k}000000000,80.0,{LON_DEG}" for k in range(0, SECONDS, 10))
+
+    line = timeline(dive(tmp_path, 80.0, fixes))
+
+    np.testing.assert_allclose(np.degrees(line.yaw_rad[::5]), -90.0, atol=0.01)
+
+
 @pytest.mark.parametrize("lat_deg", LATITUDES)
 def test_a_filter_in_a_loop_of_ones_own_knows_the_convergence_by_the_latitude_of_its_origin(lat_deg: float) -> None:
     online = OnlineFilter("ekf", Parameters(), origin_lat_deg=lat_deg)
@@ -103,3 +117,32 @@ def test_a_filter_in_a_loop_of_ones_own_knows_the_convergence_by_the_latitude_of
 
     assert online.estimate.position_m == pytest.approx(parallel_m(lat_deg, 20e3), abs=1.0)
     assert online.estimate.heading_deg == pytest.approx(90.0, abs=0.05)
+
+
+def test_headings_turn_alike_in_blocks_of_any_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = dive(tmp_path, 80.0, by_latitude(80.0))
+    compass = log.tables["compass"].copy()
+    compass.loc[[0, 6, 7, 8, 5000], "heading_deg"] = np.nan
+    log = replace(log, tables={**log.tables, "compass": compass})
+    whole = headings_on_plane(log).tables["compass"]
+
+    monkeypatch.setattr(layouts, "BLOCK_RECORDS", 7)
+    in_blocks = headings_on_plane(log).tables["compass"]
+
+    assert whole["heading_deg"].std() > 0.2
+    pd.testing.assert_frame_equal(in_blocks, whole, check_exact=True)
+
+
+def test_the_headings_of_a_dense_compass_are_turned_in_little_memory(tmp_path: Path) -> None:
+    log = dive(tmp_path, 80.0, by_latitude(80.0))
+    t = np.linspace(0, SECONDS, 1_000_000)
+    compass = pd.DataFrame({"time_s": t, "received_s": t, "heading_deg": 90.0, "sd_deg": 0.1})
+    log = replace(log, tables={**log.tables, "compass": compass})
+
+    tracemalloc.start()
+    turned = headings_on_plane(log)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+
+    assert turned.tables["compass"]["heading_deg"].iloc[-1] < 89.1
+    assert peak < 40 * len(t)  # five columns; 136 bytes were used when all were turned at once

@@ -10,6 +10,7 @@ from logs import logged
 from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist, write_mcap, yaw
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.dead_reckoning import dr
+from usbldr.io import role_records
 from usbldr.io.log import Log
 from usbldr.io.messages import layouts
 from usbldr.io.read import Request, read_log
@@ -27,22 +28,27 @@ def dive(
     mount_deg: float = 0.0,
     levelled: bool = False,
     depth: bool = True,
+    swing_deg: float = 0.0,
+    imu_late_ns: int = 0,
 ) -> list[Row]:
     """Go 1 m/s straight ahead over the ground, rising as given, with the bow up by the pitch; the DVL is noisy.
 
-    ``mount_deg``: heading of the IMU's x axis minus that of the bow, of an upright vehicle.
+    ``mount_deg``: heading of the IMU's x axis minus that of the bow, of an upright vehicle. ``swing_deg``: amplitude
+    of the pitch, once in 40 s. ``imu_late_ns``: its clock minus that of the log.
     """
     rng, rows = np.random.default_rng(3), list[Row]()
     enu, ned = frame == "ENU", [np.cos(np.radians(HEADING_DEG)), np.sin(np.radians(HEADING_DEG)), -up_mps]
-    angles = (90.0 - HEADING_DEG, -pitch_deg, ROLL_DEG) if enu else (HEADING_DEG, pitch_deg, ROLL_DEG)
-    body = Rotation.from_euler("ZYX", angles, degrees=True)
-    level = Rotation.from_euler("Z", angles[0], degrees=True)
     world = [ned[1], ned[0], up_mps] if enu else ned
-    imu = body * Rotation.from_euler("Z", -mount_deg if enu else mount_deg, degrees=True)
-    attitude = dict(zip("xyzw", imu.as_quat().tolist(), strict=True))
     for k in range(5 * SECONDS + 1):
+        pitch = pitch_deg + swing_deg * np.sin(2 * np.pi * k / 200)
+        angles = (90.0 - HEADING_DEG, -pitch, ROLL_DEG) if enu else (HEADING_DEG, pitch, ROLL_DEG)
+        body = Rotation.from_euler("ZYX", angles, degrees=True)
+        level = Rotation.from_euler("Z", angles[0], degrees=True)
+        imu = body * Rotation.from_euler("Z", -mount_deg if enu else mount_deg, degrees=True)
+        attitude = dict(zip("xyzw", imu.as_quat().tolist(), strict=True))
         t = T0 + k * SECOND // 5
-        rows.append((t, "/imu", IMU, {"header.stamp": t} | {f"orientation.{a}": q for a, q in attitude.items()}))
+        stamp = {"header.stamp": t + imu_late_ns}
+        rows.append((t, "/imu", IMU, stamp | {f"orientation.{a}": q for a, q in attitude.items()}))
         x, y, z = (level if levelled else body).inv().apply(world) + 0.01 * rng.normal(size=3)
         rows.append(twist(t, x, y, z))
         if depth:
@@ -150,3 +156,39 @@ def test_attitudes_are_the_same_in_blocks_of_any_length(tmp_path: Path, monkeypa
     in_blocks = logged(tmp_path, dive(up_mps=0.3), settings()).tables["dvl"]
 
     np.testing.assert_array_equal(in_blocks.to_numpy(dtype=float), whole.to_numpy(dtype=float))
+
+
+@pytest.mark.parametrize("most", [5000, 500, 200])
+def test_attitudes_of_some_records_turn_velocities_level(
+    tmp_path: Path, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(role_records, "MAX_ATTITUDES", most)
+
+    log = logged(tmp_path, dive(0.3, swing_deg=15.0), settings())
+
+    up_mps = log.tables["dvl"]["up_mps"].iloc[:-5]  # nothing is known beyond the last attitude, 1 s before the end
+    assert np.sqrt(np.mean((up_mps - 0.3) ** 2)) == pytest.approx(0.01, abs=0.002)  # the noise of the DVL
+
+
+def test_attitudes_are_moved_to_log_time_with_their_headings(tmp_path: Path) -> None:
+    right, moved = (
+        logged(tmp_path, dive(0.3, swing_deg=15.0, imu_late_ns=late), settings()) for late in (0, 7200 * SECOND)
+    )
+
+    assert moved.start_ns == right.start_ns
+    np.testing.assert_array_equal(moved.tables["dvl"]["up_mps"], right.tables["dvl"]["up_mps"])
+
+
+def test_records_without_orientation_have_no_attitude(tmp_path: Path) -> None:
+    """Every third quaternion is that of an upright vehicle."""
+    upright = {f"orientation.{axis}": float(axis == "w") for axis in "xyzw"}
+    unknown = upright | {"orientation_covariance": np.full(9, -1.0)}
+    rows = [
+        (t, topic, kind, {**values, **unknown}) if topic == "/imu" and (t - T0) // (SECOND // 5) % 3 == 2 else row
+        for row in dive(0.3)
+        for t, topic, kind, values in [row]
+    ]
+
+    table = logged(tmp_path, rows, settings()).tables["dvl"]
+
+    np.testing.assert_allclose(table["up_mps"], 0.3, atol=0.06)

@@ -10,7 +10,6 @@ import pytest
 from logs import MAP, codes, covariance, logged, logged_csv, places
 from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.conventions.usbl_head import TimeSeries
 from usbldr.io.provenance import Convention
 from usbldr.io.read import Request
 from usbldr.io.survey import survey
@@ -96,14 +95,6 @@ def test_fixes_inside_a_gap_of_the_ship_are_refused(tmp_path: Path, missing: str
     assert log.tables["usbl"]["time_s"].tolist() == [0, 2, 13]
     assert "2 of 5 records are invalid" in codes(log)["USBL-INVALID"]
     assert "without the ship's position within 3 s" in codes(log)["USBL-INVALID"]
-
-
-def test_between_records_one_interpolates_and_beyond_them_nothing_is_known() -> None:
-    samples = TimeSeries(np.array([0, 2, 10], dtype=np.int64) * SECOND, np.array([[0.0], [4.0], [20.0]]))
-    asked = np.array([-1, 0, 1, 2, 5, 10, 11], dtype=np.int64) * SECOND
-
-    np.testing.assert_array_equal(samples.at(asked)[:, 0], [np.nan, 0, 2, 4, 10, 20, np.nan])
-    np.testing.assert_array_equal(samples.at(asked, 3.0)[:, 0], [np.nan, 0, 2, 4, np.nan, 20, np.nan])
 
 
 def test_the_ships_receiver_is_no_truth_of_the_vehicle(tmp_path: Path) -> None:
