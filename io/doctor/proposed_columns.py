@@ -61,7 +61,7 @@ class Proposal:
         """Return the keys and their reasons for a configuration."""
         text = ", ".join(f"{key} = {json.dumps(path)}" for key, path in self.columns.items())
         which = f"; it could be {' or '.join(self.others)}" if self.others else ""
-        what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else "columns without units"
+        what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else "by the names of its columns"
         return [
             (f"topic = {json.dumps(self.topic.name)}", f"{what}{which}"),
             (f"columns = {{ {text} }}", WHY),
@@ -128,7 +128,9 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
             found.setdefault(column.rule.key, column)
     if topic.first_row and _time_key(topic, found) is None:
         return {}
-    return found if any(needed <= found.keys() for needed in NEEDED[role]) else {}
+    complete = [needed for needed in NEEDED[role] if needed <= found.keys()]
+    others = frozenset[str]().union(*NEEDED[role]).difference(*complete[:1])  # columns of another kind of position
+    return {key: column for key, column in found.items() if key not in others} if complete else {}
 
 
 def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:

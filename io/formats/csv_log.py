@@ -115,11 +115,11 @@ class CsvLog:
         if sheet is None:
             problem = f"its columns match no sensor ({listed(source.header)}); {ADVICE}"
             return TopicInfo(topic, "", "csv", 0, None, None, problem=problem, first_row=self._first_row(source))
-        fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         if sheet.received is None:
             problem = f"{source.file.name} {sheet.problem}"
             row = () if source.shown.by_name else self._first_row(source)
-            return TopicInfo(topic, sheet.type, "csv", 0, None, None, fields, problem, first_row=row)
+            return TopicInfo(topic, sheet.type, "csv", 0, None, None, problem=problem, first_row=row)
+        fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         times, faults = self._times(source, sheet.received)
         lines = self._lines(source)
         times = np.delete(times, list(faults))

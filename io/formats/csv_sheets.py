@@ -18,6 +18,7 @@ from usbldr.io.messages.field_names import NamedColumn, sensors_by_name
 from usbldr.io.units import spellings
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
+PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
 """A date and time."""
@@ -148,7 +149,7 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     columns = {name: name for name in header if name in known}
     missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
     if missing:
-        problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)})"
+        problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)}); {PROPOSED}"
         return Sheet(CANONICAL + sensor, columns, problem=problem)
     received = "received_ns" if "received_ns" in header else "time_ns"
     return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from usbldr.io.formats.csv_sheets import Sheet, configured_sheet, foreign_sheets, plain_names
 from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
 
-ADVICE = "name them with the key columns in the sensor's section of usbldr.toml"
+ADVICE = "name them with the key columns in the sensor's section of usbldr.toml, which usbldr init proposes"
 
 
 @dataclass(frozen=True, slots=True)

@@ -215,7 +215,7 @@ def test_columns_of_csv_files_without_units_are_proposed(tmp_path: Path) -> None
     assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
     assert found["dvl"]["axes"] == "FRD"
     assert found["compass"]["unit"] == "deg"
-    assert text.count("# columns without units") == 2
+    assert text.count("# by the names of its columns") == 2
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
     done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
     assert done.return_value == 0, done.output
@@ -270,6 +270,18 @@ def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
     found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
     assert found["dvl"]["columns"] == {"time_datenum": "time", "x": "vx", "y": "vy", "z": "vz"}
     assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
+
+
+def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
+    log = without_units(tmp_path / "dive")
+    (log / "gps.csv").write_text(f"t,east_m,north_m,lat_deg,lon_deg\n{T0 // SECOND},1,2,45,7\n")
+
+    done = run("init", str(log), "--output", str(tmp_path / "found.toml"))
+
+    assert done.exception is None, done.output
+    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
+    assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat_deg", "lon_deg": "lon_deg"}
+    assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
 
 
 def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:

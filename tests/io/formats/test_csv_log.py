@@ -68,7 +68,8 @@ def test_a_missing_column_is_an_error_that_lists_the_header(tmp_path: Path) -> N
 
     assert str(fault.value) == (
         f"{folder}: /dvl cannot be read as dvl: dvl.csv has no column forward_mps "
-        "(its columns: time_ns, starboard_mps, fwd)"
+        "(its columns: time_ns, starboard_mps, fwd); usbldr init proposes the key columns, if their names are "
+        "unambiguous"
     )
     assert list(read_log(folder, Request(topics={"dvl": "none"})).tables) == ["compass"]
 
