@@ -119,6 +119,9 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
     """Return own column -> field for a topic that looks like a sensor, empty if it does not."""
     paths = [name for name, _ in topic.first_row] or [path for one in topic.fields for path in _elements(one, topic)]
     found: dict[str, NamedColumn] = {}
+    suggested = suggested_sensors(f"{topic.name} {topic.type}")
+    if role == "depth" and "usbl" in suggested and role not in suggested:
+        return {}  # the depth of a transponder is a fix's
     for column in filter(None, (named_column(path, (*VECTORS, *RULES, FLAG)) for path in paths)):
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         hinted = role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")

@@ -144,9 +144,10 @@ def test_init_takes_no_configuration(log: Path) -> None:
     assert isinstance(done.exception, UsageError)
 
 
-LOCK, GYRO = "new_msgs/msg/BottomLock", "new_msgs/msg/NorthSeeker"
+LOCK, GYRO, ACOUSTIC = "new_msgs/msg/BottomLock", "new_msgs/msg/NorthSeeker", "new_msgs/msg/Acoustic"
 define(
     {
+        ACOUSTIC: "std_msgs/Header header\nfloat64 east_m\nfloat64 north_m\nfloat64 depth_m\n",
         LOCK: "float64 stamp_s\nfloat32[3] velocity_mm_s\nfloat32[3] water_velocity\nbool bottom_lock\n",
         GYRO: "std_msgs/Header header\nfloat64 heading_rate\nfloat64 heading_rad\n",
     }
@@ -187,6 +188,23 @@ def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_pa
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
     done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
     assert done.return_value == 0, done.output
+
+
+def test_the_depth_of_a_transponder_is_no_depth_sensor(tmp_path: Path) -> None:
+    rows = curved_dive(dvl="FRD")
+    fixes = [(ns, v["point.x"], v["point.y"]) for ns, _, _, v in rows if "point.x" in v]
+    acoustic: list[Row] = [
+        (ns, "/sensors/usbl", ACOUSTIC, {"header.stamp": ns, "east_m": x, "north_m": y, "depth_m": 20.0})
+        for ns, x, y in fixes
+    ]
+    log = write_mcap(tmp_path / "dive.mcap", sorted([*(r for r in rows if "point.x" not in r[3]), *acoustic]))
+
+    done = run("init", str(log), "--output", str(tmp_path / "found.toml"))
+
+    assert done.exception is None, done.output
+    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
+    assert found["usbl"]["columns"] == {"x": "east_m", "y": "north_m"}
+    assert found["depth"]["topic"] == "none"
 
 
 def without_units(folder: Path) -> Path:
