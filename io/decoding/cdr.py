@@ -78,7 +78,7 @@ class RosDecoder:
     def _store(self) -> Typestore:
         """Return rosbags' decoder; it uses each log's own definitions, so those of two logs cannot conflict."""
         store = get_typestore(Stores.EMPTY)
-        store.register(self._definitions)
+        store.register({name: what for name, what in self._definitions.items() if name not in TIMES})  # it has those
         return store
 
     def _leaves(self, name: str, prefix: str = "") -> dict[str, Leaf]:

@@ -113,10 +113,10 @@ class Db3Log:
             have = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
             encoding = "serialization_format" if "serialization_format" in have else "'cdr'"  # the first rosbag2
             rows = database.execute(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
-        return [
-            (int(number), (name_of(str(name)), name_of(str(kind))), str(how or "cdr"))
-            for number, name, kind, how in rows
-        ]
+            return [
+                (int(number), (name_of(str(name)), name_of(str(kind))), str(how or "cdr"))
+                for number, name, kind, how in rows
+            ]
 
     @cached_property
     def _streams(self) -> dict[TopicType, Stream]:

@@ -127,7 +127,7 @@ class McapScan:
         """
         chunk = chunks.read(length, left)
         sound = chunk.sound
-        times = (chunk.first_ns, chunk.last_ns)
+        times = chunk.first_ns, min(chunk.last_ns, LATEST)
         try:
             if not chunk.altered:
                 yield from self._inside(chunk.data, chunks.budget)

@@ -28,6 +28,7 @@ HEADS = {V1: 6, V2: 10}  # [bytes] fixed: of a packet's head; the length of its 
 SIGNED, SIGNATURE_BYTES = 1, 13  # fixed: a flag of version 2, and what follows a packet that has it
 CHECKSUM_BYTES = 2  # fixed by MAVLink
 MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+LAST_STEP = {binascii.crc_hqx(bytes([byte]), 0): byte for byte in range(256)}
 EARLIEST_US = 946_684_800_000_000  # [us] the year 2000: an earlier time is no time
 Key: TypeAlias = tuple[int, int, int]  # system, component, message
 
@@ -69,6 +70,7 @@ class TelemetryLog:
         except ImportError as err:
             raise UsageError("telemetry logs need pymavlink: pip install 'usbldr[mavlink]'", path=path) from err
         self._types: Mapping[int, Any] = dialect.mavlink_map
+        self._extras: dict[int, int] = {}  # bytes of the definitions of messages that are not in the dialect
         self._findings: list[Finding] = []
 
     @cached_property
@@ -123,10 +125,11 @@ class TelemetryLog:
         else:
             system, component, number = data[head + 3 : start]
         kind = self._types.get(number)
-        if kind is not None and checksum(data[head + 1 : end], kind.crc_extra) != data[end : end + CHECKSUM_BYTES]:
-            return None, after
+        extra = definition_byte(data[head + 1 : end], data[end : end + CHECKSUM_BYTES])
         if kind is None and after < len(data) and not looks_like_tlog(data[after : after + 32]):
-            return None, after  # a message of another dialect has no checksum that could be compared
+            return None, after
+        if extra is None or extra != (self._extras.setdefault(number, extra) if kind is None else kind.crc_extra):
+            return None, after
         return Packet((system, component, number), time_us, slice(start, end)), after
 
     def _next(self, at: int) -> int:
@@ -190,7 +193,11 @@ def _heads(data: mmap, at: int) -> Iterator[int]:
         at = min(places) + 1
 
 
-def checksum(data: bytes, extra: int) -> bytes:
-    """Return the checksum of a packet (CRC-16/MCRF4XX) after its first byte, with the byte of its definition."""
-    value = binascii.crc_hqx((data + bytes([extra])).translate(MIRRORED), 0xFFFF)
-    return value.to_bytes(2).translate(MIRRORED)
+def definition_byte(data: bytes, checksum: bytes) -> int | None:
+    """Return the byte of its definition with which a packet after its first byte has a checksum, None if with none.
+
+    The checksum (CRC-16/MCRF4XX) goes over the packet and that byte, which all messages of a kind share.
+    """
+    before = binascii.crc_hqx(data.translate(MIRRORED), 0xFFFF)
+    last = LAST_STEP.get(int.from_bytes(checksum.translate(MIRRORED)) ^ (before << 8 & 0xFF00))
+    return None if last is None else MIRRORED[last ^ before >> 8]

@@ -16,7 +16,7 @@ from commands import run
 from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import RosDecoder
-from usbldr.io.decoding.decoders import decoder_without_definition
+from usbldr.io.decoding.decoders import decoder_of, decoder_without_definition
 from usbldr.io.decoding.definitions import SHIPPED, with_folders
 from usbldr.io.decoding.known_messages import KNOWN
 from usbldr.io.formats.db3_log import Db3Log
@@ -200,6 +200,15 @@ def own(tmp_path: Path) -> Path:
     (messages / "Compass.msg").write_text("# ours\n" + text)
     (messages / "Angle.msg").write_text("float64 degrees\n")
     return tmp_path
+
+
+def test_a_damaged_definition_of_time_does_no_harm() -> None:
+    """The layout of a time is fixed; rosbags refuses any other."""
+    parts = "builtin_interfaces/Time stamp\nfloat64 data\n", "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosfc\n"
+    decoder = decoder_of("our_msgs/msg/Timed", f"\n{'=' * 80}\n".join(parts).encode(), "cdr", "ros2msg")
+
+    assert isinstance(decoder, RosDecoder)
+    assert decoder.extractor(["data"])(b"\0\1\0\0" + struct.pack("<iId", 5, 0, 1.5)) == (1.5,)
 
 
 @pytest.mark.parametrize("folder", ["src", "src/our_msgs", "src/our_msgs/msg"])

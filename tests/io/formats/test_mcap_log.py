@@ -243,6 +243,20 @@ def test_a_chunk_with_a_wrong_checksum_is_read_and_reported(
     assert finding.text.endswith("is wrong, but all messages could be read: values may be altered")
 
 
+def test_impossible_times_of_an_altered_chunk_and_of_its_message_are_left_out(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.NONE, True, 8192)
+    (chunk, *_) = chunks_of(file)
+    bent = bytearray(file.read_bytes())
+    end = chunk.chunk_start_offset + 9 + 8
+    message_time = bent.index(struct.pack("<Q", T0), end)
+    bent[end + 7] = bent[message_time + 7] = 0xFF  # the year 2554
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 999
+    assert "1 messages have an impossible log time; left out" in [finding.text for finding in log.findings()]
+
+
 def with_data_checksum(file: Path) -> Path:
     """Write an unchunked file that states the checksum of its data."""
     with file.open("wb") as stream:

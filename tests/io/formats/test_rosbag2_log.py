@@ -315,6 +315,16 @@ def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
     assert str(fault.value) == f"{tmp_path / 'a.db3'}: {sentence}"
 
 
+def test_a_topic_without_a_number_is_damage(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
+        database.execute("ALTER TABLE topics RENAME TO sound")
+        database.execute("CREATE TABLE topics AS SELECT NULL AS id, name, type, serialization_format FROM sound")
+
+    with pytest.raises(LogError, match="is not a readable rosbag2 recording"):
+        open_log(folder).topics()
+
+
 def test_a_part_that_is_named_twice_is_read_once(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / "a", short_dive())
     metadata = folder / "metadata.yaml"
