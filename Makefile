@@ -20,9 +20,10 @@ demo: $(VENV)/installed
 test: $(VENV)/installed-dev .pyright/usbldr
 	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow"
 
-# damaged files of every format by the hundred
+# damaged files of every format by the thousand: the table in docs/broken_files.md
 fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -q -n auto --dist worksteal -m slow
+	PYTHONPATH=tests/support:benchmarks $(BIN)/python tests/support/damage.py --write docs/broken_files.md
 
 # the tests of the kernel with checks of every access and of every operation without a defined result
 SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=undefined -g -O1

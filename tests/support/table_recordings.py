@@ -18,16 +18,16 @@ Columns = Mapping[str, Any]
 Tables = Mapping[str, Columns]
 
 
-def dive() -> Tables:
+def dive(count: int = COUNT) -> Tables:
     """Return tables with usbldr's own names; no time is a multiple of a microsecond."""
-    rng, times = np.random.default_rng(5), T0 + np.arange(COUNT) * SECOND + 123_456_789
+    rng, times = np.random.default_rng(5), T0 + np.arange(count) * SECOND + 123_456_789
     return {
-        "dvl": {"time_ns": times, "forward_mps": rng.normal(1, 0.1, COUNT), "starboard_mps": rng.normal(0, 1, COUNT)},
-        "compass": {"time_ns": times + 7, "heading_deg": rng.uniform(0, 360, COUNT)},
+        "dvl": {"time_ns": times, "forward_mps": rng.normal(1, 0.1, count), "starboard_mps": rng.normal(0, 1, count)},
+        "compass": {"time_ns": times + 7, "heading_deg": rng.uniform(0, 360, count)},
         "gps": {
             "time_ns": times + 5,
-            "lat_deg": 60 + rng.normal(0, 1e-5, COUNT),
-            "lon_deg": 10 + rng.normal(0, 1e-5, COUNT),
+            "lat_deg": 60 + rng.normal(0, 1e-5, count),
+            "lon_deg": 10 + rng.normal(0, 1e-5, count),
         },
     }
 

@@ -1,0 +1,155 @@
+"""Files of all formats, cut at any byte or with flipped bits, and what was read of them, counted.
+
+$ PYTHONPATH=tests/support:benchmarks python tests/support/damage.py --write docs/broken_files.md
+"""
+
+import argparse
+import math
+import random
+import sys
+import tempfile
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+from damaged_formats import FORMATS
+from usbldr.filters.errors import UsbldrError
+from usbldr.io.formats.detect import open_log
+
+MARKERS = ("<!-- make fuzz: begin -->", "<!-- make fuzz: end -->")
+
+
+class Read(NamedTuple):
+    """What was read of a file."""
+
+    rows: Mapping[str, set[tuple[float, ...]]]
+    said: bool  # that data were lost, or that it cannot be read at all
+
+
+def read(path: Path, form: str) -> Read:
+    """Read the wanted topics as far as they are there; a row that lacks a value is none."""
+    wanted, timed = FORMATS[form].wanted, FORMATS[form].times_told
+    rows: dict[str, set[tuple[float, ...]]] = {topic: set() for topic in wanted}
+    try:
+        log = open_log(path)
+        present = {topic.name: topic for topic in log.topics()}
+        ask = {
+            topic: paths
+            for topic, paths in wanted.items()
+            if topic in present and all(present[topic].has(path) for path in paths)
+        }
+        unread = any(topic in present and present[topic].problem for topic in wanted)  # a problem is reported
+        for topic, records in log.read(ask).items() if not unread else ():
+            columns = [*([records.received_ns] if timed else []), *(records.columns[path] for path in wanted[topic])]
+            found = set(zip(*(column.tolist() for column in columns), strict=True))
+            rows[topic] = {row for row in found if not any(isinstance(v, float) and math.isnan(v) for v in row)}
+        said = unread or len(ask) < len(wanted) or any(finding.lost_data for finding in log.findings())
+    except UsbldrError:
+        said = True
+    return Read(rows, said)
+
+
+def cut(whole: bytes, rng: random.Random) -> bytes:
+    return whole[: rng.randrange(len(whole))]
+
+
+def flipped(whole: bytes, rng: random.Random) -> bytes:
+    bent = bytearray(whole)
+    for _ in range(rng.choice([1, 1, 1, 5, 50])):
+        bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
+    return bytes(bent)
+
+
+DAMAGES: Mapping[str, Callable[[bytes, random.Random], bytes]] = {"cuts": cut, "flips": flipped}
+
+
+def counted(form: str, kind: str, cases: int, folder: Path) -> Counter[str]:
+    """Return how often a damaged file was a traceback, silently short or silently wrong, and the share read of it."""
+    tells = FORMATS[form]
+    file = tells.write(folder)
+    whole, path = file.read_bytes(), file.parent if tells.folder else file
+    ends = tells.ends(whole) if kind == "cuts" else set[int]()
+    all_rows, rng, found = read(path, form).rows, random.Random(form), Counter[str]()
+    total = sum(map(len, all_rows.values()))
+    for _ in range(cases):
+        spoilt = DAMAGES[kind](whole, rng)
+        file.write_bytes(spoilt)
+        found["bytes"] += len(spoilt)
+        try:
+            rows, said = read(path, form)
+        except Exception:
+            traceback.print_exc()
+            found["tracebacks"] += 1
+            continue
+        wrong = any(rows[topic] - all_rows[topic] for topic in all_rows)
+        short = any(all_rows[topic] - rows[topic] for topic in all_rows)
+        found["silently wrong"] += wrong and not said
+        found["silently short"] += short and not wrong and not said and len(spoilt) not in ends
+        found["messages"] += sum(len(rows[topic] & all_rows[topic]) for topic in all_rows)
+    found["of 100 messages read"] = round(100 * found["messages"] / (cases * total))
+    found["of 100 bytes left"] = round(100 * found["bytes"] / (cases * len(whole)))
+    return found
+
+
+def broken_promises(form: str, kind: str, found: Counter[str]) -> list[str]:
+    """Return which numbers should be zero and are not."""
+    told, zero = FORMATS[form].told, ["tracebacks"]
+    if kind == "cuts" or told:
+        zero.append("silently short")
+    if kind == "cuts" or told == "all":
+        zero.append("silently wrong")
+    return [f"{form}, {kind}: {found[name]} {name}" for name in zero if found[name]]
+
+
+def job(form: str, kind: str, cases: int) -> Counter[str]:
+    with tempfile.TemporaryDirectory() as folder:
+        return counted(form, kind, cases, Path(folder))
+
+
+def row(form: str, cuts: Counter[str], flips: Counter[str]) -> str:
+    """Return a line of the table."""
+    names = "tracebacks", "silently short", "silently wrong"
+    cells: list[object] = [form, FORMATS[form].told]
+    for found in (cuts, flips):
+        left = f", {found['of 100 bytes left']}" if found is cuts else ""
+        cells += [", ".join(str(found[name]) for name in names), f"{found['of 100 messages read']}{left}"]
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description="Print the table as Markdown; exit 1 if a number should be zero.")
+    options.add_argument("--cases", type=int, default=1000, help="cuts and flips of each format")
+    options.add_argument("--formats", nargs="+", default=list(FORMATS), choices=FORMATS, metavar="FORMAT")
+    options.add_argument("--write", type=Path, nargs="*", default=[], help="pages whose markers take the table")
+    arguments = options.parse_args()
+    from speed.peers_table import write
+
+    heads = [
+        "file",
+        "told",
+        "cuts: tracebacks, lost, wrong",
+        "read, bytes left",
+        "flips: tracebacks, lost, wrong",
+        "read",
+    ]
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    broken: list[str] = []
+    print("\n".join(lines))
+    with ProcessPoolExecutor() as pool:
+        jobs = {form: [pool.submit(job, form, kind, arguments.cases) for kind in DAMAGES] for form in arguments.formats}
+        for form, both in jobs.items():
+            found = [one.result() for one in both]
+            lines.append(row(form, *found))
+            print(lines[-1], flush=True)
+            for kind, counts in zip(DAMAGES, found, strict=True):
+                broken += broken_promises(form, kind, counts)
+    for page in arguments.write:
+        write(page, "\n".join(lines), MARKERS)
+    sys.exit("\n".join(broken) or 0)
+
+
+if __name__ == "__main__":
+    main()

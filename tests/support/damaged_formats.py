@@ -1,0 +1,237 @@
+"""A file of every format to be damaged, and what the checksums and counts of the format itself can tell."""
+
+import gzip
+import random
+from collections.abc import Callable, Mapping
+from functools import partial
+from itertools import accumulate
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import zstandard
+from mcap.writer import CompressionType, Writer
+from pyarrow import parquet
+
+import autopilot_recordings as autopilots
+import dvl_recordings as dvls
+import moos_recordings as moos
+import table_recordings as tables
+from blueos_recordings import delta, write_blueos
+from recordings import (
+    ROS2,
+    SECOND,
+    T0,
+    Row,
+    message,
+    point,
+    twist,
+    write_bag,
+    write_csv,
+    write_mcap,
+    write_rosbag2,
+    yaw,
+)
+
+COUNT = 60  # [messages] of each topic
+ROWS = 500  # of each table: more than its description
+Wanted = Mapping[str, list[str]]
+ROS: Wanted = {
+    "/dvl": ["header.stamp", "twist.linear.x"],
+    "/imu": ["header.stamp", "orientation.z"],
+    "/usbl": ["header.stamp", "point.x"],
+}
+CSV: Wanted = {"/usbl": ["header.stamp", "east_m", "north_m"]}
+TABLES: Wanted = {
+    "/dvl": ["header.stamp", "forward_mps", "starboard_mps"],
+    "/compass": ["header.stamp", "heading_deg"],
+    "/gps": ["header.stamp", "lat_deg", "lon_deg"],
+}
+TLOG: Wanted = {
+    "mavlink/255/0/VISION_POSITION_DELTA": ["message.time_usec", "message.position_delta.0"],
+    "mavlink/1/1/ATTITUDE": ["message.time_boot_ms", "message.yaw"],
+    "mavlink/1/1/GPS_RAW_INT": ["message.time_usec", "message.lat"],
+}
+BIN: Wanted = {"VISO": ["TimeUS", "PosDX"], "ATT": ["TimeUS", "Yaw"], "GPS[0]": ["TimeUS", "Lat"]}
+PD0: Wanted = {"/bottom_track": ["x", "y", "z"], "/heading": ["heading_deg"], "/gga": ["latitude", "longitude"]}
+PD6: Wanted = {"/BI": ["x", "y", "z", "status"], "/SA": ["heading_deg"], "/TS": ["depth_m"]}
+REPORTS: Wanted = {"/velocity": ["vx", "vy", "velocity_valid"]}
+MOOS: Wanted = {"/iDVL": ["DVL_VEL_X", "DVL_VEL_Y"], "/iCompass": ["COMPASS_HEADING"], "/gGPS": ["GPS_LATITUDE"]}
+IMC: Wanted = {"imc/30/DVL/GroundVelocity": ["x", "y"], "imc/30/6/EulerAngles": ["psi"], "imc/30/7/Depth": ["value"]}
+BLUEOS: Wanted = {
+    "mavlink/255/0/VISION_POSITION_DELTA": ["message.position_delta.0"],
+    "mavlink/1/1/ATTITUDE": ["message.yaw"],
+}
+
+
+class Format(NamedTuple):
+    """A format: how to write a file, what to read of it, and what its own checksums and counts tell."""
+
+    write: Callable[[Path], Path]
+    wanted: Wanted = ROS
+    told: Literal["", "loss", "all"] = ""  # by its own checksums or counts: a loss; all: altered values, too
+    times_told: bool = True  # the checksums hold the times, too
+    ends: Callable[[bytes], set[int]] = lambda whole: set()  # lengths at which a cut file is whole to all appearances
+    folder: bool = False  # the log is the file's folder
+
+
+def dive() -> list[Row]:
+    """Return messages with numbers that all differ: a wrong value cannot be another's."""
+    rows: list[Row] = []
+    for k in range(COUNT):
+        t = T0 + k * SECOND
+        rows += [twist(t, 1 + k / 7, 0.5), yaw(t, 1 + k / 3), point(t, 1 + k / 11, 0.0)]
+    return rows
+
+
+def mcap(folder: Path, compression: CompressionType, chunked: bool = True) -> Path:
+    return write_mcap(folder / "a.mcap", dive(), compression, chunked, 4096)
+
+
+def mcap_with_checksum(folder: Path) -> Path:
+    """Write an MCAP file without chunks that has a checksum of all its data."""
+    file = folder / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False, enable_data_crcs=True)
+        writer.start()
+        channels: dict[str, int] = {}
+        for time_ns, topic, type_name, values in dive():
+            if topic not in channels:
+                text, _ = ROS2.generate_msgdef(type_name, ros_version=2)
+                channels[topic] = writer.register_channel(
+                    topic, "cdr", writer.register_schema(type_name, "ros2msg", text.encode())
+                )
+            data = bytes(ROS2.serialize_cdr(message(type_name, values), type_name))
+            writer.add_message(channels[topic], time_ns, data, time_ns)
+        writer.finish()
+    return file
+
+
+def bag(folder: Path, compression: str) -> Path:
+    return write_bag(folder / "a.bag", dive(), compression, 4096)
+
+
+def rosbag2(folder: Path) -> Path:
+    return write_rosbag2(folder / "a", dive()) / "a.db3"
+
+
+def blueos(folder: Path) -> Path:
+    attitudes = ((T0 + k * SECOND, "ATTITUDE", {"yaw": k / 20}) for k in range(COUNT))
+    return write_blueos(
+        folder / "a.mcap", [row for one in attitudes for row in (one, delta(one[0], 1 + one[2]["yaw"] / 7, 0.5))]
+    )
+
+
+def csv(folder: Path) -> Path:
+    rng = random.Random(7)
+    rows = (f"{T0 + k * SECOND},{rng.gauss(0, 100):.10f},{rng.gauss(0, 100):.10f}\n" for k in range(COUNT))
+    return write_csv(folder / "a", usbl="time_ns,east_m,north_m\n" + "".join(rows)) / "usbl.csv"
+
+
+def lsf(folder: Path) -> Path:
+    from imc_recordings import write_lsf  # skips a test without imcpy
+
+    return write_lsf(folder)
+
+
+def parquet_file(folder: Path, checksums: bool) -> Path:
+    file = folder / "gps.parquet"
+    table = pa.table(dict(tables.dive(ROWS)["gps"]))
+    parquet.write_table(table, file, row_group_size=ROWS // 10, write_page_checksum=checksums)
+    return file
+
+
+def hdf5(folder: Path, chunks: int | None, **filters: Any) -> Path:
+    file = folder / "dive.h5"
+    with h5py.File(file, "w", libver="latest" if filters.get("fletcher32") else None) as content:
+        for name, columns in tables.dive(ROWS).items():
+            for label, values in columns.items():
+                size = None if chunks is None else (chunks,)
+                content.create_dataset(f"{name}/{label}", data=np.asarray(values), chunks=size, **filters)
+    return file
+
+
+def of_tables(folder: Path, form: str) -> Path:
+    return tables.WRITERS[form](folder, tables.dive(ROWS))
+
+
+def packed(pack: Callable[[bytes], bytes], write: Callable[[Path], Path], folder: Path) -> Path:
+    """Write a file and compress it."""
+    file = write(folder)
+    file.write_bytes(pack(file.read_bytes()))
+    return file
+
+
+def zstd(data: bytes) -> bytes:
+    """Compress with a checksum, as the program zstd does, and in blocks as small for this file as its are for a log."""
+    packer, size = zstandard.ZstdCompressor(write_checksum=True).compressobj(), 2048
+    blocks = (packer.compress(data[k : k + size]) + packer.flush(1) for k in range(0, len(data), size))  # 1: a block
+    return b"".join(blocks) + packer.flush()
+
+
+def after(parts: list[bytes]) -> set[int]:
+    """Return the lengths of a file that ends behind one of its messages."""
+    return set(accumulate(map(len, parts)))
+
+
+def line_ends(whole: bytes) -> set[int]:
+    """Return where lines end; a carriage return is a line end, too."""
+    ends = after(whole.splitlines(keepends=True))
+    return ends | {end - 1 for end in ends if whole[end - 2 : end] == b"\r\n"}
+
+
+def object_ends(whole: bytes) -> set[int]:
+    """Return where lines of JSON end, each before, within and behind its line end."""
+    return {end - back for end in line_ends(whole) for back in range(3)}
+
+
+def messages_of_imc(_: bytes) -> set[int]:
+    from imc_recordings import messages
+
+    return after(messages())
+
+
+def pd0_ends(whole: bytes) -> set[int]:
+    return set(range(0, len(whole), len(whole) // dvls.COUNT))
+
+
+FORMATS: Mapping[str, Format] = {
+    "MCAP zstd": Format(partial(mcap, compression=CompressionType.ZSTD), told="all"),
+    "MCAP lz4": Format(partial(mcap, compression=CompressionType.LZ4), told="all"),
+    "MCAP in chunks, uncompressed": Format(partial(mcap, compression=CompressionType.NONE), told="all"),
+    "MCAP without chunks, with a checksum": Format(mcap_with_checksum, told="all"),
+    "MCAP without chunks": Format(partial(mcap, compression=CompressionType.NONE, chunked=False), told="loss"),
+    "MCAP of BlueOS (JSON)": Format(blueos, BLUEOS, told="all"),
+    "bag uncompressed": Format(partial(bag, compression="none"), told="loss"),
+    "bag bz2": Format(partial(bag, compression="bz2"), told="all"),
+    "bag lz4": Format(partial(bag, compression="lz4"), told="loss"),
+    "rosbag2 (SQLite)": Format(rosbag2, folder=True),
+    "CSV": Format(csv, CSV, ends=line_ends),
+    ".tlog": Format(
+        lambda d: autopilots.write_tlog(d / "a.tlog"),
+        TLOG,
+        told="all",
+        times_told=False,
+        ends=lambda _: after(autopilots.packets()),
+    ),
+    ".BIN": Format(lambda d: autopilots.write_bin(d / "a.BIN"), BIN, ends=lambda _: after(autopilots.onboard())),
+    "PD0": Format(lambda d: dvls.write_pd0(d / "a.pd0"), PD0, told="all", ends=pd0_ends),
+    "PD6": Format(lambda d: dvls.write_pd6(d / "a.pd6"), PD6, ends=line_ends),
+    "JSON lines": Format(lambda d: dvls.write_json(d / "a.jsonl"), REPORTS, ends=object_ends),
+    ".alog": Format(lambda d: moos.write_alog(d / "a.alog"), MOOS, ends=line_ends),
+    ".lsf": Format(lsf, IMC, told="all", ends=messages_of_imc),
+    "Parquet": Format(partial(parquet_file, checksums=False), {"/gps": TABLES["/gps"]}),
+    "Parquet with checksums of pages": Format(partial(parquet_file, checksums=True), {"/gps": TABLES["/gps"]}),
+    "HDF5": Format(partial(hdf5, chunks=None), TABLES),
+    "HDF5 records": Format(partial(of_tables, form="HDF5 records"), TABLES),
+    "HDF5 gzip": Format(partial(hdf5, chunks=ROWS // 10, compression="gzip"), TABLES),
+    "HDF5 with checksums": Format(partial(hdf5, chunks=ROWS // 10, fletcher32=True), TABLES, told="all"),
+    ".mat 5 to 7, compressed": Format(partial(of_tables, form="MATLAB"), TABLES, told="all"),
+    ".mat 7.3": Format(partial(of_tables, form="MATLAB 7.3"), TABLES),
+    "MCAP.zst": Format(partial(packed, zstd, partial(mcap, compression=CompressionType.NONE)), told="all"),
+    "CSV.gz": Format(partial(packed, gzip.compress, csv), CSV, told="all"),
+    "PD0.gz": Format(partial(packed, gzip.compress, lambda d: dvls.write_pd0(d / "a.pd0")), PD0, told="all"),
+    ".db3.zstd (no checksum)": Format(partial(packed, zstandard.compress, rosbag2)),
+}
