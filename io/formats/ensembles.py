@@ -3,8 +3,8 @@
 Source: the output data formats of Teledyne's manuals (Pathfinder DVL Guide).
 """
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from mmap import mmap
 from pathlib import Path
 
@@ -12,47 +12,53 @@ import numpy as np
 
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import mapped
+from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 SIZE_AT, LEAST_BYTES, CHECKSUM_BYTES = 2, 6, 2  # fixed by the formats; the size is without the checksum
+LONGEST_BYTES = (1 << 16) + CHECKSUM_BYTES  # fixed by the formats: the size has 16 bits
+BLOCK_BYTES = 1 << 20  # [bytes] looked through at once
 
 
-def ensembles(file: Path, begin: re.Pattern[bytes], findings: list[Finding]) -> Iterator[bytes]:
-    """Yield the ensembles of a file without their checksums; ``begin``: how each begins.
+def ensembles(file: Path, marks: Sequence[bytes], findings: list[Finding]) -> Iterator[bytes]:
+    """Yield the ensembles of a file without their checksums; ``marks``: how one may begin.
 
-    Appends what is missing to the findings at the end.
+    Appends what is missing to the findings at the end. Raises LogError if a decompressed copy holds too many.
     """
     data, at, lost, first_lost = mapped(file), 0, 0, -1
-    while at < len(data):
-        if size := _size(data, at, begin):
-            yield data[at : at + size]
-            at += size + CHECKSUM_BYTES
+    budget = UnpackingBudget(file, len(data))
+    for start, size in chain(_whole(data, marks), [(len(data), 0)]):
+        if start < at:  # within the one before
             continue
-        following = _next(data, at + 1, begin)
-        first_lost, lost = (at if first_lost < 0 else first_lost), lost + following - at
-        at = following
+        if start > at:
+            first_lost, lost = (at if first_lost < 0 else first_lost), lost + start - at
+        if size:
+            budget.take_record()
+            yield data[start : start + size]
+        at = start + size + CHECKSUM_BYTES
     if lost:
         text = f"{lost} of {len(data)} bytes, from byte {first_lost} on, are damaged or cut"
         findings.append(Finding("DAMAGED", f"{text}; their ensembles are missing", lost_data=True))
 
 
-def _size(data: mmap, at: int, begin: re.Pattern[bytes]) -> int:
-    """Return the size of the ensemble at a byte without its checksum, 0 if there is no whole one."""
-    size = int.from_bytes(data[at + SIZE_AT : at + SIZE_AT + 2], "little")
-    end = at + size
-    if not begin.match(data, at) or size < LEAST_BYTES or end + CHECKSUM_BYTES > len(data):
-        return 0
-    total = int(np.frombuffer(data[at:end], np.uint8).sum(dtype=np.uint32)) & 0xFFFF
-    return size if total == int.from_bytes(data[end : end + CHECKSUM_BYTES], "little") else 0
+def _whole(data: mmap, marks: Sequence[bytes]) -> Iterator[tuple[int, int]]:
+    """Yield start and size of every ensemble whose checksum is right, also of those within others.
 
-
-def _next(data: mmap, at: int, begin: re.Pattern[bytes]) -> int:
-    """Return the first byte from which an ensemble follows, else the end of the file."""
-    while found := begin.search(data, at):
-        if _size(data, found.start(), begin):
-            return found.start()
-        at = found.start() + 1
-    return len(data)
+    All places of a block that may begin one are checked at once: damaged files may consist of them.
+    """
+    for first in range(0, len(data), BLOCK_BYTES):
+        block = np.frombuffer(data[first : first + BLOCK_BYTES + LONGEST_BYTES], np.uint8)
+        count = max(0, min(BLOCK_BYTES, len(block) - LEAST_BYTES - 1))  # of the places at which one may begin
+        marked = [np.all([block[k : k + count] == byte for k, byte in enumerate(mark)], axis=0) for mark in marks]
+        starts = np.flatnonzero(np.any(marked, axis=0))
+        block = block.astype(np.int64)
+        sums = np.concatenate([[0], np.cumsum(block)])
+        size = block[starts + SIZE_AT] + (block[starts + SIZE_AT + 1] << 8)
+        inside = (size >= LEAST_BYTES) & (starts + size + CHECKSUM_BYTES <= len(block))
+        starts, size = starts[inside], size[inside]
+        stated = block[starts + size] + (block[starts + size + 1] << 8)
+        right = (sums[starts + size] - sums[starts]) & 0xFFFF == stated
+        yield from zip((first + starts[right]).tolist(), size[right].tolist(), strict=True)
 
 
 def in_order(times: Nanoseconds, columns: Mapping[str, Column]) -> Records:

@@ -4,7 +4,6 @@ Sources: the PD0 output format of Teledyne's manuals (Pathfinder DVL Guide, tabl
 Coordinate Transformation for velocities along beams.
 """
 
-import re
 import struct
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
@@ -76,7 +75,7 @@ class Pd0Log:
         found: list[Ensemble] = []
         places: dict[str, list[Sequence[float]]] = {"/gga": [], "/navigation": []}
         unused = 0
-        for whole in ensembles(self.path, re.compile(re.escape(MARK)), self._findings):
+        for whole in ensembles(self.path, [MARK], self._findings):
             parts = _parts(whole)
             ensemble = _ensemble(parts)
             if ensemble is None:
@@ -109,7 +108,7 @@ def _parts(ensemble: bytes) -> dict[int, list[bytes]]:
     count = ensemble[5]
     starts = [int.from_bytes(ensemble[at : at + 2], "little") for at in range(HEAD_BYTES, HEAD_BYTES + 2 * count, 2)]
     found: dict[int, list[bytes]] = {}
-    for start, end in zip(starts, [*starts[1:], len(ensemble)], strict=True):
+    for start, end in zip(starts, [*starts[1:], len(ensemble)], strict=False):
         part = ensemble[start:end]
         found.setdefault(int.from_bytes(part[:2], "little"), []).append(part)
     return found

@@ -5,7 +5,6 @@ and Workhorse Navigator are the same). Velocities are those of the instrument ov
 day and no date.
 """
 
-import re
 import struct
 from collections.abc import Mapping, Sequence
 from datetime import time
@@ -19,7 +18,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.formats.ensembles import ensembles, in_order, topics_of
 from usbldr.io.reader import Records, TopicInfo
 
-BEGIN = re.compile(rb"\x7d(?:\x00\x2d\x00|\x01\x56\x00)")  # fixed: mark, PD4 or PD5, and the size of each
+BEGIN = (b"\x7d\x00\x2d\x00", b"\x7d\x01\x56\x00")  # fixed: mark, PD4 or PD5, and the size of each
 COMMON = struct.Struct("<4xB3h24x4B")  # fixed: coordinates in the highest bits, x, y, z [mm/s], time of the first ping
 PD5 = struct.Struct("<46xH4xH")  # fixed: depth [dm], heading [0.01 deg]
 PD4_BYTES = 45  # fixed: without checksum
@@ -35,7 +34,7 @@ UNDATED = "its times have no date; the first day is taken as 1970-01-01; state d
 
 def looks_like_pd45(head: bytes) -> bool:
     """Return whether a file begins with an ensemble."""
-    return BEGIN.match(head) is not None
+    return head.startswith(BEGIN)
 
 
 class Pd45Log:

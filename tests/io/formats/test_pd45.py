@@ -145,6 +145,19 @@ def test_no_damage_is_silent(tmp_path: Path, form: int) -> None:
         assert len(damaged) == (case % 2 == 1 or at % length > 0)
 
 
+@pytest.mark.parametrize("block", [1, 87, 88, 1000])
+def test_ensembles_across_the_blocks_in_which_a_file_is_looked_through_are_whole(
+    tmp_path: Path, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = [b"\x7d" * 30, *pd45_ensembles(5), b"\x7d\x01\x56\x00" * 20]
+    (tmp_path / "a.pd5").write_bytes(b"".join(parts[1:20] + parts[:1] + parts[20:]))
+    monkeypatch.setattr("usbldr.io.formats.ensembles.BLOCK_BYTES", block)
+    log = open_log(tmp_path / "a.pd5")
+
+    assert log.topics()[0].count == COUNT
+    assert "110 of 3630 bytes, from byte 1672 on, are damaged or cut" in log.findings()[0].text
+
+
 def test_an_ensemble_at_no_time_of_day_is_left_out(tmp_path: Path) -> None:
     parts = pd45_ensembles(4)
     parts[7] = pd45_ensemble(4, 0, minute=60)

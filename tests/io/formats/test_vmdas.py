@@ -61,3 +61,14 @@ def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
 
     stamps = open_log(tmp_path / "a.LTA").read({"/navigation": [STAMP]})["/navigation"].columns[STAMP]
     assert set(stamps.tolist()) == {int(np.datetime64("2021-01-01T00:00:01", "ns").astype(np.int64))}
+
+
+def test_an_ensemble_without_data_is_left_out_and_counted(tmp_path: Path) -> None:
+    head = b"\x7f\x7f\6\0\0\0"
+    (tmp_path / "a.ENX").write_bytes(
+        head + sum(head).to_bytes(2, "little") + write_enx(tmp_path / "b.ENX").read_bytes()
+    )
+    log = open_log(tmp_path / "a.ENX")
+
+    assert [topic.count for topic in log.topics()] == [COUNT, COUNT]
+    assert [finding.text for finding in log.findings()] == ["1 ensembles have no leader or no valid time; left out"]
