@@ -26,7 +26,7 @@ def ensembles(file: Path, marks: Sequence[bytes], findings: list[Finding]) -> It
     Appends what is missing to the findings at the end. Raises LogError if a decompressed copy holds too many.
     """
     data, at, lost, first_lost = mapped(file), 0, 0, -1
-    budget = UnpackingBudget(file, len(data))
+    budget = UnpackingBudget(file, len(data), text=True)  # as costly as lines
     for start, size in chain(_whole(data, marks), [(len(data), 0)]):
         if start < at:  # within the one before
             continue

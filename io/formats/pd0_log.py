@@ -4,12 +4,9 @@ Sources: the PD0 output format of Teledyne's manuals (Pathfinder DVL Guide, tabl
 Coordinate Transformation for velocities along beams.
 """
 
-import struct
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +14,7 @@ from numpy.typing import NDArray
 from usbldr.io.findings import Finding
 from usbldr.io.formats.ensembles import ensembles, in_order, topics_of
 from usbldr.io.formats.pd0_positions import NAVIGATION, NMEA, vmdas_fixes, winriver_fixes
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
 MARK = b"\x7f\x7f"  # fixed by the format: how each ensemble begins
 HEAD_BYTES = 6  # fixed by the format: mark, size, number of data
@@ -25,8 +22,9 @@ FIXED_LEADER, VARIABLE_LEADER, BOTTOM_TRACK = 0x0000, 0x0080, 0x0600  # fixed: k
 LEAST_BYTES: Mapping[int, int] = {FIXED_LEADER: 26, VARIABLE_LEADER: 20, BOTTOM_TRACK: 32}  # fixed: up to what is used
 NO_VELOCITY = -32768  # fixed by the format
 BEAM, INSTRUMENT = 0, 1  # fixed: codes of coordinates; 2 are a ship's, 3 the earth's
-ANGLES_DEG: Mapping[int, float] = {0: 15.0, 1: 20.0, 2: 30.0}  # fixed: of the beams from the axis, by their code
+ANGLES_DEG = (15.0, 20.0, 30.0)  # fixed: of the beams from the axis, by their code
 ANGLE_AT = 58  # fixed: the place of any other angle in the fixed leader, degrees
+HUNDREDTH_NS = 10_000_000  # fixed
 CENTURY = 80  # [years] of two digits below it are after 2000
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "/bottom_track": ("x", "y", "z", "coordinates"),
@@ -37,22 +35,20 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-class BottomTrack(NamedTuple):
-    """What is used of the bottom track of an ensemble."""
-
-    velocity_mmps: tuple[int, int, int, int]  # of the bottom, along beams or axes
-    coordinates: int
-    beam_deg: float
-    convex: bool
-
-
-class Ensemble(NamedTuple):
-    """What is used of an ensemble."""
-
-    time_ns: int
-    heading_deg: float
-    depth_m: float
-    track: BottomTrack | None
+USED = np.dtype(
+    [
+        ("clock", "u1", 7),  # year, month, day, hour, minute, second, hundredths
+        ("depth_dm", "<u2"),
+        ("heading_cdeg", "<u2"),
+        ("pattern", "u1"),  # of the beams
+        ("angle_code", "u1"),
+        ("coordinates", "u1"),
+        ("angle_deg", "u1"),
+        ("tracked", "u1"),  # whether there is bottom track
+        ("velocity_mmps", "<i2", 4),  # of the bottom, along beams or axes
+    ]
+)
+"""What is used of an ensemble."""
 
 
 def looks_like_pd0(head: bytes) -> bool:
@@ -72,22 +68,24 @@ class Pd0Log:
     @cached_property
     def _tables(self) -> Mapping[str, Records]:
         """Return the records of all topics that the file has; record what was lost."""
-        found: list[Ensemble] = []
+        used = bytearray()
         places: dict[str, list[Sequence[float]]] = {"/gga": [], "/navigation": []}
-        unused = 0
+        count = 0
         for whole in ensembles(self.path, [MARK], self._findings):
+            count += 1
             parts = _parts(whole)
-            ensemble = _ensemble(parts)
-            if ensemble is None:
-                unused += 1
-                continue
-            found.append(ensemble)
-            places["/gga"] += winriver_fixes(parts.get(NMEA, []), ensemble.time_ns)
-            places["/navigation"] += vmdas_fixes(parts.get(NAVIGATION, []), ensemble.time_ns)
-        if unused:
+            if row := _used(parts):
+                used += row
+                number = len(used) // USED.itemsize - 1
+                places["/gga"] += winriver_fixes(parts.get(NMEA, []), number)
+                places["/navigation"] += vmdas_fixes(parts.get(NAVIGATION, []), number)
+        rows = np.frombuffer(used, USED)
+        times, timed = _times_ns(rows["clock"].astype(np.int64))
+        if unused := count - int(np.sum(timed)):
             text = f"{unused} ensembles have no leader or no valid time; left out"
             self._findings.append(Finding("UNDECODED", text))
-        return _records(found) | {name: _placed(name, rows) for name, rows in places.items() if rows}
+        placed = {topic: _placed(topic, found, times, timed) for topic, found in places.items() if found}
+        return _records(rows[timed], times[timed]) | {topic: r for topic, r in placed.items() if len(r.received_ns)}
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics: bottom track, heading and depth if they are not constant, and positions."""
@@ -114,24 +112,14 @@ def _parts(ensemble: bytes) -> dict[int, list[bytes]]:
     return found
 
 
-def _ensemble(parts: Mapping[int, Sequence[bytes]]) -> Ensemble | None:
-    """Return what is used of an ensemble, None without leaders or a valid time."""
+def _used(parts: Mapping[int, Sequence[bytes]]) -> bytes:
+    """Return what is used of an ensemble, empty if it has no leaders."""
     fixed, leader, bottom = (_part(parts, kind) for kind in (FIXED_LEADER, VARIABLE_LEADER, BOTTOM_TRACK))
     if not fixed or not leader:
-        return None
-    year, month, day, hour, minute, second, hundredths = leader[4:11]
-    try:
-        moment = datetime(year + (2000 if year < CENTURY else 1900), month, day, hour, minute, second, tzinfo=UTC)
-    except ValueError:
-        return None
-    whole_s = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
-    depth_dm, heading_cdeg = struct.unpack_from("<HH", leader, 16)
-    return Ensemble(
-        time_ns=(whole_s * 100 + hundredths) * 10_000_000,
-        heading_deg=heading_cdeg / 100,
-        depth_m=depth_dm / 10,
-        track=_track(fixed, bottom) if bottom else None,
-    )
+        return b""
+    angle = fixed[ANGLE_AT : ANGLE_AT + 1] or b"\0"
+    track = b"\1" + bottom[24:32] if bottom else bytes(9)
+    return leader[4:11] + leader[16:20] + fixed[4:6] + fixed[25:26] + angle + track
 
 
 def _part(parts: Mapping[int, Sequence[bytes]], kind: int) -> bytes:
@@ -140,49 +128,52 @@ def _part(parts: Mapping[int, Sequence[bytes]], kind: int) -> bytes:
     return part if len(part) >= LEAST_BYTES[kind] else b""
 
 
-def _track(fixed: bytes, bottom: bytes) -> BottomTrack:
-    other_deg = float(fixed[ANGLE_AT]) if len(fixed) > ANGLE_AT else float("nan")
-    one, two, three, four = struct.unpack_from("<4h", bottom, 24)
-    return BottomTrack(
-        velocity_mmps=(one, two, three, four),
-        coordinates=fixed[25] >> 3 & 3,
-        beam_deg=ANGLES_DEG.get(fixed[5] & 3, other_deg),
-        convex=bool(fixed[4] & 8),
-    )
+def _times_ns(clock: NDArray[np.int64]) -> tuple[Nanoseconds, NDArray[np.bool_]]:
+    """Return the times (n,) of clocks (n, 7), and which are valid."""
+    year, month, day, hour, minute, second, hundredths = clock.T
+    year = year + np.where(year < CENTURY, 2000, 1900)
+    months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
+    first, next_first = (which.astype("datetime64[D]").astype(np.int64) for which in (months, months + 1))
+    good = (month >= 1) & (month <= 12) & (day >= 1) & (day <= next_first - first)
+    good &= (hour < 24) & (minute < 60) & (second < 60)
+    seconds = (((first + day - 1) * 24 + hour) * 60 + minute) * 60 + second
+    return (seconds * 100 + hundredths) * HUNDREDTH_NS, good
 
 
-def _records(found: Sequence[Ensemble]) -> dict[str, Records]:
+def _records(rows: NDArray[np.void], times: Nanoseconds) -> dict[str, Records]:
     tables: dict[str, Records] = {}
-    tracks = [(ensemble.time_ns, ensemble.track) for ensemble in found if ensemble.track]
-    if tracks:
-        velocities, coordinates = instrument_velocities([track for _, track in tracks])
+    tracked = rows["tracked"] == 1
+    if np.any(tracked):
+        velocities, coordinates = instrument_velocities(rows[tracked])
         x, y, z = velocities.T
-        columns = {"x": x, "y": y, "z": z, "coordinates": coordinates}
-        tables["/bottom_track"] = in_order(np.array([time_ns for time_ns, _ in tracks]), columns)
-    times = np.array([ensemble.time_ns for ensemble in found], dtype=np.int64)
-    for topic, column in (("/heading", "heading_deg"), ("/depth", "depth_m")):
-        values = np.array([getattr(ensemble, column) for ensemble in found])
+        tables["/bottom_track"] = in_order(times[tracked], {"x": x, "y": y, "z": z, "coordinates": coordinates})
+    quantities = {"/heading": ("heading_deg", rows["heading_cdeg"] / 100), "/depth": ("depth_m", rows["depth_dm"] / 10)}
+    for topic, (column, values) in quantities.items():
         if len(values) and np.ptp(values) > 0:
             tables[topic] = in_order(times, {column: values})
     return tables
 
 
-def _placed(topic: str, rows: Sequence[Sequence[float]]) -> Records:
-    """Return positions, each a log time and the columns of the topic."""
-    times, *columns = (np.array(column) for column in zip(*rows, strict=True))
-    return in_order(times, dict(zip(FIELDS[topic], columns, strict=True)))
+def _placed(topic: str, found: Sequence[Sequence[float]], times: Nanoseconds, timed: NDArray[np.bool_]) -> Records:
+    """Return positions, each the number of an ensemble, the time before it in ns, and the columns of the topic."""
+    numbers, before_ns, *columns = (np.array(column) for column in zip(*found, strict=True))
+    good = timed[numbers]
+    kept = {name: column[good] for name, column in zip(FIELDS[topic], columns, strict=True)}
+    return in_order((times[numbers] - before_ns)[good], kept)
 
 
-def instrument_velocities(tracks: Sequence[BottomTrack]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def instrument_velocities(rows: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the velocities of the bottom in m/s, (n, 3), NaN if unknown, and their coordinates, (n,).
 
     Those along beams become those along the axes of the instrument: beams 1 and 2 lie in x, 4 and 3 in y.
     """
-    raw = np.array([track.velocity_mmps for track in tracks], dtype=np.float64)
+    raw = rows["velocity_mmps"].astype(np.float64)
     raw = np.where(raw == NO_VELOCITY, np.nan, raw) / 1000
-    coordinates = np.array([track.coordinates for track in tracks])
-    angle = np.radians([track.beam_deg for track in tracks])
-    sign = np.where([track.convex for track in tracks], 1.0, -1.0)
+    coordinates = rows["coordinates"].astype(np.int64) >> 3 & 3
+    code = rows["angle_code"] & 3
+    angle_deg = np.where(code < len(ANGLES_DEG), np.take(ANGLES_DEG, code, mode="clip"), rows["angle_deg"])
+    angle = np.radians(np.where(angle_deg > 0, angle_deg, np.nan))
+    sign = np.where(rows["pattern"] & 8, 1.0, -1.0)
     one, two, three, four = raw.T
     x, y = (sign * (a - b) / (2 * np.sin(angle)) for a, b in ((one, two), (four, three)))
     along = np.stack([x, y, (one + two + three + four) / (4 * np.cos(angle))], axis=1)

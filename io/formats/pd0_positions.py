@@ -24,12 +24,12 @@ VALID = 0b10_0010  # fixed by VmDas: position and time are valid
 DAY_NS = 86_400_000_000_000  # fixed
 
 
-def winriver_fixes(blocks: Sequence[bytes], time_ns: int) -> list[tuple[int, float, float, int]]:
-    """Return log time, latitude, longitude and quality of GGA sentences beside an ensemble of a time.
+def winriver_fixes(blocks: Sequence[bytes], number: int) -> list[tuple[int, int, float, float, int]]:
+    """Return the number of their ensemble, the time before it in ns, and latitude, longitude, quality of GGA sentences.
 
     A block states how long before the ensemble it arrived; so fixes and velocities are timed by one clock.
     """
-    found: list[tuple[int, float, float, int]] = []
+    found: list[tuple[int, int, float, float, int]] = []
     for block in blocks:
         if len(block) < GGA.size or int.from_bytes(block[2:4], "little") != GGA_BLOCK:
             continue
@@ -37,16 +37,16 @@ def winriver_fixes(blocks: Sequence[bytes], time_ns: int) -> list[tuple[int, flo
         if not abs(age_s) < 60:  # also NaN; an ensemble takes seconds at most
             continue
         signs = (-1 if south == b"S" else 1), (-1 if west == b"W" else 1)
-        found.append((time_ns - round(age_s * 1e9), signs[0] * lat, signs[1] * lon, quality))
+        found.append((number, round(age_s * 1e9), signs[0] * lat, signs[1] * lon, quality))
     return found
 
 
-def vmdas_fixes(blocks: Sequence[bytes], time_ns: int) -> list[tuple[int, int, float, float, int]]:
-    """Return log time, UTC, latitude, longitude and validity of the last fix before an ensemble of a time.
+def vmdas_fixes(blocks: Sequence[bytes], number: int) -> list[tuple[int, int, int, float, float, int]]:
+    """Return the number of an ensemble, 0 ns, and UTC, latitude, longitude, validity of the last fix before it.
 
-    The log time is that of the ensemble by the instrument's clock. A last fix before the first is of the next day.
+    So its log time is that of the ensemble. A last fix before the first is of the next day.
     """
-    found: list[tuple[int, int, float, float, int]] = []
+    found: list[tuple[int, int, int, float, float, int]] = []
     for block in blocks:
         if len(block) < PLACES.size:
             continue
@@ -57,5 +57,5 @@ def vmdas_fixes(blocks: Sequence[bytes], time_ns: int) -> list[tuple[int, int, f
             continue
         stamp_ns = (days + (last < first)) * DAY_NS + last * TICK_NS
         if abs(stamp_ns) < MAX_TIME_NS:
-            found.append((time_ns, stamp_ns, lat * TURN, lon * TURN, int(flags & VALID == VALID)))
+            found.append((number, 0, stamp_ns, lat * TURN, lon * TURN, int(flags & VALID == VALID)))
     return found

@@ -1,5 +1,8 @@
 """Files of VmDas (.ENR, .ENX, .STA, .LTA): PD0 ensembles that hold positions, and may lack bottom track."""
 
+import random
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -72,3 +75,28 @@ def test_an_ensemble_without_data_is_left_out_and_counted(tmp_path: Path) -> Non
 
     assert [topic.count for topic in log.topics()] == [COUNT, COUNT]
     assert [finding.text for finding in log.findings()] == ["1 ensembles have no leader or no valid time; left out"]
+
+
+def test_clocks_are_times_of_the_calendar_and_others_are_left_out(tmp_path: Path) -> None:
+    rng = random.Random(4)
+    clocks = [[rng.randrange(n) for n in (100, 14, 33, 25, 61, 61, 100)] for _ in range(400)]
+    clocks += [[20, 2, 29, 0, 0, 0, 0], [21, 2, 29, 0, 0, 0, 0], [0, 2, 29, 23, 59, 59, 99], [79, 12, 31, 1, 2, 3, 4]]
+    expected: list[int] = []
+    for year, *clock, hundredths in clocks:
+        with suppress(ValueError):
+            moment = datetime(year + (2000 if year < 80 else 1900), *clock, tzinfo=UTC)
+            expected.append(int(moment.timestamp()) * SECOND + hundredths * SECOND // 100)
+    parts: list[bytes] = []
+    for k, clock in enumerate(clocks):
+        fixed, variable = leaders(0, k)
+        parts.append(pd0_ensemble([fixed, variable[:4] + bytes(clock) + variable[11:], fix(k)]))
+    (tmp_path / "a.ENX").write_bytes(b"".join(parts))
+    log = open_log(tmp_path / "a.ENX")
+    found = log.read({"/heading": ["heading_deg"], "/navigation": ["latitude"]})
+
+    assert found["/heading"].received_ns.tolist() == sorted(expected)
+    assert found["/navigation"].received_ns.tolist() == sorted(expected)
+    lost = len(clocks) - len(expected)
+    assert [finding.text for finding in log.findings()] == [
+        f"{lost} ensembles have no leader or no valid time; left out"
+    ]
