@@ -20,6 +20,7 @@ import dvl_recordings as dvls
 import moos_recordings as moos
 import table_recordings as tables
 from blueos_recordings import delta, write_blueos
+from pd45_recordings import write_pd45
 from recordings import (
     ROS2,
     SECOND,
@@ -56,6 +57,7 @@ TLOG: Wanted = {
 }
 BIN: Wanted = {"VISO": ["TimeUS", "PosDX"], "ATT": ["TimeUS", "Yaw"], "GPS[0]": ["TimeUS", "Lat"]}
 PD0: Wanted = {"/bottom_track": ["x", "y", "z"], "/heading": ["heading_deg"], "/gga": ["latitude", "longitude"]}
+PD5: Wanted = {"/bottom_track": ["y", "z"], "/heading": ["heading_deg"], "/depth": ["depth_m"]}
 PD6: Wanted = {"/BI": ["x", "y", "z", "status"], "/SA": ["heading_deg"], "/TS": ["depth_m"]}
 REPORTS: Wanted = {"/velocity": ["vx", "vy", "velocity_valid"]}
 MOOS: Wanted = {"/iDVL": ["DVL_VEL_X", "DVL_VEL_Y"], "/iCompass": ["COMPASS_HEADING"], "/gGPS": ["GPS_LATITUDE"]}
@@ -218,6 +220,8 @@ FORMATS: Mapping[str, Format] = {
     ),
     ".BIN": Format(lambda d: autopilots.write_bin(d / "a.BIN"), BIN, ends=lambda _: after(autopilots.onboard())),
     "PD0": Format(lambda d: dvls.write_pd0(d / "a.pd0"), PD0, told="all", ends=pd0_ends),
+    "PD4": Format(lambda d: write_pd45(d / "a.pd4", 4), {"/bottom_track": ["y", "z"]}, told="all", ends=pd0_ends),
+    "PD5": Format(lambda d: write_pd45(d / "a.pd5", 5), PD5, told="all", ends=pd0_ends),
     "PD6": Format(lambda d: dvls.write_pd6(d / "a.pd6"), PD6, ends=line_ends),
     "JSON lines": Format(lambda d: dvls.write_json(d / "a.jsonl"), REPORTS, ends=object_ends),
     ".alog": Format(lambda d: moos.write_alog(d / "a.alog"), MOOS, ends=line_ends),
