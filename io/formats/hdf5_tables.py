@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from usbldr.io.formats.cf_times import Clock, clock_of
 from usbldr.io.formats.table_log import Array, Table, library, reading, tables_of
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
@@ -14,19 +15,19 @@ from usbldr.io.units import named_unit
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 NAME = "HDF5"
-SINCE_1970 = "seconds since 1970-01-01"
 
 
 def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
     """Return the tables of a file; raise LogError if it cannot be read, UsageError without h5py."""
     h5py = library("h5py", f"{kind} files", "hdf5", file)
     groups: dict[str, list[Array]] = {}
+    dated: dict[str, set[str]] = {}
     tables: list[Table] = []
     budget = UnpackingBudget(file, file.stat().st_size)
 
-    def read(path: str, part: Any) -> Column:
+    def read(path: str, part: Any, clock: Clock | None = None) -> Column:
         with h5py.File(file, "r") as content:
-            return content[path][part]
+            return clock.dates(content[path][part]) if clock else content[path][part]
 
     def visit(path: str, item: Any) -> None:
         budget.take_record()
@@ -36,18 +37,28 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
             tables.append(Table(file, path, len(item), {name: partial(read, path, name) for name in item.dtype.names}))
         elif item.dtype.kind in "biuf" and item.shape and b"char" not in item.attrs.get("MATLAB_class", b""):
             group, _, name = path.rpartition("/")
-            arrays = groups.setdefault(group or file.stem, [])
-            arrays.append((_named(name, item.attrs.get("units")), item.shape, partial(read, path)))
+            unit = _text(item.attrs.get("units"))
+            clock = clock_of(unit, _text(item.attrs.get("calendar")) or "standard")
+            label = name if clock else _named(name, unit)
+            dated.setdefault(group or file.stem, set()).update([label] if clock else [])
+            groups.setdefault(group or file.stem, []).append((label, item.shape, partial(read, path, clock=clock)))
 
     with reading(file, kind), h5py.File(file, "r") as content:
         content.visititems(visit)
-    return [*tables, *(table for name, arrays in groups.items() for table in tables_of(file, name, arrays))]
+    return [
+        *tables,
+        *(t for name, arrays in groups.items() for t in tables_of(file, name, arrays, frozenset(dated[name]))),
+    ]
 
 
-def _named(name: str, unit: object) -> str:
+def _text(attribute: object) -> str:
+    """Return an attribute, empty if it is no text."""
+    text = attribute.decode(errors="replace") if isinstance(attribute, bytes) else attribute
+    return text if isinstance(text, str) else ""
+
+
+def _named(name: str, unit: str) -> str:
     """Return a name with the unit that its attribute states, unless the name states one."""
-    unit = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
-    if not isinstance(unit, str) or named_unit(name).unit:
+    if named_unit(name).unit:
         return name
-    unit = "s" if unit.startswith(SINCE_1970) else unit
     return f"{name} [{unit}]" if named_unit(f"{name} [{unit}]").dimension else name

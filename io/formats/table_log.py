@@ -63,7 +63,7 @@ def reading(file: Path, what: str) -> Generator[None]:
         raise LogError(f"cannot be read as {what}: damaged, cut or of an unknown kind ({why})", path=file) from err
 
 
-def tables_of(file: Path, name: str, arrays: Iterable[Array]) -> list[Table]:
+def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[str] = frozenset()) -> list[Table]:
     """Return the tables of a group from its arrays.
 
     Arrays of one length are the columns of one table. A matrix is as many columns as its shorter side: "velocity.0".
@@ -82,7 +82,7 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array]) -> list[Table]:
         by_length.pop(1, None)
     several = len(by_length) > 1
     topics = {rows: f"{name}/{rows}_rows" if several else name for rows in by_length}
-    return [Table(file, topics[rows], rows, columns) for rows, columns in by_length.items()]
+    return [Table(file, topics[rows], rows, columns, dated & columns.keys()) for rows, columns in by_length.items()]
 
 
 def _element(label: str, k: int) -> str:

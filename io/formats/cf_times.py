@@ -1,0 +1,63 @@
+"""Times of netCDF files: numbers in a unit since a date, which the attribute ``units`` states.
+
+Source: CF conventions, time coordinate (cfconventions.org).
+"""
+
+import re
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.io.reader import MAX_TIME_NS, Column
+
+SINCE = re.compile(
+    r"\s*([a-z]+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})"
+    r"(?:[t\s]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(?:\.(\d{1,9})\d*)?)?)?\s*(?:z|utc|gmt|[+-]?0{1,2}:?(?:00)?)?\s*",
+    re.IGNORECASE | re.ASCII,
+)
+UNITS_NS: Mapping[str, int] = {
+    **dict.fromkeys(("nanosecond", "nsec", "ns"), 1),
+    **dict.fromkeys(("microsecond", "usec", "us"), 1000),
+    **dict.fromkeys(("millisecond", "msec", "ms"), 1_000_000),
+    **dict.fromkeys(("second", "sec", "s"), 1_000_000_000),
+    **dict.fromkeys(("minute", "min"), 60_000_000_000),
+    **dict.fromkeys(("hour", "hr", "h"), 3_600_000_000_000),
+    **dict.fromkeys(("day", "d"), 86_400_000_000_000),
+}
+"""Units of time; all but the shortest names may end in the "s" of the plural."""
+CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
+NO_DATE = np.iinfo(np.int64).min  # fixed: NumPy's "not a time"
+
+
+class Clock(NamedTuple):
+    """What numbers count: a unit, since a moment."""
+
+    unit_ns: int
+    since_ns: int  # since 1970
+
+    def dates(self, numbers: Column) -> Column:
+        """Return numbers (n,) as dates and times, datetime64[ns]; those that are none, or after 2116, as no date."""
+        rough = numbers.astype(np.float64) * self.unit_ns
+        good = (np.abs(rough + self.since_ns) < MAX_TIME_NS) & (np.abs(rough) < -float(NO_DATE))  # False for NaN
+        kept = np.where(good, numbers, 0)
+        whole = np.floor(kept).astype(np.int64) if kept.dtype.kind == "f" else kept.astype(np.int64)
+        ns = whole * self.unit_ns + np.rint((kept - whole) * self.unit_ns).astype(np.int64) + self.since_ns
+        return np.where(good, ns, NO_DATE).astype("datetime64[ns]")
+
+
+def clock_of(units: object, calendar: object = "standard") -> Clock | None:
+    """Return the clock that ``units`` states, None if it states none, or one of a calendar of models."""
+    found = SINCE.fullmatch(units) if isinstance(units, str) else None
+    if found is None or str(calendar).lower() not in CALENDARS:
+        return None
+    name, *date, fraction = found.groups()
+    unit_ns = UNITS_NS.get(name.lower(), UNITS_NS.get(name.lower().removesuffix("s"), 0))
+    try:
+        moment = datetime(*(int(part or 0) for part in date), tzinfo=UTC)
+    except ValueError:
+        return None
+    seconds = round((moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
+    since_ns = seconds * 10**9 + int((fraction or "").ljust(9, "0"))
+    return Clock(unit_ns, since_ns) if unit_ns and abs(since_ns) < MAX_TIME_NS else None
