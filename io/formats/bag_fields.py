@@ -3,12 +3,18 @@
 http://wiki.ros.org/Bags/Format/2.0
 """
 
+import re
 import struct
 from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
 
 WORD = struct.Struct("<I")
 TIME = struct.Struct("<II")
+MESSAGE_HEAD = re.compile(
+    rb"&\0\0\0(?:\x04\0\0\0(op)=\x02|\x09\0\0\0conn=(.{4})|\x0d\0\0\0time=(.{8})){3}(.{4})", re.DOTALL
+)
+"""The header of a message as all recorders write it, its fields in any order; then the length of the message."""
+HEAD_NUMBERS = struct.Struct("<4I")
 
 
 class CutError(Exception):
@@ -34,6 +40,22 @@ class BagMessage(NamedTuple):
 
 Record: TypeAlias = Connection | BagMessage
 Fields: TypeAlias = Mapping[bytes, bytes]
+
+
+def message_head(data: memoryview, at: int) -> tuple[int, int, int, int] | None:
+    """Return connection, log time in ns, and first byte and end of the message whose record begins at a byte.
+
+    None if its header holds anything but a message's three fields: it is to be read field by field. Most records of a
+    bag are messages, and this takes a third of the time.
+    """
+    head = MESSAGE_HEAD.match(data, at)
+    if head is None:
+        return None
+    op, connection, time, length = head.groups()
+    if op is None or connection is None or time is None:  # a field is there twice
+        return None
+    number, seconds, nanoseconds, size = HEAD_NUMBERS.unpack(connection + time + length)
+    return number, seconds * 1_000_000_000 + nanoseconds, head.end(), head.end() + size
 
 
 def read_fields(header: bytes) -> Fields:

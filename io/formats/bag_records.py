@@ -18,6 +18,7 @@ from usbldr.io.formats.bag_fields import (
     CutError,
     Fields,
     Record,
+    message_head,
     number_of,
     op_of,
     read_connection,
@@ -185,6 +186,12 @@ class BagScan:
         at, end = 0, len(data)
         while at < end:
             self._budget.take_record()
+            if message := message_head(data, at):
+                number, time_ns, body, at = message
+                if at > end:
+                    raise CutError
+                yield self._message(number, time_ns, data[body:at])
+                continue
             head = at + WORD.size
             body = head + self._length(data[at:head]) + WORD.size
             at = body + self._length(data[body - WORD.size : body])
@@ -198,15 +205,18 @@ class BagScan:
         number = number_of(fields, b"conn", 4)
         if op == MESSAGE:
             seconds, nanoseconds = TIME.unpack(fields.get(b"time", b"").ljust(TIME.size, b"\0")[: TIME.size])
-            self.messages += 1
-            self.found[number] += 1
-            yield BagMessage(number, seconds * 1_000_000_000 + nanoseconds, data)
+            yield self._message(number, seconds * 1_000_000_000 + nanoseconds, data)
             return
         connection = read_connection(number, fields, data)
         if self._connections.setdefault(number, connection) == connection:
             yield connection
         else:
             self.contradictions += 1
+
+    def _message(self, connection: int, time_ns: int, data: memoryview) -> BagMessage:
+        self.messages += 1
+        self.found[connection] += 1
+        return BagMessage(connection, time_ns, data)
 
     def _chunks_by_index(self) -> list[int]:
         """Return the offsets of the chunks in the index, as far as it can be read."""

@@ -2,6 +2,7 @@
 
 import bz2
 import struct
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,58 @@ def test_a_bag_cut_between_two_records_is_truncated(tmp_path: Path) -> None:
 
     assert found[:7] == [(0, True), (1, True), (1, True), (2, True), (2, True), (3, False), (3, False)]
     assert set(found[7:]) == {(3, False)}
+
+
+CONNECTION = b"conn=\7\0\0\0"
+TIME = b"time=\0\x10^_\n\0\0\0"  # 1,600,000,000 s and 10 ns
+
+
+def fields(*texts: bytes) -> bytes:
+    return b"".join(struct.pack("<I", len(text)) + text for text in texts)
+
+
+def record(header: bytes, data: bytes) -> bytes:
+    """A record by http://wiki.ros.org/Bags/Format/2.0."""
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+
+
+def by_hand(file: Path, *messages: bytes) -> BagLog:
+    """Write a bag of one chunk, with headings of connection 7 and these messages."""
+    about = fields(b"type=std_msgs/Float64", b"md5sum=*", b"message_definition=float64 data")
+    content = record(fields(b"op=\7", CONNECTION, b"topic=/hdg"), about) + b"".join(messages)
+    head = fields(b"op=\5", b"compression=none", b"size=" + struct.pack("<I", len(content)))
+    file.write_bytes(b"#ROSBAG V2.0\n" + record(head, content))
+    return BagLog(file)
+
+
+@pytest.mark.parametrize("more", [(), (b"latching=1",), (CONNECTION,)], ids=["plain", "a fourth field", "one twice"])
+@pytest.mark.parametrize("order", list(permutations((b"op=\2", CONNECTION, TIME))))
+def test_the_fields_of_a_message_come_in_any_order_with_others_between(
+    tmp_path: Path, order: tuple[bytes, ...], more: tuple[bytes, ...]
+) -> None:
+    header = fields(*order[:1], *more, *order[1:])
+
+    log = by_hand(tmp_path / "a.bag", *(record(header, struct.pack("<d", 30.0 + k)) for k in range(3)))
+
+    read = log.read({"/hdg": ["data"]})["/hdg"]
+    assert read.columns["data"].tolist() == [30.0, 31.0, 32.0]
+    assert read.received_ns.tolist() == [T0 + 10] * 3
+
+
+HEADER = fields(b"op=\2", CONNECTION, TIME)
+DAMAGED = {
+    "longer than its chunk": struct.pack("<I", len(HEADER)) + HEADER + struct.pack("<Id", 9, 3.0),
+    "a field twice, another cut": b"&\0\0\0" + fields(CONNECTION, CONNECTION, TIME) + struct.pack("<Id", 8, 3.0),
+}
+
+
+@pytest.mark.parametrize("damaged", DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_message_is_none_and_is_reported(tmp_path: Path, damaged: bytes) -> None:
+    log = by_hand(tmp_path / "a.bag", record(HEADER, struct.pack("<d", 30.0)), damaged)
+
+    assert [topic.count for topic in log.topics()] == [1]
+    assert log.read({"/hdg": ["data"]})["/hdg"].columns["data"].tolist() == [30.0]
+    assert any(finding.code == "DAMAGED" and finding.lost_data for finding in log.findings())
 
 
 @pytest.mark.parametrize("shift", [0, 49])  # the header says that the index is at the zeros, or behind them
