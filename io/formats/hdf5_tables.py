@@ -3,11 +3,13 @@
 Source of the units: the attribute ``units`` of the CF conventions (cfconventions.org).
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from usbldr.io.formats.cf_times import Clock, clock_of
+from usbldr.io.formats.mat_objects import DECODE, refuse_objects, unread
 from usbldr.io.formats.table_log import Array, Table, library, reading, tables_of
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
@@ -22,6 +24,7 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
     h5py = library("h5py", f"{kind} files", "hdf5", file)
     groups: dict[str, list[Array]] = {}
     dated: dict[str, set[str]] = {}
+    objects: dict[str, dict[str, str]] = {}
     tables: list[Table] = []
     budget = UnpackingBudget(file, file.stat().st_size)
 
@@ -33,22 +36,27 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         budget.take_record()
         if not isinstance(item, h5py.Dataset) or path.startswith("#") or item.external or item.is_virtual:
             return  # of MATLAB's own, or in other files
-        if item.dtype.names and item.ndim == 1:
+        group, _, name = path.rpartition("/")
+        group = group or file.stem
+        if DECODE in item.attrs:
+            objects.setdefault(group, {})[name] = _text(item.attrs.get("MATLAB_class"))
+        elif item.dtype.names and item.ndim == 1:
             tables.append(Table(file, path, len(item), {name: partial(read, path, name) for name in item.dtype.names}))
         elif item.dtype.kind in "biuf" and item.shape and b"char" not in item.attrs.get("MATLAB_class", b""):
-            group, _, name = path.rpartition("/")
             unit = _text(item.attrs.get("units"))
             clock = clock_of(unit, _text(item.attrs.get("calendar")) or "standard")
             label = name if clock else _named(name, unit)
-            dated.setdefault(group or file.stem, set()).update([label] if clock else [])
-            groups.setdefault(group or file.stem, []).append((label, item.shape, partial(read, path, clock=clock)))
+            dated.setdefault(group, set()).update([label] if clock else [])
+            groups.setdefault(group, []).append((label, item.shape, partial(read, path, clock=clock)))
 
     with reading(file, kind), h5py.File(file, "r") as content:
         content.visititems(visit)
-    return [
-        *tables,
-        *(t for name, arrays in groups.items() for t in tables_of(file, name, arrays, frozenset(dated[name]))),
-    ]
+    for name, arrays in groups.items():
+        others = unread(objects.get(name, {}))
+        tables += [replace(one, unread=others) for one in tables_of(file, name, arrays, frozenset(dated[name]))]
+    if not tables:
+        refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])
+    return tables
 
 
 def _text(attribute: object) -> str:

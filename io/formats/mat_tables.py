@@ -5,6 +5,7 @@ Source: MAT-File Format, The MathWorks. Files of version 7.3 are HDF5.
 
 import zlib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.hdf5_tables import MAGIC, hdf5_tables
+from usbldr.io.formats.mat_objects import objects_of, refuse_objects, unread
 from usbldr.io.formats.table_log import Array, Table, library, reading, tables_of
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
@@ -38,7 +40,10 @@ def mat_tables(file: Path) -> list[Table]:
     _check_size(file, ENDIAN[head[124:HEAD_BYTES]])
     with reading(file, NAME):
         variables = scipy.loadmat(file, simplify_cells=True)
-    return list(_tables(file, file.stem, {k: v for k, v in variables.items() if not k.startswith("__")}))
+    tables = list(_tables(file, file.stem, {k: v for k, v in variables.items() if not k.startswith("__")}))
+    if not tables:
+        refuse_objects(file, unread(objects_of(variables)))
+    return tables
 
 
 def _check_size(file: Path, order: Any) -> None:
@@ -71,4 +76,5 @@ def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Tab
         values: Column = np.asarray(value)
         if values.dtype.kind in "biuf":
             arrays.append((label, values.shape or (1,), np.atleast_1d(values).__getitem__))
-    yield from tables_of(file, name, arrays)
+    for table in tables_of(file, name, arrays):
+        yield replace(table, unread=unread(objects_of(variables)))

@@ -40,6 +40,7 @@ class Table:
     rows: int
     columns: Mapping[str, Callable[[], Column]]  # name as written -> a function that reads it, (rows,)
     dated: frozenset[str] = frozenset()  # columns of dates and times, datetime64[ns]
+    unread: Sequence[str] = ()  # what else is there
 
 
 def library(name: str, what: str, extra: str, file: Path) -> Any:
@@ -139,7 +140,7 @@ class TableLog:
     def _info(self, topic: str, one: TopicSheet) -> TopicInfo:
         table, sheet = self._tables[one.table], one.sheet
         if sheet is None or sheet.received is None:
-            unknown = f"its columns match no sensor ({listed(list(table.columns))}); {ADVICE}"
+            unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {ADVICE}"
             problem = f"{table.topic} {sheet.problem}" if sheet else unknown
             row = () if one.by_name else self._first_row(table)
             kind = sheet.type if sheet else ""
@@ -243,7 +244,6 @@ class TableLog:
                 named = {**one.sheet.columns, "time": one.sheet.stamp.column}
                 text = ", ".join(f"{key} from {column}" for key, column in named.items())
                 found.append(Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic))
-            if topic in self._left_out:
-                text = f"{topic}: {self._left_out[topic]}; left out"
-                found.append(Finding("UNDECODED", text, topic, lost_data=True))
+            if why := self._left_out.get(topic):
+                found.append(Finding("UNDECODED", f"{topic}: {why}; left out", topic, lost_data=True))
         return tuple(found)

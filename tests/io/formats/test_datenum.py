@@ -1,5 +1,6 @@
 """Times as MATLAB's day numbers, named by columns: the dates of the calendar in tables, CSV files and messages."""
 
+from collections.abc import Callable
 from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from recordings import SECOND, T0, Row, define, write_csv, write_mcap
-from table_recordings import WRITERS, as_csv
+from table_recordings import WRITERS, Tables, as_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.opening import Request
 from usbldr.io.read import read_log
@@ -33,7 +34,7 @@ def configured(folder: Path, text: str) -> Request:
 
 
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
-def test_day_numbers_are_dates_of_the_calendar(tmp_path: Path, write: type[as_csv]) -> None:  # type: ignore[valid-type]
+def test_day_numbers_are_dates_of_the_calendar(tmp_path: Path, write: Callable[[Path, Tables], Path]) -> None:
     seconds = np.arange(50) / 4
     nav = {"t": [day_number(s) for s in seconds], "psi": np.arange(50.0)}
     columns = '[compass]\ntopic = "nav"\ncolumns = { time_datenum = "t", heading = "psi" }\n'
