@@ -297,6 +297,7 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
         spans_text = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
         hint = 'if a clock is wrong, try time = "log" or state latency_s'
+        hint += "; of a file without dates, state date under [[file]]" * (" 1970-" in spans_text)
         raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
 
 

@@ -90,6 +90,14 @@ def test_the_day_holds_beside_other_files_of_the_dive(tmp_path: Path) -> None:
     assert log.tables["dvl"]["time_s"].iloc[0] + log.start_ns / SECOND == pytest.approx(T0 / SECOND)
 
 
+def test_a_day_that_is_missing_beside_dated_files_is_named_with_its_key(tmp_path: Path) -> None:
+    file = write_pd45(tmp_path / "a.pd4", 4)
+    dive = write_mcap(tmp_path / "dive.mcap", [row for row in short_dive() if row[1] != "/dvl"])
+
+    with pytest.raises(LogError, match=r"dvl 1970-.*; of a file without dates, state date under \[\[file\]\]"):
+        read_log(dive, Request(joined=(str(file),)))
+
+
 def test_a_clock_offset_is_subtracted_from_the_dated_times(tmp_path: Path) -> None:
     file = dated(write_pd45(tmp_path / "a.pd4", 4))
     (tmp_path / "usbldr.toml").write_text((tmp_path / "usbldr.toml").read_text() + "clock_offset_s = 2.5\n")
