@@ -18,6 +18,8 @@ TEXT_RATIO = 25  # [bytes per byte] that a compressed text may decompress to bey
 RECORDS = 1_000_000  # [records] that any log may hold in compressed chunks: a few seconds
 TEXT_LINES = 400_000  # [lines] that any compressed text may hold: sentences of NMEA take 20 us each
 RECORD_BYTES = 4  # [bytes] of the log for each further record; compressed messages need ten and more
+SEARCH_BYTES = 1 << 25  # [bytes] that are examined in search of whole messages behind damage: two seconds of checksums
+SEARCH_RATIO = 4  # [bytes per byte] the same beyond that: each damage costs a message or two
 RAISE = "--limits 10 raises the limits tenfold"
 
 
@@ -55,6 +57,10 @@ def original_of(path: Path) -> Path:
     return _copied_from.get(str(path), path)
 
 
+class BeyondLimitError(LogError):
+    """A log costs more to read than its size allows."""
+
+
 class UnpackingBudget:
     """The bytes to which a log may still decompress, and the records that it may still hold."""
 
@@ -65,17 +71,25 @@ class UnpackingBudget:
         self._whole = limit(TEXT_BYTES + TEXT_RATIO * size if text else UNPACKED_BYTES + UNPACKED_RATIO * size)
         self._left = self._whole
         self._records = limit((TEXT_LINES if text else RECORDS) + size // RECORD_BYTES)
+        self._search = limit(SEARCH_BYTES + SEARCH_RATIO * size)
         self.chunk_bytes = limit(CHUNK_BYTES)
 
     def take_record(self, count: int = 1) -> None:
         """Take a record of the budget, or several; raise LogError if it is exhausted."""
         self._records -= count
         if self._records < 0:
-            raise LogError(f"holds too many records for its size; {RAISE}", path=self._path)
+            raise BeyondLimitError(f"holds too many records for its size; {RAISE}", path=self._path)
 
     def take_bytes(self, count: int) -> None:
         """Take bytes of the budget; raise LogError if it is exhausted."""
         self._left -= count
         if self._left < 0:
             text = f"decompresses to more than {self._whole >> 20} MB, too much for its size; {RAISE}"
-            raise LogError(text, path=self._path)
+            raise BeyondLimitError(text, path=self._path)
+
+    def take_search(self, count: int) -> None:
+        """Take bytes that are examined in search of a whole message; raise LogError if the budget is exhausted."""
+        self._search -= count
+        if self._search < 0:
+            text = f"is damaged: too many bytes look like the beginning of a message and are none; {RAISE}"
+            raise BeyondLimitError(text, path=self._path)

@@ -1,23 +1,26 @@
-"""Files of some kilobytes that decompress to gigabytes: CPU time, peak memory and exit code of `usbldr info` on each.
+"""Files made to exhaust memory or time: CPU time, peak memory and exit code of `usbldr info` on each.
 
-$ python benchmarks/speed/bombs.py
+$ python benchmarks/speed/bombs.py --write docs/broken_files.md
 """
 
+import argparse
 import bz2
-import resource
 import sqlite3
 import struct
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
+from typing import NoReturn
 
 import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 
 MB = 1 << 20
+MARKERS = ("<!-- bombs.py: begin -->", "<!-- bombs.py: end -->")
 T0 = 1_600_000_000_000_000_000
 MAGIC = b"\x89MCAP0\r\n"
 CSV, CSV_ROWS = b"time_ns,forward_mps,starboard_mps\n", b"1,2,3\n" * 200_000
@@ -120,28 +123,51 @@ def bombs(chunk: int, giga: int) -> Mapping[str, tuple[int, Callable[[Path], Pat
 
 
 def main() -> None:
-    """Print a table."""
-    print("| file | kB | decompressed GB | exit code | CPU s | MB |\n|---|---|---|---|---|---|")
-    for name, (size, write) in bombs(100 * MB, 1 << 30).items():
+    options = argparse.ArgumentParser(description="Print the table as Markdown.")
+    options.add_argument("--bombs", nargs="+", metavar="WORD", help="only those with one of these words in their names")
+    options.add_argument("--write", type=Path, nargs="*", default=[], help="pages whose markers take the table")
+    options.add_argument("--info", help=argparse.SUPPRESS)
+    arguments = options.parse_args()
+    if arguments.info:
+        info(arguments.info)
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # speed is a package
+    from speed.format_bombs import format_bombs
+    from speed.peers_table import write
+
+    heads = ["file", "kB", "decompressed GB", "exit code", "CPU s", "MB"]
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    print("\n".join(lines))
+    for name, (size, make) in {**bombs(100 * MB, 1 << 30), **format_bombs(1 << 30)}.items():
+        if arguments.bombs and not any(word in name for word in arguments.bombs):
+            continue
         with tempfile.TemporaryDirectory() as folder:
-            file = write(Path(folder) / "bomb")
-            done = subprocess.run([sys.executable, __file__, str(file)], capture_output=True, text=True, check=False)
-            code, seconds, peak = done.stdout.splitlines()[-1].split()
-            packed = f"{file.stat().st_size / 1000:.0f} | {size / 1e9:.1f}"
-            print(f"| {name} | {packed} | {code} | {seconds} | {peak} |", flush=True)
+            file = make(Path(folder) / "bomb")
+            command = [sys.executable, __file__, "--info", str(file)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            packed = max(one.stat().st_size for one in Path(folder).iterdir()) / 1000
+        cost = done.stdout.splitlines()[-1].split() if done.returncode == 0 else ["crash", "", ""]
+        cells = [name, f"{packed:.0f}" if packed >= 1 else f"{packed:.1f}", f"{size / 1e9:.1f}", *cost]
+        lines.append(f"| {' | '.join(cells)} |")
+        print(lines[-1], flush=True)
+    for page in arguments.write:
+        write(page, "\n".join(lines), MARKERS)
 
 
-def info(file: str) -> None:
+def info(file: str) -> NoReturn:
     """Run `usbldr info`; print its exit code, CPU seconds and peak memory in MB on the last line."""
     from usbldr_cli.main import main as usbldr
 
     sys.argv = ["usbldr", "info", file]
+    code: object = 0
     try:
         usbldr()
     except SystemExit as end:
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        print(f"\n{end.code} {used.ru_utime + used.ru_stime:.1f} {used.ru_maxrss // 1024}")
+        code = end.code
+    status = Path("/proc/self/status").read_text().splitlines()  # getrusage would count the parent's memory, too
+    peak_kb = next(line for line in status if line.startswith("VmHWM:")).split()[1]
+    print(f"\n{code} {time.process_time():.1f} {int(peak_kb) // 1024}")
+    sys.exit(0)
 
 
 if __name__ == "__main__":
-    info(sys.argv[1]) if len(sys.argv) > 1 else main()
+    main()

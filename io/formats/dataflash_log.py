@@ -17,6 +17,7 @@ from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import mapped
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
+from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 MARK = b"\xa3\x95"  # fixed by the format: how each message begins; its type follows
@@ -83,13 +84,15 @@ class DataflashLog:
     def _places(self) -> Mapping[int, "array[int]"]:
         """Return where the messages of each type begin; record what was lost."""
         data, places, at, lost, first_lost = self._data, dict[int, "array[int]"](), 0, 0, -1
+        budget = UnpackingBudget(self.path, len(data))
         while at < len(data):
             length = self._length(at)
             if length and at + length <= len(data):
+                budget.take_record()
                 places.setdefault(data[at + 2], array("q")).append(at)
                 at += length
                 continue
-            following = self._next(at + 1)
+            following = self._next(at + 1, budget)
             rest = data[at:following] if following - at < 1 << 16 else b"long"
             if rest.strip(b"\0\xff"):  # the unused end of a page is no loss
                 first_lost, lost = (at if first_lost < 0 else first_lost), lost + following - at
@@ -117,10 +120,11 @@ class DataflashLog:
                 self._formats.setdefault(body[0], made)
         return FMT_BYTES
 
-    def _next(self, at: int) -> int:
+    def _next(self, at: int, budget: UnpackingBudget) -> int:
         """Return where the next message begins that another one or the end of the file follows."""
         data = self._data
         while (at := data.find(MARK, at)) >= 0:
+            budget.take_search(FMT_BYTES)
             length = self._length(at)
             after = at + length
             if length and (after == len(data) or data[after : after + 2] == MARK):

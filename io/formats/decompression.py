@@ -8,7 +8,7 @@ import lzma
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from io import BufferedReader
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +89,21 @@ def _fed(unpacker: Any, fed: bytes) -> Iterator[bytes]:
         yield unpacker.decompress(b"", STEP)
 
 
+def deflated(packed: bytes, budget: UnpackingBudget) -> Iterator[bytes]:
+    """Yield what zlib's data decompress to, taken from a budget.
+
+    Raises zlib.error if they are damaged, EOFError if they are cut, LogError if the budget is exhausted.
+    """
+    unpacker = zlib.decompressobj()
+    while packed and not unpacker.eof:
+        piece = unpacker.decompress(packed, STEP)
+        budget.take_bytes(len(piece))
+        yield piece
+        packed = unpacker.unconsumed_tail
+    if not unpacker.eof:
+        raise EOFError("it ends within a variable")
+
+
 class Decompressor:
     """Memory for one unpacked chunk."""
 
@@ -134,10 +149,12 @@ class MessageUnpacker:
             return b""
         if not data.startswith(ZSTD):
             return data
+        buffer = BytesIO()  # a list of pieces would need the memory twice
         try:
-            whole = b"".join(_pieces("zstd", memoryview(data), self._budget.chunk_bytes))
+            buffer.writelines(_pieces("zstd", memoryview(data), self._budget.chunk_bytes))
         except DAMAGE:
             return b""
+        whole = buffer.getvalue()
         self._budget.take_bytes(len(whole))
         if len(whole) <= self._budget.chunk_bytes:
             return whole

@@ -3,12 +3,16 @@
 Source of the units: the attribute ``units`` of the CF conventions (cfconventions.org).
 """
 
+import zlib
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from math import prod
 from pathlib import Path
 from typing import Any
 
 from usbldr.io.formats.cf_times import Clock, clock_of
+from usbldr.io.formats.decompression import deflated
 from usbldr.io.formats.mat_objects import DECODE, refuse_objects, unread
 from usbldr.io.formats.table_log import Array, Table, library, reading, tables_of
 from usbldr.io.limits import UnpackingBudget
@@ -30,6 +34,7 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
 
     def read(path: str, part: Any, clock: Clock | None = None) -> Column:
         with h5py.File(file, "r") as content:
+            _take_chunks(content[path], budget)
             return clock.dates(content[path][part]) if clock else content[path][part]
 
     def visit(path: str, item: Any) -> None:
@@ -63,6 +68,18 @@ def _text(attribute: object) -> str:
     """Return an attribute, empty if it is no text."""
     text = attribute.decode(errors="replace") if isinstance(attribute, bytes) else attribute
     return text if isinstance(text, str) else ""
+
+
+def _take_chunks(array: Any, budget: UnpackingBudget) -> None:
+    """Take the chunks of an array from a budget: one may be larger than the array, and decompress to even more."""
+    if array.chunks is None:
+        return
+    budget.take_bytes(prod(array.chunks) * array.dtype.itemsize)
+    for k in range(array.id.get_num_chunks() if array.compression == "gzip" else 0):
+        _, packed = array.id.read_direct_chunk(array.id.get_chunk_info(k).chunk_offset)
+        with suppress(zlib.error, EOFError):  # what is damaged the library reports
+            for _ in deflated(packed, budget):
+                pass
 
 
 def _named(name: str, unit: str) -> str:

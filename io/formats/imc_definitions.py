@@ -17,7 +17,7 @@ from usbldr.io.formats.files import opened
 from usbldr.io.limits import RAISE, limit, original_of
 
 FILES = ("IMC.xml", "IMC.xml.gz")
-XML_BYTES = 1 << 22  # [bytes] of the definitions; those of IMC 5.4 are half a megabyte
+XML_BYTES = 1 << 21  # [bytes] of the definitions; those of IMC 5.4 are half a megabyte
 NUMBERS = {f"{sign}int{8 * size}_t": code for size, codes in ((1, "bB"), (2, "hH"), (4, "iI"), (8, "qQ"))
            for sign, code in zip(("", "u"), codes, strict=True)} | {"fp32_t": "f", "fp64_t": "d"}  # fmt: skip
 TEXTS = ("plaintext", "rawdata")  # a length of two bytes, and as many bytes
@@ -82,10 +82,17 @@ def definitions_beside(log: Path) -> Mapping[int, Definition]:
             text = gzip.GzipFile(fileobj=content).read(most) if file.suffix == ".gz" else content.read(most)
         if len(text) > limit(XML_BYTES):
             raise LogError(f"is larger than {limit(XML_BYTES) >> 20} MB, too large for definitions; {RAISE}", path=file)
-        root = ElementTree.fromstring(text)
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
         return {int(one.get("id", "")): _definition(one) for one in root.iter("message") if one.get("id")}
     except (EOFError, OSError, ValueError, SyntaxError, zlib.error) as err:
         raise LogError(f"holds no definitions of IMC ({err})", path=file) from err
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Builds the elements of a text without entities of its own, which could multiply."""
+
+    def doctype(self, *_: object) -> None:
+        raise ValueError("it declares a document type")
 
 
 def _definition(message: ElementTree.Element) -> Definition:

@@ -17,6 +17,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.formats.files import mapped
 from usbldr.io.formats.imc_definitions import Definition, definitions_beside
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
+from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import MAX_TIME_NS, Column, Records, TopicInfo, name_of
 
 SYNC = 0xFE54  # fixed by IMC: the first two bytes of a message, whose order is that of all
@@ -76,10 +77,12 @@ class LsfLog:
         """Return where the whole messages begin and end, (n, 2); the bytes that are none; whether the last is cut."""
         data, sync = self._data, self._data[:2]
         frames: list[tuple[int, int]] = []
-        at, lost, cut = 0, 0, False
+        at, lost, cut, budget = 0, 0, False, UnpackingBudget(self.path, len(data))
         while at < len(data):
             end = self._end(at)
-            if data[at : at + 2] == sync and end <= len(data) and (data[end : end + 2] == sync or end == len(data)):
+            followed = end == len(data) or data[end : end + 2] == sync
+            if data[at : at + 2] == sync and (followed or self._whole_at(at, budget)):
+                budget.take_record()
                 frames.append((at, end))
                 at = end
                 continue
@@ -87,7 +90,7 @@ class LsfLog:
                 start, _ = frames.pop()  # its size was wrong
                 lost, at = lost + at - start, start
             following = data.find(sync, at + 1)
-            while following >= 0 and not self._whole_at(following):
+            while following >= 0 and not self._whole_at(following, budget):
                 following = data.find(sync, following + 1)
             cut = following < 0 and data[at : at + 2] == sync and end > len(data)
             after = len(data) if following < 0 else following
@@ -98,9 +101,12 @@ class LsfLog:
         size = int.from_bytes(self._data[at + 4 : at + 6], "little" if self._order == "<" else "big")
         return at + HEAD_BYTES + size + CHECKSUM_BYTES if at + HEAD_BYTES <= len(self._data) else len(self._data) + 1
 
-    def _whole_at(self, at: int) -> bool:
+    def _whole_at(self, at: int, budget: UnpackingBudget) -> bool:
         end = self._end(at)
-        return end <= len(self._data) and _is_whole(self._data[at:end], self._order)
+        if end > len(self._data):
+            return False
+        budget.take_search(end - at)
+        return _is_whole(self._data[at:end], self._order)
 
     @cached_property
     def _good(self) -> tuple[NDArray[np.int64], NDArray[np.void], int]:

@@ -3,7 +3,9 @@
 Source: MAT-File Format, The MathWorks. Files of version 7.3 are HDF5.
 """
 
-import zlib
+import pickle
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from usbldr.io.formats.decompression import deflated
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.hdf5_tables import MAGIC, hdf5_tables
 from usbldr.io.formats.mat_objects import objects_of, refuse_objects, unread
@@ -20,9 +23,10 @@ from usbldr.io.reader import Column
 
 NAME = "MATLAB"
 HEAD_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # fixed by the format
+MATRIX = 14  # fixed: the type of an element that may hold others
+MATRICES = 4000  # [matrices] that SciPy reads even if each is in the one before; its stack ends at some 15,000
 USER_BLOCK_BYTES = 512  # fixed: before the HDF5 data of version 7.3
 ENDIAN = {b"\x00\x01IM": "little", b"\x01\x00MI": "big"}  # version 1 and the order of bytes, at byte 124
-STEP_BYTES = 1 << 20  # [bytes] decompressed at once to count them
 
 
 def looks_like_mat(head: bytes) -> bool:
@@ -37,19 +41,18 @@ def mat_tables(file: Path) -> list[Table]:
     if head[USER_BLOCK_BYTES:].startswith(MAGIC):
         return hdf5_tables(file, NAME)
     scipy = library("scipy.io", "MATLAB files", "mat", file)
-    _check_size(file, ENDIAN[head[124:HEAD_BYTES]])
+    matrices = _checked(file, ENDIAN[head[124:HEAD_BYTES]])
     with reading(file, NAME):
-        variables = scipy.loadmat(file, simplify_cells=True)
+        variables = scipy.loadmat(file, simplify_cells=True) if matrices < MATRICES else _loaded_apart(file)
     tables = list(_tables(file, file.stem, {k: v for k, v in variables.items() if not k.startswith("__")}))
     if not tables:
         refuse_objects(file, unread(objects_of(variables)))
     return tables
 
 
-def _check_size(file: Path, order: Any) -> None:
-    """Raise LogError if the variables of a file decompress to too much, or are cut."""
-    size = file.stat().st_size
-    budget = UnpackingBudget(file, size)
+def _checked(file: Path, order: Any) -> int:
+    """Return how many matrices a file may hold, those in others included; raise LogError if it is too large, or cut."""
+    budget, found = UnpackingBudget(file, file.stat().st_size), 0
     with opened(file) as content, reading(file, NAME):
         content.seek(HEAD_BYTES)
         while tag := content.read(TAG_BYTES):
@@ -57,12 +60,19 @@ def _check_size(file: Path, order: Any) -> None:
             data = content.read(length)
             if len(tag) < TAG_BYTES or len(data) < length:
                 raise EOFError("it ends within a variable")
-            unpacker = zlib.decompressobj()
-            while kind == COMPRESSED and data and not unpacker.eof:
-                budget.take_bytes(len(unpacker.decompress(data, STEP_BYTES)))
-                data = unpacker.unconsumed_tail
-            if kind == COMPRESSED and not unpacker.eof:
-                raise EOFError("it ends within a variable")
+            pieces = deflated(data, budget) if kind == COMPRESSED else [data]
+            found += sum(piece.count(MATRIX.to_bytes(4, order)) for piece in pieces)
+    return found
+
+
+def _loaded_apart(file: Path) -> Mapping[str, Any]:
+    """Return the variables of a file, read in a process of its own: it ends if they are nested too deeply for SciPy."""
+    command = "import pickle, sys, scipy.io; f = scipy.io.loadmat(sys.argv[1], simplify_cells=True)"
+    command += "; pickle.dump(f, sys.stdout.buffer)"
+    done = subprocess.run([sys.executable, "-c", command, str(file)], capture_output=True, check=False)
+    if done.returncode:
+        raise ValueError("its cells are nested too deeply, or damaged")
+    return pickle.loads(done.stdout)
 
 
 def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Table]:

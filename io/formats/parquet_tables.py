@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.table_log import Table, library, reading
+from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 
 MAGIC = b"PAR1"
@@ -25,22 +26,25 @@ def parquet_files(folder: Path) -> Iterator[Path]:
 def parquet_table(file: Path) -> Table:
     """Return the table of a file; raise LogError if it cannot be read, UsageError without pyarrow."""
     arrow = library("pyarrow", "Parquet files", "parquet", file)
+    budget = UnpackingBudget(file, file.stat().st_size)
     parquet = library("pyarrow.parquet", "Parquet files", "parquet", file)
     with reading(file, NAME):
         content = parquet.ParquetFile(file, page_checksum_verification=True)
         leaves = [content.schema.column(k) for k in range(len(content.schema))]
-        paths = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]
+        places = {leaf.path: k for k, leaf in enumerate(leaves) if leaf.max_repetition_level == 0}
         dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("TIMESTAMP", "DATE"))
         dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
         rows = int(content.metadata.num_rows)
 
     def column(path: str) -> Column:
+        groups = (content.metadata.row_group(k) for k in range(content.metadata.num_row_groups))
+        budget.take_bytes(sum(group.column(places[path]).total_uncompressed_size for group in groups))
         read = content.read([path])
         while arrow.types.is_struct(read.schema.field(0).type):
             read = read.flatten()
         return _values(arrow, read.column(0).combine_chunks())
 
-    columns = {path: lambda path=path: column(path) for path in paths}
+    columns = {path: lambda path=path: column(path) for path in places}
     return Table(file, file.stem.replace("__", "/"), rows, columns, dated)
 
 

@@ -20,7 +20,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.formats.text_table import listed
 from usbldr.io.formats.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
-from usbldr.io.limits import UnpackingBudget
+from usbldr.io.limits import BeyondLimitError, UnpackingBudget
 from usbldr.io.messages.configured import ConfiguredColumns
 from usbldr.io.messages.field_names import named_column, sensors_by_name
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
@@ -148,6 +148,8 @@ class TableLog:
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         try:
             times, good = self._times(table, sheet.received)
+        except BeyondLimitError:
+            raise
         except LogError as fault:
             return TopicInfo(topic, sheet.type, "table", 0, None, None, fields, fault.text)
         times = times[good]

@@ -4,8 +4,9 @@ Each packet has a checksum, into which the definition of its message enters; pym
 """
 
 import binascii
+import re
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -20,11 +21,13 @@ from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import mapped
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
+from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo
 
 STAMP_BYTES = 8  # fixed by the format: of the time before each packet, big-endian
 V1, V2 = 0xFE, 0xFD  # fixed by MAVLink: the first bytes of its two versions
 HEADS = {V1: 6, V2: 10}  # [bytes] fixed: of a packet's head; the length of its payload is the second one
+ANY_HEAD = re.compile(b"[\xfd\xfe]")
 SIGNED, SIGNATURE_BYTES = 1, 13  # fixed: a flag of version 2, and what follows a packet that has it
 CHECKSUM_BYTES = 2  # fixed by MAVLink
 MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
@@ -82,9 +85,11 @@ class TelemetryLog:
         """Return the packets by kind; record what was lost."""
         data, found, lost, at = self._data, dict[Key, Packets](), 0, 0
         counter, first_lost, cut = DecoderSet(self.path), -1, False
+        budget = UnpackingBudget(self.path, len(data))
         while at < len(data):
             packet, after = self._packet(at)
             if packet is not None:
+                budget.take_record()
                 if packet.key not in found:
                     counter.add_topic()
                     found[packet.key] = Packets()
@@ -94,7 +99,7 @@ class TelemetryLog:
                 packets.ends.append(packet.payload.stop)
                 at = after
                 continue
-            following = self._next(at + 1)
+            following = self._next(at + 1, budget)
             if following == len(data) and after > len(data):
                 cut = True
             else:
@@ -132,11 +137,12 @@ class TelemetryLog:
             return None, after
         return Packet((system, component, number), time_us, slice(start, end)), after
 
-    def _next(self, at: int) -> int:
+    def _next(self, at: int, budget: UnpackingBudget) -> int:
         """Return the first byte from which a packet follows, else the end of the file."""
-        for start in _heads(self._data, at + STAMP_BYTES):
-            if self._packet(start - STAMP_BYTES)[0] is not None:
-                return start - STAMP_BYTES
+        for head in ANY_HEAD.finditer(self._data, at + STAMP_BYTES):
+            budget.take_search(STAMP_BYTES + HEADS[V1])
+            if self._packet(head.start() - STAMP_BYTES)[0] is not None:
+                return head.start() - STAMP_BYTES
         return len(self._data)
 
     def _name(self, key: Key) -> str:
@@ -181,16 +187,6 @@ class TelemetryLog:
         unknown = sum(len(packets.starts) for key, packets in self._packets.items() if key[2] not in self._types)
         text = f"{unknown} messages are not in the dialect ardupilotmega, or damaged; not read"
         return (*self._findings, *([Finding("UNDECODED", text)] if unknown else []))
-
-
-def _heads(data: mmap, at: int) -> Iterator[int]:
-    """Yield the places of bytes that could begin a packet."""
-    while at < len(data):
-        places = [place for place in (data.find(bytes([head]), at) for head in HEADS) if place >= 0]
-        if not places:
-            return
-        yield min(places)
-        at = min(places) + 1
 
 
 def definition_byte(data: bytes, checksum: bytes) -> int | None:
