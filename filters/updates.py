@@ -188,9 +188,12 @@ def _known(vector: Vector) -> tuple[float, ...]:
 class UpdateTableBuilder:
     """Collects updates into a table."""
 
-    def __init__(self) -> None:
+    def __init__(self, expected: int = 0) -> None:
+        """Take the number of parts that are expected; memory is used only as they come."""
+        self._expected = expected
         self._waiting: list[Update] = []
-        self._columns: dict[str, list[NDArray[Any]]] = {name: [] for name in ("counts", "shifts", *COLUMNS)}
+        self._columns: dict[str, NDArray[Any]] = {}  # longer than what is in use
+        self._lengths = dict.fromkeys(("counts", "shifts", *COLUMNS), 0)
         self._names: dict[str, int] = {}
         self._shifted = 0  # parts with a shift
 
@@ -206,10 +209,11 @@ class UpdateTableBuilder:
     def table(self) -> UpdateTable:
         """Return all updates, and keep none."""
         self._convert()
-        counts: Indices = np.concatenate(self._columns.pop("counts"))
-        shifts = np.concatenate(self._columns.pop("shifts") or [NONE])
-        parts = Parts(*(np.concatenate(self._columns.pop(name)) for name in COLUMNS))  # not all columns twice at once
-        return UpdateTable(parts, np.cumsum(counts) - counts, tuple(self._names), shifts)
+        columns = {name: column[: self._lengths[name]] for name, column in self._columns.items()}
+        self._columns = {}
+        counts: Indices = columns["counts"]
+        parts = Parts(*(columns[name] for name in COLUMNS))
+        return UpdateTable(parts, np.cumsum(counts) - counts, tuple(self._names), columns.get("shifts", NONE))
 
     def _add_table(self, table: UpdateTable) -> None:
         self._convert()
@@ -223,7 +227,7 @@ class UpdateTableBuilder:
         self._append(columns, len(table.shifts))
 
     def _convert(self) -> None:
-        if not self._waiting and self._columns["counts"]:
+        if not self._waiting and self._columns:
             return
         updates, self._waiting = self._waiting, []
         parts = [part for update in updates for part in update.in_sequence or (update,)]
@@ -252,7 +256,13 @@ class UpdateTableBuilder:
     def _append(self, columns: Mapping[str, NDArray[Any]], shifts: int) -> None:
         self._shifted += shifts
         for name, column in columns.items():
-            self._columns[name].append(column)
+            rows, first = self._columns.get(name, column[:0]), self._lengths[name]
+            end = self._lengths[name] = first + len(column)
+            if end > len(rows) or name not in self._columns:
+                longer = np.empty((max(self._expected, 2 * end), *column.shape[1:]), column.dtype)
+                longer[:first] = rows[:first]
+                self._columns[name] = rows = longer
+            rows[first:end] = column
 
     def _code(self, name: str) -> int:
         return self._names.setdefault(name, len(self._names))

@@ -83,9 +83,9 @@ def _run(
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     widening = np.zeros((count, len(layout)))
-    updates = UpdateTableBuilder()
     reacquisitions: tuple[Reacquisition, ...] = ()
     source, start = StepSource(timeline, parameters, layout), prior(timeline, parameters, layout)
+    updates = UpdateTableBuilder(expected=sum(one.z.size for one in source.readings))
     for first, found, settled in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
         k = slice(first, first + len(found.mean))
         mean[k], cov[k], ess[k], acceptance[k] = found.mean, found.cov, found.ess, found.acceptance

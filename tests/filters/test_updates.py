@@ -1,6 +1,8 @@
 """Updates as columns, against the updates themselves."""
 
 import math
+import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,3 +82,16 @@ def test_a_sensor_without_updates_has_empty_columns(updates: tuple[Update, ...])
     assert len(fixes) == 0
     for column in (fixes.outcome, fixes.nis, fixes.row, fixes.shift(4), fixes.vectors("scores")):
         assert len(column) == 0
+
+
+def test_a_table_keeps_nothing_of_the_arrays_that_its_columns_were_part_of() -> None:
+    one = UpdateTable.of(UPDATES)
+    records = np.zeros((len(one.parts.row), 100))
+    record = weakref.ref(records)
+    builder = UpdateTableBuilder()
+
+    builder.add(UpdateTable(replace(one.parts, nis=records[:, 3]), one.first, one.names, one.shifts))
+    del records
+
+    assert record() is None
+    assert builder.table().nis.tolist() == [0.0] * len(UPDATES)
