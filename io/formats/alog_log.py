@@ -7,6 +7,7 @@ a variable holds the fields VARIABLE.X and VARIABLE.Y.
 
 import re
 from array import array
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -36,7 +37,7 @@ class Postings:
     variables: "array[int]" = field(default_factory=lambda: array("i"))  # places in names
     values: "array[float]" = field(default_factory=lambda: array("d"))
     names: dict[str, int] = field(default_factory=dict[str, int])
-    texts: set[str] = field(default_factory=set[str])  # variables that held a text, too
+    texts: Counter[str] = field(default_factory=Counter[str])  # variable -> how often it held a text
 
 
 def looks_like_alog(head: bytes) -> bool:
@@ -52,6 +53,7 @@ class AlogLog:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._findings: list[Finding] = []
+        self._texts: dict[str, str] = {}  # what was left out of a variable that was read -> topic
 
     @cached_property
     def _postings(self) -> Mapping[str, Postings]:
@@ -94,12 +96,20 @@ class AlogLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Put the wanted variables together."""
+        for topic, paths in wanted.items():
+            found = self._postings[topic].texts
+            self._texts |= {
+                f"{topic}: {found[path]} values of {path} are no numbers": topic for path in paths if found[path]
+            }
         return {topic: _records(self._postings[topic], paths) for topic, paths in wanted.items()}
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was left out."""
         _ = self._postings
-        return tuple(self._findings)
+        texts = (
+            Finding("UNDECODED", f"{text}; left out", topic, lost_data=True) for text, topic in self._texts.items()
+        )
+        return (*self._findings, *texts)
 
 
 def _nanoseconds(text: str) -> int | None:
@@ -119,7 +129,7 @@ def _add(postings: Postings, time_ns: int, variable: str, value: str) -> int:
     value = value[2:] if MARK.match(value) else value
     whole = _number(value)
     if whole is None:
-        postings.texts.add(variable)
+        postings.texts[variable] += 1
     for name, number in _parts(variable, value) if whole is None else [(variable, whole)]:
         postings.times_ns.append(time_ns)
         postings.variables.append(postings.names.setdefault(name, len(postings.names)))
@@ -146,7 +156,8 @@ def _parts(variable: str, text: str) -> Iterator[tuple[str, float]]:
 
 def _info(topic: str, postings: Postings) -> TopicInfo:
     kind = f"moos{topic}"
-    fields = tuple(name for name in postings.names if name not in postings.texts)
+    counts = np.bincount(np.array(postings.variables, dtype=np.int64), minlength=len(postings.names)).tolist()
+    fields = tuple(name for name, place in postings.names.items() if counts[place] > postings.texts[name])
     if not fields:
         return TopicInfo(topic, kind, "moos", 0, None, None, problem="its variables hold no numbers")
     kept = np.isin(np.array(postings.variables), [postings.names[name] for name in fields])

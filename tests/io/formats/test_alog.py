@@ -160,6 +160,27 @@ def test_lines_that_are_no_postings_are_counted(tmp_path: Path) -> None:
     assert finding.text == "a.alog: 2 lines have no time, variable and source, the first is line 6; left out"
 
 
+def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
+    whole, value = write_alog(tmp_path / "a.alog").read_text(), "iDVL:driver     1.500000"
+    text = whole.replace(value, value.replace(".", "x"), 1)
+    assert text != whole
+    (tmp_path / "a.alog").write_text(text)
+    log = open_log(tmp_path / "a.alog")
+
+    values = log.read({"/iDVL": ["DVL_VEL_X"]})["/iDVL"].columns["DVL_VEL_X"]
+    assert values.tolist() == [1 + k / 64 for k in range(COUNT) if k != 32]
+    (finding,) = log.findings()
+    assert finding.lost_data
+    assert finding.text == "/iDVL: 1 values of DVL_VEL_X are no numbers; left out"
+
+
+def test_a_variable_of_texts_that_seldom_is_a_number_is_no_number(tmp_path: Path) -> None:
+    rows = [line(k, "MODE", "app", "1" if k == 3 else "survey") + line(k, "X", "app", k) for k in range(9)]
+    (tmp_path / "a.alog").write_text(HEAD + "".join(rows))
+
+    assert open_log(tmp_path / "a.alog").topics()[0].fields == ("X",)
+
+
 def test_variables_without_end_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.alog").write_text(HEAD + "".join(line(k, f"V{k}", "app", k) for k in range(2001)))
     monkeypatch.setenv(VARIABLE, "0.01")
