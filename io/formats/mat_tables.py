@@ -17,7 +17,8 @@ from usbldr.io.formats.decompression import deflated
 from usbldr.io.formats.files import opened
 from usbldr.io.formats.hdf5_tables import MAGIC, hdf5_tables
 from usbldr.io.formats.mat_objects import objects_of, refuse_objects, unread
-from usbldr.io.formats.table_log import Array, Table, library, reading, tables_of
+from usbldr.io.formats.table_library import library, reading
+from usbldr.io.formats.table_log import Array, Table, tables_of
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 

@@ -4,20 +4,20 @@ Each kind of file lists its tables; what their columns mean, topic_sheets says. 
 no value.
 """
 
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
+from usbldr.io.formats.table_library import PartlyReadError, reading
 from usbldr.io.formats.text_table import listed
 from usbldr.io.formats.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 from usbldr.io.limits import BeyondLimitError, UnpackingBudget
@@ -41,27 +41,6 @@ class Table:
     columns: Mapping[str, Callable[[], Column]]  # name as written -> a function that reads it, (rows,)
     dated: frozenset[str] = frozenset()  # columns of dates and times, datetime64[ns]
     unread: Sequence[str] = ()  # what else is there
-
-
-def library(name: str, what: str, extra: str, file: Path) -> Any:
-    """Return a library that is optional; raise UsageError that names the extra."""
-    try:
-        return import_module(name)
-    except ImportError as err:
-        needed = name.partition(".")[0]
-        raise UsageError(f"{what} need {needed}: pip install 'usbldr[{extra}]'", path=file) from err
-
-
-@contextmanager
-def reading(file: Path, what: str) -> Generator[None]:
-    """Turn whatever a library raises on a damaged file into LogError."""
-    try:
-        yield
-    except UsbldrError:
-        raise
-    except Exception as err:  # each library has errors of its own for damaged bytes, few documented
-        why = next(iter(str(err).splitlines()), "") or type(err).__name__
-        raise LogError(f"cannot be read as {what}: damaged, cut or of an unknown kind ({why})", path=file) from err
 
 
 def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[str] = frozenset()) -> list[Table]:
@@ -103,6 +82,7 @@ class TableLog:
         self._configured = tuple(configured)
         self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
         self._columns: dict[tuple[str, str], Column] = {}
+        self._damage: dict[tuple[str, str], str] = {}  # table and column -> what of it cannot be read
         self._all = [table for table in tables if table.rows > 1] or tables  # else they are parameters
         sizes = {table.file: table.file.stat().st_size for table in tables}
         self._budget = UnpackingBudget(path, sum(sizes.values()))
@@ -221,7 +201,12 @@ class TableLog:
         if (key := (table.topic, name)) not in self._columns:
             self._budget.take_bytes(table.rows * 8)
             with reading(table.file, self.format):
-                values = self._reader_of(table, name)()
+                try:
+                    values = self._reader_of(table, name)()
+                except PartlyReadError as part:
+                    if np.ma.getmaskarray(part.values).all():
+                        raise
+                    values, self._damage[key] = np.ma.ravel(part.values), part.lost
             if len(values) != table.rows:
                 count = f"{len(values)} of {table.rows} values"
                 raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
@@ -240,7 +225,10 @@ class TableLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and what the names of columns were taken for."""
-        found: list[Finding] = []
+        found = [
+            Finding("DAMAGED", f"/{topic}: {lost} of the column {name} cannot be read; left out", lost_data=True)
+            for (topic, name), lost in self._damage.items()
+        ]
         for topic, one in self._topics.items():
             if one.by_name and one.sheet and one.sheet.stamp:
                 named = {**one.sheet.columns, "time": one.sheet.stamp.column}
