@@ -68,10 +68,10 @@ DAMAGES: Mapping[str, Callable[[bytes, random.Random], bytes]] = {"cuts": cut, "
 
 def counted(form: str, kind: str, cases: int, folder: Path) -> Counter[str]:
     """Return how often a damaged file was a traceback, silently short or silently wrong, and the share read of it."""
-    tells = FORMATS[form]
-    file = tells.write(folder)
-    whole, path = file.read_bytes(), file.parent if tells.folder else file
-    ends = tells.ends(whole) if kind == "cuts" else set[int]()
+    one = FORMATS[form]
+    file = one.write(folder)
+    whole, path = file.read_bytes(), file.parent if one.folder else file
+    ends = one.ends(whole) if kind == "cuts" else set[int]()
     all_rows, rng, found = read(path, form).rows, random.Random(form), Counter[str]()
     total = sum(map(len, all_rows.values()))
     for _ in range(cases):
@@ -96,10 +96,10 @@ def counted(form: str, kind: str, cases: int, folder: Path) -> Counter[str]:
 
 def broken_promises(form: str, kind: str, found: Counter[str]) -> list[str]:
     """Return which numbers should be zero and are not."""
-    told, zero = FORMATS[form].told, ["tracebacks"]
-    if kind == "cuts" or told:
+    shows, zero = FORMATS[form].shows, ["tracebacks"]
+    if kind == "cuts" or shows:
         zero.append("silently short")
-    if kind == "cuts" or told == "all":
+    if kind == "cuts" or shows == "all":
         zero.append("silently wrong")
     return [f"{form}, {kind}: {found[name]} {name}" for name in zero if found[name]]
 
@@ -112,7 +112,7 @@ def job(form: str, kind: str, cases: int) -> Counter[str]:
 def row(form: str, cuts: Counter[str], flips: Counter[str]) -> str:
     """Return a line of the table."""
     names = "tracebacks", "silently short", "silently wrong"
-    cells: list[object] = [form, FORMATS[form].told]
+    cells: list[object] = [form, FORMATS[form].shows]
     for found in (cuts, flips):
         left = f", {found['of 100 bytes left']}" if found is cuts else ""
         cells += [", ".join(str(found[name]) for name in names), f"{found['of 100 messages read']}{left}"]
@@ -129,7 +129,7 @@ def main() -> None:
 
     heads = [
         "file",
-        "told",
+        "shown",
         "cuts: tracebacks, lost, wrong",
         "read, bytes left",
         "flips: tracebacks, lost, wrong",

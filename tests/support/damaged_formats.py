@@ -1,4 +1,4 @@
-"""A file of every format to be damaged, and what the checksums and counts of the format itself can tell."""
+"""A file of every format to be damaged, and what the checksums and counts of the format itself show."""
 
 import gzip
 import random
@@ -69,11 +69,11 @@ BLUEOS: Wanted = {
 
 
 class Format(NamedTuple):
-    """A format: how to write a file, what to read of it, and what its own checksums and counts tell."""
+    """A format: how to write a file, what to read of it, and what its own checksums and counts show."""
 
     write: Callable[[Path], Path]
     wanted: Wanted = ROS
-    told: Literal["", "loss", "all"] = ""  # by its own checksums or counts: a loss; all: altered values, too
+    shows: Literal["", "loss", "all"] = ""  # by its own checksums or counts: a loss; all: altered values, too
     times_told: bool = True  # the checksums hold the times, too
     ends: Callable[[bytes], set[int]] = lambda whole: set()  # lengths at which a cut file is whole to all appearances
     folder: bool = False  # the log is the file's folder
@@ -200,42 +200,42 @@ def pd0_ends(whole: bytes) -> set[int]:
 
 
 FORMATS: Mapping[str, Format] = {
-    "MCAP zstd": Format(partial(mcap, compression=CompressionType.ZSTD), told="all"),
-    "MCAP lz4": Format(partial(mcap, compression=CompressionType.LZ4), told="all"),
-    "MCAP in chunks, uncompressed": Format(partial(mcap, compression=CompressionType.NONE), told="all"),
-    "MCAP without chunks, with a checksum": Format(mcap_with_checksum, told="all"),
-    "MCAP without chunks": Format(partial(mcap, compression=CompressionType.NONE, chunked=False), told="loss"),
-    "MCAP of BlueOS (JSON)": Format(blueos, BLUEOS, told="all"),
-    "bag uncompressed": Format(partial(bag, compression="none"), told="loss"),
-    "bag bz2": Format(partial(bag, compression="bz2"), told="all"),
-    "bag lz4": Format(partial(bag, compression="lz4"), told="loss"),
+    "MCAP zstd": Format(partial(mcap, compression=CompressionType.ZSTD), shows="all"),
+    "MCAP lz4": Format(partial(mcap, compression=CompressionType.LZ4), shows="all"),
+    "MCAP in chunks, uncompressed": Format(partial(mcap, compression=CompressionType.NONE), shows="all"),
+    "MCAP without chunks, with a checksum": Format(mcap_with_checksum, shows="all"),
+    "MCAP without chunks": Format(partial(mcap, compression=CompressionType.NONE, chunked=False), shows="loss"),
+    "MCAP of BlueOS (JSON)": Format(blueos, BLUEOS, shows="all"),
+    "bag uncompressed": Format(partial(bag, compression="none"), shows="loss"),
+    "bag bz2": Format(partial(bag, compression="bz2"), shows="all"),
+    "bag lz4": Format(partial(bag, compression="lz4"), shows="loss"),
     "rosbag2 (SQLite)": Format(rosbag2, folder=True),
     "CSV": Format(csv, CSV, ends=line_ends),
     ".tlog": Format(
         lambda d: autopilots.write_tlog(d / "a.tlog"),
         TLOG,
-        told="all",
+        shows="all",
         times_told=False,
         ends=lambda _: after(autopilots.packets()),
     ),
     ".BIN": Format(lambda d: autopilots.write_bin(d / "a.BIN"), BIN, ends=lambda _: after(autopilots.onboard())),
-    "PD0": Format(lambda d: dvls.write_pd0(d / "a.pd0"), PD0, told="all", ends=pd0_ends),
-    "PD4": Format(lambda d: write_pd45(d / "a.pd4", 4), {"/bottom_track": ["y", "z"]}, told="all", ends=pd0_ends),
-    "PD5": Format(lambda d: write_pd45(d / "a.pd5", 5), PD5, told="all", ends=pd0_ends),
+    "PD0": Format(lambda d: dvls.write_pd0(d / "a.pd0"), PD0, shows="all", ends=pd0_ends),
+    "PD4": Format(lambda d: write_pd45(d / "a.pd4", 4), {"/bottom_track": ["y", "z"]}, shows="all", ends=pd0_ends),
+    "PD5": Format(lambda d: write_pd45(d / "a.pd5", 5), PD5, shows="all", ends=pd0_ends),
     "PD6": Format(lambda d: dvls.write_pd6(d / "a.pd6"), PD6, ends=line_ends),
     "JSON lines": Format(lambda d: dvls.write_json(d / "a.jsonl"), REPORTS, ends=object_ends),
     ".alog": Format(lambda d: moos.write_alog(d / "a.alog"), MOOS, ends=line_ends),
-    ".lsf": Format(lsf, IMC, told="all", ends=messages_of_imc),
+    ".lsf": Format(lsf, IMC, shows="all", ends=messages_of_imc),
     "Parquet": Format(partial(parquet_file, checksums=False), {"/gps": TABLES["/gps"]}),
     "Parquet with checksums of pages": Format(partial(parquet_file, checksums=True), {"/gps": TABLES["/gps"]}),
     "HDF5": Format(partial(hdf5, chunks=None), TABLES),
     "HDF5 records": Format(partial(of_tables, form="HDF5 records"), TABLES),
     "HDF5 gzip": Format(partial(hdf5, chunks=ROWS // 10, compression="gzip"), TABLES),
-    "HDF5 with checksums": Format(partial(hdf5, chunks=ROWS // 10, fletcher32=True), TABLES, told="all"),
-    ".mat 5 to 7, compressed": Format(partial(of_tables, form="MATLAB"), TABLES, told="all"),
+    "HDF5 with checksums": Format(partial(hdf5, chunks=ROWS // 10, fletcher32=True), TABLES, shows="all"),
+    ".mat 5 to 7, compressed": Format(partial(of_tables, form="MATLAB"), TABLES, shows="all"),
     ".mat 7.3": Format(partial(of_tables, form="MATLAB 7.3"), TABLES),
-    "MCAP.zst": Format(partial(packed, zstd, partial(mcap, compression=CompressionType.NONE)), told="all"),
-    "CSV.gz": Format(partial(packed, gzip.compress, csv), CSV, told="all"),
-    "PD0.gz": Format(partial(packed, gzip.compress, lambda d: dvls.write_pd0(d / "a.pd0")), PD0, told="all"),
+    "MCAP.zst": Format(partial(packed, zstd, partial(mcap, compression=CompressionType.NONE)), shows="all"),
+    "CSV.gz": Format(partial(packed, gzip.compress, csv), CSV, shows="all"),
+    "PD0.gz": Format(partial(packed, gzip.compress, lambda d: dvls.write_pd0(d / "a.pd0")), PD0, shows="all"),
     ".db3.zstd (no checksum)": Format(partial(packed, zstandard.compress, rosbag2)),
 }

@@ -237,16 +237,16 @@ def test_a_silent_dvl_leaves_the_position_open_while_it_is_silent() -> None:
     """A velocity that walks q in a second leaves q^2 T^3 / 3 after T: far fixes are as likely as near ones then."""
     line = weaving_dive(Faults())
     silent = (line.time_s > 100.0) & (line.time_s < 160.0)
-    deaf = replace(line, dvl_count=np.where(silent, 0, line.dvl_count))
-    shifted = replace(deaf, fix_m=deaf.fix_m + np.where(line.fix_time_s > 159.0, 3.0, 0.0)[:, None])
+    blind = replace(line, dvl_count=np.where(silent, 0, line.dvl_count))
+    shifted = replace(blind, fix_m=blind.fix_m + np.where(line.fix_time_s > 159.0, 3.0, 0.0)[:, None])
     sparse = shifted.with_fixes((line.fix_time_s < 100.0) | (line.fix_time_s > 159.0))
 
-    heard, unheard = (
+    with_dvl, without = (
         fix_likelihoods(one, [Member(PLAIN, frozenset())]).log_likelihood[0]
         for one in (replace(sparse, dvl_count=line.dvl_count), sparse)
     )
 
-    assert unheard > heard + 10
+    assert without > with_dvl + 10
 
 
 def test_what_all_fixes_share_and_the_walk_of_dead_reckoning_never_shrink_in_a_run() -> None:

@@ -105,7 +105,7 @@ def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
 
     dive, whole = simulate(silent, 0), simulate(PAPER, 0)
 
-    kept = np.r_[0:50, 100:4950]  # 5 Hz: the record at 20 s is heard again
+    kept = np.r_[0:50, 100:4950]  # 5 Hz: the record at 20 s is there again
     np.testing.assert_array_equal(dive.dvl.time_s, whole.dvl.time_s[kept])
     np.testing.assert_array_equal(dive.dvl.value, whole.dvl.value[kept])
     np.testing.assert_array_equal(dive.usbl.value, whole.usbl.value[5:])
@@ -245,7 +245,7 @@ def test_a_usbl_that_is_misaligned_turns_its_fixes_counter_clockwise_about_its_h
 
 
 def test_the_compass_error_of_the_boat_turns_the_fixes_of_an_inverted_usbl_about_the_beacon() -> None:
-    """Boat = beacon - R(seen yaw) what was heard in the boat's frame, worked out here by hand."""
+    """Boat = beacon - R(seen yaw) what was measured in the boat's frame, worked out here by hand."""
     exact = _with(_without_noise(TURNING), "usbl", head=AcousticHead(40.0, 30.0, 1.0), lever_m=(0.2, -2.5, 0.0))
     boat = _with(_with(exact, "usbl", inverted=True), "compass", bias_rad=0.05, deviation_rad=(0.02, 0.01))
 
@@ -254,8 +254,8 @@ def test_the_compass_error_of_the_boat_turns_the_fixes_of_an_inverted_usbl_about
     true, seen = dive.truth.yaw_rad[::5], dive.compass.value[::5, 0]
     for k in range(0, 351, 25):
         at_head = dive.truth.position_m[5 * k] + rotation(true[k]) @ [0.2, -2.5]
-        heard = rotation(true[k]).T @ (np.array([40.0, 30.0]) - at_head)
-        np.testing.assert_allclose(dive.usbl.value[k], [40.0, 30.0] - rotation(seen[k]) @ heard, atol=1e-9)
+        measured = rotation(true[k]).T @ (np.array([40.0, 30.0]) - at_head)
+        np.testing.assert_allclose(dive.usbl.value[k], [40.0, 30.0] - rotation(seen[k]) @ measured, atol=1e-9)
     upright = simulate(_with(exact, "compass", bias_rad=0.05), 0)
     np.testing.assert_allclose(upright.usbl.value, simulate(exact, 0).usbl.value)
 

@@ -15,7 +15,7 @@ LAKE = "[map]\norigin_lat_deg = 44.986266\norigin_lon_deg = -93.5761859\n"
 METRES_A_DEGREE = 111132.95 - 559.85 * math.cos(2 * math.radians(44.986))  # of latitude there, by the usual series
 
 
-def heard(tmp_path: Path, *bodies: str, toml: str = HEAD) -> Log:
+def logged(tmp_path: Path, *bodies: str, toml: str = HEAD) -> Log:
     lines = [f"{1600000000 + k} {sentence(body)}" for k, body in enumerate(bodies)]
     return logged_nmea(tmp_path, *lines, toml=toml)
 
@@ -28,7 +28,7 @@ SHALLOW_M = 142.8 * math.cos(math.radians(2.8))
 
 @pytest.mark.parametrize("added", ["", ",T,T,1,3313,B,-2,-2", ",T,T,1,3313,B,-2,-2,and,more"])
 def test_a_rov_locator_tells_slant_range_true_bearing_and_elevation(tmp_path: Path, added: str) -> None:
-    place = places(heard(tmp_path, LOCATOR + added))[0]
+    place = places(logged(tmp_path, LOCATOR + added))[0]
 
     bearing = math.radians(37.2)
     assert place == pytest.approx([100 + SHALLOW_M * math.sin(bearing), 200 + SHALLOW_M * math.cos(bearing)])
@@ -36,11 +36,11 @@ def test_a_rov_locator_tells_slant_range_true_bearing_and_elevation(tmp_path: Pa
 
 def test_a_rov_locator_without_a_head_is_no_use(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="/USRTH holds ranges and bearings; state head"):
-        heard(tmp_path, LOCATOR, toml="")
+        logged(tmp_path, LOCATOR, toml="")
 
 
 def test_a_rov_locator_that_heard_nothing_tells_no_fix(tmp_path: Path) -> None:
-    log = heard(tmp_path, LOCATOR, "USRTH,,,,,,,,-0.6,1.9,178.1,271.9,16")
+    log = logged(tmp_path, LOCATOR, "USRTH,,,,,,,,-0.6,1.9,178.1,271.9,16")
 
     assert len(places(log)) == 1
     assert "1 not a number" in next(f.text for f in log.findings if f.code == "USBL-INVALID")
@@ -51,7 +51,7 @@ def test_a_locator_with_a_gps_compass_tells_where_and_when_the_vehicle_was(tmp_p
     head, turned = "1.0,MkIII,A,T,44.98626600,-93.57618590,90.0", "0.993873,0.009705,-0.001716,0.110093"
     body = f"USTLC,{head},{turned},11.1,0.0,0.0,44.98636600,-93.57618590,34,39,210625 130042.60,"
 
-    log = heard(tmp_path, body, toml=LAKE)
+    log = logged(tmp_path, body, toml=LAKE)
 
     assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
     assert log.start_ns == np.datetime64("2025-06-21T13:00:42.600", "ns").astype(int)
@@ -61,7 +61,7 @@ def test_a_locator_that_cannot_place_the_vehicle_is_left_out(tmp_path: Path) -> 
     silent = "USTLC,1.0,MkIII,A,T,44.98626600,-93.57618590,,0.993873,0.009705,-0.001716,0.110093,,,,,,34,39,%s,"
 
     with pytest.raises(LogError, match=r"all 1 records of /USTLC .usbl. are invalid: 1 not a number"):
-        heard(tmp_path, silent % "210625 130042.60", toml=LAKE)
+        logged(tmp_path, silent % "210625 130042.60", toml=LAKE)
 
 
 HIPAP, SURER = "PSIMSSB,180554.432,M44,A,,", "log Cartesian coordinates (C) or latitudes and longitudes (R)"
@@ -81,7 +81,7 @@ NOT_READ = {
 @pytest.mark.parametrize("body", NOT_READ)
 def test_what_no_manual_settles_is_refused_with_the_reason(tmp_path: Path, body: str) -> None:
     with pytest.raises(UsageError) as fault:
-        heard(tmp_path, body)
+        logged(tmp_path, body)
 
     assert f"cannot be used as usbl: it {NOT_READ[body]}" in str(fault.value)
     assert str(fault.value).endswith("(--usbl none: replay without usbl)")
@@ -91,7 +91,7 @@ def test_what_no_manual_settles_is_refused_with_the_reason(tmp_path: Path, body:
 def test_radians_of_a_hipap_are_latitude_and_longitude(tmp_path: Path, orientation: str) -> None:
     lat, lon = math.radians(44.986366), math.radians(-93.5761859)
 
-    log = heard(tmp_path, f"PSIMSSB,122640.00,B01,A,,R,{orientation},M,{lat:.12f},{lon:.12f},3.0,1.5,N,,", toml=LAKE)
+    log = logged(tmp_path, f"PSIMSSB,122640.00,B01,A,,R,{orientation},M,{lat:.12f},{lon:.12f},3.0,1.5,N,,", toml=LAKE)
 
     assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
 
@@ -106,7 +106,7 @@ GEODETIC = {
 
 @pytest.mark.parametrize("body", GEODETIC)
 def test_latitudes_are_read_in_whatever_way_they_are_written(tmp_path: Path, body: str) -> None:
-    table = heard(tmp_path, body, toml=LAKE).tables[GEODETIC[body]]
+    table = logged(tmp_path, body, toml=LAKE).tables[GEODETIC[body]]
 
     assert table[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
 
@@ -122,7 +122,7 @@ def test_a_ship_among_the_targets_is_where_the_head_is(tmp_path: Path, body: str
     """A HiPAP's target 40 m to the north of it."""
     head = f'{LAKE}[usbl]\nhead = {{ topic = "{SHIPS[body]}" }}\n'
 
-    log = heard(tmp_path, body, "PSIMSSB,122640.00,B01,A,,C,N,M,40.0,0.0,10.0,0.5,N,,", toml=head)
+    log = logged(tmp_path, body, "PSIMSSB,122640.00,B01,A,,C,N,M,40.0,0.0,10.0,0.5,N,,", toml=head)
 
     assert places(log)[0] == pytest.approx([0, 40 + 1e-4 * METRES_A_DEGREE], abs=1e-3)
 
@@ -142,11 +142,11 @@ EAST_30_NORTH_40 = {
 def test_every_orientation_of_every_maker_is_turned_to_east_and_north(tmp_path: Path, body: str) -> None:
     toml = f"[usbl]\nhead = {{ east_m = 100.0, north_m = 200.0, heading_deg = {EAST_30_NORTH_40[body]} }}\n"
 
-    assert places(heard(tmp_path, body, toml=toml))[0] == pytest.approx([130, 240])
+    assert places(logged(tmp_path, body, toml=toml))[0] == pytest.approx([130, 240])
 
 
 def test_a_magnetic_heading_by_hdm_stays_magnetic_and_that_is_said(tmp_path: Path) -> None:
-    log = heard(tmp_path, "HCHDM,35.25,M", toml="")
+    log = logged(tmp_path, "HCHDM,35.25,M", toml="")
 
     assert log.tables["compass"]["heading_deg"].tolist() == [35.25]
     assert "HEADING-MAGNETIC" in {finding.code for finding in log.findings}

@@ -175,12 +175,12 @@ def test_a_file_that_was_there_is_as_it_was_where_writing_fails_half_way(
 def test_a_link_stays_a_link_and_a_pipe_is_written_to(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "real")
     os.mkfifo(tmp_path / "pipe")
-    heard = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
 
     for name in ("link", "pipe"):
         refuse_file("--json", tmp_path / name, False, ())
         write_file("--json", tmp_path / name, "{}\n")
 
     assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "real").read_text(encoding="utf-8") == os.read(heard, 100).decode() == "{}\n"
-    os.close(heard)
+    assert (tmp_path / "real").read_text(encoding="utf-8") == os.read(reader, 100).decode() == "{}\n"
+    os.close(reader)
