@@ -159,7 +159,8 @@ class MultiHypothesisFilter:
         """Return the hypotheses after the fixes, reweighted, in their order, then those that resume.
 
         For a rejecting hypothesis the cluster continues with some probability, and then a fix has the likelihood that
-        the hypothesis which accepted that cluster gives it; otherwise the cluster has ended and a branch resumes.
+        the hypothesis which accepted that cluster gives it; otherwise the cluster has ended, and the fix is an outlier
+        of its own, or an inlier of the branch that resumes.
         """
         both = list(zip(belief.hypotheses, likelihoods, strict=True))
         log_accepted = {hypothesis.kind: one.if_accepted for hypothesis, one in both}
@@ -169,8 +170,10 @@ class MultiHypothesisFilter:
             if hypothesis.kind == "rejecting":
                 lasted_s, lasts_s = belief.last_fix_s - hypothesis.since_s, step.t1_s - hypothesis.since_s
                 cluster_continues = self._survival(lasts_s) / self._survival(lasted_s)
-                log_cluster = log_accepted.get(hypothesis.accepted_by, -math.inf)
-                log_rejecting = float(np.logaddexp(_log(cluster_continues) + log_cluster, one.outlier))
+                log_cluster = log_accepted.get(hypothesis.accepted_by, one.outlier)
+                log_rejecting = float(
+                    np.logaddexp(_log(cluster_continues) + log_cluster, _log(1 - cluster_continues) + one.outlier)
+                )
                 after.append(
                     self._stepped_rejecting(
                         hypothesis._replace(log_weight=hypothesis.log_weight + log_rejecting), step, make_rng

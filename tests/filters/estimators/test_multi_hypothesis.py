@@ -291,6 +291,24 @@ def test_estimates_repeat_when_a_step_is_run_again() -> None:
     assert len(belief.hypotheses) > 1
 
 
+def test_a_gross_outlier_says_nothing_about_the_fixes_before_it() -> None:
+    line, _ = dive(2, 2, 50.0)
+    line.fix_m[np.flatnonzero(line.fix_time_s == OUTAGE[1] + 2)] = 1e6
+    assumed, motion = Parameters(process=UNCERTAIN), VehicleMotion(StateLayout(), UNCERTAIN)
+    guard = MultiHypothesisFilter(KalmanFilter(motion, linearised, moment_matched), motion)
+    belief = guard.start(prior(line, assumed, StateLayout()))
+    log_odds: list[float] = []
+    for k, step in enumerate(steps(line, assumed, StateLayout())[: (OUTAGE[1] + 3) * RATE_HZ]):
+        belief = guard.step(belief, step, functools.partial(np.random.default_rng, (0, k)))
+        weight = {one.kind: math.exp(one.log_weight) for one in belief.hypotheses}
+        outliers = weight.get("rejecting", 0.0) + weight.get("resumed", 0.0)
+        log_odds.append(math.log(outliers / (1 - outliers)) if 0 < outliers < 1 else math.nan)
+
+    before, after = log_odds[(OUTAGE[1] + 1) * RATE_HZ], log_odds[-1]
+    assert math.isfinite(before)
+    assert after == pytest.approx(before, abs=0.1)  # but for the widths of their predictions
+
+
 def test_a_run_warns_of_each_reacquisition() -> None:
     line, truth = dive(1, 20, 50.0)
     assumed = Parameters(process=UNCERTAIN)
