@@ -54,7 +54,7 @@ def bracketing(known: Vector | Nanoseconds, wanted: Vector | Nanoseconds) -> Ind
 def unwrap(angle: Vector, turn: float) -> Vector:
     """Take jumps of whole turns out of angles (n,), in place, and return them.
 
-    As numpy.unwrap does, to the bit, but block by block: that needs seven times the memory of its result.
+    As numpy.unwrap does, to the bit, but block by block: numpy.unwrap needs seven times the memory of its result.
     """
     before, turns = angle[:1].copy(), 0.0
     for rows in blocks(len(angle)):
