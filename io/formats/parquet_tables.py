@@ -37,13 +37,15 @@ def parquet_table(file: Path) -> Table:
         dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
         rows = int(content.metadata.num_rows)
 
+    damage = (OSError, arrow.ArrowException)  # what reading damaged bytes raises
+
     def column(path: str) -> Column:
         groups = (content.metadata.row_group(k) for k in range(content.metadata.num_row_groups))
         budget.take_bytes(sum(group.column(places[path]).total_uncompressed_size for group in groups))
         try:
             return values(content.read([path]))
-        except (OSError, arrow.ArrowException) as err:
-            raise PartlyReadError(*_whole_groups(content, path, values), str(err)) from err
+        except damage as err:
+            raise PartlyReadError(*_whole_groups(content, path, values, damage), str(err)) from err
 
     def values(read: Any) -> Column:
         while arrow.types.is_struct(read.schema.field(0).type):
@@ -54,13 +56,15 @@ def parquet_table(file: Path) -> Table:
     return Table(file, file.stem.replace("__", "/"), rows, columns, dated)
 
 
-def _whole_groups(content: Any, path: str, values: Callable[[Any], Column]) -> tuple[Column, str]:
+def _whole_groups(
+    content: Any, path: str, values: Callable[[Any], Column], damage: tuple[type[Exception], ...]
+) -> tuple[Column, str]:
     """Return a column of a damaged file, masked in the groups of rows that cannot be read, and how many these are."""
     blocks: list[Column | int] = []
     for k in range(content.metadata.num_row_groups):
         try:
             blocks.append(values(content.read_row_group(k, [path])))
-        except Exception:  # as `reading`: the library's errors are many
+        except damage:
             blocks.append(int(content.metadata.row_group(k).num_rows))
     ma: Any = np.ma
     kind = next((block.dtype for block in blocks if not isinstance(block, int)), np.dtype(np.float64))

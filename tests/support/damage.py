@@ -31,7 +31,7 @@ class Read(NamedTuple):
 
 def read(path: Path, form: str) -> Read:
     """Read the wanted topics as far as they are there; a row that lacks a value is none."""
-    wanted, timed = FORMATS[form].wanted, FORMATS[form].times_told
+    wanted, timed = FORMATS[form].wanted, FORMATS[form].times_checked
     rows: dict[str, set[tuple[float, ...]]] = {topic: set() for topic in wanted}
     try:
         log = open_log(path)
@@ -80,7 +80,7 @@ def counted(form: str, kind: str, cases: int, folder: Path) -> Counter[str]:
         found["bytes"] += len(spoilt)
         try:
             rows, said = read(path, form)
-        except Exception:
+        except Exception:  # whatever it is: a user would see a traceback, which is counted
             traceback.print_exc()
             found["tracebacks"] += 1
             continue

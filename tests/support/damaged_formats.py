@@ -74,7 +74,7 @@ class Format(NamedTuple):
     write: Callable[[Path], Path]
     wanted: Wanted = ROS
     shows: Literal["", "loss", "all"] = ""  # by its own checksums or counts: a loss; all: altered values, too
-    times_told: bool = True  # the checksums hold the times, too
+    times_checked: bool = True  # the checksums hold the times, too
     ends: Callable[[bytes], set[int]] = lambda whole: set()  # lengths at which a cut file is whole to all appearances
     folder: bool = False  # the log is the file's folder
 
@@ -215,7 +215,7 @@ FORMATS: Mapping[str, Format] = {
         lambda d: autopilots.write_tlog(d / "a.tlog"),
         TLOG,
         shows="all",
-        times_told=False,
+        times_checked=False,
         ends=lambda _: after(autopilots.packets()),
     ),
     ".BIN": Format(lambda d: autopilots.write_bin(d / "a.BIN"), BIN, ends=lambda _: after(autopilots.onboard())),

@@ -1,4 +1,4 @@
-"""Files of all formats, cut at any byte and bent at any bit: part of a log and a word about the rest, or one sentence.
+"""Files of all formats, cut at any byte or with flipped bits: part of a log and a finding on the rest, or one sentence.
 
 What is read of a damaged file is never invented: where the container or the messages carry enough to tell, every value
 is one of the whole file.
@@ -16,6 +16,7 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
 from commands import run
+from damage import cut, flipped
 from recordings import SECOND, T0, Row, point, short_dive, twist, write_bag, write_csv, write_mcap, write_rosbag2, yaw
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.formats.detect import open_log
@@ -86,18 +87,6 @@ def target(request: pytest.FixtureRequest, tmp_path: Path) -> Target:
     return Target(request.param, file, file.read_bytes(), random.Random(request.param))
 
 
-def cut(whole: bytes, rng: random.Random) -> bytes:
-    return whole[: rng.randrange(len(whole))]
-
-
-def bent(whole: bytes, rng: random.Random) -> bytes:
-    """Flip some bits of a file."""
-    flipped = bytearray(whole)
-    for _ in range(rng.choice([1, 1, 1, 5, 50])):
-        flipped[rng.randrange(len(flipped))] ^= 1 << rng.randrange(8)
-    return bytes(flipped)
-
-
 def overwritten(whole: bytes, rng: random.Random) -> bytes:
     """Put nonsense into a stretch of a file, or take it out."""
     at, length = rng.randrange(len(whole)), rng.choice([4, 64, 3000])
@@ -106,7 +95,7 @@ def overwritten(whole: bytes, rng: random.Random) -> bytes:
 
 
 def damaged(whole: bytes, rng: random.Random) -> bytes:
-    return rng.choice([cut, bent, overwritten])(whole, rng)
+    return rng.choice([cut, flipped, overwritten])(whole, rng)
 
 
 def read_whatever(path: Path) -> Log | None:
@@ -140,7 +129,7 @@ def test_a_file_cut_at_any_byte_is_no_traceback(target: Target) -> None:
 
 def test_any_bit_flipped_is_no_traceback(target: Target) -> None:
     for case in range(CASES):
-        target.file.write_bytes(bent(target.whole, target.rng))
+        target.file.write_bytes(flipped(target.whole, target.rng))
         log = read_whatever(target.path)
 
         checked = target.kind in ("mcap zstd", "mcap lz4", "mcap uncompressed", "mcap without summary", "bag bz2")
