@@ -28,6 +28,9 @@ from usbldr.io.decoding.ros_byte_layout import TIMES, decode_by_layout
 from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import listed_field
 
+IDL_TEXT = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)  # strings and comments
+COMPUTED = re.compile(r"<<|\*")
+
 
 class Leaf(NamedTuple):
     """A field that holds no others: a number, text or time, or an array of such."""
@@ -142,13 +145,18 @@ def _read(
         types = types_of(definition.decode())
     except RecursionError as err:
         raise DefinitionError("it is nested too deeply") from err
-    except (TypesysError, UnicodeDecodeError, KeyError) as err:
+    except (TypesysError, ValueError, KeyError) as err:
         raise DefinitionError(" ".join(str(err).split())[:80]) from err
     return RosDecoder(name, types, encoding)
 
 
 def _idl_types(text: str) -> Types:
-    """Return the types of an IDL definition; a part begins with a line of "=" and a line with the type's name."""
+    """Return the types of an IDL definition; a part begins with a line of "=" and a line with the type's name.
+
+    Raises DefinitionError for constants that would have to be computed: a result may be endless, and no type needs it.
+    """
+    if COMPUTED.search(IDL_TEXT.sub("", text)):
+        raise DefinitionError("it computes a constant by << or *, which is not supported")
     types: dict[str, Any] = {}
     for part in re.split(r"^={80}\n", text, flags=re.MULTILINE):
         body = re.sub(r"\AIDL: .*\n", "", part)

@@ -20,6 +20,7 @@ from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.settings.configuration import own_configuration, parse_configuration
+from usbldr.io.settings.toml_text import comment, quoted
 
 COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
 
@@ -47,7 +48,7 @@ def initial_configuration(
         sections[role] += lines_of(examination, log) if role in log.tables else []
     sections["truth"] = _truth(log)
     lines = [
-        f"# Settings for {examination.path.name}, written by usbldr init from the log alone.",
+        comment(f"Settings for {examination.path.name}, written by usbldr init from the log alone."),
         "# GPS only excludes the mirror image and proposes the map origin, if that is unknown; no other key uses it.",
         "# Signs: docs/configuration.md. Commented keys cannot be determined from the log; their values are proposals.",
         *_convention_comments(examination),
@@ -60,14 +61,14 @@ def initial_configuration(
             lines += ["", f"{'# ' if empty else ''}[{name}]", *(_row(*row) for row in rows)]
     for name in joined:
         relative = os.path.relpath(name, examination.path.resolve().parent)
-        lines += ["", "[[file]]", _row(f'path = "{Path(relative).as_posix()}"', "option --with")]
+        lines += ["", "[[file]]", _row(f"path = {quoted(Path(relative).as_posix())}", "option --with")]
     text = "\n".join(lines) + "\n"
     parse_configuration(tomllib.loads(text), own_configuration(log.path, log.path.is_dir()))  # must always be accepted
     return text
 
 
 def _row(entry: str, why: str) -> str:
-    return f"{entry:{COMMENT_COLUMN - 2}}  # {why}" if why else entry
+    return f"{entry:{COMMENT_COLUMN - 2}}  {comment(why)}" if why else entry
 
 
 def _convention_comments(examination: Examination) -> list[str]:
@@ -106,10 +107,10 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
     if log.origin is None:
         return [("# origin_lat_deg = 0.0", "unknown: no latitude in the log"), ("# origin_lon_deg = 0.0", "")]
     who = log.origin.source
-    comment = ""
+    mark = ""
     lat_deg, lon_deg, check = log.origin.lat_deg, log.origin.lon_deg, examination.sensor_check
     if log.map_unknown:
-        comment, who = "# ", f"CHECK: a guess ({who}); state the origin of the fixes' map, or head under [usbl]"
+        mark, who = "# ", f"CHECK: a guess ({who}); state the origin of the fixes' map, or head under [usbl]"
         guess = propose_origin(log, examination.timeline, check.result if check else None)
         if guess is not None:
             lat_deg, lon_deg = guess.lat_deg, guess.lon_deg
@@ -119,8 +120,8 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
                 "do not use it in a run whose truth is GPS"
             )
     return [
-        (f"{comment}origin_lat_deg = {lat_deg:.9f}", who),
-        (f"{comment}origin_lon_deg = {lon_deg:.9f}", "" if comment else who),
+        (f"{mark}origin_lat_deg = {lat_deg:.9f}", who),
+        (f"{mark}origin_lon_deg = {lon_deg:.9f}", "" if mark else who),
     ]
 
 
@@ -133,7 +134,7 @@ def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     if role in examination.alternatives:
         others = " or ".join(examination.alternatives[role])
         why = f"CHECK: the readable topic with the most messages; it could be {others}"
-    return [(f'topic = "{p.topic}"', why)]
+    return [(f"topic = {quoted(p.topic)}", why)]
 
 
 def _truth(log: Log) -> list[ConfigLine]:
@@ -141,5 +142,5 @@ def _truth(log: Log) -> list[ConfigLine]:
         return (
             [('# topic = "/gps/fix"', "no GPS in the log; name a truth, if there is one")] if log.truth is None else []
         )
-    comment = "# " if log.truth.kind == "gps" else ""  # by the source, so that it stays right with another truth
-    return [(f'{comment}kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]
+    mark = "# " if log.truth.kind == "gps" else ""  # by the source, so that it stays right with another truth
+    return [(f'{mark}kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]

@@ -3,7 +3,6 @@
 A proposal, which the user has to confirm: a name states neither axes nor, in most cases, units.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from usbldr.io.opening import ConfigurationFile, Request, open_configured
 from usbldr.io.read import roles_of
 from usbldr.io.reader import TopicInfo
 from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.settings.toml_text import quoted
 
 VECTORS = tuple(
     Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})")
@@ -59,11 +59,11 @@ class Proposal:
     @property
     def lines(self) -> list[tuple[str, str]]:
         """Return the keys and their reasons for a configuration."""
-        text = ", ".join(f"{key} = {json.dumps(path)}" for key, path in self.columns.items())
+        text = ", ".join(f"{key} = {quoted(path)}" for key, path in self.columns.items())
         which = f"; it could be {' or '.join(self.others)}" if self.others else ""
         what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else "by the names of its columns"
         return [
-            (f"topic = {json.dumps(self.topic.name)}", f"{what}{which}"),
+            (f"topic = {quoted(self.topic.name)}", f"{what}{which}"),
             (f"columns = {{ {text} }}", WHY),
         ]
 

@@ -70,7 +70,8 @@ def _loaded_apart(file: Path) -> Mapping[str, Any]:
     """Return the variables of a file, read in a process of its own: it ends if they are nested too deeply for SciPy."""
     command = "import pickle, sys, scipy.io; f = scipy.io.loadmat(sys.argv[1], simplify_cells=True)"
     command += "; pickle.dump(f, sys.stdout.buffer)"
-    done = subprocess.run([sys.executable, "-c", command, str(file)], capture_output=True, check=False)
+    safe = "-P"  # a module in the current folder is not imported
+    done = subprocess.run([sys.executable, safe, "-c", command, str(file)], capture_output=True, check=False)
     if done.returncode:
         raise ValueError("its cells are nested too deeply, or damaged")
     return pickle.loads(done.stdout)

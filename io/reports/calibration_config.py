@@ -18,6 +18,7 @@ from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
 from usbldr.io.reports.estimate_text import error_text
 from usbldr.io.settings.configuration import parse_configuration
+from usbldr.io.settings.toml_text import comment
 from usbldr.io.settings.validation import read_text
 
 KEYS = {reported.name: reported for reported in REPORTED_QUANTITIES.values() if reported.key}
@@ -34,13 +35,15 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
     if not errors:
         raise UsageError(f"{trajectory.label} estimated no sensor errors, so there is nothing to write")
     document: Any = tomlkit.parse("schema = 1\n" if log.configuration is None else read_text(log.configuration))
-    title = [f"# Errors of sensors that {trajectory.label} found on {log.path.name} are added to what was stated."]
+    title = [
+        comment(f"Errors of sensors that {trajectory.label} found on {log.path.name} are added to what was stated.")
+    ]
     assumed = assumed_sd(found.parameters.errors)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
         if place is None or sd > MAX_SIGMA_RATIO * assumed[error.name]:
             why = "it drifts, so it holds for that dive only" if place is None else "it was hardly observable"
-            title.append(f"# {error_text(error)}, left out: {why}.")
+            title.append(comment(f"{error_text(error)}, left out: {why}."))
             continue
         section = document.setdefault(place.section, tomlkit.table())
         before = float(section.get(place.key, 0.0))

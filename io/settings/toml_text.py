@@ -1,8 +1,12 @@
-"""Values of a run as the text of a usbldr.toml."""
+"""Values of a run as the text of a usbldr.toml.
+
+Names of topics and files are foreign text: the library of the format quotes them, and a comment ends with its line.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
 
+from usbldr.filters.errors import printable
 from usbldr.filters.models.noise import FAMILIES, NoiseFamily
 from usbldr.filters.models.quantities import quantities
 
@@ -11,12 +15,24 @@ def toml_text(
     title: Sequence[str], sections: Mapping[str, Mapping[str, str]], conventions: Mapping[str, Mapping[str, str]]
 ) -> str:
     """Return a usbldr.toml; ``sections`` hold TOML values, ``conventions`` words of the same sections."""
-    lines = [*(f"# {line}" for line in title), "schema = 1"]
+    lines = [*(comment(line) for line in title), "schema = 1"]
     for section, keys in sections.items():
-        stated = {name: f'"{value}"' for name, value in conventions.get(section, {}).items()} | dict(keys)
+        stated = {name: quoted(value) for name, value in conventions.get(section, {}).items()} | dict(keys)
         if stated:
             lines += ["", f"[{section}]", *(f"{name} = {value}" for name, value in stated.items())]
     return "\n".join(lines) + "\n"
+
+
+def quoted(text: str) -> str:
+    """Return a text as a TOML string."""
+    import tomlkit
+
+    return tomlkit.string(text).as_string()
+
+
+def comment(text: str) -> str:
+    """Return a text as a comment of one line."""
+    return f"# {printable(text)}"
 
 
 def shortest_degrees(angle_rad: float) -> float:

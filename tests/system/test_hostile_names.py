@@ -1,5 +1,6 @@
 """Names in a log that steer a terminal, or hold HTML, links or table breaks: they show as they are, and do nothing."""
 
+import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,8 +12,8 @@ from usbldr.filters.errors import MAX_SENTENCE, LogError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.mcap_log import McapLog
 
-HOSTILE = "\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x.png)`"
-SHOWN = r"\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x.png)`"
+HOSTILE = '\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x.png)`"\\'
+SHOWN = r'\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x.png)`"' + "\\"
 
 
 def hostile_dive(file: Path) -> Path:
@@ -62,6 +63,16 @@ def test_names_show_as_they_are_and_do_nothing(tmp_path: Path) -> None:
             assert line.replace(r"\|", "").count("|") == 7  # six cells
     for kml in (tmp_path / "run").rglob("*.kml"):
         ElementTree.parse(kml)
+
+
+def test_init_quotes_the_names_that_it_writes(tmp_path: Path) -> None:
+    file = hostile_dive(tmp_path / "a\n[gps].mcap")
+    written = tmp_path / "found.toml"
+
+    assert run("init", file, "--output", written).exception is None
+
+    assert tomllib.loads(written.read_text(encoding="utf-8"))["dvl"]["topic"] == "/dvl" + SHOWN
+    assert run("replay", file, "--config", written, "--filter", "dr", "--output", tmp_path / "run").exception is None
 
 
 def test_a_topic_is_chosen_by_the_name_that_is_shown(tmp_path: Path) -> None:

@@ -25,6 +25,10 @@ Result = TypeVar("Result")
 
 MAX_DEATHS = 3  # of processes in succession, with no run finished between them: then the command ends
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+ENVIRONMENT = {
+    **dict.fromkeys(THREADS, "1"),  # read by the BLAS of a process
+    "PYTHONSAFEPATH": "1",  # read by Python: nothing is imported from the current folder
+}
 KEPT = "with --output, finished runs are kept"
 
 
@@ -103,8 +107,8 @@ class LocalProcesses:
 @contextmanager
 def _pool(jobs: int, shared: object) -> Generator[Callable[..., Future[Any]]]:
     """Give a function that submits to a pool; an interruption ends its processes without waiting."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # read by the BLAS of a spawned process
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    os.environ.update(ENVIRONMENT)  # which a spawned process, and Python's resource tracker, take over
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start, (shared,))
     try:

@@ -15,7 +15,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from commands import run
 from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import UsageError
-from usbldr.io.decoding.cdr import RosDecoder
+from usbldr.io.decoding.cdr import RosDecoder, from_idl
+from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.decoders import decoder_of, decoder_without_definition
 from usbldr.io.decoding.definitions import SHIPPED, with_folders
 from usbldr.io.decoding.known_messages import KNOWN
@@ -295,6 +296,24 @@ def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
     assert {path: column[0] for path, column in read.columns.items()} == dict(
         zip(paths, [7_000_000_005, "map", 2.0, True, "one"], strict=True)
     )
+
+
+@pytest.mark.parametrize("size", ["1 << 40000000000", "9999999999 * 9999999999", "9" * 5000])
+def test_constants_in_idl_are_not_computed(size: str) -> None:
+    with pytest.raises(DefinitionError):
+        from_idl("our_msgs/msg/Fix", f"module our_msgs {{ module msg {{ const long A = {size}; }}; }};".encode())
+
+
+def test_operators_in_comments_and_texts_of_idl_compute_nothing() -> None:
+    text = """\
+module our_msgs { module msg {
+  /* a * b << c */
+  @verbatim (language="comment", text="a b * c << 3")
+  struct Fix { double x; // x * 2
+  };
+}; };
+"""
+    assert from_idl("our_msgs/msg/Fix", text.encode()).fields == ("x",)
 
 
 def test_a_schema_without_text_is_read_by_what_is_known_of_its_type(tmp_path: Path) -> None:
