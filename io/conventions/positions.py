@@ -11,6 +11,7 @@ from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.decoding.nmea_kinds import ESTIMATED_QUALITIES, in_hemisphere
 from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
@@ -20,6 +21,7 @@ UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
+VARIANCES = ("cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
 IMC_NO_FIXES = (2, 3)  # fixed: dead reckoning, manual input
 UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
@@ -27,14 +29,17 @@ SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a
 
 
 def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
-    """Return latitude and longitude in degrees, (n,) each; GGA's may be ddmm.mmmm, with N, S, E or W beside it."""
+    """Return latitude and longitude in degrees, (n,) each; GGA's may be ddmm.mmmm, with N, S, E or W beside it.
+
+    Without these letters they are NaN.
+    """
     lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
     if "lat_side" not in raw.values:
         return lat, lon
     if np.any(np.abs(lat) > 90) or np.any(np.abs(lon) > 180):
         lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
-    south, west = (np.char.upper(raw.text(f"{which}_side")) == side for which, side in (("lat", "S"), ("lon", "W")))
-    return np.where(south, -np.abs(lat), lat), np.where(west, -np.abs(lon), lon)
+    south, west = ([in_hemisphere(1.0, str(side)) for side in raw.text(name)] for name in ("lat_side", "lon_side"))
+    return np.abs(lat) * south, np.abs(lon) * west
 
 
 def _pair(raw: RawRecords) -> tuple[Vector, Vector]:
@@ -49,9 +54,12 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     """Return by cause which positions (n,) are invalid by themselves; in the frame latlon, x and y are degrees."""
     a, b = _pair(raw)
     latlon = frame == "latlon" or "lat_deg" in raw.layout.required
+    quality = raw.number("gga_quality")
     causes = {
         "not a number": ~(np.isfinite(a) & np.isfinite(b)),
         "without fix (status below 0)": raw.number("status") < 0,
+        "of negative variance": _negative_variance(raw),
+        "estimated, entered by hand or simulated (quality 6, 7 or 8)": np.isin(quality, ESTIMATED_QUALITIES),
         "flagged invalid": raw.number("valid") == 0,
     }
     if latlon:
@@ -60,11 +68,20 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
         ubx_type, flags = raw.number("ubx_fix_type"), raw.number("ubx_flags")
         by_ubx = ~np.isnan(ubx_type) & (~np.isin(ubx_type, UBX_FIXES) | (flags % 2 == 0))  # the lowest flag: valid
         by_type = (raw.number("fix_type") < 2) | by_ubx | np.isin(raw.number("imc_fix_type"), IMC_NO_FIXES)
-        causes["without fix (by its quality)"] = (raw.number("quality") == 0) | by_type | by_name
+        causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (quality == 0) | by_type | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
         return causes
     return causes | off_plane_causes(a, b)
+
+
+def _negative_variance(raw: RawRecords) -> Mask:
+    """Return which positions (n,) a negative variance marks as invalid.
+
+    If all records have one, and no type of covariance beside it, it means that the variance is unknown.
+    """
+    negative: Mask = np.any([raw.number(name) < 0 for name in VARIANCES], axis=0)
+    return negative & ((raw.number("covariance_type") > 0) | (not negative.all()))
 
 
 def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector, Vector]:

@@ -29,9 +29,15 @@ class Fields:
         value = getattr(self._message, name, "")
         return math.nan if value == "" else float(value)
 
-    def place(self, good: bool) -> tuple[float, float, float]:
-        """Return the values of PLACE."""
-        return self.number("lat"), self.number("lon"), _status(good)
+    def place(self, good: bool, of: str = "") -> tuple[float, float, float]:
+        """Return the values of PLACE, NaN if a hemisphere is not stated; ``of`` begins the names of the fields."""
+        sides = (f"{of}latNS", f"{of}lonEW") if of else ("NS", "EW")
+        lat = in_hemisphere(self.number(f"{of}lat"), self.text(sides[0], ""))
+        return lat, in_hemisphere(self.number(f"{of}lon"), self.text(sides[1], "")), _status(good)
+
+    def received(self, quality: float) -> SentenceValues:
+        """Return the values of RECEIVED."""
+        return *self.place(quality > 0), quality
 
     def offset(self) -> tuple[float, float, float]:
         """Return the values of OFFSET."""
@@ -47,9 +53,22 @@ class SentenceKind:
     time: int | None = None  # which field is the time of day, hhmmss.ss, or ends in it
     date: tuple[int, ...] = ()  # which fields are day, month and year, or the one that is or begins with ddmmyy
     fields: str = ""  # name:type of pynmeagps, a name alone is text; for sentences that it does not know
+    no_fix: tuple[int, str] | None = None  # which field says that a receiver has no fix, and by which letters
+
+    def has_fix(self, fields: Sequence[str]) -> bool | None:
+        """Return whether the receiver has a fix, and so the time; None if this kind does not say."""
+        if self.no_fix is None:
+            return None
+        place, letters = self.no_fix
+        return place >= len(fields) or fields[place].strip(letters) != ""
 
 
 PLACE = ("lat_deg", "lon_deg", "fix_status")  # status -1: no fix
+RECEIVED = (*PLACE, "quality")  # as GGA counts it
+QUALITIES: Mapping[str, float] = {letter: float(quality) for quality, letter in enumerate("NADPRFEMS")}
+"""Qualities of GGA by the letters of other sentences."""
+ESTIMATED_QUALITIES = (6.0, 7.0, 8.0)  # fixed: dead reckoning, manual input, simulator
+SIGNS: Mapping[str, float] = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}
 OFFSET = ("x", "y", "z")
 ELLIPSE = ("cov_xx", "cov_xy", "cov_yy")  # east, north, m^2
 
@@ -58,8 +77,20 @@ def _status(good: bool) -> float:
     return 0.0 if good else -1.0
 
 
+def in_hemisphere(degrees: float, letter: str) -> float:
+    """Return degrees with the sign of N, S, E or W; NaN without such a letter."""
+    return abs(degrees) * SIGNS.get(letter.strip().upper(), math.nan)
+
+
 def _active(m: Fields) -> SentenceValues:
-    return m.place(m.text("status", "A") == "A")
+    """Return the place of a sentence with a status (A or V), and since NMEA 2.3 a mode."""
+    return m.received(QUALITIES.get(m.text("posMode", ""), 1.0) if m.text("status", "A") == "A" else 0.0)
+
+
+def _by_systems(m: Fields) -> SentenceValues:
+    """Return the place of a sentence with a mode for each satellite system: one that measures is enough."""
+    modes = [QUALITIES.get(letter, 1.0) for letter in m.text("posMode")] or [0.0]
+    return m.received(min((mode for mode in modes if mode not in (0.0, *ESTIMATED_QUALITIES)), default=max(modes)))
 
 
 def _magnetic(m: Fields) -> SentenceValues:
@@ -116,7 +147,7 @@ def _ellipse(major_m: float, minor_m: float, direction_deg: float) -> SentenceVa
 
 def _ranger(m: Fields) -> SentenceValues:
     ellipse = _ellipse(*(m.number(name) for name in ("major", "minor", "direction")))
-    return m.text("target"), *m.place(m.text("status") == "A"), *ellipse
+    return m.text("target"), m.number("lat"), m.number("lon"), _status(m.text("status") == "A"), *ellipse
 
 
 LOCATOR = "version device channel compass head_lat head_lon heading qw qx qy qz range bearing elevation"
@@ -145,17 +176,15 @@ _ranger_place = SentenceKind(
 _timed = SentenceKind(time=0)  # known, but not usable: messages/usbl.py says why
 
 SENTENCE_KINDS: Mapping[str, SentenceKind] = {
-    "GGA": SentenceKind(PLACE, lambda m: m.place(m.number("quality") > 0), time=0),
-    "GNS": SentenceKind(PLACE, lambda m: m.place(m.text("posMode").strip("N") != ""), time=0),
-    "RMC": SentenceKind(PLACE, _active, time=0, date=(8,)),
-    "GLL": SentenceKind(PLACE, _active, time=4),
+    "GGA": SentenceKind(RECEIVED, lambda m: m.received(m.number("quality")), time=0, no_fix=(5, "0")),
+    "GNS": SentenceKind(RECEIVED, _by_systems, time=0, no_fix=(5, "N")),
+    "RMC": SentenceKind(RECEIVED, _active, time=0, date=(8,), no_fix=(1, "V")),
+    "GLL": SentenceKind(RECEIVED, _active, time=4, no_fix=(5, "V")),
     "TLL": SentenceKind(  # L: lost, Q: still in acquisition
         ("target", *PLACE),
         lambda m: (
             m.text("targetnum"),
-            m.number("targetlat"),
-            m.number("targetlon"),
-            _status(m.text("status") not in ("L", "Q")),
+            *m.place(m.text("status") not in ("L", "Q"), "target"),
         ),
         time=6,
     ),

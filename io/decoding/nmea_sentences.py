@@ -101,6 +101,7 @@ class _FoundSentence(NamedTuple):
     logged: int  # NO_TIME if unknown
     time_of_day: int
     midnight: int
+    has_fix: bool | None  # whether a receiver has a fix, and so the time; None: not stated
 
 
 def find_sentences(
@@ -117,7 +118,7 @@ def find_sentences(
     findings = _counted(source, topic, rows, wrong + len(found) - len(rows), without)
     if not rows:
         return SentenceSet({}, tuple(findings))
-    time, midnight = np.array([row.time_of_day for row in rows]), np.array([row.midnight for row in rows])
+    time, midnight = _receiver_times(rows)
     received, more = _received(source, np.array([row.logged for row in rows]), time, midnight)
     own = np.where(midnight != NO_TIME, midnight + time, on_nearest_date(time, received))
     by_name: dict[str, Sentences] = {}
@@ -149,15 +150,37 @@ def _scan_lines(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[
             if sentence_time is None or (checksum and str(calc_checksum(content)) != checksum.upper()):
                 wrong += 1
             else:
-                full, time, midnight = sentence_time
+                full, time, midnight, has_fix = sentence_time
                 content = content if kind_of(full) in SENTENCE_KINDS else ""
-                found.append(_FoundSentence(full, content, bool(checksum), number, last, time, midnight))
+                found.append(_FoundSentence(full, content, bool(checksum), number, last, time, midnight, has_fix))
         without += begin == 0 and bool(line.strip())
     return found, wrong, without
 
 
-def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int] | None:
-    """Return the kind's full name, the time of day and the midnight of a sentence, None if it is cut."""
+def _receiver_times(rows: Sequence[_FoundSentence]) -> tuple[Nanoseconds, Nanoseconds]:
+    """Return times of day and midnights (n,), NO_TIME while the receiver has no fix: its clock is not set.
+
+    A sentence that does not say has the fix of the last one of its receiver that does, the first ones that of the
+    first. If no receiver ever has one, the times of day remain.
+    """
+    talkers = [row.name[: -len(kind_of(row.name))] for row in rows]
+    fixed = {
+        talker: row.has_fix
+        for talker, row in reversed(list(zip(talkers, rows, strict=True)))
+        if row.has_fix is not None
+    }
+    known = np.empty(len(rows), dtype=np.bool_)
+    for i, (talker, row) in enumerate(zip(talkers, rows, strict=True)):
+        if row.has_fix is not None:
+            fixed[talker] = row.has_fix
+        known[i] = not talker or fixed.get(talker, True)
+    time, midnight = (np.array([getattr(row, name) for row in rows]) for name in ("time_of_day", "midnight"))
+    midnight = np.where(known, midnight, NO_TIME)
+    return np.where(known, time, NO_TIME) if np.any(time[known] != NO_TIME) else time, midnight
+
+
+def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int, bool | None] | None:
+    """Return the kind's full name, time of day, midnight and fix of a sentence, None if it is cut."""
     try:
         full = name + VARIANTS.get(kind_of(name), lambda _: "")(fields)
     except IndexError:
@@ -167,7 +190,8 @@ def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int] | N
     if kind.time is not None and kind.time < len(fields):
         time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
     date = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
-    return full, time, date_ns(date) if time != NO_TIME and date and len(date) == len(kind.date) else NO_TIME
+    midnight = date_ns(date) if time != NO_TIME and date and len(date) == len(kind.date) else NO_TIME
+    return full, time, midnight, kind.has_fix(fields)
 
 
 def _received(

@@ -95,8 +95,8 @@ def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tup
     """Return log times (n,) of sentences without a log time, and whether any holds a date.
 
     A sentence with a time of day uses it; midnight passes if it jumps back by more than half a day. The others
-    are spaced evenly between. ``midnight`` (n,) is NO_TIME if a sentence holds no date. Raises ValueError
-    if no sentence holds a time.
+    are spaced evenly between; before the first and after the last, as far apart as the mean. ``midnight`` (n,) is
+    NO_TIME if a sentence holds no date. Raises ValueError if no sentence holds a time.
     """
     timed = np.flatnonzero(time_of_day != NO_TIME)
     if not len(timed):
@@ -108,7 +108,10 @@ def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tup
     dated = np.flatnonzero(midnight[timed] != NO_TIME)
     base = int(midnight[timed][dated[0]] - days[dated[0]] * DAY) if len(dated) else 0
     first = int(running[0])
-    between = np.interp(np.arange(len(time_of_day)), timed, (running - first).astype(np.float64))
+    since = (running - first).astype(np.float64)
+    lines = np.arange(len(time_of_day))
+    outside = np.minimum(lines - timed[0], 0) + np.maximum(lines - timed[-1], 0)
+    between = np.interp(lines, timed, since) + outside * since[-1] / max(1, timed[-1] - timed[0])
     received = np.rint(between).astype(np.int64)
     received[timed] = running - first  # these exactly
     return received + first + base, bool(len(dated))

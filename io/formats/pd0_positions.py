@@ -8,6 +8,7 @@ import struct
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
+from usbldr.io.decoding.nmea_kinds import in_hemisphere
 from usbldr.io.reader import MAX_TIME_NS
 
 NMEA, NAVIGATION = 0x2022, 0x2000  # fixed: kinds of data
@@ -36,8 +37,8 @@ def winriver_fixes(blocks: Sequence[bytes], number: int) -> list[tuple[int, int,
         _, _, _, age_s, _, _, lat, south, lon, west, quality = GGA.unpack_from(block)
         if not abs(age_s) < 60:  # also NaN; an ensemble takes seconds at most
             continue
-        signs = (-1 if south == b"S" else 1), (-1 if west == b"W" else 1)
-        found.append((number, round(age_s * 1e9), signs[0] * lat, signs[1] * lon, quality))
+        place = in_hemisphere(lat, south.decode("latin-1")), in_hemisphere(lon, west.decode("latin-1"))
+        found.append((number, round(age_s * 1e9), *place, quality))
     return found
 
 

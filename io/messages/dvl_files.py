@@ -63,7 +63,7 @@ FILES_COMPASS = (
     ),
 )
 FILES_GPS = (
-    MessageLayout("pd0_gga", PLACE, own_columns("quality"), "by type", LATLON),
+    MessageLayout("pd0_gga", PLACE, {"gga_quality": "quality"}, "by type", LATLON),
     MessageLayout("pd0_navigation", PLACE, own_columns("valid"), "by type", LATLON),
 )
 FILES_DEPTH = tuple(

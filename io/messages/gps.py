@@ -61,14 +61,14 @@ GEODETIC = (  # a receiver's own messages rank after the NavSatFix that its driv
     ),
     MessageLayout(
         "gpgga",  # nmea_msgs: degrees, or degrees and minutes (ddmm.mmmm), depending on the driver
-        {"lat_deg": "lat", "lon_deg": "lon", "lat_side": "lat_dir", "lon_side": "lon_dir", "quality": "gps_qual"},
+        {"lat_deg": "lat", "lon_deg": "lon", "lat_side": "lat_dir", "lon_side": "lon_dir", "gga_quality": "gps_qual"},
         {},
         "by type",
         LATLON,
     ),
     MessageLayout(
         "gpsdata",  # cola2_msgs
-        NAVSAT | {"quality": "fix_quality"},
+        NAVSAT | {"gga_quality": "fix_quality"},
         {"sd_north_m": "latitude_stdev", "sd_east_m": "longitude_stdev"},
         "by type",
         LATLON,

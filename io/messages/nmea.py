@@ -4,10 +4,12 @@ from usbldr.io.messages.layouts import MessageLayout, own_columns
 
 PLACE = own_columns("lat_deg", "lon_deg")
 STATUS = {"status": "fix_status"}
+QUALITY = {"gga_quality": "quality"}
 COMPASS_DEG = {"convention": "compass", "unit": "deg"}
 
 NMEA_PLACES = tuple(
-    MessageLayout(kind, PLACE, STATUS, "by type", {"frame": "latlon"}) for kind in ("gga", "gns", "rmc", "gll")
+    MessageLayout(kind, PLACE, STATUS | QUALITY, "by type", {"frame": "latlon"})
+    for kind in ("gga", "gns", "rmc", "gll")
 )
 NMEA_SHIPS = tuple(
     MessageLayout(kind, PLACE, STATUS, "only when named", {"frame": "latlon"})

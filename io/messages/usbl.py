@@ -73,7 +73,7 @@ SENTENCES = (
         MessageLayout(
             kind,
             own_columns("lat_deg", "lon_deg"),
-            own_columns("target") | {"status": "fix_status"},
+            own_columns("target") | {"status": "fix_status", "gga_quality": "quality"},
             "by type and name",
             LATLON,
         )

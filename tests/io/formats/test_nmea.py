@@ -3,10 +3,14 @@
 import contextlib
 import math
 import random
+from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from logs import MAP, codes, logged_nmea
 from recordings import SECOND, T0, sentence, write_mcap
@@ -144,6 +148,63 @@ def test_a_gga_of_quality_zero_is_no_fix(tmp_path: Path) -> None:
 
     assert len(log.tables["gps"]) == 1
     assert "GPS-INVALID" in codes(log)
+
+
+GGA = "GPGGA,122640.00,4500.000,{},00700.000,{},{},10,0.8,1.0,M,48.0,M,,"
+
+
+@pytest.mark.parametrize(
+    ("body", "good", "bad"),
+    [
+        (GGA, ("N", "E", "1"), ("N", "E", "6")),
+        (GGA, ("N", "E", "4"), ("N", "E", "8")),
+        (GGA, ("N", "E", "1"), ("", "E", "1")),
+        (GGA, ("S", "W", "1"), ("S", "", "1")),
+        ("GPRMC,122640.00,{},4500.000,N,00700.000,E,1.0,90.0,130920,,,{}", "AA", "AS"),
+        ("GPRMC,122640.00,{},4500.000,N,00700.000,E,1.0,90.0,130920,,,{}", "AD", "AE"),
+        ("GPGLL,4500.000,N,00700.000,E,122640.00,{},{}", "AA", "AM"),
+        ("GPGNS,122640.00,4500.000,N,00700.000,E,{},10,0.8,1.0,48.0,,", ["NAN"], ["NEN"]),
+    ],
+)
+def test_a_position_that_was_not_measured_or_has_no_hemisphere_is_left_out(
+    tmp_path: Path, body: str, good: Sequence[str], bad: Sequence[str]
+) -> None:
+    log = logged_nmea(
+        tmp_path, *(f"{1600000000 + k} {sentence(body.format(*one))}" for k, one in enumerate((good, bad)))
+    )
+
+    assert len(log.tables["gps"]) == 1
+    assert "1 of 2 records are invalid and left out" in codes(log)["GPS-INVALID"]
+
+
+def test_a_target_in_the_south_is_in_the_south(tmp_path: Path) -> None:
+    line = sentence("RATLL,01,6300.000,S,00700.000,W,boat,122640.00,T,")
+
+    usbl = open_log(logged_nmea(tmp_path, line).path).read({"/RATLL": ["lat_deg", "lon_deg"]})["/RATLL"]
+
+    assert (usbl.columns["lat_deg"][0], usbl.columns["lon_deg"][0]) == (-63, -7)
+
+
+@settings(max_examples=25, deadline=None)
+@given(cold=st.integers(0, 30), warm=st.integers(2, 30), zda=st.booleans(), clock=st.integers(0, 86_000))
+def test_a_cold_start_neither_dates_nor_places(cold: int, warm: int, zda: bool, clock: int) -> None:
+    """The receiver counts from a time of its own in 1980 until it has a fix; a gyro is logged beside it."""
+    lines: list[str] = []
+    for k in range(cold + warm):
+        second = clock + k if k < cold else 44_800 + k
+        hms = f"{second // 3600 % 24:02d}{second // 60 % 60:02d}{second % 60:02d}.00"
+        date = ("060180", "06,01,1980") if k < cold else ("130920", "13,09,2020")
+        lines += [sentence(f"GPZDA,{hms},{date[1]},00,00")] if zda else []
+        lines.append(sentence(f"GPRMC,{hms},{'V' if k < cold else 'A'},4500.0,N,00700.0,E,1.0,90.0,{date[0]},,,A"))
+        lines.append(sentence(f"HEHDT,{k}.0,T"))
+
+    with TemporaryDirectory() as folder:
+        log = logged_nmea(Path(folder), *lines)
+
+    assert len(log.tables["gps"]) == warm
+    time_s = log.tables["compass"]["time_s"].to_numpy()
+    assert np.diff(time_s) == pytest.approx(np.ones(cold + warm - 1), abs=0.51)
+    assert abs(log.start_ns - T0) < SECOND
 
 
 def test_rmc_repeats_the_position_of_gga_and_is_used_if_that_is_missing(tmp_path: Path) -> None:

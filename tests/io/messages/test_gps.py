@@ -46,6 +46,7 @@ def row(kind: str, values: Mapping[str, Any], topic: str = "/gps") -> Row:
 BERMUDA = {"latitude": 32.25, "longitude": -64.75}
 IN_BERMUDA: dict[str, Mapping[str, Any]] = {
     "gps_msgs/msg/GPSFix": {**BERMUDA, "status.status": 18},
+    "sensor_msgs/msg/NavSatFix": BERMUDA,
     "mavros_msgs/msg/GPSRAW": {"lat": 322500000, "lon": -647500000, "fix_type": 3},
     "nmea_msgs/msg/Gpgga": {"lat": 3215.0, "lon": 6445.0, "lat_dir": "N", "lon_dir": "W", "gps_qual": 1},
     "cola2_msgs/msg/GPSData": {**BERMUDA, "fix_quality": 1},
@@ -80,6 +81,7 @@ def test_decimal_degrees_of_a_gga_message_are_read_as_such(tmp_path: Path) -> No
 WITHOUT_FIX: dict[str, tuple[Mapping[str, Any], str]] = {
     "gps_msgs/msg/GPSFix": ({"status.status": -1}, "without fix (status below 0)"),
     "nmea_msgs/msg/Gpgga": ({"gps_qual": 0}, "without fix (by its quality)"),
+    "sensor_msgs/msg/NavSatFix": ({"position_covariance": np.full(9, -1.0)}, "of negative variance"),
     "cola2_msgs/msg/GPSData": ({"fix_quality": 0}, "without fix (by its quality)"),
     "ds_sensor_msgs/msg/UbloxNav": ({"fixtype": "NO_FIX"}, "without fix (by its quality)"),
     "foxglove_msgs/msg/LocationFix": ({"latitude": 0.0, "longitude": 0.0}, "at latitude and longitude 0"),
