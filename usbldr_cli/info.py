@@ -38,7 +38,7 @@ def info(logs: tuple[str, ...], all_topics: bool, fields_of: tuple[str, ...], as
     """List the topics of LOG and how each sensor is read.
 
     Lists topics with type, count, rate, span and role, every convention and its source, and the findings on the log.
-    Exit code 3 if a part of LOG, or a sensor's topic, could not be read.
+    Exit code 3 if a part of LOG, or a sensor's topic, could not be read, or if LOG cannot be replayed as is.
 
     \b
     $ usbldr info dive.mcap
@@ -52,7 +52,7 @@ def info(logs: tuple[str, ...], all_topics: bool, fields_of: tuple[str, ...], as
         )
     else:
         click.echo("\n\n".join(_text(one, all_topics, fields_of) for one in found))
-    return 0 if all(one.complete for one in found) else LogError.exit_code
+    return 0 if all(one.complete and not one.fault for one in found) else LogError.exit_code
 
 
 def _survey(log: str, request: "Request") -> "Survey":

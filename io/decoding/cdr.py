@@ -30,6 +30,7 @@ from usbldr.io.reader import listed_field
 
 IDL_TEXT = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)  # strings and comments
 COMPUTED = re.compile(r"<<|\*")
+DIRECTIVE = re.compile(r"^[ \t]*#.*\n", re.MULTILINE)  # #include of a type whose definition is another part
 
 
 class Leaf(NamedTuple):
@@ -159,7 +160,7 @@ def _idl_types(text: str) -> Types:
         raise DefinitionError("it computes a constant by << or *, which is not supported")
     types: dict[str, Any] = {}
     for part in re.split(r"^={80}\n", text, flags=re.MULTILINE):
-        body = re.sub(r"\AIDL: .*\n", "", part)
+        body = DIRECTIVE.sub("", re.sub(r"\AIDL: .*\n", "", part))
         if body.strip():
             types |= get_types_from_idl(body)
     return types

@@ -124,11 +124,14 @@ def json_decoder(type_name: str, samples: Sequence[bytes]) -> Decoder | str:
     return decoder if decoder.fields else "its messages (json) have no known fields: no schema, and none in the first"
 
 
-def chosen_streams(streams: Mapping[TopicType, Stream], wanted: Iterable[str]) -> set[TopicType]:
-    """Return the streams to read: if a topic has several types, the one with most messages."""
-    topics = set(wanted)
-    by_count = sorted(streams, key=lambda key: streams[key].count)
-    return set({key[0]: key for key in by_count if key[0] in topics}.values())
+def chosen_streams(streams: Mapping[TopicType, Stream], wanted: Mapping[str, Sequence[str]]) -> set[TopicType]:
+    """Return the streams to read: if a topic has several types, the one with the fields, and of these with most."""
+
+    def rank(key: TopicType) -> tuple[int, int]:
+        info = streams[key].info()
+        return sum(info.has(path) for path in wanted[key[0]]), info.count
+
+    return set({key[0]: key for key in sorted((key for key in streams if key[0] in wanted), key=rank)}.values())
 
 
 def decode_blocks(

@@ -52,7 +52,11 @@ class JoinedLog:
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read one part after the other block by block, and shift its times."""
-        largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=lambda topic: topic.count)}
+
+        def rank(topic: TopicInfo) -> tuple[int, int]:
+            return sum(topic.has(path) for path in wanted.get(topic.name, ())), topic.count
+
+        largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=rank)}
         for part in self.parts:
             present = {_key(topic) for topic in part.reader.topics() if topic.count}
             own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}

@@ -42,13 +42,15 @@ class Roles:
     unresolved: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
     of_ship: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
     unread: Mapping[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
+    of_other_type: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Report the topics that rank behind those chosen, those of a ship, and those that cannot be read."""
+        changed = [_changed(self.chosen[role].topic, topics) for role, topics in self.of_other_type.items() if topics]
         preferred = [_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked]
         left = (_left_to_ship(role, topics) for role, topics in self.of_ship.items())
-        return (*preferred, *left, *(_unread(role, topic) for role, topic in self.unread.items()))
+        return (*preferred, *left, *changed, *(_unread(role, topic) for role, topic in self.unread.items()))
 
 
 def choose_roles(
@@ -99,7 +101,8 @@ def choose_roles(
                 errors[role] = _refused(log, role, unusable[0])
             elif missed := [topic for topic in topics if topic.count and topic.problem and _named_for(role, topic)]:
                 unread[role] = missed[0]
-    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship, unread)
+    of_other_type = {role: _of_other_type(choice.topic, topics) for role, choice in chosen.items()}
+    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship, unread, of_other_type)
 
 
 def topic_named(
@@ -115,6 +118,8 @@ def topic_named(
     Raises LogError or UsageError if that is impossible.
     """
     topic = existing_topic(log, topics, name, f" for the {role}")
+    same = sorted((topic, *_of_other_type(topic, topics)), key=lambda one: -one.count)
+    topic = next((one for one in same if not one.problem and (stated or _usable(role, one))), topic)
     if topic.problem:
         raise _unreadable(log, role, topic)
     if topic.count == 0:
@@ -166,7 +171,15 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
     free = [topic for topic in best if topic.name not in taken]
     first = min((rank for topic in free if (rank := ranks[topic]) is not None), default=None)
     lower_ranked = [topic for topic in free if ranks[topic] not in (first, None)]
-    return Candidates([topic for topic in free if topic not in lower_ranked], lower_ranked, of_ship)
+    firsts = [topic for topic in free if topic not in lower_ranked]
+    firsts = [topic for topic in firsts if topic == find_topic(firsts, topic.name)]  # of several types the largest
+    names = {topic.name for topic in firsts}
+    return Candidates(firsts, [topic for topic in lower_ranked if topic.name not in names], of_ship)
+
+
+def _of_other_type(topic: TopicInfo, topics: Iterable[TopicInfo]) -> list[TopicInfo]:
+    """Return the messages of other types that a topic has besides."""
+    return [one for one in topics if one.name == topic.name and one.type != topic.type and one.count]
 
 
 def _have_dvl(topics: Iterable[TopicInfo]) -> bool:
@@ -209,6 +222,12 @@ def _preferred(role: str, choice: TopicChoice) -> Finding:
     return Finding("ROLE-PREFERRED", f"{text} --{role} TOPIC or with topic under [{role}]", choice.topic.name)
 
 
+def _changed(topic: TopicInfo, others: Sequence[TopicInfo]) -> Finding:
+    left = " and ".join(f"{other.count} messages of type {other.type}" for other in others)
+    text = f"{topic.name}: its type changes within the log: {topic.count} messages of type {topic.type} are read"
+    return Finding("TOPIC-TYPES", f"{text}, {left} are not", topic.name, lost_data=True)
+
+
 def _left_to_ship(role: str, topics: Sequence[TopicInfo]) -> Finding:
     names = " and ".join(topic.name for topic in topics)
     why = f"not used as {role}, because of the name taken for a sensor of the ship"
@@ -223,6 +242,11 @@ def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
 def _unread(role: str, topic: TopicInfo) -> Finding:
     text = f"{topic.name}: could be the {role} by its type {topic.type}, but cannot be read: {topic.problem}"
     return Finding("TOPIC-UNREAD", f"{text}; --{role} none leaves it out", topic.name, lost_data=True)
+
+
+def _usable(role: str, topic: TopicInfo) -> bool:
+    layout = message_layout_of(role, topic)
+    return layout is not None and not layout.unsupported
 
 
 def _unusable(role: str, topic: TopicInfo) -> bool:

@@ -129,14 +129,14 @@ def write_mcap(
             repeat_schemas=summary,
         )
         writer.start(profile="ros2", library="by hand")
-        channels: dict[str, int] = {}
+        channels: dict[tuple[str, str], int] = {}
         for log_ns, topic, type_name, values in rows:
-            if topic not in channels:
+            if (topic, type_name) not in channels:
                 text, _ = ROS2.generate_msgdef(type_name, ros_version=2)
                 schema = writer.register_schema(type_name, "ros2msg", text.encode())
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
+                channels[topic, type_name] = writer.register_channel(topic, "cdr", schema)
             data = bytes(ROS2.serialize_cdr(message(type_name, values), type_name))
-            writer.add_message(channels[topic], log_ns, data, log_ns)
+            writer.add_message(channels[topic, type_name], log_ns, data, log_ns)
         writer.finish()
     return file
 

@@ -36,7 +36,7 @@ def test_what_needs_the_sensor_says_so_and_what_still_works(log: Path) -> None:
 
     assert isinstance(fault, LogError)
     assert ADVICE in str(fault)
-    assert ADVICE in output_of("info", log)
+    assert ADVICE in run("info", log).stdout
     found = findings(log)
     assert ADVICE in found["SENSOR-MISSING"]["text"]
     assert found["SENSOR-MISSING"]["level"] == "error"

@@ -257,6 +257,9 @@ def test_every_known_message_is_known_with_all_its_parts(name: str) -> None:
 
 
 IDL = """\
+// generated from rosidl_adapter/resource/msg.idl.em
+#include "std_msgs/msg/Header.idl"
+
 module our_msgs {
   module msg {
     typedef double double__3[3];
@@ -270,6 +273,7 @@ module our_msgs {
 };
 """
 HEADER_IDL = """\
+#include "builtin_interfaces/msg/Time.idl"
 module std_msgs { module msg { struct Header { builtin_interfaces::msg::Time stamp; string frame_id; }; }; };
 """
 TIME_IDL = "module builtin_interfaces { module msg { struct Time { int32 sec; uint32 nanosec; }; }; };\n"

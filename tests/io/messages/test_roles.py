@@ -3,9 +3,14 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from recordings import SECOND, T0, TWIST_COVARIANCE, Row, twist, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.messages.roles import Roles, choose_roles, find_topic
+from usbldr.io.opening import Request
+from usbldr.io.read import read_log
 from usbldr.io.reader import TopicInfo
 
 TWIST = ("header.stamp", "header.frame_id", "twist.linear.x", "twist.linear.y", "twist.linear.z")
@@ -294,3 +299,26 @@ def test_a_usbl_on_the_ship_is_the_vehicle_s_usbl() -> None:
     usbl = topic("/ship/usbl", "geometry_msgs/msg/PointStamped", ("header.stamp", "point.x", "point.y", "point.z"))
 
     assert taken(choose_roles(LOG, [DVL, usbl], {}, {})) == {"dvl": DVL.name, "usbl": "/ship/usbl"}
+
+
+@given(first=st.integers(1, 9), second=st.integers(1, 9), other=st.sampled_from(["TwistStamped", "String"]))
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_of_a_topic_whose_type_changes_one_is_read_and_the_other_counted(
+    tmp_path: Path, first: int, second: int, other: str
+) -> None:
+    times = [T0 + k * SECOND for k in range(first + second)]
+    covariance = {"twist.twist.linear.x": 1.0, "twist.twist.linear.y": 0.5}
+    changed: list[Row] = [(t, "/dvl", TWIST_COVARIANCE, {"header.stamp": t, **covariance}) for t in times[first:]]
+    before: list[Row] = [(t, "/dvl", "std_msgs/msg/String", {"data": "x"}) for t in times[:first]]
+    before = before if other == "String" else [twist(t, 1.0, 0.5) for t in times[:first]]
+    file = write_mcap(tmp_path / "a.mcap", [*before, *changed, *(yaw(t, 0.0) for t in times)])
+
+    for request in (Request(), Request(topics={"dvl": "/dvl"})):
+        log = read_log(file, request)
+        (said,) = [finding for finding in log.findings if finding.code == "TOPIC-TYPES"]
+
+        read = second if other == "String" else max(first, second)
+        assert log.provenance["dvl"].used == read
+        assert said.lost_data
+        assert f" {read} messages of type " in said.text
+        assert f", {first + second - read} messages of type " in said.text
