@@ -44,6 +44,7 @@ class Request:
     joined: tuple[str, ...] = ()  # further files of the same dive
     msg_path: tuple[str, ...] = ()  # folders of .msg files, for messages that a log does not define
     truth_frame: Literal["ENU", "NED", "latlon"] | None = None
+    part: str | None = None  # of a log whose clock goes back: its number, or "joined"
 
 
 DEFAULT_REQUEST = Request()
@@ -103,7 +104,7 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     if others or first.offset_ns or first.dated:
         formats = dict.fromkeys(part.reader.format for part in parts)
         units_ns = time_units_ns(configured_columns(configuration, request.topics))
-        reader = JoinedLog(path, " + ".join(formats), tuple(parts), time_units_ns=units_ns)
+        reader = JoinedLog(path, " + ".join(formats), tuple(sorted(parts, key=_first_ns)), time_units_ns=units_ns)
     say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     return OpenedLog(reader, tuple(paths.values()), configuration, stated.file)
 
@@ -117,6 +118,11 @@ def _part(reader: Reader, stated: FileSection | None) -> LogPart:
         raise UsageError("its times have dates; leave out date under [[file]]", path=reader.path)
     midnight_ns = (stated.date - date(1970, 1, 1)).days * DAY_NS
     return LogPart(reader, offset_ns - midnight_ns, dated=True)
+
+
+def _first_ns(part: LogPart) -> int:
+    """Return the first time of a file by the clock of the dive: files have no order of their own."""
+    return min((t.first_ns for t in part.reader.topics() if t.first_ns is not None), default=0) - part.offset_ns
 
 
 def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:

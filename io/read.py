@@ -11,6 +11,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.io.conventions import compass, dvl_depth, positions, tilt
+from usbldr.io.conventions.clock_parts import in_time_order
 from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.dvl_depth import ConvertedTable
 from usbldr.io.conventions.implausible import without_implausible
@@ -98,7 +99,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     refuse_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
     try:
         tables, provenance, origin, findings, raws = _sensor_tables(
-            reader, choices, configuration, source.chosen_by, raw_fields
+            reader, choices, configuration, source.chosen_by, raw_fields, request.part
         )
     except SettingError as err:
         raise UsageError(err.text, path=opened.file or path) from err
@@ -208,19 +209,23 @@ def _sensor_tables(
     configuration: Configuration,
     truth_by: str,
     raw_fields: Mapping[str, Sequence[str]] | None,
+    part: str | None,
 ) -> SensorTables:
     """Read and convert the chosen topics; the unconverted records, larger than the tables, end here unless asked for.
 
     Raises SettingError for a setting that does not fit a topic.
     """
-    as_logged, evidence = read_roles(reader, choices, raw_fields or {}, _tilted(configuration, choices))
-    raws, findings = align_clocks(as_logged, _timed_by_log(configuration))
+    in_file, evidence = read_roles(reader, choices, raw_fields or {}, _tilted(configuration, choices))
+    by_log = _timed_by_log(configuration)
+    as_logged, found = in_time_order(in_file, by_log, part or configuration.part)
+    del in_file
+    raws, findings = align_clocks(as_logged, by_log)
     origin = _origin(configuration, raws)
     invalid = covariance_findings(raws)
     asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES} | evidence
     del as_logged  # the compass's records end in _converted
     made, more = _converted(configuration, raws, origin, truth_by)
-    findings = [*findings, *more]
+    findings = [*found, *findings, *more]
     tables: dict[str, pd.DataFrame] = {}
     provenance: dict[str, Provenance] = {}
     for role in list(made):

@@ -94,7 +94,7 @@ def shown_field(field: str, arrays: Collection[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """The messages of one topic in the order of their log times."""
+    """The messages of one topic in the order of the file."""
 
     received_ns: Nanoseconds  # (n,) log time
     columns: Mapping[str, Column]  # field path -> (n,)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.conventions.clock_parts import PartsError
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.opening import Request, open_configured
@@ -39,6 +40,7 @@ def survey(path: Path, request: Request) -> Survey:
     topics = reader.topics()
     found = roles_of(path, topics, request, configuration)
     roles, undecided = found.chosen, dict.fromkeys(found.unresolved, "none")
+    more: tuple[Finding, ...] = ()
     log, fault = None, "; ".join(unresolved.text_beside(path) for unresolved in found.unresolved.values())
     try:
         log = read(opened, replace(request, topics={**request.topics, **undecided}))
@@ -46,13 +48,14 @@ def survey(path: Path, request: Request) -> Survey:
             require(log, ("dvl", "compass"))  # without fixes, dead reckoning is still possible
     except UsbldrError as err:
         fault = fault or err.text_beside(path)
+        more = (err.finding,) if isinstance(err, PartsError) else ()
     return Survey(
         path=path,
         format=reader.format,
         configuration=opened.file,
         topics=topics,
         roles={role: choice.topic.name for role, choice in roles.items()},
-        findings=log.findings if log else reader.findings(),
+        findings=log.findings if log else (*reader.findings(), *more),
         log=log,
         fault=fault,
         unreadable=any(isinstance(unresolved, LogError) for unresolved in found.unresolved.values()),

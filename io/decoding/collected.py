@@ -68,14 +68,11 @@ class CollectedRecords:
             column.add(block.columns[name])
 
     def whole(self) -> Records:
-        """Return the records in the order of log time, and those of equal time as they came."""
+        """Return the records in the order of the file."""
         received = self._received.whole().astype(np.int64, copy=False)
         columns = {name: column.whole() for name, column in self._columns.items()}
         self._columns = {}
-        if np.all(received[1:] >= received[:-1]):
-            return Records(received, columns)
-        order = np.argsort(received, kind="stable")
-        return Records(received[order], {name: columns.pop(name)[order] for name in list(columns)})
+        return Records(received, columns)
 
 
 def read_whole(reader: Reader, wanted: Mapping[str, Sequence[str]]) -> dict[str, Records]:

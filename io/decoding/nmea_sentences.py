@@ -62,7 +62,7 @@ class Sentences:
         known = SENTENCE_KINDS[self.kind]
         rows = decode_sentences(self.kind, self.contents)
         good = np.array([row is not None for row in rows], dtype=np.bool_)
-        order = np.flatnonzero(good)[np.argsort(self.received_ns[good], kind="stable")]
+        order = np.flatnonzero(good)
         decoded: list[SentenceValues] = [row for i in map(int, order) if (row := rows[i]) is not None]
         columns: dict[str, Column] = {}
         for path in paths:

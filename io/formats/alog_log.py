@@ -24,6 +24,7 @@ from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo, name_of
 
 START = re.compile(r"%%\s*LOGSTART\s+([\d.]+)")
 TOGETHER_NS = 10_000_000  # [ns] between the first and the last value of a record; sensors report at up to 50 Hz
+STEP_NS = 1_000_000_000  # a step back by more is the clock's; one by less is the order of writing
 WORDS = {"true": 1.0, "false": 0.0}
 PAIR = re.compile(r"(?:^|,)\s*([A-Za-z_]\w*)\s*=\s*([^,]+)", re.ASCII)  # of a text: a name and its value
 MARK = re.compile(r"[DS]:")  # of numbers and texts, if the log marks types
@@ -171,13 +172,14 @@ def _records(postings: Postings, paths: Sequence[str]) -> Records:
     places = {postings.names[path]: k for k, path in enumerate(dict.fromkeys(paths))}
     times, variables = np.array(postings.times_ns, dtype=np.int64), np.array(postings.variables)
     kept = np.flatnonzero(np.isin(variables, list(places)))
-    kept = kept[np.argsort(times[kept], kind="stable")]
+    again = np.cumsum(np.diff(times[kept], prepend=times[kept][:1]) < -STEP_NS)  # a clock that goes back
+    kept = kept[np.lexsort((times[kept], again))]
     values = np.array(postings.values)[kept]
     starts: list[int] = []
     rows: list[int] = []
     present: set[int] = set()
     for time_ns, variable in zip(times[kept].tolist(), variables[kept].tolist(), strict=True):
-        if not starts or time_ns - starts[-1] > TOGETHER_NS or variable in present:
+        if not starts or abs(time_ns - starts[-1]) > TOGETHER_NS or variable in present:
             starts.append(time_ns)
             present = set()
         present.add(variable)

@@ -178,8 +178,7 @@ class CsvLog:
             raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
         self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
         good = np.delete(np.arange(len(lines)), list(faults))
-        order = good[np.argsort(received.values[good], kind="stable")]
-        return Records(received.values[order], {path: parsed.values[order] for path, parsed in columns.items()})
+        return Records(received.values[good], {path: parsed.values[good] for path, parsed in columns.items()})
 
     def _column(self, source: CsvSource, sheet: Sheet, path: str) -> ParsedColumn:
         if path == "header.stamp" and sheet.stamp:

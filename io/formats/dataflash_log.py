@@ -228,10 +228,10 @@ class DataflashLog:
 
     def _records(self, source: Source, paths: Sequence[str]) -> Records:
         table, times = self._rows(source)
-        form, order = self._formats[source.number], np.argsort(times, kind="stable")
+        form = self._formats[source.number]
         scales = dict(zip(form.columns, (SCALES.get(code) for code in form.codes), strict=True))
         columns = {path: table[path] if scales[path] is None else table[path] * scales[path] for path in paths}
-        return Records(times[order], {path: column[order] for path, column in columns.items()})
+        return Records(times, columns)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""

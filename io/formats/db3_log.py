@@ -161,7 +161,7 @@ class Db3Log:
         """Yield the messages of the wanted topics; the payloads of others are not read."""
         numbers = [number for number, key in self._keys.items() if key[0] in wanted]
         marks = ", ".join("?" * len(numbers))
-        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # in any order
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY rowid"
         self._unpacker = unpacker = MessageUnpacker(self.path)
         with self._open() as database:
             for number, time_ns, data in database.execute(query, numbers):

@@ -13,7 +13,7 @@ import numpy as np
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import mapped
 from usbldr.io.limits import UnpackingBudget
-from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+from usbldr.io.reader import Records, TopicInfo
 
 SIZE_AT, LEAST_BYTES, CHECKSUM_BYTES = 2, 6, 2  # fixed by the formats; the size is without the checksum
 LONGEST_BYTES = (1 << 16) + CHECKSUM_BYTES  # fixed by the formats: the size has 16 bits
@@ -59,12 +59,6 @@ def _whole(data: mmap, marks: Sequence[bytes]) -> Iterator[tuple[int, int]]:
         stated = block[starts + size] + (block[starts + size + 1] << 8)
         right = (sums[starts + size] - sums[starts]) & 0xFFFF == stated
         yield from zip((first + starts[right]).tolist(), size[right].tolist(), strict=True)
-
-
-def in_order(times: Nanoseconds, columns: Mapping[str, Column]) -> Records:
-    """Return records in the order of their times."""
-    order = np.argsort(times, kind="stable")
-    return Records(times[order], {name: column[order] for name, column in columns.items()})
 
 
 def topics_of(encoding: str, fields: Mapping[str, Sequence[str]], tables: Mapping[str, Records]) -> list[TopicInfo]:

@@ -185,13 +185,12 @@ class LsfLog:
         if not fits.all():
             self._unfit[topic] = int(np.sum(~fits))
         times = self._times(which)[fits]
-        order = np.argsort(times, kind="stable")
         flags = {f"{m.name}.{flag}": (m.name, mask) for m in definition.members for flag, mask in m.flags.items()}
         found: dict[str, Column] = {}
         for path in paths:
             name, mask = flags.get(path, (path, 0))
-            found[path] = columns[name][order] & mask != 0 if mask else columns[name][order]
-        return Records(times[order], found)
+            found[path] = columns[name] & mask != 0 if mask else columns[name]
+        return Records(times, found)
 
     def _columns(
         self, definition: Definition, payloads: Sequence[bytes]

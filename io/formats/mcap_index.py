@@ -157,6 +157,8 @@ def indexed_messages(
             found = [(channel, entries) for channel, entries in _entries(file, chunk) if channel in channels]
             numbers = np.repeat([channel for channel, _ in found], [len(entries) for _, entries in found])
             entries = np.concatenate([entries for _, entries in found])
+            in_file = np.argsort(entries[:, 1], kind="stable")
+            numbers, entries = numbers[in_file], entries[in_file]
             file.seek(place)
             op, length = HEAD.unpack(file.read(HEAD.size))
             data = chunks.read(length, length)

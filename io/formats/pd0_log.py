@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.io.findings import Finding
-from usbldr.io.formats.ensembles import ensembles, in_order, topics_of
+from usbldr.io.formats.ensembles import ensembles, topics_of
 from usbldr.io.formats.pd0_positions import NAVIGATION, NMEA, vmdas_fixes, winriver_fixes
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
@@ -146,11 +146,11 @@ def _records(rows: NDArray[np.void], times: Nanoseconds) -> dict[str, Records]:
     if np.any(tracked):
         velocities, coordinates = instrument_velocities(rows[tracked])
         x, y, z = velocities.T
-        tables["/bottom_track"] = in_order(times[tracked], {"x": x, "y": y, "z": z, "coordinates": coordinates})
+        tables["/bottom_track"] = Records(times[tracked], {"x": x, "y": y, "z": z, "coordinates": coordinates})
     quantities = {"/heading": ("heading_deg", rows["heading_cdeg"] / 100), "/depth": ("depth_m", rows["depth_dm"] / 10)}
     for topic, (column, values) in quantities.items():
         if len(values) and np.ptp(values) > 0:
-            tables[topic] = in_order(times, {column: values})
+            tables[topic] = Records(times, {column: values})
     return tables
 
 
@@ -159,7 +159,7 @@ def _placed(topic: str, found: Sequence[Sequence[float]], times: Nanoseconds, ti
     numbers, before_ns, *columns = (np.array(column) for column in zip(*found, strict=True))
     good = timed[numbers]
     kept = {name: column[good] for name, column in zip(FIELDS[topic], columns, strict=True)}
-    return in_order((times[numbers] - before_ns)[good], kept)
+    return Records((times[numbers] - before_ns)[good], kept)
 
 
 def instrument_velocities(rows: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

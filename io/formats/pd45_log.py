@@ -15,7 +15,7 @@ import numpy as np
 
 from usbldr.io.decoding.nmea_times import NO_TIME, times_from_sentences
 from usbldr.io.findings import Finding
-from usbldr.io.formats.ensembles import ensembles, in_order, topics_of
+from usbldr.io.formats.ensembles import ensembles, topics_of
 from usbldr.io.reader import Records, TopicInfo
 
 BEGIN = (b"\x7d\x00\x2d\x00", b"\x7d\x01\x56\x00")  # fixed: mark, PD4 or PD5, and the size of each
@@ -88,8 +88,8 @@ def _records(rows: Sequence[tuple[int, ...]]) -> dict[str, Records]:
     of_day, coordinates, x, y, z, depth, heading = np.array(rows, dtype=np.int64).T
     times, _ = times_from_sentences(of_day, np.full(len(of_day), NO_TIME))
     velocity = {axis: np.where(v == NO_VELOCITY, np.nan, v / 1000) for axis, v in zip("xyz", (x, y, z), strict=True)}
-    found = {"/bottom_track": in_order(times, {**velocity, "coordinates": coordinates})}
+    found = {"/bottom_track": Records(times, {**velocity, "coordinates": coordinates})}
     for topic, values in (("/heading", {"heading_deg": heading / 100}), ("/depth", {"depth_m": depth / 10})):
         if np.ptp(next(iter(values.values()))) > 0:
-            found[topic] = in_order(times, values)
+            found[topic] = Records(times, values)
     return found

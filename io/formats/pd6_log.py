@@ -143,5 +143,4 @@ def _records(name: str, rows: Sequence[tuple[int, tuple[float | str, ...]]]) -> 
     columns = dict(zip(LINES[name][0], map(np.array, values), strict=True))
     if name in USED and len(np.unique(columns[USED[name]])) == 1:
         return None
-    order = np.argsort(times, kind="stable")
-    return Records(times[order], {column: found[order] for column, found in columns.items()})
+    return Records(times, columns)

@@ -170,8 +170,7 @@ class TableLog:
                 columns[path] = self._values(table, sheet, path)
         if not good.all():
             self._left_out[topic] = f"{int(np.sum(~good))} of {len(good)} rows have no time"
-        order = np.flatnonzero(good)[np.argsort(received[good], kind="stable")]
-        return Records(received[order], {path: column[order] for path, column in columns.items()})
+        return Records(received[good], {path: column[good] for path, column in columns.items()})
 
     def _values(self, table: Table, sheet: Sheet, path: str) -> Column:
         values = self._column(table, sheet.columns[path])

@@ -179,8 +179,7 @@ class TelemetryLog:
         payloads = [self._data[start:end] for start, end in zip(packets.starts, packets.ends, strict=True)]
         columns = table_of(payloads, names, dtypes_of(kind.unpacker.format))
         received = np.array(packets.times_us, dtype=np.int64) * 1000
-        order = np.argsort(received, kind="stable")
-        return Records(received[order], {path: columns[path][order] for path in paths})
+        return Records(received, {path: columns[path] for path in paths})
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""

@@ -277,6 +277,7 @@ class Configuration(Section, frozen=True, kw_only=True):
     calibrate: CalibrateSection = CalibrateSection()
     start: StartSection | None = None
     file: tuple[FileSection, ...] = ()
+    part: Annotated[int, Meta(ge=1)] | Literal["joined"] | None = None
 
     def topic(self, role: str) -> str | None:
         """Return the topic that the file names for a role; "none" disables the role."""

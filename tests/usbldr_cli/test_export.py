@@ -11,7 +11,7 @@ import pytest
 from checkout import FIELD_CONFIGURATIONS
 from commands import output_of
 from commands import run as call
-from recordings import T0, short_dive, write_csv, write_mcap
+from recordings import SECOND, T0, short_dive, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.replay.run import run
 from usbldr.io.log import Log
@@ -296,7 +296,8 @@ def test_the_command_writes_and_says_what(tmp_path: Path) -> None:
 
 
 def test_an_export_of_a_damaged_log_is_written_and_said_to_be_partial(tmp_path: Path) -> None:
-    whole = write_mcap(tmp_path / "whole.mcap", short_dive() * 20, chunk_size=512).read_bytes()
+    rows = [row for k in range(200) for row in (twist(T0 + k * SECOND, 1.0, 0.0), yaw(T0 + k * SECOND, 0.0))]
+    whole = write_mcap(tmp_path / "whole.mcap", rows, chunk_size=512).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
 
     done = call("export", tmp_path / "cut.mcap", "-o", tmp_path / "new.bag")

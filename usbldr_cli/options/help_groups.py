@@ -16,7 +16,7 @@ COMMON = {
 }
 RARE = {
     "Baseline": (),
-    "Log": ("dvl", "compass", "usbl", "gps", "depth", "truth_frame", "msg_path", "limits", "strict"),
+    "Log": ("dvl", "compass", "usbl", "gps", "depth", "truth_frame", "part", "msg_path", "limits", "strict"),
     "Faults": (),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from usbldr.io.opening import Request
     from usbldr.io.reports.run_provenance import RunProvenance
 
+JOINED = "joined"
 ROLE_HELP = {
     "dvl": "Topic of the DVL.",
     "compass": "Topic of the compass.",
@@ -55,6 +56,12 @@ def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="Frame of the truth.  [default: by its type, else by the fixes]",
         ),
         click.option(
+            "--part",
+            metavar="N",
+            type=words(JOINED),
+            help=f'Part of a log whose clock goes back, 1, 2, ...; "{JOINED}" lets it count on.',
+        ),
+        click.option(
             "--with", "joined", metavar="FILE", type=FILE, multiple=True, help="Additional file of the same dive."
         ),
         click.option(
@@ -90,6 +97,7 @@ def read_request(
     joined: tuple[str, ...] = (),
     msg_path: tuple[str, ...] = (),
     truth_frame: Literal["ENU", "NED", "latlon"] | None = None,
+    part: str | None = None,
     **topics: str | None,
 ) -> "Request":
     """Return the values of selection_options as a request."""
@@ -102,6 +110,7 @@ def read_request(
         joined,
         msg_path,
         truth_frame,
+        part,
     )
 
 

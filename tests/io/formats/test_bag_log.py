@@ -37,12 +37,12 @@ def test_every_compression_gives_the_same_columns(tmp_path: Path, compression: s
     assert log.findings() == ()
 
 
-def test_records_come_in_the_order_of_their_log_times(tmp_path: Path) -> None:
+def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
     rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in (0, 3, 1, 2)]
 
     dvl = BagLog(write_bag(tmp_path / "a.bag", rows, chunk_size=1)).read(TWIST_X)["/dvl"]
 
-    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 1, 2, 3])
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 3, 1, 2])
 
 
 def test_a_bag_that_was_never_closed_has_lost_nothing(tmp_path: Path) -> None:

@@ -38,15 +38,15 @@ def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> Non
     assert topics["/events"].problem.startswith("its columns match no sensor (when, what); name them")
 
 
-def test_columns_come_in_order_of_arrival_and_to_the_nanosecond(tmp_path: Path) -> None:
+def test_columns_come_in_the_order_of_the_file_and_to_the_nanosecond(tmp_path: Path) -> None:
     log = CsvLog(write_csv(tmp_path / "dive", dvl=DVL))
 
     dvl = log.read({"/dvl": ["header.stamp", "starboard_mps", "forward_mps"]})["/dvl"]
 
-    np.testing.assert_array_equal(dvl.received_ns, [T0 + 5, T0 + 7])
-    np.testing.assert_array_equal(dvl.columns["header.stamp"], [T0 + 2, T0])
-    np.testing.assert_array_equal(dvl.columns["starboard_mps"], [np.nan, 0.1])
-    np.testing.assert_array_equal(dvl.columns["forward_mps"], [-1e-3, 1.25])
+    np.testing.assert_array_equal(dvl.received_ns, [T0 + 7, T0 + 5])
+    np.testing.assert_array_equal(dvl.columns["header.stamp"], [T0, T0 + 2])
+    np.testing.assert_array_equal(dvl.columns["starboard_mps"], [0.1, np.nan])
+    np.testing.assert_array_equal(dvl.columns["forward_mps"], [1.25, -1e-3])
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,205 @@
+"""The parts of a log whose clock goes back: which record is in which, and the one chosen, or all of them joined.
+
+A computer that starts again, or whose clock is set, logs a stretch of time twice: sorted, one would lie within the
+other. So stretches are never merged. A clock that does not go back there is another one: its records are used for the
+part within whose time they are. Integer nanoseconds.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.errors import UsageError
+from usbldr.filters.types import Indices, Mask
+from usbldr.io.conventions.clock_steps import SECOND, STEP_NS, ClockStep, examined
+from usbldr.io.findings import Finding
+from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.reader import Nanoseconds, utc
+
+FEW = 2  # [records] of a slow topic within a stretch that is logged twice
+JOINED = "joined"
+
+
+class PartsError(UsageError):
+    """The clock of a log goes back, and no part is chosen; ``finding`` lists the parts."""
+
+    finding: Finding
+
+
+@dataclass(frozen=True, slots=True)
+class _Sensor:
+    """The records of a sensor, and the steps of its clock."""
+
+    raw: RawRecords  # in the order of the file
+    steps: list[ClockStep]
+    of_stamps: bool  # the stamps go back
+    of_receipt: bool  # the log times go back
+
+
+def in_time_order(
+    raws: Mapping[str, RawRecords], by_log: Collection[str], part: str | int | None
+) -> tuple[dict[str, RawRecords], list[Finding]]:
+    """Return the records, which are in the order of the file, in the order of log time, and what was found.
+
+    ``part``: which part of a log whose clock goes back, from 1 on, or JOINED. Roles in ``by_log`` are timed without
+    stamps. Raises PartsError if a part has to be chosen, UsageError if there is no such part.
+    """
+    sensors: dict[str, _Sensor] = {}
+    findings: list[Finding] = []
+    for role, raw in raws.items():
+        sensors[role], found = _sensor(raw, role != "usbl" and role not in by_log)
+        findings += found
+        if raw.attitude is not None:
+            sensors[f"{role} attitude"], _ = _sensor(raw.attitude, role not in by_log)
+    first = max(sensors.values(), key=lambda one: (len(one.steps), len(one.raw.received_ns)), default=None)
+    if first is None or not first.steps:
+        if part is not None:
+            findings.append(Finding("KEY-UNUSED", "part is not used; no clock goes back within the log"))
+        made = {role: one.raw for role, one in sensors.items()}
+    else:
+        made, finding = _chosen(sensors, first, part)
+        findings.append(finding)
+    made = {role: _sorted(raw) for role, raw in made.items()}
+    return {role: replace(made[role], attitude=made.get(f"{role} attitude")) for role in raws if role in made}, findings
+
+
+def _sensor(raw: RawRecords, stamps_count: bool) -> tuple[_Sensor, list[Finding]]:
+    """Examine the log times of a sensor, and its stamps; with wraps put right."""
+    groups = None
+    if "target" in raw.values:
+        names, which = np.unique(raw.values["target"], return_inverse=True)
+        groups = [np.flatnonzero(which == k) for k in range(len(names))]
+    received = examined(raw.received_ns, groups)
+    wraps, steps, single, stamp_ns = received.wraps, received.steps, received.single, raw.stamp_ns
+    of_stamps = False
+    if stamp_ns is not None:
+        own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
+        known = np.flatnonzero(stamp_ns != 0) if not own and np.any(stamp_ns == 0) else slice(None)
+        stamps = examined(stamp_ns[known], groups if isinstance(known, slice) else None)
+        wraps, of_stamps = {**stamps.wraps, **wraps}, bool(stamps.steps)
+        if stamps.wraps:
+            stamp_ns = stamp_ns.copy()
+            stamp_ns[known] = stamps.times_ns
+        if stamps_count and not steps and stamps.steps:
+            rows = np.arange(len(stamp_ns))[known]
+            steps = [step._replace(row=int(rows[step.row])) for step in stamps.steps]
+    findings = [
+        raw.finding("CLOCK-WRAP", f"its time is a {name} that began again {count} times; counted on")
+        for name, count in wraps.items()
+    ]
+    if single:
+        text = f"{single} records are before the one in front of them by more than {STEP_NS / SECOND:g} s; sorted"
+        findings.append(raw.finding("OUT-OF-ORDER", text))
+    made = replace(raw, received_ns=received.times_ns, stamp_ns=stamp_ns)
+    return _Sensor(made, steps, of_stamps, bool(received.steps)), findings
+
+
+class _Part(NamedTuple):
+    """A part of a log whose clock goes back."""
+
+    first_ns: int
+    last_ns: int
+    shift_ns: int  # to count on from the part before
+
+    def holds(self, times_ns: Nanoseconds) -> Mask:
+        """Return which times (n,) are within it."""
+        return (times_ns >= self.first_ns) & (times_ns <= self.last_ns)
+
+
+def _chosen(
+    sensors: Mapping[str, _Sensor], first: _Sensor, part: str | int | None
+) -> tuple[dict[str, RawRecords], Finding]:
+    """Return the records of a part, or of all parts joined."""
+    numbers = {role: _numbers(one, first.steps) for role, one in sensors.items()}
+    parts = _parts(sensors, numbers, first.steps)
+    number = str(part) if part is not None else ""
+    stepped = sorted({one.raw.topic.name for one in sensors.values() if one.steps})
+    sizes = ", ".join(f"{step.size_ns / SECOND:.3f} s after {utc(step.before_ns)}" for step in first.steps)
+    listed = "; ".join(f"part {k}: {utc(p.first_ns)} to {utc(p.last_ns)}" for k, p in enumerate(parts, start=1))
+    text = f"{', '.join(stepped)}: the clock goes back by {sizes}, at record {first.steps[0].row + 1}; {listed}"
+    if number != JOINED and number not in map(str, range(1, len(parts) + 1)):
+        advice = f"choose one with --part N or part = N in the configuration; {JOINED} in place of N lets it count on"
+        if part is not None:
+            raise UsageError(f"there is no part {part}: {text}; {advice}", path=first.raw.log)
+        error = PartsError(f"{text}; {advice}", path=first.raw.log)
+        error.finding = Finding("CLOCK-BACK", text, first.raw.topic.name)
+        raise error
+    made: dict[str, RawRecords] = {}
+    for role, one in sensors.items():
+        own = numbers[role]
+        if number == JOINED:
+            made[role] = _joined(one, own if own is not None else _by_span(one, parts), parts)
+        else:
+            k = int(number) - 1
+            rows = own == k if own is not None else parts[k].holds(_clock(one))
+            if rows.any():
+                made[role] = one.raw.part(rows)
+    what = "the parts are joined" if number == JOINED else f"only part {number} is used"
+    return made, Finding("CLOCK-BACK", f"{text}; {what}", first.raw.topic.name)
+
+
+def _clock(one: _Sensor) -> Nanoseconds:
+    """Return the times that go back: log times, else stamps."""
+    by_stamps = one.of_stamps and not one.of_receipt
+    return one.raw.stamp_ns if by_stamps and one.raw.stamp_ns is not None else one.raw.received_ns
+
+
+def _numbers(one: _Sensor, steps: Sequence[ClockStep]) -> Indices | None:
+    """Return the number of the part, from 0 on, of each record (n,); None for a clock that does not go back."""
+    times = _clock(one)
+    if one.steps:
+        numbers, k = np.zeros(len(times), dtype=np.intp), 0
+        for at, own in enumerate(one.steps):
+            left = range(k, len(steps) - (len(one.steps) - at - 1))
+            k = 1 + min(left, key=lambda i: _apart_ns(steps[i], own))
+            numbers[own.row :] = k
+        return numbers
+    if any(np.sum((times > step.after_ns) & (times <= step.before_ns)) > FEW for step in steps):
+        return None
+    return np.sum([times > step.before_ns for step in steps], axis=0)
+
+
+def _apart_ns(a: ClockStep, b: ClockStep) -> int:
+    return abs(a.before_ns - b.before_ns) + abs(a.after_ns - b.after_ns)
+
+
+def _by_span(one: _Sensor, parts: Sequence[_Part]) -> Indices:
+    """Return the number of the part of each record (n,) of a clock without a step; all 0 if two parts hold one."""
+    inside = np.array([part.holds(_clock(one)) for part in parts])
+    return np.argmax(inside & np.all(inside.sum(axis=0) < 2), axis=0).astype(np.intp)
+
+
+def _parts(
+    sensors: Mapping[str, _Sensor], numbers: Mapping[str, Indices | None], steps: Sequence[ClockStep]
+) -> list[_Part]:
+    found: list[_Part] = []
+    shift_ns = 0
+    for k in range(len(steps) + 1):
+        times = [_clock(one)[numbers[role] == k] for role, one in sensors.items() if one.steps]
+        times = [some for some in times if len(some)]
+        if k:
+            shift_ns += steps[k - 1].size_ns
+        found.append(_Part(min(int(t.min()) for t in times), max(int(t.max()) for t in times), shift_ns))
+    return found
+
+
+def _joined(one: _Sensor, numbers: Indices, parts: Sequence[_Part]) -> RawRecords:
+    """Return the records with each part counted on from the one before; only the clocks that go back are shifted."""
+    shift_ns = np.array([part.shift_ns for part in parts], dtype=np.int64)[numbers]
+    raw, stamp_ns = one.raw, one.raw.stamp_ns
+    received_ns = raw.received_ns + shift_ns if one.of_receipt or not one.of_stamps else raw.received_ns
+    if stamp_ns is not None and (one.of_stamps or not one.steps):
+        stamp_ns = np.where(stamp_ns == 0, 0, stamp_ns + shift_ns)
+    return replace(raw, received_ns=received_ns, stamp_ns=stamp_ns)
+
+
+def _sorted(raw: RawRecords) -> RawRecords:
+    """Return the records in the order of log time, those of equal time as they came."""
+    if np.all(raw.received_ns[1:] >= raw.received_ns[:-1]):
+        return raw
+    order = np.argsort(raw.received_ns, kind="stable")
+    stamp_ns = None if raw.stamp_ns is None else raw.stamp_ns[order]
+    values = {quantity: column[order] for quantity, column in raw.values.items()}
+    return replace(raw, received_ns=raw.received_ns[order], stamp_ns=stamp_ns, values=values)

@@ -1,0 +1,107 @@
+"""Clocks that go back within a log, found in the order of the file, before anything is sorted. Integer nanoseconds.
+
+A lasting step back is that of a computer that started again, or whose clock was set; of a counter that is full and
+begins again it is put right. Single wrong times are counted.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.types import Indices, Mask
+from usbldr.io.reader import Nanoseconds
+
+SECOND = 1_000_000_000  # fixed: nanoseconds
+STEP_NS = SECOND  # a smaller step back is the order in which a recorder writes
+LASTING = 10  # [records] before and after a step: fewer are single wrong times
+USUAL_OF = 100_000  # [records] whose median interval is the usual one
+BINARY_NS = ((2**32 * 1_000, "32-bit counter of microseconds"), (2**32 * 1_000_000, "32-bit counter of milliseconds"))
+DAY, WEEK = 86_400 * SECOND, 604_800 * SECOND  # fixed
+FIRST_WEEK = 315_964_800 * SECOND  # fixed: 1980-01-06, when GPS weeks began
+LEAP_NS = 30 * SECOND  # [ns] more than GPS time was ever ahead of UTC
+CALENDAR_NS = (
+    (DAY, 0, "count of seconds of the day"),
+    (WEEK, 0, "count of seconds of the week"),
+    (WEEK, FIRST_WEEK, "count of seconds of the week"),
+)
+
+
+class ClockStep(NamedTuple):
+    """A place at which a clock goes back."""
+
+    row: int  # the first record after it
+    before_ns: int
+    after_ns: int
+    usual_ns: int  # interval of the records
+
+    @property
+    def size_ns(self) -> int:
+        """By how much the clock was set back."""
+        return self.before_ns + self.usual_ns - self.after_ns
+
+
+class Examined(NamedTuple):
+    """Times (n,) in the order of the file, wraps put right, and what was found in them."""
+
+    times_ns: Nanoseconds
+    steps: list[ClockStep]
+    single: int  # records that are before the one in front of them by more than STEP_NS, without a step
+    wraps: dict[str, int]  # counter -> how often it began again
+
+
+def examined(times_ns: Nanoseconds, groups: Sequence[Indices] | None = None) -> Examined:
+    """Examine times in the order of the file; those of ``groups`` of records each by itself."""
+    if groups is not None and len(groups) > 1:
+        whole = times_ns.copy()
+        parts = [(rows, examined(times_ns[rows])) for rows in groups]
+        for rows, part in parts:
+            whole[rows] = part.times_ns
+        steps = sorted(step._replace(row=int(rows[step.row])) for rows, part in parts for step in part.steps)
+        wraps = {name: count for _, part in parts for name, count in part.wraps.items()}
+        return Examined(whole, steps, sum(part.single for _, part in parts), wraps)
+    rows = _backward(times_ns)
+    if not len(rows) or np.all(times_ns[1:] <= times_ns[:-1]):  # a table whose newest row is the first
+        return Examined(times_ns, [], 0, {})
+    intervals = np.diff(times_ns[:USUAL_OF])
+    usual_ns = int(np.median(intervals[intervals > 0])) if np.any(intervals > 0) else 0
+    times_ns, wraps = _without_wraps(times_ns, rows, usual_ns)
+    rows = _backward(times_ns)
+    lasting = _lasting(times_ns, rows, usual_ns)
+    steps = [ClockStep(row, int(times_ns[row - 1]), int(times_ns[row]), usual_ns) for row in rows[lasting].tolist()]
+    return Examined(times_ns, steps, int(np.sum(~lasting)), wraps)
+
+
+def _backward(times_ns: Nanoseconds) -> Indices:
+    return np.flatnonzero(times_ns[1:] < times_ns[:-1] - STEP_NS) + 1
+
+
+def _without_wraps(times_ns: Nanoseconds, rows: Indices, usual_ns: int) -> tuple[Nanoseconds, dict[str, int]]:
+    """Add the width of a counter behind each place (its first row) at which it began again."""
+    near_ns = max(LASTING * usual_ns, STEP_NS)
+    wraps: dict[str, int] = {}
+    added = np.zeros(len(times_ns), dtype=np.int64)
+    for row in rows.tolist():
+        before, after = int(times_ns[row - 1]), int(times_ns[row])
+        full = [(width, name) for width, name in BINARY_NS if 0 <= after + width - before <= near_ns]
+        full += [
+            (width, name)
+            for width, phase, name in CALENDAR_NS
+            if 0 <= after + width - before <= near_ns and (after - phase) % width <= near_ns + LEAP_NS * (phase != 0)
+        ]
+        if full:
+            width, name = full[0]
+            added[row:] += width
+            wraps[name] = wraps.get(name, 0) + 1
+    return (times_ns + added if wraps else times_ns), wraps
+
+
+def _lasting(times_ns: Nanoseconds, rows: Indices, usual_ns: int) -> Mask:
+    """Return behind which rows all records are earlier than all those in front of them let expect."""
+    lasting = (rows >= LASTING) & (rows + LASTING <= len(times_ns))
+    ahead = np.arange(LASTING)
+    some = rows[lasting, np.newaxis]
+    expected = np.min(times_ns[some - 1 - ahead] + (ahead + 1) * usual_ns, axis=1)
+    found = np.max(times_ns[some + ahead] - ahead * usual_ns, axis=1)
+    lasting[lasting] = found < expected - STEP_NS
+    return lasting

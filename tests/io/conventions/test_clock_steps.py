@@ -1,0 +1,205 @@
+"""Clocks that go back, put into every container: nothing is swapped, and each record keeps its place in the dive."""
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin
+
+from commands import run
+from logs import codes
+from recordings import SECOND, T0, Row, point, sentence, twist, write_bag, write_mcap, write_rosbag2, yaw
+from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
+from usbldr.filters.errors import UsageError
+from usbldr.io.conventions.clock_parts import PartsError
+from usbldr.io.conventions.clock_steps import examined
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+from usbldr.io.survey import survey
+
+COUNT, STEP = 80, SECOND // 5
+Times = np.ndarray
+
+
+def rows_of(times: Times) -> list[Row]:
+    return [row for k, t in enumerate(times.tolist()) for row in (twist(t, 1 + k / 100, 0.0), yaw(t, k / 10))]
+
+
+def tables_of(times: Times) -> Tables:
+    k = np.arange(len(times))
+    dvl = {"time_ns": times, "starboard_mps": 0.0 * k, "forward_mps": 1 + k / 100}
+    return {"dvl": dvl, "compass": {"time_ns": times, "heading_deg": 90 - k / 10}}
+
+
+def as_nmea(folder: Path, times: Times) -> Path:
+    lines = (
+        f"{t // SECOND}.{t % SECOND:09d} {sentence(f'HEHDT,{90 - k / 10:.1f},T')}" for k, t in enumerate(times.tolist())
+    )
+    (folder / "a.nmea").write_text("\n".join(lines), encoding="utf-8")
+    return folder / "a.nmea"
+
+
+CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
+    "mcap": lambda folder, times: write_mcap(folder / "a.mcap", rows_of(times)),
+    "unchunked mcap": lambda folder, times: write_mcap(folder / "a.mcap", rows_of(times), chunked=False),
+    "bag": lambda folder, times: write_bag(folder / "a.bag", rows_of(times), chunk_size=2000),
+    "rosbag2": lambda folder, times: write_rosbag2(folder / "a", rows_of(times)),
+    "rosbag2 mcap": lambda folder, times: write_rosbag2(folder / "a", rows_of(times), StoragePlugin.MCAP),
+    "csv": lambda folder, times: as_csv(folder, tables_of(times)),
+    "parquet": lambda folder, times: as_parquet(folder, tables_of(times)),
+    "hdf5": lambda folder, times: as_hdf5(folder, tables_of(times)),
+    "mat": lambda folder, times: as_mat(folder, tables_of(times)),
+    "nmea": as_nmea,
+}
+
+
+def headings(log: Log) -> list[int]:
+    """Return the numbers of the records in the order in which they are used."""
+    return np.rint((90 - log.tables["compass"]["heading_deg"].to_numpy()) * 10).astype(int).tolist()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    container=st.sampled_from(sorted(CONTAINERS)),
+    cut=st.integers(10, COUNT - 10),
+    back_ns=st.integers(3 * SECOND // 2, 10**6 * SECOND),
+)
+def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_ns: int) -> None:
+    times = T0 + np.arange(COUNT) * STEP
+    times[cut:] -= back_ns
+
+    with TemporaryDirectory() as folder:
+        log = CONTAINERS[container](Path(folder), times)
+        with pytest.raises(PartsError, match=r"part 1: .*; part 2: ") as stopped:
+            read_log(log)
+        found = survey(log, Request())
+        parts = [read_log(log, Request(part=part)) for part in ("1", "2", "joined")]
+
+    assert stopped.value.exit_code == 2
+    assert [finding.code for finding in found.findings].count("CLOCK-BACK") == 1
+    assert [headings(part) for part in parts] == [[*range(cut)], [*range(cut, COUNT)], [*range(COUNT)]]
+    np.testing.assert_allclose(np.diff(parts[2].tables["compass"]["time_s"]), 0.2, atol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    container=st.sampled_from(sorted(CONTAINERS)),
+    wrong=st.sets(st.integers(0, COUNT - 1), max_size=3),
+    ahead=st.booleans(),
+)
+def test_single_wrong_times_make_no_parts(container: str, wrong: set[int], ahead: bool) -> None:
+    times = T0 + np.arange(COUNT) * STEP
+    times[sorted(wrong)] += (500 if ahead else -500) * SECOND
+
+    with TemporaryDirectory() as folder:
+        log = read_log(CONTAINERS[container](Path(folder), times))
+
+    assert sorted(headings(log)) == [*range(COUNT)]
+    behind = bool(np.any(np.diff(times) < 0))
+    assert behind == ("sorted" in codes(log).get("OUT-OF-ORDER", ""))
+
+
+WIDTHS = {
+    "microseconds": 2**32 * 1_000,
+    "milliseconds": 2**32 * 1_000_000,
+    "the day": 86_400 * SECOND,
+    "the week": 604_800 * SECOND,
+}
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    counter=st.sampled_from(sorted(WIDTHS)),
+    container=st.sampled_from(["csv", "parquet", "hdf5", "mat"]),
+    first=st.integers(1, COUNT - 1),
+    offset_ns=st.integers(0, STEP - 1),
+)
+def test_a_counter_that_is_full_counts_on(counter: str, container: str, first: int, offset_ns: int) -> None:
+    """The first records after the counter began again, were it only one."""
+    width = WIDTHS[counter]
+    times = (width - first * STEP + offset_ns + np.arange(COUNT) * STEP) % width
+
+    with TemporaryDirectory() as folder:
+        log = read_log(CONTAINERS[container](Path(folder), times))
+
+    assert headings(log) == [*range(COUNT)]
+    assert counter in codes(log)["CLOCK-WRAP"]
+    np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), 0.2, atol=1e-6)
+
+
+def test_a_table_whose_newest_row_is_the_first_is_in_order(tmp_path: Path) -> None:
+    log = read_log(as_csv(tmp_path, tables_of(T0 + np.arange(COUNT)[::-1] * 5 * SECOND)))
+
+    assert headings(log) == [*range(COUNT)][::-1]
+
+
+def test_stamps_of_delayed_fixes_may_go_back(tmp_path: Path) -> None:
+    delays = np.where(np.arange(40) % 3 == 1, 4.0, 0.5)
+    rows = [row for k in range(40) for row in (twist(T0 + k * SECOND, 1.0, 0.0), yaw(T0 + k * SECOND, 0.0))]
+    fixes = [
+        point(T0 + k * 2 * SECOND - round(d * SECOND), float(k), 0.0, delay_s=d) for k, d in enumerate(delays.tolist())
+    ]
+
+    log = read_log(write_mcap(tmp_path / "a.mcap", sorted(rows + fixes, key=lambda row: row[0])))
+
+    assert len(log.tables["usbl"]) == 40
+
+
+def test_only_the_stamps_of_one_sensor_go_back(tmp_path: Path) -> None:
+    """Its driver started again: the compass has no step and is cut to the time of the part."""
+    times = T0 + np.arange(COUNT) * STEP
+    dvl = [twist(t, 1 + k / 100, 0.0) for k, t in enumerate(times.tolist())]
+    for k in range(40, COUNT):
+        time_ns, topic, kind, values = dvl[k]
+        dvl[k] = time_ns, topic, kind, dict(values) | {"header.stamp": time_ns - 5 * SECOND}
+    rows = [row for k, t in enumerate(times.tolist()) for row in (dvl[k], yaw(t, k / 10))]
+    log = write_mcap(tmp_path / "a.mcap", rows)
+
+    with pytest.raises(PartsError, match=r"/dvl: the clock goes back by 5\.000 s"):
+        read_log(log)
+    whole = read_log(log, Request(part="joined"))
+    np.testing.assert_allclose(np.diff(whole.tables["dvl"]["time_s"]), 0.2, atol=1e-6)
+    assert headings(whole) == [*range(COUNT)]
+
+
+def test_a_slow_topic_is_cut_where_the_clock_went_back(tmp_path: Path) -> None:
+    times = T0 + np.arange(COUNT) * STEP
+    times[40:] -= 2 * SECOND
+    rows: list[Row] = []
+    for k, t in enumerate(times.tolist()):
+        rows += [twist(t, 1.0, 0.0), yaw(t, 0.0), *([point(t, float(k), 0.0)] if k % 20 == 19 else [])]
+    log = write_mcap(tmp_path / "a.mcap", rows)
+
+    parts = [read_log(log, Request(part=part)).tables["usbl"]["east_m"].tolist() for part in ("1", "2")]
+
+    assert parts == [[19, 39], [59, 79]]
+
+
+def test_a_part_that_there_is_not_is_refused(tmp_path: Path) -> None:
+    times = T0 + np.arange(COUNT) * STEP
+    times[40:] -= 100 * SECOND
+    log = write_mcap(tmp_path / "a.mcap", rows_of(times))
+
+    with pytest.raises(UsageError, match=r"there is no part 3: /dvl, /imu: the clock goes back by 100\.000 s"):
+        read_log(log, Request(part="3"))
+    (tmp_path / "usbldr.toml").write_text("part = 2\n", encoding="utf-8")
+    assert headings(read_log(log)) == [*range(40, COUNT)]
+    assert "part 2: 2020-09-13T12:25:08.000Z" in run("info", log, "--config", "none").output
+    assert "only part 2 is used" in run("info", log, "--config", "none", "--part", "2").output
+
+
+def test_part_without_a_step_is_said(tmp_path: Path) -> None:
+    log = read_log(write_mcap(tmp_path / "a.mcap", rows_of(T0 + np.arange(COUNT) * STEP)), Request(part="2"))
+
+    assert "part is not used" in codes(log)["KEY-UNUSED"]
+
+
+def test_records_of_two_targets_one_after_the_other_are_no_step() -> None:
+    times = np.concatenate([np.arange(30), np.arange(30)]) * SECOND
+
+    assert examined(times, [np.arange(30), np.arange(30, 60)]).steps == []
+    assert [step.row for step in examined(times).steps] == [30]
