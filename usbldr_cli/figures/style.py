@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib import figure as mpl_figure
-from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
+from matplotlib import rc_context, rcParamsDefault  # pyright: ignore[reportUnknownVariableType]
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.ticker import NullLocator, StrMethodFormatter
 from PIL import Image
@@ -58,6 +58,7 @@ STYLE: Mapping[str, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 9,
     "lines.linewidth": 1.3,
+    "svg.hashsalt": "usbldr",
 }
 DPI = 130  # [dots per inch] sharp on a page, and small as a file
 COMPRESSION = 3  # [of 9] of PNG: two thirds of the time of 6, the usual one, for files 4 % larger
@@ -68,8 +69,8 @@ TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the l
 
 
 def in_style() -> AbstractContextManager[None]:
-    """Draw in this style; matplotlib's settings are global, so they are restored afterwards."""
-    settings: Any = dict(STYLE)
+    """Draw in this style, whatever matplotlib's own settings are; they are global, so they are restored afterwards."""
+    settings: Any = {name: value for name, value in rcParamsDefault.items() if name != "backend"} | STYLE
     return rc_context(settings)
 
 
@@ -127,8 +128,7 @@ def truth_text(kind: str, source: str) -> str:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format of its suffix (.png, .svg, .pdf), without a version or a date in it."""
     if path.suffix != ".png":
-        with rc_context({"svg.hashsalt": "usbldr"}):
-            figure.savefig(path, metadata={UNDATED[path.suffix]: None})
+        figure.savefig(path, metadata={UNDATED[path.suffix]: None})
         return
     figure.dpi = DPI
     canvas = FigureCanvasAgg(figure)  # unlike savefig, this draws only once
