@@ -70,7 +70,8 @@ TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the l
 
 def in_style() -> AbstractContextManager[None]:
     """Draw in this style, whatever matplotlib's own settings are; they are global, so they are restored afterwards."""
-    settings: Any = {name: value for name, value in rcParamsDefault.items() if name != "backend"} | STYLE
+    usual: Any = rcParamsDefault
+    settings: Any = {name: value for name, value in usual.items() if name != "backend"} | dict(STYLE)
     return rc_context(settings)
 
 
