@@ -24,6 +24,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "ROLE-PREFERRED": "info",
     "ROLE-SHIP": "info",
     "COLUMNS-BY-NAME": "info",
+    "CONCATENATED": "info",
     "TRUTH-FRAME": "info",
     "ESTIMATE-FRAME": "info",
     "CONVENTION-CHECKED": "info",

@@ -44,17 +44,26 @@ class TooLargeError(ValueError):
     """A part of a file is larger than a limit."""
 
 
-_copied_from: dict[str, Path] = {}  # decompressed copy of a log -> the compressed file
+_copied_from: dict[str, tuple[Path, float]] = {}  # copy of a log or of a part -> the file, the share of its limits
 
 
-def note_copy(copy: Path, original: Path) -> None:
-    """Let the limits of a decompressed copy follow from the size of the compressed file: they do not multiply."""
-    _copied_from[str(copy)] = original
+def note_copy(copy: Path, original: Path, share: float = 1.0) -> None:
+    """Let the limits of a copy be those of the file, or a share of them for a part of it: they do not multiply."""
+    _copied_from[str(copy)] = original, share
 
 
 def original_of(path: Path) -> Path:
-    """Return the file that the user has: of a decompressed copy the compressed one."""
-    return _copied_from.get(str(path), path)
+    """Return the file that the user has: of a copy the one it was made of."""
+    return _origin(path)[0]
+
+
+def _origin(path: Path | str) -> tuple[Path, float]:
+    """Return the file that the user has, and the share of its limits that is the copy's."""
+    share = 1.0
+    while str(path) in _copied_from:
+        path, part = _copied_from[str(path)]
+        share *= part
+    return Path(path), share
 
 
 class BeyondLimitError(LogError):
@@ -67,11 +76,13 @@ class UnpackingBudget:
     def __init__(self, path: Path | str, size: int, text: bool = False) -> None:
         """Take the log, its size in bytes, and whether it is a compressed text."""
         self._path = path
-        size = _copied_from[str(path)].stat().st_size if str(path) in _copied_from else size
-        self._whole = limit(TEXT_BYTES + TEXT_RATIO * size if text else UNPACKED_BYTES + UNPACKED_RATIO * size)
+        original, share = _origin(path)
+        size = original.stat().st_size if str(path) in _copied_from else size
+        whole = TEXT_BYTES + TEXT_RATIO * size if text else UNPACKED_BYTES + UNPACKED_RATIO * size
+        self._whole = limit(round(share * whole))
         self._left = self._whole
-        self._records = limit((TEXT_LINES if text else RECORDS) + size // RECORD_BYTES)
-        self._search = limit(SEARCH_BYTES + SEARCH_RATIO * size)
+        self._records = limit(round(share * ((TEXT_LINES if text else RECORDS) + size // RECORD_BYTES)))
+        self._search = limit(round(share * (SEARCH_BYTES + SEARCH_RATIO * size)))
         self.chunk_bytes = limit(CHUNK_BYTES)
 
     def take_record(self, count: int = 1) -> None:

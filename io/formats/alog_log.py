@@ -18,7 +18,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.decoder_set import LOG_FIELDS, DecoderSet
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import text_lines
+from usbldr.io.formats.files import head_lines, text_lines
 from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo, name_of
 
@@ -43,7 +43,8 @@ class Postings:
 
 def looks_like_alog(head: bytes) -> bool:
     """Return whether a file begins with the comments of pLogger."""
-    return head.startswith(b"%%") and START.search(head.decode(errors="replace")) is not None
+    lines = head_lines(head)
+    return any(line.startswith("%%") and START.search(line) for line in lines)
 
 
 class AlogLog:

@@ -6,11 +6,12 @@ The copies last as long as the reader. Errors and findings name the files that t
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from io import BufferedWriter
 from itertools import chain
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import Any
+from typing import Any, TypeAlias
 from weakref import finalize
 
 from usbldr.filters.errors import LogError, UsbldrError
@@ -23,31 +24,30 @@ from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo
 
 ENDINGS = (".zst", ".zstd", ".gz", ".bz2", ".xz", ".lz4")
 HEAD_BYTES = 4096  # [bytes] looked at to recognise a text: texts have no zeros
+Copies: TypeAlias = tuple[Mapping[Path, Path], Sequence[Finding]]
+"""Copies and the files that they are made of; what is missing from them."""
 
 
-class CompressedLog:
-    """A compressed log, or a folder with compressed files, read by the reader of its contents."""
+class CopiedLog:
+    """A log that is read from temporary copies: of compressed files, or of the parts of a file."""
 
-    def __init__(self, path: Path, files: Mapping[Path, str], reader_of: Callable[[Sequence[Path]], Reader]) -> None:
-        """Decompress the files (path -> compression), and open their copies by ``reader_of``.
+    def __init__(
+        self, path: Path, copied_as: str, copy: Callable[[Path], Copies], reader_of: Callable[[Sequence[Path]], Reader]
+    ) -> None:
+        """Write copies into a temporary folder by ``copy``, and open them by ``reader_of``.
 
-        Raises LogError if a file is too large, or if nothing of it can be decompressed.
+        ``copied_as``: what the name of the format is followed by. Raises what these raise.
         """
-        self.path = path
-        self._compressions = ", ".join(sorted(set(files.values())))
+        self.path, self._copied_as = path, copied_as
         folder = mkdtemp(prefix="usbldr-")
         finalize(self, rmtree, folder, ignore_errors=True)
-        copies = [Path(folder) / (file.stem if file.suffix.lower() in ENDINGS else file.name) for file in files]
-        self._originals = dict(zip(copies, files, strict=True))
-        whose = {file: "" if file == path else f"{file.name}: " for file in files}
-        lost = [_decompressed(file, files[file], copy, whose[file]) for copy, file in self._originals.items()]
-        self._damage = [finding for finding in lost if finding]
+        self._originals, self._damage = copy(Path(folder))
         with self._naming():
-            self._contents = reader_of(copies)
+            self._contents = reader_of(list(self._originals))
 
     @contextmanager
     def _naming(self) -> Generator[None]:
-        """Name the compressed files in errors about their copies, and their damage."""
+        """Name the user's files in errors about their copies, and their damage."""
         try:
             yield
         except UsbldrError as fault:
@@ -63,7 +63,7 @@ class CompressedLog:
     @property
     def format(self) -> str:
         """What a user calls it: "MCAP, zstd"."""
-        return f"{self._contents.format}, {self._compressions}"
+        return self._contents.format + self._copied_as
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
@@ -76,7 +76,7 @@ class CompressedLog:
             return self._contents.read(wanted)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Report what was lost in the compressed file, and in its contents."""
+        """Report what was lost in the files, and in their contents."""
         with self._naming():
             return (*self._damage, *self._contents.findings())
 
@@ -86,6 +86,21 @@ class CompressedLog:
             self._contents = self._contents.with_columns(configured)
             return self
         return with_sentences(self)
+
+
+def compressed_log(path: Path, files: Mapping[Path, str], reader_of: Callable[[Sequence[Path]], Reader]) -> CopiedLog:
+    """Return a compressed log, or a folder with compressed files (path -> compression).
+
+    Raises LogError if a file is too large, or if nothing of it can be decompressed.
+    """
+
+    def copy(folder: Path) -> Copies:
+        copies = [folder / (file.stem if file.suffix.lower() in ENDINGS else file.name) for file in files]
+        whose = {file: "" if file == path else f"{file.name}: " for file in files}
+        lost = [_decompressed(file, files[file], to, whose[file]) for to, file in zip(copies, files, strict=True)]
+        return dict(zip(copies, files, strict=True)), [finding for finding in lost if finding]
+
+    return CopiedLog(path, f", {', '.join(sorted(set(files.values())))}", copy, reader_of)
 
 
 def _decompressed(path: Path, compression: str, copy: Path, whose: str) -> Finding | None:
@@ -111,14 +126,21 @@ def _decompressed(path: Path, compression: str, copy: Path, whose: str) -> Findi
 def _write(copy: Path, first: bytes, pieces: Iterator[bytes], original: Path) -> None:
     text = b"\0" not in first[:HEAD_BYTES]
     budget = UnpackingBudget(original, original.stat().st_size, text)
+    with written(copy, original) as file:
+        for piece in chain([first], pieces):
+            budget.take_bytes(len(piece))
+            budget.take_record(piece.count(b"\n") if text else 0)
+            file.write(piece)
+
+
+@contextmanager
+def written(copy: Path, original: Path) -> Generator[BufferedWriter]:
+    """Open a copy to be written; raise LogError if the disk is full."""
     try:
         with copy.open("wb") as file:
-            for piece in chain([first], pieces):
-                budget.take_bytes(len(piece))
-                budget.take_record(piece.count(b"\n") if text else 0)
-                file.write(piece)
+            yield file
     except OSError as err:
-        why = f"cannot be decompressed into {copy.parent} ({err.strerror or err}); TMPDIR names another folder"
+        why = f"cannot be copied into {copy.parent} ({err.strerror or err}); TMPDIR names another folder"
         raise LogError(why, path=original) from err
 
 

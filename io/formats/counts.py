@@ -16,6 +16,7 @@ def count_findings(whose: str, stated: Mapping[Any, int], found: Mapping[Any, in
     missing, surplus = lost_messages(stated, found), lost_messages(found, stated)
     if not missing and not surplus:
         return []
-    more = f" and {surplus} are not in {whose}" if surplus else ""
-    text = f"{missing} of {sum(stated.values())} messages in {whose} are missing{more}"
+    total, more = sum(stated.values()), f" and {surplus} are not in {whose}" if surplus else ""
+    text = f"{missing} of {total} messages in {whose} are missing{more}"
+    text = text if missing else f"there are {surplus} messages more than the {total} that {whose} states"
     return [Finding("DAMAGED", text, lost_data=missing > 0)]

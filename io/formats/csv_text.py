@@ -1,12 +1,12 @@
 """The texts of CSV files as columns: names, integer nanoseconds and numbers; faults name the line."""
 
-import codecs
 import csv
 import re
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -15,13 +15,14 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.csv_sheets import ISO, plain_names
 from usbldr.io.formats.decompression import compression_of, first_bytes
-from usbldr.io.formats.files import opened, text_lines
+from usbldr.io.formats.files import HEAD_BYTES, head_lines, opened, text_lines
 from usbldr.io.formats.text_table import MAX_CHARACTERS, TextColumn, TextTable, listed
 from usbldr.io.formats.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.reader import MAX_TIME_NS, Column
 
 SECOND = 1_000_000_000  # fixed: nanoseconds
-HEAD_BYTES = 4096  # [bytes] by which a file is recognised
+PREAMBLE = 100  # [lines] among which the column names are looked for
+COMMENT = "# "  # what the column names may follow
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 WORDS = {"": "nan", "true": "1", "false": "0"}
@@ -57,21 +58,40 @@ def compressed_texts(folder: Path) -> dict[Path, str]:
 
 
 def looks_like_csv(head: bytes) -> bool:
-    """Return whether a file's first bytes are text whose first line holds column names."""
-    first = _first_line(head)
-    return _separator(first) in first and any(char.isalpha() for char in first)
+    """Return whether a file's first bytes are text with a line of column names."""
+    header = _header(head_lines(head))
+    printable = header.replace("\t", " ").isprintable()
+    return _separator(header) in header and printable and any(char.isalpha() for char in header)
 
 
 def lacks_header(head: bytes) -> bool:
     """Return whether a file's first bytes are columns of numbers without names."""
-    cells = _first_line(head).split(_separator(_first_line(head)))
-    return len(cells) > 1 and all(is_number(_with_point(cell.strip())) for cell in cells)
+    first = next(iter(head_lines(head)), "")
+    cells = first.split(_separator(first))
+    return len(cells) > 1 and all(map(_is_value, cells))
 
 
-def _first_line(head: bytes) -> str:
-    if b"\0" in head or not head.strip():
-        return ""
-    return head.removeprefix(codecs.BOM_UTF8).decode(errors="replace").splitlines()[0]
+def _is_value(cell: str) -> bool:
+    cell = cell.strip()
+    return is_number(_with_point(cell)) or ISO.fullmatch(cell) is not None
+
+
+def _header(lines: Sequence[str]) -> str:
+    return lines[_header_place(lines)] if lines else ""
+
+
+def _header_place(lines: Sequence[str]) -> int:
+    """Return the place of the column names among the first lines: before the first row, known by a number in it.
+
+    Comments and a title may precede them. If no row is found, it is the first line that is not blank.
+    """
+    filled = [k for k, line in enumerate(lines) if line.strip()]
+    for k, following in pairwise(filled):
+        separator = _separator(lines[k])
+        names, row = (_cells(lines[place].lstrip(COMMENT), separator) for place in (k, following))
+        if 1 < len(names) == len(row) and any(map(_is_value, row)) and not any(map(_is_value, names)):
+            return k
+    return filled[0] if filled else 0
 
 
 def _separator(line: str) -> str:
@@ -90,25 +110,66 @@ def raw_header(file: Path) -> list[str]:
 
 def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row."""
-    lines = text_lines(file)
-    first = next(lines, "").lstrip("# ")
+    first, lines, _ = _begun(file)
     separator = _separator(first)
     return [name.strip() for name in _cells(first, separator)], _cells(next(lines, ""), separator)
+
+
+def _begun(file: Path) -> tuple[str, Iterator[str], int]:
+    """Return the line of a file's column names, the lines behind it, and its number."""
+    lines = text_lines(file)
+    begun = list(islice(lines, PREAMBLE))
+    place = _header_place([line.replace("\0", "") for line in begun])
+    first = begun[place].replace("\0", "").lstrip(COMMENT) if begun else ""
+    return first, chain(begun[place + 1 :], lines), place + 1
+
+
+class _Rows:
+    """Which of a file's lines are rows of its table, and their cells in the order of its columns."""
+
+    def __init__(self, header: Sequence[str], separator: str | None) -> None:
+        self._header, self._separator = header, separator
+        self._order: Sequence[int] | None = None  # of the columns behind another line of names
+        self._other = ""  # why rows are those of another table
+
+    def cells(self, line: str) -> Sequence[str] | str:
+        """Return the cells of a row, of another line why it is none; empty if it holds no data."""
+        cells = _cells(line, self._separator)
+        if len(cells) > len(self._header) and not any(cells[len(self._header) :]):
+            cells = cells[: len(self._header)]  # separators at the end of the line
+        if line.count('"') % 2:
+            return "a quotation mark is missing"
+        if cells[0].lstrip(COMMENT) in self._header and not any(map(_is_value, cells)):
+            return self._names_again([cells[0].lstrip(COMMENT), *cells[1:]])
+        if self._other:
+            return self._other
+        if len(cells) != len(self._header):
+            return f"it has {len(cells)} cells, the first line {len(self._header)}"
+        return cells if self._order is None else [cells[place] for place in self._order]
+
+    def _names_again(self, cells: list[str]) -> str:
+        """Take another line of column names, as files that were joined have; their columns may have another order."""
+        names = plain_names(cells)
+        self._order, self._other = None, ""
+        if sorted(names) == sorted(self._header):
+            self._order = None if names == list(self._header) else [names.index(name) for name in self._header]
+            return ""
+        self._other = f"it belongs to a table of other columns ({listed(names)})"
+        return self._other
 
 
 def read_texts(file: Path) -> TextTable:
     """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
 
     A file without names, TUM or .fnv, has the columns of its format. Its last line needs no line end; of any other
-    file, such a line is left out, and so is a row with too few or too many cells.
+    file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows.
     """
-    lines = text_lines(file)
-    first = next(lines, "")
+    first, lines, begin = _begun(file)
     separator = _separator(first) if _separator(first) in first else None
-    header = plain_names([name.strip() for name in _cells(first.lstrip("# "), separator)])
+    header = plain_names([name.strip() for name in _cells(first, separator)])
     known = unnamed_columns(file, header if separator is None else ())
     if known is not None:
-        lines, separator, header = text_lines(file), None, list(known)
+        lines, separator, header, begin = text_lines(file), None, list(known), 0
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
         raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
@@ -117,20 +178,14 @@ def read_texts(file: Path) -> TextTable:
     numbered = array("q")
     left_out: dict[int, str] = {}
     cut = 0
-    for number, line in enumerate(lines, start=2 if known is None else 1):
-        if not line.strip() or (known is not None and (line.startswith("#") or line.split() == header)):
+    table = _Rows(header, separator)
+    for number, line in enumerate(lines, start=begin + 1):
+        if not line.strip() or line.startswith("#") or (known is not None and line.split() == header):
             continue
         cut = 0 if line.endswith("\n") or known is not None else number
-        cells = _cells(line, separator)
-        if len(cells) > len(header) and not any(cells[len(header) :]):
-            cells = cells[: len(header)]  # separators at the end of the line
-        if cut:
-            continue
-        if line.count('"') % 2:
-            left_out[number] = "a quotation mark is missing"
-            continue
-        if len(cells) != len(header):
-            left_out[number] = f"it has {len(cells)} cells, the first line {len(header)}"
+        cells = "" if cut else table.cells(line)
+        if isinstance(cells, str):
+            left_out |= {number: cells} if cells else {}
             continue
         rows.append(cells)
         numbered.append(number)

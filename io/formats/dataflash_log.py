@@ -87,7 +87,7 @@ class DataflashLog:
         budget = UnpackingBudget(self.path, len(data))
         while at < len(data):
             length = self._length(at)
-            if length and at + length <= len(data):
+            if length and at + length <= len(data) and self._is_apart(at, length, budget):
                 budget.take_record()
                 places.setdefault(data[at + 2], array("q")).append(at)
                 at += length
@@ -119,6 +119,11 @@ class DataflashLog:
             if _is_whole(made):
                 self._formats.setdefault(body[0], made)
         return FMT_BYTES
+
+    def _is_apart(self, at: int, length: int, budget: UnpackingBudget) -> bool:
+        """Return whether the next message begins behind this one, not within it, as behind a cut."""
+        after = self._data[at + length : at + length + 2]
+        return after in (MARK, b"") or self._next(at + 1, budget) >= at + length
 
     def _next(self, at: int, budget: UnpackingBudget) -> int:
         """Return where the next message begins that another one or the end of the file follows."""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
+from usbldr.io.formats.container_ends import begins_container
 from usbldr.io.formats.decompression import compression_of
 from usbldr.io.formats.files import opened
 from usbldr.io.reader import Reader
@@ -39,10 +40,15 @@ def _bag(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _rosbag2(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    if not path.is_dir():
+        if not head.startswith(b"SQLite format 3\x00"):
+            return None
+        from usbldr.io.formats.db3_log import Db3Log
+
+        return Db3Log(path, known)
     from usbldr.io.formats.rosbag2_log import holds_recording, open_rosbag2
 
-    fits = holds_recording(path) if path.is_dir() else head.startswith(b"SQLite format 3\x00")
-    return open_rosbag2(path, known) if fits else None
+    return open_rosbag2(path, lambda file: open_log(file, known)) if holds_recording(path) else None
 
 
 def _tlog(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -127,9 +133,9 @@ def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
     compressed = compressed_texts(path) if path.is_dir() else {}
     if compressed:
-        from usbldr.io.formats.compressed_log import CompressedLog
+        from usbldr.io.formats.compressed_log import compressed_log
 
-        return CompressedLog(path, compressed, lambda copies: CsvLog(path, copies=copies))
+        return compressed_log(path, compressed, lambda copies: CsvLog(path, copies=copies))
     fits = any(text_files(path)) if path.is_dir() else looks_like_csv(head)
     return CsvLog(path) if fits else None
 
@@ -156,6 +162,22 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
 does not define to its reader, which is imported only then; to None if it is of another format."""
 
 
+def _reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    """Return the reader that fits, None if none does; one of several recordings if the file holds them."""
+    single = path.is_dir() or not head
+
+    def matching() -> Reader | None:
+        return next((reader for of in FORMATS.values() if (reader := of(path, head, known)) is not None), None)
+
+    if single or not begins_container(head):
+        reader = matching()
+        if reader is not None or single:
+            return reader
+    from usbldr.io.formats.concatenated import concatenated_log
+
+    return concatenated_log(path, lambda copy: open_log(copy, known)) or matching()
+
+
 def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     """Return the reader that fits; raise LogError for a missing, empty or unknown file."""
     head = b""
@@ -166,12 +188,12 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
             with opened(path) as file:
                 head = file.read(4096)
         if compression := compression_of(head):
-            from usbldr.io.formats.compressed_log import CompressedLog
+            from usbldr.io.formats.compressed_log import compressed_log
 
-            return CompressedLog(path, {path: compression}, lambda copies: open_log(copies[0], known))
-        for reader_of in FORMATS.values():
-            if (reader := reader_of(path, head, known)) is not None:
-                return reader
+            return compressed_log(path, {path: compression}, lambda copies: open_log(copies[0], known))
+        reader = _reader(path, head, known)
+        if reader is not None:
+            return reader
     except OSError as err:
         raise LogError(f"cannot be read ({err.strerror or err})", path=path) from err
     *others, last = FORMATS

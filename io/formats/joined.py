@@ -1,17 +1,19 @@
 """Several logs as one: the parts of a split recording, or the files of one dive, each with a clock of its own."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.definitions import ros2_name
 from usbldr.io.findings import Finding
 from usbldr.io.formats.counts import count_findings
 from usbldr.io.messages.registry import STAMPS
-from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
+from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo, blocks_of
 
 UNDATED = ("NMEA-DATE", "NO-DATE")
 """Codes of the finding that the times of a log have no date."""
@@ -24,6 +26,7 @@ class LogPart:
     reader: Reader
     offset_ns: int = 0
     dated: bool = False  # whether the offset has the date that the log lacks
+    name: str = ""  # what its findings are told apart by; "": its file
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +49,14 @@ class JoinedLog:
                 found[key] = _together(found[key], topic) if key in found else topic
         return tuple(found.values())
 
+    def with_columns(self, configured: Sequence[Any]) -> "JoinedLog":
+        """Return this log with the columns of its tables that the configuration states."""
+        readers = ((part, part.reader) for part in self.parts)
+        parts = (
+            replace(p, reader=r.with_columns(configured) if isinstance(r, NamedColumns) else r) for p, r in readers
+        )
+        return replace(self, parts=tuple(parts))
+
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
         """Read each part, shift its times, and put the records in the order of log time."""
         return read_whole(self, wanted)
@@ -66,7 +77,7 @@ class JoinedLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in each part."""
         own = [
-            replace(finding, text=f"{part.reader.path.name}: {finding.text}")
+            replace(finding, text=f"{part.name or part.reader.path.name}: {finding.text}")
             for part in self.parts
             for finding in part.reader.findings()
             if not (part.dated and finding.code in UNDATED)
@@ -76,6 +87,29 @@ class JoinedLog:
             found = sum(topic.count for topic in self.topics())
             counted = count_findings("metadata.yaml", {"": self.stated_messages}, {"": found})
         return (*self.joining_findings, *counted, *own)
+
+
+def readable_parts(
+    files: Sequence[Path], open_file: Callable[[Path], Reader], names: Sequence[str] = ()
+) -> tuple[tuple[LogPart, ...], list[Finding]]:
+    """Return the files that can be read, and a finding for each other; raise LogError if there is none.
+
+    ``names``: what they are told apart by, if not their files.
+    """
+    parts: list[LogPart] = []
+    unread: list[Finding] = []
+    faults: list[LogError] = []
+    for file, name in zip(files, names or [file.name for file in files], strict=True):
+        try:
+            reader = open_file(file)
+            reader.topics()
+            parts.append(LogPart(reader, name=name))
+        except LogError as fault:
+            unread.append(Finding("DAMAGED", f"{name} cannot be read: {fault.text}", lost_data=True))
+            faults.append(fault)
+    if not parts and faults:
+        raise faults[0]
+    return tuple(parts), unread
 
 
 def _key(topic: TopicInfo) -> tuple[str, str]:

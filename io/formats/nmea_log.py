@@ -12,7 +12,7 @@ from pathlib import Path
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_sentences import SENTENCE, SentenceSet, find_sentences, undecoded_findings
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import text_lines
+from usbldr.io.formats.files import head_lines, text_lines
 from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
@@ -25,9 +25,7 @@ SENTENCE_TOPIC_WORDS = re.compile(
 
 def looks_like_nmea(head: bytes) -> bool:
     """Return whether a file's first bytes are text, and most of its lines hold a sentence."""
-    if b"\0" in head:
-        return False
-    lines = [line for line in head.decode("utf-8", errors="replace").splitlines() if line.strip()]
+    lines = [line for line in head_lines(head) if line.strip()]
     return sum(SENTENCE.search(line) is not None for line in lines) > len(lines) / 2
 
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import text_lines
+from usbldr.io.formats.files import head_lines, text_lines
 from usbldr.io.reader import Records, TopicInfo
 
-LINE = re.compile(r"^\s*:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,]*)+?)\s*$")
+LINE = re.compile(r"^\s*:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,:]*)+?)\s*$")  # a colon begins a line
 TIME = re.compile(r"\d{14}", re.ASCII)
 VELOCITY = ("x", "y", "z", "status")
 LINES: Mapping[str, tuple[tuple[str, ...], Callable[[Sequence[str]], tuple[float | str, ...]]]] = {
@@ -34,9 +34,7 @@ USED = {"SA": "heading_deg", "TS": "depth_m"}
 
 def looks_like_pd6(head: bytes) -> bool:
     """Return whether most lines of a file's first bytes are lines of PD6."""
-    if b"\0" in head:
-        return False
-    lines = [line for line in head.decode("utf-8", errors="replace").splitlines()[:20] if line.strip()]
+    lines = [line for line in head_lines(head)[:20] if line.strip()]
     return sum(LINE.match(line) is not None for line in lines) > len(lines) / 2
 
 

@@ -1,16 +1,14 @@
-"""rosbag2 recordings: a folder of .db3 or .mcap parts with or without its metadata.yaml, or a .db3 file alone."""
+"""rosbag2 recordings: a folder of .db3 or .mcap parts with or without its metadata.yaml."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from usbldr.filters.errors import LogError
-from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.findings import Finding
-from usbldr.io.formats.decompression import compression_of
 from usbldr.io.formats.files import opened
-from usbldr.io.formats.joined import JoinedLog, LogPart
+from usbldr.io.formats.joined import JoinedLog, readable_parts
 from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import Reader
 
@@ -27,10 +25,11 @@ def holds_recording(folder: Path) -> bool:
     return (folder / "metadata.yaml").is_file() or any(_parts(folder))
 
 
-def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
-    """Return the reader of a recording; raise LogError if a folder holds none that can be read."""
-    if not path.is_dir():
-        return _reader(path, known)
+def open_rosbag2(path: Path, open_part: Callable[[Path], Reader]) -> Reader:
+    """Return the reader of a folder's recording; raise LogError if none of its parts can be read.
+
+    ``open_part`` opens a file.
+    """
     parts = _parts(path)
     metadata = _metadata(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else Metadata()
     findings: list[Finding] = []
@@ -41,27 +40,10 @@ def open_rosbag2(path: Path, known: Definitions = SHIPPED) -> Reader:
             findings.append(Finding("PART-TWICE", "metadata.yaml names a part more than once; it is read once"))
     else:
         files, findings = _numbered(path, parts), _gaps(parts)
-    stated = metadata.messages if len(files) == len(set(metadata.parts)) else None  # missing parts are reported
-    opened_parts = tuple(LogPart(_reader(file, known)) for file in files)
-    return JoinedLog(path, "rosbag2 folder", opened_parts, tuple(findings), stated)
-
-
-def _reader(file: Path, known: Definitions) -> Reader:
-    with opened(file) as part:
-        head = part.read(16)
-    if compression := compression_of(head):
-        from usbldr.io.formats.compressed_log import CompressedLog
-
-        return CompressedLog(file, {file: compression}, lambda copies: _reader(copies[0], known))
-    if head.startswith(b"\x89MCAP0\r\n"):
-        from usbldr.io.formats.mcap_log import McapLog
-
-        return McapLog(file, known)
-    if head.startswith(b"SQLite format 3\x00"):
-        from usbldr.io.formats.db3_log import Db3Log
-
-        return Db3Log(file, known)
-    raise LogError("is neither sqlite3 nor MCAP" if head else "the file is empty", path=file)
+    opened_parts, unread = readable_parts(files, open_part)
+    complete = len(opened_parts) == len(set(metadata.parts))  # missing parts are reported
+    stated = metadata.messages if complete else None
+    return JoinedLog(path, "rosbag2 folder", opened_parts, (*findings, *unread), stated)
 
 
 def _parts(folder: Path) -> list[Path]:

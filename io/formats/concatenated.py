@@ -1,0 +1,65 @@
+"""A file that holds several recordings, or one behind other bytes: each is cut out and read, and the rest is named."""
+
+from collections.abc import Callable, Sequence
+from mmap import mmap
+from pathlib import Path
+
+from usbldr.filters.errors import LogError
+from usbldr.io.findings import Finding
+from usbldr.io.formats.compressed_log import CopiedLog, Copies, written
+from usbldr.io.formats.container_ends import MATLAB, PARQUET, SEARCHED, Place, places_of
+from usbldr.io.formats.files import mapped
+from usbldr.io.formats.joined import JoinedLog, readable_parts
+from usbldr.io.limits import note_copy
+from usbldr.io.reader import Reader
+
+
+def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader | None:
+    """Return the log of a file of several recordings, None if it holds one alone; raise LogError if none is readable.
+
+    ``open_copy`` opens a part.
+    """
+    data = mapped(path)
+    places = places_of(data)
+    if not any(place.kind for place in places) or (len(places) == 1 and _is_whole(data, places[0])):
+        return None
+
+    def copy(folder: Path) -> Copies:
+        return {_cut(data, place, path, folder): path for place in places}, []
+
+    return CopiedLog(path, "", copy, lambda copies: _joined(path, places, copies, open_copy))
+
+
+def _is_whole(data: mmap, place: Place) -> bool:
+    """Return whether the readers of a container find it in its file: of most they ignore zeros behind it."""
+    return place.start == 0 and (place.end == len(data) or place.kind not in (PARQUET, MATLAB))
+
+
+def _cut(data: mmap, place: Place, path: Path, folder: Path) -> Path:
+    (folder / str(place.start)).mkdir()
+    copy = folder / str(place.start) / path.name
+    note_copy(copy, path, (place.end - place.start) / len(data))
+    with written(copy, path) as file:
+        for at in range(place.start, place.end, SEARCHED):
+            file.write(data[at : min(at + SEARCHED, place.end)])
+    return copy
+
+
+def _joined(
+    path: Path, places: Sequence[Place], copies: Sequence[Path], open_copy: Callable[[Path], Reader]
+) -> JoinedLog:
+    """Join the recordings that can be read; raise LogError if none can."""
+    kinds = dict(zip(copies, (place.kind for place in places), strict=True))
+
+    def open_part(copy: Path) -> Reader:
+        reader = open_copy(copy)
+        if not kinds[copy] and not any(topic.count for topic in reader.topics()):
+            raise LogError("no message was found", path=path)
+        return reader
+
+    names = [f"bytes {place.start} to {place.end}" for place in places]
+    parts, unread = readable_parts(copies, open_part, names)
+    if len(parts) > 1:
+        text = f"the file holds {len(parts)} recordings, one behind the other: {', '.join(part.name for part in parts)}"
+        unread.insert(0, Finding("CONCATENATED", text))
+    return JoinedLog(path, " + ".join(dict.fromkeys(part.reader.format for part in parts)), parts, tuple(unread))

@@ -1,0 +1,101 @@
+"""Files of several recordings, and recordings with other bytes around them: all is read, or named as lost data."""
+
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from damaged_formats import FORMATS
+from recordings import short_dive, write_bag, write_mcap
+from usbldr.filters.errors import UsbldrError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.reader import Reader
+
+CONTAINERS = [form for form in FORMATS if form.startswith(("MCAP ", "bag", "rosbag2", "Parquet", "HDF5", ".mat"))]
+SEARCHED = ("MCAP ", "bag", "rosbag2", "Parquet", "HDF5")  # known by a mark that is found behind other bytes
+RESUMED = ("MCAP ", "bag")  # walked from record to record: another is found behind one that is cut
+junk = st.binary(min_size=1, max_size=600).map(lambda data: b"\7" + data.replace(b"\0", b"\1") + b"\7")
+
+
+def count(log: Reader, form: str) -> list[int]:
+    """Return how many records of each wanted topic are read."""
+    present = {topic.name for topic in log.topics()}
+    found = log.read({topic: paths for topic, paths in FORMATS[form].wanted.items() if topic in present})
+    return [len(found[topic].received_ns) if topic in found else 0 for topic in FORMATS[form].wanted]
+
+
+def attempt(path: Path, form: str) -> tuple[list[int], bool]:
+    """Return how many records are read, and whether a loss is said, or why nothing can be read."""
+    try:
+        log = open_log(path)
+        found = count(log, form)
+        return found, any(finding.lost_data for finding in log.findings()) or any(one.problem for one in log.topics())
+    except UsbldrError:
+        return [0] * len(FORMATS[form].wanted), True
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@settings(max_examples=3, deadline=None)
+@given(copies=st.integers(2, 4), zeros=st.sampled_from([0, 0, 7, 5000]))
+def test_all_recordings_of_a_file_are_read(form: str, copies: int, zeros: int) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        file = FORMATS[form].write(folder)
+        path, whole = file.parent if FORMATS[form].folder else file, file.read_bytes()
+        once = count(open_log(path), form)
+        file.write_bytes(bytes(zeros if form in CONTAINERS else 0).join([whole] * copies))
+        log = open_log(path)
+
+        at_same_times = form == ".alog"  # values of one time are one record
+        assert at_same_times or count(log, form) == [copies * number for number in once]
+        assert not any(finding.lost_data for finding in log.findings())
+
+
+@pytest.mark.parametrize("form", CONTAINERS)
+@settings(max_examples=5, deadline=None)
+@given(other=junk, before=st.booleans())
+def test_bytes_around_a_recording_are_named_and_the_recording_is_read(form: str, other: bytes, before: bool) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        file = FORMATS[form].write(Path(name))
+        path, whole = file.parent if FORMATS[form].folder else file, file.read_bytes()
+        once = count(open_log(path), form)
+        file.write_bytes(other + whole if before else whole + other)
+
+        if before and not form.startswith(SEARCHED):
+            return
+        log = open_log(path)
+        assert count(log, form) == once
+        assert any(finding.lost_data for finding in log.findings())
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@settings(max_examples=5, deadline=None)
+@given(data=st.data())
+def test_a_recording_behind_one_that_is_cut_is_read_or_the_loss_is_named(form: str, data: st.DataObject) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        file = FORMATS[form].write(Path(name))
+        path, whole = file.parent if FORMATS[form].folder else file, file.read_bytes()
+        once = count(open_log(path), form)
+        cut = data.draw(st.integers(9, len(whole) - 1))
+        file.write_bytes(whole[:cut])
+        alone, _ = attempt(path, form)
+        file.write_bytes(whole[:cut] + whole)
+        found, said = attempt(path, form)
+
+        at_same_times = form == ".alog"
+        together = [a + b for a, b in zip(alone, once, strict=True)]
+        assert said or at_same_times or all(a >= b for a, b in zip(found, together, strict=True))
+        if form.startswith(RESUMED):
+            assert all(a >= b for a, b in zip(found, once, strict=True))
+
+
+def test_recordings_of_several_formats_in_one_file_are_read(tmp_path: Path) -> None:
+    one, other = write_mcap(tmp_path / "a.mcap", short_dive()), write_bag(tmp_path / "a.bag", short_dive())
+    one.write_bytes(one.read_bytes() + other.read_bytes())
+    log = open_log(one)
+
+    assert log.format == "MCAP + ROS 1 bag"
+    assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 22, "/imu": 22, "/usbl": 22}
+    assert [finding.code for finding in log.findings()] == ["CONCATENATED"]
