@@ -1,4 +1,4 @@
-"""``usbldr doctor``: faults of a log that matter for navigation, found without any truth."""
+"""``usbldr doctor``: faults of a log that matter for navigation."""
 
 import json
 from pathlib import Path

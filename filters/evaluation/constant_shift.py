@@ -15,6 +15,7 @@ from usbldr.filters.types import Array, Vector
 
 LARGEST_SHARE = 0.5  # of the mean square error: a larger shift makes up most of it
 UNEXPLAINED_SHARE = 0.5  # of the mean square motion: if errors have more, track and truth do not move together
+DISPLACEMENT_S = 60.0  # [s] of that motion: long enough for a vehicle to go further than fixes scatter
 EXPLAINED_SIGMAS = 3.0  # a shift within so many sigmas of the track itself is what the filter expects
 
 
@@ -53,11 +54,14 @@ def constant_shift(error_m: Array, cov_m2: Array | None) -> ConstantShift:
     return ConstantShift(length_m, share, float(off_m.mean()), math.sqrt(rest_m2), remaining_nees, sigmas)
 
 
-def moves_otherwise(shift: ConstantShift, truth_m: Array) -> bool:
-    """Return whether the remaining error is as large as the motion of the truth (M, 2) and beyond the sigmas.
+def moves_otherwise(shift: ConstantShift, time_s: Vector, error_m: Array, truth_m: Array) -> bool:
+    """Return whether errors change as much as the truth (M, 2) moves within a minute, and beyond the sigmas.
 
-    The motion is the mean square distance from the mean position. Without sigmas return False.
+    Drift of the track and slow errors do not count. Without sigmas return False.
     """
-    motion_m2 = float(np.sum(np.var(truth_m, axis=0)))
+    later = np.searchsorted(time_s, time_s + DISPLACEMENT_S)
+    first = np.flatnonzero(later < len(time_s))
+    first = first[time_s[later[first]] - time_s[first] < 2 * DISPLACEMENT_S]
+    moved_m2, changed_m2 = (float(np.sum((p[later[first]] - p[first]) ** 2)) for p in (truth_m, error_m))
     beyond = shift.nees is not None and shift.nees > 2 * EXPLAINED_SIGMAS**2
-    return beyond and shift.rmse_m**2 > UNEXPLAINED_SHARE * motion_m2
+    return beyond and changed_m2 > UNEXPLAINED_SHARE * moved_m2

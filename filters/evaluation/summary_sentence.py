@@ -1,9 +1,14 @@
 """The last line of a report: the mean horizontal error, compared with tracks that need no filter."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+
+import numpy as np
 
 from usbldr.filters.evaluation.error_report import ErrorReport
+from usbldr.filters.types import Mask
 
+FEW_COMMON = 5  # [epochs] with fewer, means of two tracks do not compare
+NEAR_S = 1.0  # [s] an epoch so near to one of the other track is common to both: the usual grid of errors
 TRACK_LABELS = {"usbl": "raw USBL", "dr": "DR", "nudge": "nudged DR"}
 
 
@@ -19,7 +24,7 @@ def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) ->
             "origin_lat_deg and origin_lon_deg under [map], or use --align shift"
         )
     others = [other for other in others if other.label != report.label]
-    by_total = _compared(report, others, lambda one: one.horizontal.mean_m)
+    by_total = _compared(report, others, shifted=False)
     matching = report.matching
     percent = 100 * matching.matched / max(matching.asked, 1)
     few = f", in the {percent:.0f} % of the epochs that have a truth" if matching.low else ""
@@ -27,17 +32,24 @@ def summary_sentence(report: ErrorReport, others: Sequence[ErrorReport] = ()) ->
         return f"{report.label}: mean horizontal error, constant shift removed, {by_total}{few}"
     if report.mostly_shift:
         apart = f"; without a constant shift of {report.shift.length_m:.2f} m {{}}"
-        by_total += apart.format(_compared(report, others, lambda one: one.shift.mean_m))
+        by_total += apart.format(_compared(report, others, shifted=True))
     return f"{report.label}: mean horizontal error {by_total}{few}"
 
 
-def _compared(report: ErrorReport, others: Sequence[ErrorReport], error: Callable[[ErrorReport], float]) -> str:
-    """Return an error of the report in metres, and how much better or worse it is than that of each other track."""
-    own = error(report)
-    parts = [f"{own:.2f} m"]
+def _compared(report: ErrorReport, others: Sequence[ErrorReport], shifted: bool) -> str:
+    """Return the mean error in metres, and how much better or worse it is than that of each other track.
+
+    Both means are over the time that both tracks have errors in; ``shifted`` errors are without their constant shift.
+    """
+    parts = [f"{report.shift.mean_m if shifted else report.horizontal.mean_m:.2f} m"]
     for other in others:
-        theirs = error(other)
         name = TRACK_LABELS.get(other.method, other.label)
+        mine, common = _common(report, other), _common(other, report)
+        if min(mine.sum(), common.sum()) < FEW_COMMON:
+            count = int(min(mine.sum(), common.sum()))
+            parts.append(f"not comparable with {name} ({count or 'no'} common epoch{'' if count == 1 else 's'})")
+            continue
+        own, theirs = (_mean_m(one, rows, shifted) for one, rows in ((report, mine), (other, common)))
         change = 100 * (1 - own / theirs) if theirs > 0 else (0.0 if own == 0 else -float("inf"))
         if abs(change) < 0.5:
             parts.append(f"equal to {name}")
@@ -46,3 +58,18 @@ def _compared(report: ErrorReport, others: Sequence[ErrorReport], error: Callabl
         size = f"{abs(change):.0f} %" if abs(change) < 200 else f"{own / theirs:.1f} times" if theirs > 0 else "far"
         parts.append(f"{size} {word} than {name}")
     return ", ".join(parts)
+
+
+def _common(report: ErrorReport, other: ErrorReport) -> Mask:
+    """Return which epochs of a report, (M,), lie near one of the other's, by the other's usual interval."""
+    near_s = max(NEAR_S, float(np.median(np.diff(other.time_s)))) if len(other.time_s) > 1 else NEAR_S
+    after = np.searchsorted(other.time_s, report.time_s).clip(1, max(len(other.time_s) - 1, 1))
+    pairs_s = np.stack([other.time_s.take(after, mode="clip"), other.time_s[after - 1]])
+    return np.min(np.abs(pairs_s - report.time_s), axis=0) <= near_s
+
+
+def _mean_m(report: ErrorReport, rows: Mask, shifted: bool) -> float:
+    if rows.all():
+        return report.shift.mean_m if shifted else report.horizontal.mean_m
+    error_m = report.error_m[rows] - (report.error_m.mean(axis=0) if shifted else 0.0)
+    return float(np.hypot(*error_m.T).mean())

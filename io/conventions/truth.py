@@ -90,7 +90,7 @@ def truth_from_table(
         yaw_rad = np.unwrap(-np.radians(rows["heading_deg"].to_numpy(dtype=float)))
     velocity = rows[[*VELOCITY]].to_numpy(dtype=float) if set(VELOCITY) <= set(rows) else None
     truth = Truth(
-        time_s=(rows["time_ns"].to_numpy() - start_ns) / 1e9,
+        time_s=(rows["time_ns"].to_numpy() - start_ns) / 1e9 - section.latency_s,
         position_m=rows[["east_m", "north_m"]].to_numpy(dtype=float),
         sd_m=rows["sd_m"].to_numpy(dtype=float),
         kind=kind,

@@ -1,6 +1,7 @@
-"""Check DVL, heading and fixes against each other: conventions, mounting, sensor errors, noise. Uses no truth.
+"""Check DVL, heading and fixes against each other: conventions, mounting, sensor errors, noise.
 
-GPS decides one thing only: which of two mirror images the map is. Angles are degrees clockwise.
+GPS decides which of two mirror images the map is, and the truth's clock is compared with the fixes; no other check uses
+either. Angles are degrees clockwise.
 """
 
 from collections.abc import Sequence
@@ -8,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from usbldr.filters.errors import LogError
+from usbldr.filters.evaluation.time_offset import time_offset
 from usbldr.filters.frames import rotated, wrapped
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import Identification
@@ -80,10 +82,23 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         late_s = clock_offset_s + (latency.value if latency else 0.0)
     findings += clock_offset_findings(log, late_s) if clock_offset_s else ()
     findings += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
+    findings += _truth_clock_findings(log, timeline, late_s)
     if identification is not None:
         findings += sensor_error_findings(log, identification, clock_known=not clock_offset_s)
         findings += fix_noise_findings(log, line, identification)
     return CrossCheck(tuple(findings), result, identification)
+
+
+def _truth_clock_findings(log: Log, timeline: Timeline, late_s: float) -> list[Finding]:
+    """Compare the stamps of the truth with those of the fixes, which are late by ``late_s`` themselves."""
+    if log.truth is None:
+        return []
+    offset = time_offset(timeline.fix_time_s - late_s, timeline.fix_m, log.truth)
+    if offset is None or not offset.notable:
+        return []
+    source, section = log.truth.source, "gps" if log.truth.kind == "gps" else "truth"
+    text = offset.sentence(source, section, f"the fixes of {topic_of(log, 'usbl')}")
+    return [Finding("TRUTH-CLOCK", text, source, None, offset.late_s, "s")]
 
 
 def _by_best_interpretation(log: Log, timeline: Timeline, result: InterpretationResult) -> Timeline:

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a log for navigation, found without options and without truth.
+"""Everything that is wrong with a log for navigation, found without options.
 
 Works for a log that cannot be replayed as is, too: the reason is a finding like the others.
 """

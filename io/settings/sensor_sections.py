@@ -240,6 +240,7 @@ class TruthSection(Section, frozen=True, kw_only=True):
     frame: Literal["ENU", "NED", "latlon"] | None = None
     skip_rows: Annotated[int, Meta(ge=0, le=1_000_000_000)] = 0
     max_gap_s: Gap = 30.0
+    latency_s: Latency = 0.0
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     columns: dict[Literal["time_ns", "time_unix_s", "time_s", "x", "y", "sd_m"], str] | None = None
 

@@ -1,0 +1,105 @@
+"""The time offset between a track and the truth: by how much the truth's stamps are late, with its sigma.
+
+A truth with stamps that are late by tau shows at t + tau where the vehicle was at t. The offset with the least mean
+square distance between both is searched, after a constant shift is subtracted, and refined by Gauss-Newton steps; its
+sigma comes from leaving out parts of the track (B. Efron's jackknife), as errors of neighbours are not independent.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.types import Array, Mask, Truth, Vector
+
+FARTHEST_S = 60.0  # [s] the search ends here, as that of the doctor for the clock of fixes
+STEP_S = 1.0  # [s] of the search: a vehicle moves a metre or two in it
+POINTS = 1000  # [points] of the track that the search uses: more do not change where its minimum is
+PARTS = 8  # [-] of the track, left out one by one
+LEAST_POINTS = 40  # [points] five in each part
+SIGNIFICANT_SIGMAS = 4.0  # chance is below 1 in 10 000
+LEAST_OFFSET_S = 0.3  # [s] less moves a vehicle by less than a fix scatters
+EXPLAINED_SHARE = 0.5  # of the mean square distance: an offset that explains less is not its cause
+LEAP_SECONDS, LEAP_TOLERANCE_S = 18.0, 1.5  # fixed: GPS time minus UTC since 2017
+
+
+class TimeOffset(NamedTuple):
+    """Stamps of the truth minus those of the track, and the RMS distance without and with it, in metres."""
+
+    late_s: float
+    sd_s: float
+    rms_m: float
+    corrected_m: float
+
+    @property
+    def notable(self) -> bool:
+        """Whether the offset is significant, and explains most of the distance."""
+        beyond = abs(self.late_s) > max(SIGNIFICANT_SIGMAS * self.sd_s, LEAST_OFFSET_S)
+        return beyond and self.corrected_m**2 < (1 - EXPLAINED_SHARE) * self.rms_m**2
+
+    def sentence(self, truth: str, section: str, track: str = "the track") -> str:
+        """Return what the offset is, and what would correct it."""
+        side = "late" if self.late_s > 0 else "early"
+        leap = abs(abs(self.late_s) - LEAP_SECONDS) < LEAP_TOLERANCE_S
+        why = f" (GPS time and UTC are {LEAP_SECONDS:g} s apart)" if leap else ""
+        return (
+            f"{truth}: stamps of the truth are {abs(self.late_s):.2f} ± {self.sd_s:.2f} s {side} against {track}{why}; "
+            f"the RMS distance without a constant shift is {self.rms_m:.2f} m, and {self.corrected_m:.2f} m with them "
+            f"corrected; if the clock of the sensors is right, state latency_s = {self.late_s:.2f} under [{section}]"
+        )
+
+
+def time_offset(time_s: Vector, track_m: Array, truth: Truth) -> TimeOffset | None:
+    """Return the offset of a truth against a track, (n,) ascending and (n, 2); None if too few points overlap."""
+    known = np.isfinite(track_m).all(axis=1)
+    time_s, track_m = time_s[known], track_m[known]
+    some = np.unique(np.linspace(0, max(len(time_s) - 1, 0), min(POINTS, len(time_s))).astype(np.intp))
+    t, points_m = time_s[some], track_m[some]
+    offsets_s = np.arange(-FARTHEST_S, FARTHEST_S + STEP_S, STEP_S)
+    tried = {float(s): rms for s in offsets_s if (rms := _rms_m(t, points_m, truth, s)) is not None}
+    unmoved_m = _rms_m(time_s, track_m, truth, 0.0)
+    if unmoved_m is None or not tried:
+        return None
+    late_s = min(tried, key=lambda s: (tried[s], abs(s)))
+    for _ in range(3):  # quadratic convergence from within a step
+        used, apart_m, velocity_mps = _apart(time_s, track_m, truth, late_s)
+        if used.sum() < LEAST_POINTS or not np.any(velocity_mps):
+            return None
+        late_s += _gain(apart_m, velocity_mps)
+    used, apart_m, velocity_mps = _apart(time_s, track_m, truth, late_s)
+    parts = np.array_split(np.arange(int(used.sum())), PARTS)
+    without = [_gain(np.delete(apart_m, part, 0), np.delete(velocity_mps, part, 0)) for part in parts]
+    corrected_m = _rms_m(time_s, track_m, truth, late_s)
+    sd_s = float(np.sqrt((PARTS - 1) * np.var(without)))
+    if corrected_m is None or abs(late_s) > FARTHEST_S:  # no minimum
+        return None
+    return TimeOffset(late_s, sd_s, unmoved_m, corrected_m)
+
+
+def _apart(time_s: Vector, track_m: Array, truth: Truth, late_s: float) -> tuple[Mask, Array, Array]:
+    """Return which points lie within the truth, and there the distance of the two and the truth's velocity, centred."""
+    at_s = time_s + late_s
+    after = np.searchsorted(truth.time_s, at_s).clip(1, len(truth.time_s) - 1)
+    gap_s = truth.time_s[after] - truth.time_s[after - 1]
+    used = (at_s >= truth.time_s[0]) & (at_s <= truth.time_s[-1]) & (gap_s <= truth.max_gap_s)
+    step_m = truth.position_m[after[used]] - truth.position_m[after[used] - 1]
+    row_s, row_m = truth.time_s, truth.position_m
+    there_m = np.column_stack([np.interp(at_s[used], row_s, row_m[:, 0]), np.interp(at_s[used], row_s, row_m[:, 1])])
+    return used, _centred(track_m[used] - there_m), _centred(step_m / gap_s[used, None])
+
+
+def _rms_m(time_s: Vector, track_m: Array, truth: Truth, late_s: float) -> float | None:
+    if len(truth.time_s) < 2:
+        return None
+    used, apart_m, _ = _apart(time_s, track_m, truth, late_s)
+    enough = used.sum() >= max(LEAST_POINTS, len(time_s) // 2)
+    return float(np.sqrt(2 * np.mean(apart_m**2))) if enough else None
+
+
+def _centred(values: Array) -> Array:
+    mean: Array = values.mean(axis=0) if len(values) else np.zeros(2)
+    return values - mean
+
+
+def _gain(apart_m: Array, velocity_mps: Array) -> float:
+    """Return the least-squares time over which the velocity makes up the distance."""
+    return float(np.sum(apart_m * velocity_mps) / max(np.sum(velocity_mps**2), 1e-12))

@@ -1,0 +1,88 @@
+"""A truth's clock that is off, tracks of different epochs, and a truth of another place are named as such."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.evaluation.evaluation import evaluate
+from usbldr.filters.evaluation.summary_sentence import summary_sentence
+from usbldr.filters.evaluation.time_offset import time_offset
+from usbldr.filters.types import Array, Trajectory, Truth, Vector
+
+SECONDS = np.arange(600.0)
+NOISE_M = np.random.default_rng(3).normal(size=(600, 2))
+
+
+def turning_m(time_s: Vector) -> Array:
+    """Return where a vehicle is on its way round curves, (n, 2)."""
+    return np.column_stack([90 * np.sin(time_s / 80), 60 * np.cos(time_s / 50) + 0.4 * time_s])
+
+
+def truth_of(time_s: Vector, position_m: Array) -> Truth:
+    return Truth(time_s, position_m, np.full(len(time_s), np.nan), "gps", "/gps")
+
+
+@settings(max_examples=20)
+@given(late_s=st.floats(-50.0, 50.0), east_m=st.floats(-9.0, 9.0))
+def test_the_offset_is_found_within_its_sigma_beside_a_shift(late_s: float, east_m: float) -> None:
+    truth = truth_of(SECONDS + late_s, turning_m(SECONDS))
+
+    found = time_offset(SECONDS, turning_m(SECONDS) + NOISE_M + np.array([east_m, 0.0]), truth)
+
+    assert found is not None
+    assert abs(found.late_s - late_s) < 5 * found.sd_s < 0.7
+    assert found.notable or abs(late_s) < 2.0
+
+
+def test_a_clock_of_18_s_is_said_and_proposed_and_a_right_one_is_not() -> None:
+    track = Trajectory("adf", ("x", "y"), SECONDS, turning_m(SECONDS) + NOISE_M, np.tile(np.eye(2), (600, 1, 1)))
+
+    (warning,) = evaluate(track, truth_of(SECONDS + 18, turning_m(SECONDS))).warnings
+    assert "stamps of the truth are 1" in warning
+    assert "GPS time and UTC are 18 s apart" in warning
+    assert float(re.findall(r"state latency_s = ([\d.]+) under \[gps\]", warning)[0]) == pytest.approx(18, abs=0.3)
+    assert evaluate(track, truth_of(SECONDS, turning_m(SECONDS))).warnings == ()
+
+
+def test_on_a_straight_course_a_clock_is_named_beside_the_shift() -> None:
+    line_m = np.column_stack([1.2 * SECONDS, 1.6 * SECONDS])
+    track = Trajectory("adf", ("x", "y"), SECONDS, line_m + NOISE_M, np.tile(np.eye(2), (600, 1, 1)))
+
+    (warning,) = evaluate(track, truth_of(SECONDS + 6, line_m)).warnings
+    assert "stamps of the truth that are 6.0 s late, or stamps of the fixes that are as much early" in warning
+    (warning,) = evaluate(track, truth_of(SECONDS, line_m + np.array([16.0, -12.0]))).warnings
+    assert "stamps" not in warning
+
+
+def test_tracks_are_compared_over_the_time_that_both_have() -> None:
+    error_m = np.where(SECONDS < 60, 0.5, 4.0)[:, None] * np.column_stack([np.sin(SECONDS), np.cos(SECONDS)])
+    truth = truth_of(SECONDS, turning_m(SECONDS))
+    track = evaluate(Trajectory("adf", ("x", "y"), SECONDS, turning_m(SECONDS) + error_m, None), truth)
+
+    def beside_fixes(count: int) -> str:
+        s = SECONDS[:count]
+        return summary_sentence(
+            track,
+            [
+                evaluate(
+                    Trajectory("usbl", ("x", "y"), s, turning_m(s) + np.column_stack([np.cos(s), np.sin(s)]), None),
+                    truth,
+                )
+            ],
+        )
+
+    assert beside_fixes(50).endswith("3.65 m, 50 % better than raw USBL")
+    assert beside_fixes(2).endswith("3.65 m, not comparable with raw USBL (2 common epochs)")
+
+
+def test_a_truth_of_another_place_gives_no_result_unless_a_shift_is_fitted() -> None:
+    track = Trajectory("adf", ("x", "y"), SECONDS, turning_m(SECONDS), None)
+    swapped = truth_of(SECONDS, turning_m(SECONDS) + np.array([4e6, -5e6]))
+
+    with pytest.raises(LogError, match="latitude and longitude are exchanged"):
+        evaluate(track, swapped)
+    assert evaluate(track, swapped, align="shift").horizontal.mean_m == pytest.approx(0.0, abs=1e-6)
