@@ -28,7 +28,7 @@ from field.plan import (
 )
 from paper.runs import Way
 from paper.tables import in_metres, times
-from usbldr.filters.identification.usbl_likelihood import KEYS, REPORTED
+from usbldr.filters.identification.linearisation import KEYS, REPORTED
 from usbldr.filters.models.calibration import STATES
 from usbldr.io.reports.markdown_report import markdown_table
 from usbldr.io.reports.report_text import Table

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import GaussianBank, project, replicate
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, replicate
 from usbldr.filters.estimators.hypotheses import (
     Ambiguity,
     Hypothesis,
@@ -54,15 +54,13 @@ from usbldr.filters.estimators.protocol import (
     SeededRng,
     Step,
     Steps,
-    measurement_update,
-    with_state_shift,
+    rejected_update,
 )
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import POSITION
-from usbldr.filters.types import Update, Vector
+from usbldr.filters.types import Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,16 +235,9 @@ class MultiHypothesisFilter:
     def _stepped_rejecting(self, hypothesis: Hypothesis, step: Step, make_rng: MakeRng) -> Hypothesis:
         """Return the hypothesis after the step, with its fixes reported as rejected."""
         bank = self._predicted(hypothesis.estimate, step)
-        rejected = [
-            Update.combined([self._rejected(bank, part) for part in measurement.parts()])
-            for measurement in usbl_measurements(step)
-        ]
+        rejected = [rejected_update(bank, measurement) for measurement in usbl_measurements(step)]
         after = self._stepped(hypothesis, step, make_rng)
         return after._replace(estimate=after.estimate._replace(updates=(*after.estimate.updates, *rejected)))
-
-    def _rejected(self, bank: GaussianBank, part: Measurement) -> Update:
-        update = measurement_update(part, project(bank, part, linearised), np.ones(1), rejected=True)
-        return with_state_shift(update, bank, bank)
 
     def _predicted(self, estimate: Estimate, step: Step) -> GaussianBank:
         linear = self.predictor or KalmanFilter(self.motion, linearised, moment_matched)

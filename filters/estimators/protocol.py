@@ -10,11 +10,12 @@ from typing import NamedTuple, Protocol, TypeVar, cast, overload
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection, project
 from usbldr.filters.estimators.mode_updates import mode_likelihoods
 from usbldr.filters.models.normal_scores import normal_scores
 from usbldr.filters.models.readings import Readings
 from usbldr.filters.models.sensors import Measurement
+from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.types import Array, Indices, Reacquisition, Update, Vector
 from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
@@ -220,6 +221,13 @@ def measurement_update(measurement: Measurement, projection: Projection, weight:
         nominal_sd=tuple(np.sqrt((predicted + measurement.noise.cov[0]).diagonal()).tolist()),
         scores=scores,
     )
+
+
+def rejected_update(bank: GaussianBank, measurement: Measurement) -> Update:
+    """Return the update record of a measurement that is not used; the bank has one member."""
+    both = [(part, project(bank, part, linearised)) for part in measurement.parts()]
+    parts = [measurement_update(part, projection, np.ones(1), rejected=True) for part, projection in both]
+    return Update.combined([with_state_shift(part, bank, bank) for part in parts])
 
 
 def with_state_shift(update: Update, before: GaussianBank, after: GaussianBank) -> Update:

@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.usbl_likelihood import reckoned_by_clock
-from usbldr.filters.replay.dead_reckoning import displacement_m
-from usbldr.filters.types import Array, Indices, Timeline, Vector
+from usbldr.filters.identification.linearisation import REPORTED
+from usbldr.filters.replay.dead_reckoning import displacement_m, freed
+from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
 Points: TypeAlias = NDArray[np.complex128]  # (n,) east + i north
 
 SEGMENT_S = 120.0  # drift within a segment is small against the motion
 JACKKNIFE_BLOCKS = 8  # of the log, left out one by one
 TRIED_LATENCIES_S = tuple(float(s) for s in range(-4, 5))  # delays of fixes are seconds; the fit refines the best
+GROSS = 100.0  # [-] of the median residual, at least 100 m: such a fix is of another place, not of another noise
 MIN_FIXES = 20  # with fewer there is no fit
 RAYLEIGH_MEDIAN = 1.1774  # fixed: median of a Rayleigh distribution
 
@@ -135,24 +136,24 @@ def jackknife_rotation_sd_rad(timeline: Timeline, group: Indices, latency_s: flo
 
 def without_errors(timeline: Timeline, found: Identification) -> Timeline:
     """Return the timeline with dead reckoning and fixes freed of what was identified, lever arms included."""
-    value = {name: estimate.value for name, estimate in found.estimates.items()}
-    line = reckoned_by_clock(timeline, value.get("dvl_clock_s", 0.0))
-    heading = -line.dr_yaw_rad
-    error_deg = (
-        value.get("heading_bias_deg", 0.0)
-        + value.get("deviation_sin_deg", 0.0) * np.sin(heading)
-        + value.get("deviation_cos_deg", 0.0) * np.cos(heading)
-    )
-    yaw = line.dr_yaw_rad + np.radians(error_deg)
-    fix_time_s = timeline.fix_time_s - value.get("usbl_latency_s", 0.0)
+    value = {
+        state: found.estimates[one.name].value / one.factor
+        for state, one in REPORTED.items()
+        if one.name in found.estimates
+    }
+    line = freed(timeline, value)
     lever_m = np.array(found.parameters.usbl_lever_m[:2]) - np.array(found.parameters.dvl_lever_m[:2])
-    return replace(
-        line,
-        dr_mps=line.dr_mps / (1 + value.get("dvl_scale", 0.0)),
-        dr_yaw_rad=yaw,
-        fix_time_s=fix_time_s,
-        fix_m=timeline.fix_m - rotated(np.interp(fix_time_s, line.time_s, yaw), lever_m),
-    )
+    yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
+    return replace(line, fix_m=line.fix_m - rotated(yaw, lever_m))
+
+
+def gross(timeline: Timeline) -> Mask:
+    """Return which fixes lie GROSS times as far from dead reckoning turned onto the fixes as half of them do, (F,)."""
+    group = segment_numbers(timeline, timeline.fix_time_s)
+    if not np.any(group >= 0):
+        return np.zeros(len(group), np.bool_)
+    residual_m = fit_rotation(timeline, group).residual_m
+    return residual_m > GROSS * max(1.0, float(np.nanmedian(residual_m)))
 
 
 def residuals_m(timeline: Timeline) -> Vector:

@@ -21,26 +21,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.identification.dr_usbl_fit import fit_rotation, gross, segment_numbers
+from usbldr.filters.identification.false_runs import false_fixes
 from usbldr.filters.identification.identification import (
+    CONTRADICTED,
     DR_WALK_NAME,
     ErrorEstimate,
     Explanation,
+    FalseRun,
     Identification,
     NoiseChange,
     SensorErrorEvidence,
 )
-from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise, with_shared_error
-from usbldr.filters.identification.usbl_likelihood import (
-    CLOCK,
-    KEYS,
-    LEVER,
-    REPORTED,
-    FixLikelihoods,
-    Member,
-    fix_likelihoods,
-    prior_sds,
-)
-from usbldr.filters.models.calibration import STATES
+from usbldr.filters.identification.linearisation import CLOCK, KEYS, LEVER, REPORTED, STEPS, prior_sds
+from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods
+from usbldr.filters.models.calibration import SENSOR_ERRORS, STATES
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Mask, Timeline, Vector
@@ -48,13 +44,19 @@ from usbldr.filters.types import Mask, Timeline, Vector
 LOG_PRIOR_ODDS = -math.log(20)  # of an error that exists against one that does not: strong evidence is required
 LATENCY_SD_S = 1.0  # prior of a latency that exists: stamps of receipt are late by up to seconds
 SCALE_SD = 0.03  # prior of a scale error that exists: a wrong sound speed or beam angle gives several per cent
+FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "latency_s": 10.0}
+"""Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
+compass mounted any way round, stamps of a slow export. Each needs strong evidence once more."""
+USUAL_SIGMAS = 2.0  # [-] of the usual prior: an error beyond it may be far outside
 MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
+WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the start of the search
 LINEARISATIONS = 2  # about the estimates of each subset
 SUBSETS = tuple(
     frozenset(keys) for count in range(len(KEYS) + 1) for keys in itertools.combinations(sorted(KEYS), count)
 )
 LEVER_OR_LATENCY = frozenset((LEVER, "latency"))
+FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
 
 
 class _Choice(NamedTuple):
@@ -77,23 +79,77 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     errors = stated.errors
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
-    (member,) = _relinearised([every := Member(stated, frozenset(KEYS))], fix_likelihoods(timeline, [every]))
-    member = member._replace(parameters=estimate_usbl_noise(timeline, member, stated))
-    choice = _best_subset(timeline, member)
+    false = gross(timeline)
+    members = _with_every_error(timeline.with_fixes(~false), stated)
+    likeliest = int(np.argmax(fix_likelihoods(timeline.with_fixes(~false), members).log_likelihood))
+    false[~false] = false_fixes(timeline.with_fixes(~false), members[likeliest], stated)
+    kept = timeline
+    if false.any():
+        kept = timeline.with_fixes(~false)
+        members = _with_every_error(kept, stated)
+    choice = max((_choice(kept, member, stated) for member in members), key=lambda one: float(one.score.max()))
+    found = _identification(given, stated, choice)
+    rows = tuple(np.flatnonzero(false).tolist())
+    return replace(found, parameters=replace(found.parameters, false_fixes=rows), false_runs=_runs(timeline, false))
+
+
+def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
+    """Return the members with all errors and the noise that fits them: of the usual priors, perhaps of wide ones, too.
+
+    Wide are the priors of what lies beyond USUAL_SIGMAS. Their start is dead reckoning turned, scaled and delayed onto
+    the fixes. They must make dead reckoning right: without bottom lock it fits some heading by chance.
+    """
+    usual = Member(stated, frozenset(KEYS))
+    found, sd = fix_likelihoods(timeline, [usual]), prior_sds(stated)
+    far = [key for key in FAR_KEYS if any(abs(found.mean[s][0]) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
+    (usual,) = _relinearised([usual], found)
+    usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
+    if not far:
+        return [usual]
+    fit = fit_rotation(timeline, segment_numbers(timeline, timeline.fix_time_s), WIDE_LATENCIES_S)
+    scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
+    start = {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
+    errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in far})
+    wide = Member(replace(stated, errors=errors), frozenset(KEYS))
+    wide = wide.with_errors(wide.present, {state: start[state] for key in far for state in KEYS[key]})
+    for _ in range(LINEARISATIONS):
+        (wide,) = _relinearised([wide], fix_likelihoods(timeline, [wide]))
+    wide = wide._replace(parameters=estimate_usbl_noise(timeline, wide, wide.parameters))
+    at_fault = wide.parameters.process.position_m > CONTRADICTED * stated.process.position_m
+    return [usual] if at_fault else [usual, wide]
+
+
+def _far(member: Member, stated: Parameters) -> frozenset[str]:
+    """Return the keys of the errors whose prior is that of FAR_SD."""
+    errors, usual = member.parameters.errors, stated.errors
+    return frozenset(key for key, field in FAR_KEYS.items() if getattr(errors, field) != getattr(usual, field))
+
+
+def _choice(timeline: Timeline, member: Member, stated: Parameters) -> _Choice:
+    """Return the best subset of errors under the priors of the member, errors and noise in turn."""
+    far = _far(member, stated)
+    fields = [FAR_KEYS[key] for key in far]
+    wide = {field: getattr(member.parameters.errors, field) for field in fields}
+    choice = _best_subset(timeline, member, far)
     for _ in range(ROUNDS - 1):
-        noise = estimate_usbl_noise(timeline, choice.member, stated)
-        choice = _best_subset(timeline, choice.member._replace(parameters=noise))
-    noise = with_shared_error(timeline, choice.member, stated)
-    return _identification(given, choice, noise)
+        noise = estimate_usbl_noise(timeline, choice.member, replace(stated, errors=replace(stated.errors, **wide)))
+        choice = _best_subset(timeline, choice.member._replace(parameters=noise), far)
+    return choice
 
 
-def _best_subset(timeline: Timeline, member: Member) -> _Choice:
+def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
+    edges = np.flatnonzero(np.diff(false.astype(np.int8), prepend=0, append=0)).reshape(-1, 2).tolist()
+    t = timeline.fix_time_s
+    return tuple(FalseRun(float(t[first]), float(t[end - 1]), end - first) for first, end in edges)
+
+
+def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> _Choice:
     """Return the subset of errors with the largest score, under the noise of the member."""
-    members = [member.with_errors(subset, member.latency_s, member.clock_s) for subset in SUBSETS]
+    members = [member.with_errors(subset, dict(zip(STEPS, member.about, strict=True))) for subset in SUBSETS]
     for _ in range(LINEARISATIONS - 1):
         members = _relinearised(members, fix_likelihoods(timeline, members))
     found = fix_likelihoods(timeline, members)
-    score = found.log_likelihood + LOG_PRIOR_ODDS * np.array([len(subset) for subset in SUBSETS])
+    score = found.log_likelihood + LOG_PRIOR_ODDS * np.array([len(subset) + len(subset & far) for subset in SUBSETS])
     score[~_plausible(members, found)] = -np.inf
     row = _row(score)
     return _Choice(_relinearised(members, found)[row], row, score, found)
@@ -121,13 +177,28 @@ def _row(score: Vector) -> int:
 
 
 def _relinearised(members: Sequence[Member], found: FixLikelihoods) -> list[Member]:
-    """Return the members, linearised about their own latency and clock offset, in steps that many of them share."""
-    estimates = np.round([found.mean["usbl_latency"], found.mean["dvl_clock"]], 2).T.tolist()
-    return [member.with_errors(member.present, *own) for member, own in zip(members, estimates, strict=True)]
+    """Return the members, linearised about their own plausible estimates, in steps that many of them share."""
+    made: list[Member] = []
+    for row, member in enumerate(members):
+        sd = prior_sds(member.parameters)
+        value = {state: float(found.mean[state][row]) for state in STEPS}
+        limits = {state: MAX_PRIOR_SIGMAS * sd[state] for state in STEPS}
+        made.append(
+            member.with_errors(
+                member.present, {state: min(max(x, -limits[state]), limits[state]) for state, x in value.items()}
+            )
+        )
+    return made
 
 
-def _identification(given: Parameters, choice: _Choice, parameters: Parameters) -> Identification:
-    present, row, found = choice.member.present, choice.row, choice.found
+def _identification(given: Parameters, stated: Parameters, choice: _Choice) -> Identification:
+    """Return the choice as parameters of a run: what is far is settled, what is left of it has the usual prior."""
+    far = _far(choice.member, stated)
+    (parameters, present, about), row, found = choice.member, choice.row, choice.found
+    far_states = {state for key in far & present for state in KEYS[key]}
+    settled = {state: value for state, value in zip(STEPS, about, strict=True) if state in far_states}
+    usual = {FAR_KEYS[key]: getattr(stated.errors, FAR_KEYS[key]) for key in far}
+    parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **usual))
     if LEVER in present:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m

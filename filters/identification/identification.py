@@ -43,6 +43,14 @@ class NoiseChange(NamedTuple):
     after: float
 
 
+class FalseRun(NamedTuple):
+    """False fixes in a row."""
+
+    start_s: float  # of the first and the last of them
+    end_s: float
+    fixes: int
+
+
 @dataclass(frozen=True, slots=True)
 class Identification:
     """The parameters of a run, and how the log led to them; ``evidence`` is empty if the log was not asked."""
@@ -51,6 +59,8 @@ class Identification:
     evidence: tuple[SensorErrorEvidence, ...] = ()
     noise_changes: tuple[NoiseChange, ...] = ()
     explanations: tuple[Explanation, ...] = ()  # the best, then rivals that the log cannot exclude
+
+    false_runs: tuple[FalseRun, ...] = ()  # whose fixes are the parameters' false_fixes
 
     @property
     def estimates(self) -> Mapping[str, ErrorEstimate]:
@@ -65,10 +75,24 @@ class Identification:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return what to check if the fixes contradict dead reckoning."""
-        return tuple(
+        """Return which fixes were left out, and what to check if the fixes contradict dead reckoning."""
+        return self._false_runs_text + tuple(
             f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {one.after:.2g} m/√s, "
             "so that the track follows the fixes: check the DVL's bottom lock, its axes and mounting, and the compass"
             for one in self.noise_changes
             if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
+        )
+
+    @property
+    def _false_runs_text(self) -> tuple[str, ...]:
+        if not self.false_runs:
+            return ()
+        longest = max(self.false_runs, key=lambda run: run.fixes)
+        count, where = sum(run.fixes for run in self.false_runs), f"from {longest.start_s:.0f} to {longest.end_s:.0f} s"
+        if len(self.false_runs) > 1:
+            where = f"in {len(self.false_runs)} runs, the longest {where}"
+        return (
+            f"{count} USBL fixes ({where}) lie together beside the track that dead reckoning and the other fixes give: "
+            "they were left out as false, and later fixes decided this, too; check for echoes, a second beacon, or "
+            "positions that were written before the first reply",
         )

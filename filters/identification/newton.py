@@ -25,6 +25,7 @@ class Maximum(NamedTuple):
     """The result of the search."""
 
     point: Vector  # (d,)
+    value: float  # the log posterior there, but for a constant
     sd: Vector  # (d,) 1-sigma by the curvature
     batches: int
     converged: bool
@@ -71,7 +72,7 @@ def maximise(log_likelihood: LogLikelihood, centre: Vector, prior_sd: Vector, st
             best = _around(log_likelihood, pattern[int(np.argmax(values))], centre, prior_sd)
         batches += 2 - converged
     sd = np.sqrt(np.linalg.inv(best.information).diagonal())
-    return Maximum(best.point, sd, batches, converged)
+    return Maximum(best.point, best.value, sd, batches, converged)
 
 
 def _pattern(around: _Quadratic) -> list[Vector]:

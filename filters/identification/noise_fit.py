@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.identification.identification import CONTRADICTED
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.models.parameters import Parameters
@@ -65,44 +66,48 @@ USBL = (
     TunableParameter("position_walk_m", ("process", "position_m"), prior_factor=10.0, starts=(1.0, 10.0, 100.0)),
 )
 
-SHARED = ("usbl_bias_sd_m", "usbl_bias_time_s")  # of the correlated error: its change is seen, not its constant part
+CORRELATED = ("usbl_bias_sd_m", "usbl_bias_time_s")
+WAVES_S = 4.0  # [s] correlation time: ships roll with periods of 5 to 15 s, and a quarter of that is the lag of 0
 GROWING = ("position_walk_m",)  # a random walk learnt while dead reckoning is good would refuse its faults
 
 
 def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
     """Return the parameters that explain the DVL's own records best; they grow or stay."""
-    return _grown(given, _search(lambda members: dvl_likelihoods(timeline, members), given, DVL, given), DVL)
+    return _grown(given, _search(lambda members: dvl_likelihoods(timeline, members), given, DVL, given).parameters, DVL)
 
 
-def estimate_usbl_noise(
-    timeline: Timeline, member: Member, given: Parameters, among: Sequence[TunableParameter] = USBL
-) -> Parameters:
+def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
     """Return the parameters that explain the fixes best, given the sensor errors of the member.
 
     The prior is about the ``given`` parameters; the search may start at those of the member, too. The random walk of
-    dead reckoning grows or stays.
+    dead reckoning grows or stays. Before it grows, what scatters is tried as an error of the fixes that lasts for
+    seconds, as the roll of a ship gives it. If dead reckoning is at fault, a slow error of the fixes cannot be told
+    from it, and remains as given.
     """
-    found = _search(
-        lambda members: fix_likelihoods(timeline, [member._replace(parameters=one) for one in members]).log_likelihood,
-        given,
-        among,
-        member.parameters,
-    )
-    return _grown(given, found, [one for one in USBL if one.name in GROWING])
+
+    def searched(about: Parameters, among: Sequence[TunableParameter], start: Parameters) -> _Found:
+        return _search(
+            lambda points: fix_likelihoods(timeline, [member._replace(parameters=p) for p in points]).log_likelihood,
+            about,
+            among,
+            start,
+        )
+
+    still = [one for one in USBL if one.name not in GROWING]
+    found = searched(given, USBL, member.parameters)
+    if found.parameters.process.position_m > given.process.position_m:
+        waves = replace(given, errors=replace(given.errors, usbl_bias_s=WAVES_S))
+        found = max(found, searched(waves, still, waves), key=lambda one: one.value)
+    if found.parameters.process.position_m > CONTRADICTED * given.process.position_m:
+        found = searched(given, [one for one in USBL if one.name not in CORRELATED], given)
+    return _grown(given, found.parameters, [one for one in USBL if one.name in GROWING])
 
 
-def with_shared_error(timeline: Timeline, member: Member, given: Parameters) -> Parameters:
-    """Return the member's parameters with a correlated error of the fixes that is not below the given.
+class _Found(NamedTuple):
+    """The result of a search."""
 
-    Sensor errors are identified by how the fixes change, where the found value is best; but a filter has to allow for a
-    part that all fixes share, which no log shows. If the correlated error is raised, the rest is estimated beside it.
-    """
-    shared, rest = ([one for one in USBL if (one.name in SHARED) == chosen] for chosen in (True, False))
-    raised = _grown(given, member.parameters, shared)
-    if raised == member.parameters:
-        return raised
-    errors = replace(given.errors, usbl_bias_m=raised.errors.usbl_bias_m, usbl_bias_s=raised.errors.usbl_bias_s)
-    return estimate_usbl_noise(timeline, member._replace(parameters=raised), replace(given, errors=errors), rest)
+    parameters: Parameters
+    value: float  # log posterior, but for a constant
 
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:
@@ -119,7 +124,7 @@ def _search(
     given: Parameters,
     among: Sequence[TunableParameter],
     start: Parameters,
-) -> Parameters:
+) -> "_Found":
     """Return the maximum a posteriori of the parameters that are in use; the prior is about the given ones."""
     used = [parameter for parameter in among if parameter.value(given) is not None]
     centre, sd = _point(given, used), np.log([p.prior_factor for p in used])
@@ -130,8 +135,8 @@ def _search(
     points = [centre + np.log(factors) for factors in itertools.product(*(p.starts for p in used))]
     points.append(_point(start, used))
     value = at_points(points) - 0.5 * np.sum(((np.array(points) - centre) / sd) ** 2, axis=1)
-    best = points[int(np.argmax(value))]
-    return _at(given, used, maximise(at_points, centre, sd, best).point)
+    best = maximise(at_points, centre, sd, points[int(np.argmax(value))])
+    return _Found(_at(given, used, best.point), best.value)
 
 
 def _point(parameters: Parameters, tunable: Sequence[TunableParameter]) -> Vector:

@@ -6,62 +6,40 @@ driven by DVL and compass instead of corrected by them: what its records leave o
 and the effect of an error on a fix is the derivative of the displacement since the start. Members of a bank, each with
 noise and sensor errors of its own, pass over the log at once.
 
-The position is that of the DVL. A lever arm from the transponder to the DVL moves the fix by -R(psi) arm, which is
-linear and free of the noise of the turn rate. A DVL whose stamps are late by c measured v(t + c) at t.
+How an error moves a fix is linear about a point of each member (linearisation.py).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import collapse
-from usbldr.filters.frames import rotated
 from usbldr.filters.identification import clusters
 from usbldr.filters.identification.compiled_fixes import CompiledFixes
 from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
-from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
+from usbldr.filters.identification.linearisation import (
+    BIAS_STATES,
+    CURRENT_STATES,
+    KEYS,
+    NO_ERROR,
+    OFFSET_STATES,
+    PASS_STATES,
+    Point,
+    linearised,
+    near,
+    prior_sds,
+)
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.models.quantities import ReportedQuantity
-from usbldr.filters.replay.dead_reckoning import (
-    displacement_m,
-    drift_rates,
-    integrate,
-    interpolate,
-    start_position,
-    start_sensitivity,
-    velocity_mps,
-)
+from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
 from usbldr.filters.replay.prior import starting_fixes
 from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
-LEVER, CLOCK = "dvl-lever", "dvl-clock"
 BOTH_AXES = slice(0, 2)  # east and north of a fix
-CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
-KEYS: Mapping[str, tuple[str, ...]] = {
-    "scale": STATES["scale"],
-    "heading": STATES["heading"],
-    "deviation": STATES["deviation"],
-    "latency": STATES["latency"],
-    LEVER: ("dvl_lever_starboard", "dvl_lever_forward"),
-    CLOCK: ("dvl_clock",),
-}
-"""Sensor errors that a log may have or not, and their states in the pass."""
-REPORTED: Mapping[str, ReportedQuantity] = {
-    **REPORTED_QUANTITIES,
-    "dvl_lever_starboard": ReportedQuantity("dvl_lever_starboard_m", "m", 1.0),
-    "dvl_lever_forward": ReportedQuantity("dvl_lever_forward_m", "m", 1.0),
-    "dvl_clock": ReportedQuantity("dvl_clock_s", "s", 1.0),
-}
-BIAS_STATES = STATES["usbl-bias"]
-CURRENT_STATES = STATES["current"]
-OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, see clusters.py
-ERROR_STATES = tuple(name for names in KEYS.values() for name in names)
-PASS_STATES = ("x", "y", *BIAS_STATES, *CURRENT_STATES, *ERROR_STATES, *OFFSET_STATES)
 
 
 class Member(NamedTuple):
@@ -69,16 +47,12 @@ class Member(NamedTuple):
 
     parameters: Parameters
     present: frozenset[str]  # keys of KEYS
-    latency_s: float = 0.0
-    clock_s: float = 0.0
+    about: Point = NO_ERROR
 
-    def with_errors(self, present: frozenset[str], latency_s: float, clock_s: float) -> "Member":
-        """Return the member with these errors, linearised about those of them that are not linear."""
-        return self._replace(
-            present=present,
-            latency_s=latency_s if "latency" in present else 0.0,
-            clock_s=clock_s if CLOCK in present else 0.0,
-        )
+    def with_errors(self, present: frozenset[str], value: Mapping[str, float]) -> "Member":
+        """Return the member with these errors, linearised about the values of those of them that are not linear."""
+        states = {name for key in present for name in KEYS[key]}
+        return self._replace(present=present, about=near({name: v for name, v in value.items() if name in states}))
 
 
 class FixLikelihoods(NamedTuple):
@@ -89,25 +63,17 @@ class FixLikelihoods(NamedTuple):
     sd: Mapping[str, Vector]  # (N,)
 
 
-@dataclass(frozen=True, slots=True)
-class _Linearised:
-    """F fixes minus dead reckoning, linear in n states about a latency and a clock offset."""
-
-    residual_m: Array  # (F, 2) fix minus dead reckoning
-    measurement_matrix: Array  # (F, 2, n) H of each fix
-
-
 def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelihoods:
     """Run adf over the first MAX_FIXES fixes for each member."""
-    about = sorted({(member.latency_s, member.clock_s) for member in members})
-    logs = [_linearised(timeline, members[0].parameters, *point) for point in about]
+    about = sorted({member.about for member in members})
+    logs = [linearised(timeline, members[0].parameters, PASS_STATES, MAX_FIXES, point) for point in about]
     mean, cov = _start(timeline, members)
     rows = np.flatnonzero(np.einsum("iim->im", cov).any(axis=1) | np.isin(PASS_STATES, OFFSET_STATES))
     used = [PASS_STATES[row] for row in rows]
     measured = _Fixes(
         np.stack([log.residual_m for log in logs], axis=2),
         np.ascontiguousarray(np.stack([log.measurement_matrix[:, :, rows] for log in logs], axis=3)),
-        np.array([about.index((member.latency_s, member.clock_s)) for member in members]),
+        np.array([about.index(member.about) for member in members]),
     )
     time_s = timeline.fix_time_s[:MAX_FIXES]
     motion = _motion(timeline, members, slice(used.index(BIAS_STATES[0]), used.index(BIAS_STATES[-1]) + 1))
@@ -199,49 +165,6 @@ def _motion(timeline: Timeline, members: Sequence[Member], bias: slice) -> _Moti
     bias_m2 = (1 - fade**2) * np.array([p.errors.usbl_bias_m for p in every]) ** 2
     scaled = ["scale" in member.present for member in members]
     return _Motion(bias, np.stack([fade, bias_m2, drift_variances_m2(timeline, time_s, every, scaled)]))
-
-
-def _linearised(timeline: Timeline, parameters: Parameters, latency_s: float, clock_s: float) -> _Linearised:
-    t = timeline.fix_time_s[:MAX_FIXES]
-    valid_s, count = t - latency_s, len(t)
-    line = reckoned_by_clock(timeline, clock_s)
-    moved_m = displacement_m(line)
-    late, early = (
-        displacement_m(reckoned_by_clock(timeline, clock_s + step)) for step in (CLOCK_STEP_S, -CLOCK_STEP_S)
-    )
-    by_clock = (late - early) / (2 * CLOCK_STEP_S)
-    drift = [integrate(line, rate) for rate in drift_rates(line, PASS_STATES)]
-    drift[PASS_STATES.index("dvl_clock")] = by_clock
-    drift_at = interpolate(line, np.concatenate(drift, axis=1), valid_s).reshape(count, -1, 2).swapaxes(1, 2)
-    V_at = interpolate(line, velocity_mps(line), valid_s)
-    yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
-    # the position is that of the DVL: what the stated lever arms add to it
-    lever_m = np.array(parameters.usbl_lever_m[:2]) - np.array(parameters.dvl_lever_m[:2])
-    reckoned_m = interpolate(line, moved_m - clock_s * by_clock, valid_s) + V_at * latency_s
-    H = drift_at
-    for names in (("x", "y"), BIAS_STATES, OFFSET_STATES):
-        for axis, name in enumerate(names):
-            H[:, axis, PASS_STATES.index(name)] = 1.0
-    H[:, :, PASS_STATES.index("usbl_latency")] = -V_at
-    for name, unit in zip(KEYS[LEVER], np.eye(2), strict=True):
-        H[:, :, PASS_STATES.index(name)] = -rotated(yaw, unit)
-    return _Linearised(timeline.fix_m[:count] - reckoned_m - rotated(yaw, lever_m), H)
-
-
-def reckoned_by_clock(timeline: Timeline, clock_s: float) -> Timeline:
-    """Return the timeline with dead reckoning by a DVL whose stamps are late by ``clock_s``."""
-    if not clock_s:
-        return timeline
-    return replace(timeline, dr_mps=interpolate(timeline, timeline.dr_mps, timeline.time_s + clock_s))
-
-
-def prior_sds(parameters: Parameters) -> Mapping[str, float]:
-    """Return state -> prior 1-sigma of every sensor error that may exist."""
-    return {
-        **prior_sd(parameters.errors),
-        **dict.fromkeys(KEYS[LEVER], parameters.errors.dvl_lever_m),
-        **dict.fromkeys(KEYS[CLOCK], parameters.errors.dvl_clock_s),
-    }
 
 
 def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:

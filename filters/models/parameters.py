@@ -4,7 +4,8 @@ The defaults apply to every log; a configuration or a scenario states others. St
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
@@ -163,3 +164,6 @@ class Parameters:
     dvl_clock_s: float = 0.0  # stamps of the DVL minus the times at which they were true
     dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL
     usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL
+    false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false
+    settled: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""

@@ -1,6 +1,7 @@
 """Tracks without a filter: dead reckoning, raw USBL fixes, and dead reckoning shifted to the fixes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -128,6 +129,26 @@ def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
         "current_north": np.tile([0.0, 1.0], (len(V), 1)),
     }
     return [by_state.get(name, np.zeros_like(V)) for name in names]
+
+
+def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
+    """Return the timeline with dead reckoning, compass, DVL and times of fixes freed of errors, state -> value.
+
+    The clock of the DVL is taken off dead reckoning alone: its records have other epochs then.
+    """
+    line = replace(timeline, fix_time_s=timeline.fix_time_s - error.get("usbl_latency", 0.0))
+    if clock_s := error.get("dvl_clock", 0.0):
+        line = replace(line, dr_mps=interpolate(line, line.dr_mps, line.time_s + clock_s))
+    names = ("heading_bias", "deviation_sin", "deviation_cos", "dvl_scale")
+    constant, of_sin, of_cos, scale = (error.get(name, 0.0) for name in names)
+    yaws: list[Vector] = []
+    for reading in (line.yaw_rad - constant, line.dr_yaw_rad - constant):
+        yaw = reading
+        for _ in range(3 if of_sin or of_cos else 0):  # the deviation is that of the true yaw: converges by its size
+            yaw = reading - of_sin * np.sin(yaw) - of_cos * np.cos(yaw)
+        yaws.append(yaw)
+    mps = {"dvl_mps": line.dvl_mps / (1 + scale), "dr_mps": line.dr_mps / (1 + scale)}
+    return replace(line, yaw_rad=yaws[0], dr_yaw_rad=yaws[1], **mps)
 
 
 def integrate(timeline: Timeline, rate: Array) -> Array:

@@ -35,10 +35,19 @@ class PositionFixes(NamedTuple):
 
 
 def usbl_fixes(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> PositionFixes:
-    """Return all USBL fixes."""
-    rows = np.arange(len(timeline.fix_time_s))
-    cov_m2 = parameters.usbl_sd_scale**2 * timeline.fix_cov_m2
-    fixes = (rows, timeline.fix_time_s, timeline.fix_received_s, timeline.fix_m, cov_m2)
+    """Return the USBL fixes without those that are false."""
+    rows = np.setdiff1d(np.arange(len(timeline.fix_time_s)), parameters.false_fixes)
+    return _usbl_fixes(timeline, parameters, layout, rows)
+
+
+def false_fixes(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> PositionFixes:
+    """Return the USBL fixes that a run leaves out."""
+    return _usbl_fixes(timeline, parameters, layout, np.array(parameters.false_fixes, dtype=np.intp))
+
+
+def _usbl_fixes(timeline: Timeline, parameters: Parameters, layout: StateLayout, rows: Indices) -> PositionFixes:
+    cov_m2 = parameters.usbl_sd_scale**2 * timeline.fix_cov_m2[rows]
+    fixes = (rows, timeline.fix_time_s[rows], timeline.fix_received_s[rows], timeline.fix_m[rows], cov_m2)
     return PositionFixes("usbl", *fixes, parameters.usbl, parameters.usbl_lever_m, layout)
 
 

@@ -23,7 +23,7 @@ from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sigma_points import linearised
-from usbldr.filters.replay.dead_reckoning import Anchor, velocity_history
+from usbldr.filters.replay.dead_reckoning import Anchor, freed, velocity_history
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, discarded_fixes
 from usbldr.filters.replay.methods import (
     FilterSettings,
@@ -76,6 +76,9 @@ def _run(
     progress: Callable[[int, int], None],
 ) -> Trajectory:
     layout = layout_for(parameters.calibrate)
+    timeline = freed(timeline, parameters.settled)
+    if settings.order == "arrival":  # which fixes are false is known at the end of a log
+        parameters = replace(parameters, false_fixes=())
     motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(timeline))
     name, estimator = method.name, make_estimator(method, motion, settings, parameters.calibrate)
     began = time.perf_counter()
@@ -93,6 +96,7 @@ def _run(
         if found.widening is not None:
             widening[k] = found.widening
         updates.add(settled)
+        updates.add(source.left_out(first, found.mean, found.cov))
         progress(k.stop, count)
     progress(count, count)
     psi = layout.index("psi")
@@ -100,6 +104,8 @@ def _run(
     recoveries = outage_recoveries(timeline, parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
         mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)
+    for state, value in parameters.settled.items():
+        mean[:, layout.existing(state)] += value
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1

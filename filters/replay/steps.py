@@ -10,15 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.protocol import Steps
+from usbldr.filters.estimators.gaussian_bank import replicate
+from usbldr.filters.estimators.protocol import Steps, rejected_update
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.readings import Readings, scalar_noise
 from usbldr.filters.models.sensors import Measurement, UsblFix, compass_model, dvl_models
 from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.position_fixes import PositionFixes, gps_fixes, usbl_fixes
-from usbldr.filters.types import Indices, Timeline, Vector
+from usbldr.filters.replay.position_fixes import PositionFixes, false_fixes, gps_fixes, usbl_fixes
+from usbldr.filters.types import Array, Indices, Timeline, Update, Vector
 
 
 class StepSource:
@@ -29,11 +30,18 @@ class StepSource:
         fixes = usbl_fixes(timeline, parameters, layout), gps_fixes(timeline, parameters)
         self.fixes = tuple(_fix_readings(timeline.time_s, each) for each in fixes)
         self.readings = (*_vehicle_readings(timeline, VehicleSensors(parameters, layout)), *self.fixes)
+        self._false = _fix_readings(timeline.time_s, false_fixes(timeline, parameters, layout))
 
     def steps(self, first: int, last: int) -> Steps:
         """Return the steps to the epochs from first on, without last, with all fixes."""
         t0_s = self.time_s[np.maximum(np.arange(first, last) - 1, 0)]
         return Steps(first, t0_s, self.time_s[first:last], [one.between(first, last) for one in self.readings])
+
+    def left_out(self, first: int, mean: Array, cov: Array) -> list[Update]:
+        """Return false fixes as rejected updates, by the estimates of K epochs from first on: (K, n), (K, n, n)."""
+        false = self._false.between(first, first + len(mean))
+        rows = (false.epoch - first).tolist()
+        return [rejected_update(replicate(mean[k], cov[k], 1), false.measurement(r)) for r, k in enumerate(rows)]
 
     @cached_property
     def every(self) -> Steps:

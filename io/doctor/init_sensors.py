@@ -10,7 +10,7 @@ import numpy as np
 
 from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.usbl_likelihood import CLOCK, LEVER
+from usbldr.filters.identification.linearisation import CLOCK, LEVER
 from usbldr.io.conventions.timestamps import LOG_TIME
 from usbldr.io.doctor.cross_check import heading_offset
 from usbldr.io.doctor.doctor import Examination

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification
-from usbldr.filters.identification.usbl_likelihood import CLOCK, LEVER
+from usbldr.filters.identification.linearisation import CLOCK, LEVER
 from usbldr.io.doctor.interpretations import topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding

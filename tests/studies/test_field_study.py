@@ -24,7 +24,7 @@ from paper.runs import Way
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.usbl_likelihood import KEYS
+from usbldr.filters.identification.linearisation import KEYS
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.states import StateLayout

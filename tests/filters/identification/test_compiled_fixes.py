@@ -7,7 +7,8 @@ import pytest
 
 from needed_kernel import require_kernel
 from usbldr.filters.identification import compiled_fixes
-from usbldr.filters.identification.usbl_likelihood import CLOCK, LEVER, Member, fix_likelihoods
+from usbldr.filters.identification.linearisation import CLOCK, LEVER, NO_ERROR, near
+from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.kernel import Kernel
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors
@@ -46,8 +47,7 @@ def test_every_member_has_the_same_likelihood_and_errors(
                 usbl_sd_scale=1.0 + 0.1 * i,
             ),
             SUBSETS[i % 4],
-            0.2 * (i % 4 == 3),
-            0.1 * (i % 4 == 3),
+            near({"usbl_latency": 0.2, "dvl_clock": 0.1}) if i % 4 == 3 else NO_ERROR,
         )
         for i in range(11)
     ]

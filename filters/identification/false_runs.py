@@ -1,0 +1,245 @@
+"""Find false fixes in a row, from both sides of each run: which fixes of a whole log share an offset that is not the
+vehicle's.
+
+Echoes, a second beacon or software that has no reply yet give false fixes in a row, also the first ones of a log, where
+nothing before them contradicts. A Markov chain of two states, correct and in a run with an offset of its own, is
+followed by the likeliest histories: D. Reid, "An algorithm for tracking multiple targets", IEEE Trans. Automatic
+Control 24(6), 1979, doi:10.1109/TAC.1979.1102177; those that agree in the last RECENT fixes are one. The history that
+is likeliest after the last fix judges the first ones, too. Metres and seconds.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.identification.drift import drift_variances_m2
+from usbldr.filters.identification.identification import CONTRADICTED
+from usbldr.filters.identification.linearisation import (
+    BIAS_STATES,
+    OFFSET_STATES,
+    PASS_STATES,
+    linearised,
+    prior_sds,
+)
+from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
+from usbldr.filters.models.noise import Noise, robust_sd
+from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
+
+OFFSET_SD_M = 30.0  # each axis, by judgement: echoes lie metres to tens of metres away
+OFFSET_WALK_M = 0.3  # [m/√s] by judgement: an echo moves with the geometry, slowly
+DURATIONS_S = ((60.0, 3600.0), (20.0, 120.0), (30.0, 60.0))
+"""Mean duration of a run and mean time between runs; the likeliest pair is taken."""
+HISTORIES = 10  # of each pair
+RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
+CORRECT, BEGINS, CONTINUES = range(3)
+
+
+class FalseRuns(NamedTuple):
+    """The likeliest history."""
+
+    false: Mask  # (F,) of the first MAX_FIXES fixes
+    log_likelihood: float  # predictive, of all of them
+
+
+class _Histories(NamedTuple):
+    """N histories with the state of each, n numbers."""
+
+    log_weight: Vector  # (N,)
+    mean: Array  # (N, n)
+    cov: Array  # (N, n, n)
+    in_run: Mask  # (N,)
+    pair: Indices  # (N,) in DURATIONS_S
+    recent: Indices  # (N,) the last RECENT decisions as bits
+    octave: Indices  # (N,) of the fix with which a run began, counted from 1; 0: none
+
+
+def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> Mask:
+    """Return which fixes are false, (F,): of those after MAX_FIXES none is known to be.
+
+    The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
+    with the stated correlated error and the sigma that neighbouring fixes show, too, and the likelier noise decides.
+    None is false if dead reckoning is at fault, or if half of them would be: nothing says then which half.
+    """
+    fitted, none = member.parameters, np.zeros(len(timeline.fix_time_s), np.bool_)
+    if fitted.process.position_m > CONTRADICTED * stated.process.position_m:
+        return none
+    found = false_runs(timeline, member)
+    if found.false.any() or fitted.errors.usbl_bias_m > stated.errors.usbl_bias_m:
+        errors = replace(fitted.errors, usbl_bias_m=stated.errors.usbl_bias_m, usbl_bias_s=stated.errors.usbl_bias_s)
+        robust = replace(stated, errors=errors, usbl_sd_scale=_sd_scale(timeline, member))
+        other = false_runs(timeline, member._replace(parameters=robust))
+        found = max(found, other, key=lambda runs: runs.log_likelihood)
+    if found.false.mean() >= 0.5:
+        return none
+    return np.append(found.false, none[len(found.false) :])
+
+
+def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
+    """Return the likeliest history with the noise and the priors of a member; it starts in the spread of the fixes."""
+    time_s, errors = timeline.fix_time_s[:MAX_FIXES], member.parameters.errors
+    log = linearised(timeline, member.parameters, PASS_STATES, MAX_FIXES, member.about)
+    modes = member.parameters.usbl.modes(timeline.fix_cov_m2[:MAX_FIXES] * member.parameters.usbl_sd_scale**2)
+    dt_s = np.maximum(np.diff(time_s, prepend=time_s[0]), 0.0)
+    fade = np.exp(-dt_s / errors.usbl_bias_s)
+    drift_m2 = drift_variances_m2(timeline, time_s, [member.parameters], ["scale" in member.present])[:, 0]
+    sd = np.array([{**prior_sds(member.parameters)}.get(name, 0.0) for name in PASS_STATES])
+    start = member.parameters.start
+    if start is None:
+        low, middle, high = np.percentile(log.residual_m, (10, 50, 90), axis=0)
+        start_m, sd[:2] = middle, max(OFFSET_SD_M, float((high - low).max()))
+    else:
+        start_m, sd[:2] = np.array([start.east_m, start.north_m]), start.sd_m
+    used = np.flatnonzero(sd > 0)
+    used = np.append(used, [PASS_STATES.index(name) for name in OFFSET_STATES])
+    H = log.measurement_matrix[:, :, used].copy()
+    H[:, :, -2:] = 0.0  # the offset of a run enters where there is one
+    bias = [int(np.flatnonzero(used == PASS_STATES.index(name))[0]) for name in BIAS_STATES]
+    pairs = len(DURATIONS_S)
+    mean = np.zeros((pairs, len(used)))
+    mean[:, :2] = start_m
+    now = _Histories(
+        np.zeros(pairs),
+        mean,
+        np.tile(np.diag(sd[used] ** 2), (pairs, 1, 1)),
+        np.zeros(pairs, np.bool_),
+        np.arange(pairs),
+        np.zeros(pairs, np.intp),
+        np.zeros(pairs, np.intp),
+    )
+    parents: list[Indices] = []
+    decisions: list[Indices] = []
+    for f, z in enumerate(log.residual_m):
+        now = _predicted(now, bias, fade[f], errors.usbl_bias_m, drift_m2[f] if f else 0.0, dt_s[f])
+        noise = Noise(modes.probabilities, modes.cov[:, f])
+        now, parent, decision = _updated(now, z, H[f], noise, dt_s[f], f)
+        parents.append(parent)
+        decisions.append(decision)
+    row = int(np.argmax(now.log_weight))
+    total = float(now.log_weight[row])
+    false = np.zeros(len(time_s), np.bool_)
+    for f in range(len(time_s) - 1, -1, -1):
+        false[f] = decisions[f][row] != CORRECT
+        row = int(parents[f][row])
+    return FalseRuns(false, total)
+
+
+def _sd_scale(timeline: Timeline, member: Member) -> float:
+    """Return the factor on the stated sigmas by which neighbouring fixes differ; a median ignores where runs begin."""
+    residual_m = linearised(timeline, member.parameters, PASS_STATES, MAX_FIXES, member.about).residual_m
+    sigma_m = np.linalg.cholesky(timeline.fix_cov_m2[1:MAX_FIXES])
+    steps: Vector = np.linalg.solve(sigma_m, np.diff(residual_m, axis=0)[..., None]).ravel().astype(np.float64)
+    found = robust_sd(steps)
+    return found if np.isfinite(found) and found > 0 else 1.0
+
+
+def _predicted(
+    now: _Histories, bias: list[int], fade: float, bias_m: float, drift_m2: float, dt_s: float
+) -> _Histories:
+    mean, cov = now.mean.copy(), now.cov.copy()
+    mean[:, bias] *= fade
+    cov[:, bias] *= fade
+    cov[:, :, bias] *= fade
+    added = np.zeros(mean.shape[1])
+    added[:2], added[bias] = drift_m2, (1 - fade**2) * bias_m**2
+    cov += np.diag(added)
+    cov[:, [-2, -1], [-2, -1]] += np.where(now.in_run, OFFSET_WALK_M**2 * dt_s, 0.0)[:, None]
+    return now._replace(mean=mean, cov=cov)
+
+
+def _updated(
+    now: _Histories, z: Vector, H: Array, noise: Noise, dt_s: float, f: int
+) -> tuple[_Histories, Indices, Indices]:
+    """Return the likeliest histories with this fix, the history before of each, and what each takes the fix for."""
+    cross = now.cov @ H.T  # (N, n, 2)
+    offset = now.cov[:, :, -2:]
+    e, S = z - now.mean @ H.T, H @ cross
+    shared = H @ offset
+    e_in, S_in = e - now.mean[:, -2:], S + shared + shared.transpose(0, 2, 1) + offset[:, -2:]
+    begun_m2 = np.maximum(OFFSET_SD_M**2, (e**2).sum(axis=1) / 2)
+    S_new = S + begun_m2[:, None, None] * np.eye(2)
+    run_s, gap_s = np.array(DURATIONS_S)[now.pair].T
+    begins = run_s / (run_s + gap_s) if f == 0 else -np.expm1(-dt_s / gap_s)
+    ends = np.where(now.in_run, -np.expm1(-dt_s / run_s), 1.0)
+    with np.errstate(divide="ignore"):
+        log_prior = np.log([(1 - begins) * ends, begins * ends, np.where(now.in_run, 1 - ends, 0.0)])
+    log_l = np.stack(
+        [_log_likelihood(e, S, noise), _log_likelihood(e, S_new, noise), _log_likelihood(e_in, S_in, noise)]
+    )
+    log_l[BEGINS] += 0.5 * np.log(OFFSET_SD_M**2 / begun_m2)  # a tail as heavy as a scale that is not known
+    log_weight = (now.log_weight + log_prior + log_l).ravel()
+    count = len(now.log_weight)
+    decision, parent = np.divmod(np.arange(3 * count), count)
+    recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
+    octave = np.select([decision == BEGINS, decision == CONTINUES], [(f + 1).bit_length(), now.octave[parent]], 0)
+    chosen = _chosen(log_weight, now.pair[parent], recent, octave)
+    kept, log_weight = chosen
+    decision, parent = decision[kept], parent[kept]
+    mean, cov = now.mean[parent], now.cov[parent]
+    ended = decision != CONTINUES
+    mean[ended, -2:] = 0.0
+    cov[ended, -2:] = 0.0
+    cov[ended, :, -2:] = 0.0
+    begun = np.flatnonzero(decision == BEGINS)
+    cov[begun[:, None], [-2, -1], [-2, -1]] = begun_m2[parent[begun], None]
+    in_run = decision != CORRECT
+    H_of = np.broadcast_to(H, (len(kept), *H.shape)).copy()
+    H_of[in_run, 0, -2] = H_of[in_run, 1, -1] = 1.0
+    cross = cov @ H_of.transpose(0, 2, 1)
+    g, G = _correction(z - np.einsum("kan,kn->ka", H_of, mean), H_of @ cross, noise)
+    mean += np.einsum("kna,ka->kn", cross, g)
+    cov += cross @ G @ cross.transpose(0, 2, 1)
+    return _Histories(log_weight, mean, cov, in_run, now.pair[parent], recent[kept], octave[kept]), parent, decision
+
+
+def _chosen(log_weight: Vector, pair: Indices, recent: Indices, octave: Indices) -> tuple[Indices, Vector]:
+    """Return rows and weights of the likeliest HISTORIES of each pair, and of the likeliest long run of each octave.
+
+    Of those that agree in the recent fixes, or in the octave of a long run, the likeliest stands for all.
+    """
+    order = np.argsort(-log_weight, kind="stable")
+    order = order[np.isfinite(log_weight[order])]
+    long = recent[order] == 2**RECENT - 1
+    code = np.stack([pair[order], recent[order], np.where(long, octave[order], 0)])
+    _, first, group = np.unique(code, axis=1, return_index=True, return_inverse=True)
+    top = log_weight[order[first]]
+    total = top + np.log(np.bincount(group.ravel(), np.exp(log_weight[order] - top[group.ravel()])))
+    kept = order[first]
+    rows: list[Indices] = [np.flatnonzero(long[first])]
+    for p in range(len(DURATIONS_S)):
+        mine = np.flatnonzero((pair[kept] == p) & ~long[first])
+        rows.append(mine[np.argsort(-total[mine])[:HISTORIES]])
+    each = np.concatenate(rows)
+    return kept[each], total[each]
+
+
+def _inverse(S: Array, noise: Noise) -> tuple[Array, Vector]:
+    """Return inverse and log determinant of S + R of each mode, (J, N, 2, 2) and (J, N)."""
+    total = S + noise.cov[:, None]
+    a, b, c = total[..., 0, 0], total[..., 0, 1], total[..., 1, 1]
+    det = a * c - b * b
+    inverse = np.stack([c, -b, -b, a], axis=-1).reshape(total.shape) / det[..., None, None]
+    return inverse, np.log(det)
+
+
+def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array]:
+    """Return the log of each mode's share of the likelihood, (J, N), and its S^-1 e, (J, N, 2)."""
+    inverse, log_det = _inverse(S, noise)
+    weighted = np.einsum("jnab,nb->jna", inverse, e)
+    log_l = -0.5 * (np.einsum("jna,na->jn", weighted, e) + log_det) - np.log(2 * np.pi)
+    return log_l + np.log(noise.probabilities)[:, None], weighted
+
+
+def _log_likelihood(e: Vector, S: Array, noise: Noise) -> Vector:
+    return np.logaddexp.reduce(_by_mode(e, S, noise)[0], axis=0)
+
+
+def _correction(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array]:
+    """Return g and G of the moment-matched update: mean + C g, covariance + C G C^T with the cross covariance C."""
+    log_l, weighted = _by_mode(e, S, noise)
+    p = np.exp(log_l - np.logaddexp.reduce(log_l, axis=0))
+    inverse, _ = _inverse(S, noise)
+    g = np.einsum("jn,jna->na", p, weighted)
+    outer = np.einsum("jn,jna,jnb->nab", p, weighted, weighted) - np.einsum("jn,jnab->nab", p, inverse)
+    return g, outer - g[:, :, None] * g[:, None, :]

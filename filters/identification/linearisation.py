@@ -1,0 +1,117 @@
+"""Fixes minus dead reckoning, linear in the sensor errors about a point: how each error moves each fix.
+
+The position is that of the DVL. A lever arm from the transponder to the DVL moves the fix by -R(psi) arm, which is
+linear and free of the noise of the turn rate. A DVL whose stamps are late by c measured v(t + c) at t. An error that is
+not linear is freed of its value at the point first: a heading that is wrong by 20 degrees would else look like a scale
+error of 6 %.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from usbldr.filters.frames import rotated
+from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
+from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.quantities import ReportedQuantity
+from usbldr.filters.replay.dead_reckoning import (
+    displacement_m,
+    drift_rates,
+    freed,
+    integrate,
+    interpolate,
+    velocity_mps,
+)
+from usbldr.filters.types import Array, Timeline
+
+Point: TypeAlias = tuple[float, ...]  # a value for each of STEPS
+
+LEVER, CLOCK = "dvl-lever", "dvl-clock"
+CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
+KEYS: Mapping[str, tuple[str, ...]] = {
+    "scale": STATES["scale"],
+    "heading": STATES["heading"],
+    "deviation": STATES["deviation"],
+    "latency": STATES["latency"],
+    LEVER: ("dvl_lever_starboard", "dvl_lever_forward"),
+    CLOCK: ("dvl_clock",),
+}
+"""Sensor errors that a log may have or not, and their states in the pass."""
+REPORTED: Mapping[str, ReportedQuantity] = {
+    **REPORTED_QUANTITIES,
+    "dvl_lever_starboard": ReportedQuantity("dvl_lever_starboard_m", "m", 1.0),
+    "dvl_lever_forward": ReportedQuantity("dvl_lever_forward_m", "m", 1.0),
+    "dvl_clock": ReportedQuantity("dvl_clock_s", "s", 1.0),
+}
+BIAS_STATES = STATES["usbl-bias"]
+CURRENT_STATES = STATES["current"]
+OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, see clusters.py
+ERROR_STATES = tuple(name for names in KEYS.values() for name in names)
+PASS_STATES = ("x", "y", *BIAS_STATES, *CURRENT_STATES, *ERROR_STATES, *OFFSET_STATES)
+STEPS: Mapping[str, float] = {
+    "dvl_scale": 0.01,
+    "heading_bias": math.radians(1.0),
+    "deviation_sin": math.radians(1.0),
+    "deviation_cos": math.radians(1.0),
+    "usbl_latency": 0.1,
+    "dvl_clock": 0.1,
+}
+"""States that are not linear, and the step of the points that members share: half of it leaves less than 1e-4 of the
+distance, or of a millimetre in a turn."""
+NO_ERROR: Point = (0.0,) * len(STEPS)
+
+
+@dataclass(frozen=True, slots=True)
+class Linearised:
+    """F fixes minus dead reckoning, linear in n states about a point."""
+
+    residual_m: Array  # (F, 2) fix minus dead reckoning
+    measurement_matrix: Array  # (F, 2, n) H of each fix
+
+
+def prior_sds(parameters: Parameters) -> Mapping[str, float]:
+    """Return state -> prior 1-sigma of every sensor error that may exist."""
+    return {
+        **prior_sd(parameters.errors),
+        **dict.fromkeys(KEYS[LEVER], parameters.errors.dvl_lever_m),
+        **dict.fromkeys(KEYS[CLOCK], parameters.errors.dvl_clock_s),
+    }
+
+
+def near(value: Mapping[str, float]) -> Point:
+    """Return the point next to the values of some states; 0 for the others."""
+    return tuple(round(value.get(state, 0.0) / step) * step for state, step in STEPS.items())
+
+
+def linearised(
+    timeline: Timeline, parameters: Parameters, states: Sequence[str], fixes: int, point: Point
+) -> Linearised:
+    """Return the first fixes minus dead reckoning, linear in these of PASS_STATES about the point."""
+    about = dict(zip(STEPS, point, strict=True))
+    line, latency_s = freed(timeline, about), about["usbl_latency"]
+    valid_s = line.fix_time_s[:fixes]
+    late, early = (
+        displacement_m(freed(timeline, about | {"dvl_clock": about["dvl_clock"] + step}))
+        for step in (CLOCK_STEP_S, -CLOCK_STEP_S)
+    )
+    drift = dict(zip(states, (integrate(line, rate) for rate in drift_rates(line, states)), strict=True))
+    drift["dvl_clock"] = (late - early) / (2 * CLOCK_STEP_S)
+    drift["dvl_scale"] = drift["dvl_scale"] / (1 + about["dvl_scale"])
+    at_point = sum((drift[state] * value for state, value in about.items() if value and state in drift), np.zeros(2))
+    columns = np.concatenate([drift[state] for state in states], axis=1)
+    H = interpolate(line, columns, valid_s).reshape(len(valid_s), -1, 2).swapaxes(1, 2)
+    V_at = interpolate(line, velocity_mps(line), valid_s)
+    yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
+    # the position is that of the DVL: what the stated lever arms add to it
+    lever_m = np.array(parameters.usbl_lever_m[:2]) - np.array(parameters.dvl_lever_m[:2])
+    reckoned_m = interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * latency_s
+    for names in (("x", "y"), BIAS_STATES, OFFSET_STATES):
+        for axis, name in enumerate(names):
+            H[:, axis, states.index(name)] = 1.0
+    H[:, :, states.index("usbl_latency")] = -V_at
+    for name, unit in zip(KEYS[LEVER], np.eye(2), strict=True):
+        H[:, :, states.index(name)] = -rotated(yaw, unit)
+    return Linearised(timeline.fix_m[:fixes] - reckoned_m - rotated(yaw, lever_m), H)

@@ -1,0 +1,125 @@
+"""Runs of false fixes, errors far outside of what is usual, and noise of the fixes that looks like drift."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.identification.evidence import identify
+from usbldr.filters.models.noise import Contamination
+from usbldr.filters.models.parameters import Parameters, ProcessNoise
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
+from usbldr.filters.types import Array, Mask, Timeline
+from weaving import Faults, weaving_dive
+
+# without a stated start
+ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
+DIVE = weaving_dive(Faults())
+CLEAN = run("adf", DIVE, identify(DIVE, ASSUMED).parameters)
+
+
+def mean_error_m(line: Timeline, order: str = "validity") -> float:
+    """Return how far the default track of a dive with faults lies from that of the dive without."""
+    track = run("adf", line, identify(line, ASSUMED).parameters, FilterSettings(order=order))
+    return float(np.hypot(*(track.position_m - CLEAN.position_m).T).mean())
+
+
+def moved(rows: Mask, by_m: Array) -> Timeline:
+    return replace(DIVE, fix_m=np.where(rows[:, None], DIVE.fix_m + by_m, DIVE.fix_m))
+
+
+T = DIVE.fix_time_s
+AWAY_M = np.array([500.0, 100.0])
+RUNS = {
+    "first 5 s": T < 5,
+    "first 40 s": T < 40,
+    "first 100 s": T < 100,
+    "middle": (T > 150) & (T < 210),
+    "last": T > 350,
+    "several": (T // 20) % 4 == 1,
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_false_fixes_in_a_row_are_found_wherever_they_are(name: str) -> None:
+    line = moved(RUNS[name], np.array([40.0, -30.0]))
+
+    found = identify(line, ASSUMED)
+
+    assert found.parameters.false_fixes == tuple(np.flatnonzero(RUNS[name]).tolist())
+    assert sum(one.fixes for one in found.false_runs) == RUNS[name].sum()
+    assert str(RUNS[name].sum()) in found.warnings[0]
+    assert mean_error_m(line) < 0.5
+
+
+@pytest.mark.parametrize("place_m", [(0.0, 0.0), (30.0, 20.0), (-4e5, -5e6)])
+def test_positions_that_were_written_before_the_first_reply_do_not_matter(place_m: tuple[float, float]) -> None:
+    line = replace(DIVE, fix_m=np.where((T < 8)[:, None], np.array(place_m), DIVE.fix_m + AWAY_M))
+    there = replace(DIVE, fix_m=DIVE.fix_m + AWAY_M)
+
+    tracks = [run("adf", one, identify(one, ASSUMED).parameters) for one in (line, there)]
+
+    assert np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean() < 0.5
+
+
+def test_a_dive_without_false_fixes_has_none() -> None:
+    assert identify(DIVE, ASSUMED).false_runs == ()
+
+
+def test_fixes_of_which_half_are_elsewhere_are_all_kept() -> None:
+    """Nothing says which half is false."""
+    assert identify(moved(T > 195, np.array([40.0, -30.0])), ASSUMED).parameters.false_fixes == ()
+
+
+def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
+    line = moved(RUNS["middle"], np.array([40.0, -30.0]))
+
+    fixes = run("adf", line, identify(line, ASSUMED).parameters).updates.of_sensor("usbl")
+
+    assert sorted(fixes.row) == list(range(len(T)))
+    assert set(fixes.row[fixes.outcome == "rejected"]) == set(np.flatnonzero(RUNS["middle"]))
+    rejected_m = np.median(fixes.vectors("innovation")[fixes.outcome == "rejected"], axis=0)
+    np.testing.assert_allclose(rejected_m, [40.0, -30.0], atol=1.0)
+
+
+def test_in_the_order_of_arrival_no_fix_is_known_to_be_false() -> None:
+    line = moved(RUNS["first 5 s"], np.array([40.0, -30.0]))
+    found = identify(line, ASSUMED).parameters
+
+    track = run("adf", line, found, FilterSettings(order="arrival"))
+
+    without = run("adf", line, replace(found, false_fixes=()), FilterSettings(order="arrival"))
+    np.testing.assert_array_equal(track.mean, without.mean)
+
+
+FAR = {
+    "heading 20 deg": (Faults(heading_bias_deg=20.0), {"heading_bias_deg": 20.0}),
+    "heading 170 deg": (Faults(heading_bias_deg=170.0), {"heading_bias_deg": 170.0}),
+    "scale 25 %": (Faults(dvl_scale=0.25), {"dvl_scale": 0.25}),
+    "latency 4.9 s": (Faults(usbl_latency_s=4.9), {"usbl_latency_s": 4.9}),
+}
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_an_error_far_outside_what_is_usual_is_found_and_no_other_is_invented(name: str) -> None:
+    faults, wanted = FAR[name]
+    line = weaving_dive(faults)
+
+    found = identify(line, ASSUMED)
+
+    assert set(found.estimates) == set(wanted)
+    for key, value in wanted.items():
+        assert abs(found.estimates[key].value - value) < 4 * found.estimates[key].sd
+    track = run("adf", line, found.parameters)
+    assert np.hypot(*(track.position_m - CLEAN.position_m).T).mean() < 0.3
+
+
+@pytest.mark.parametrize("period_s", [6.0, 12.0])
+def test_the_roll_of_a_ship_is_noise_of_the_fixes_and_not_of_dead_reckoning(period_s: float) -> None:
+    rolled = replace(DIVE, fix_m=DIVE.fix_m + 2.0 * np.sin(2 * np.pi * T / period_s)[:, None] * (0.8, 0.6))
+
+    found = identify(rolled, ASSUMED)
+
+    assert found.parameters.process.position_m < 10 * ASSUMED.process.position_m
+    assert mean_error_m(rolled) < 0.3
