@@ -132,7 +132,10 @@ def _ends_data(data: mmap, at: int) -> bool:
 
 
 def _mcap_walk(data: mmap, at: int) -> int:
-    """Return where the records from a byte on end; raise BrokenError with a byte behind all attachments."""
+    """Return where the records from a byte on end; raise BrokenError with a byte behind all attachments.
+
+    A record that was cut may by its length reach into the next recording and end with a record of that.
+    """
     attached = at
     while at + MCAP_HEAD.size <= len(data):
         op, length = MCAP_HEAD.unpack_from(data, at)
@@ -140,7 +143,8 @@ def _mcap_walk(data: mmap, at: int) -> int:
         if not op or at > len(data):
             break
         if op == FOOTER and data[at : at + len(MCAP)] == MCAP:
-            return at + len(MCAP)
+            inside = data.find(MARKS[0], attached, at)
+            return inside if inside >= 0 else at + len(MCAP)
         if op == ATTACHMENT and _is_attachment(data, at - length, at):
             attached = at
     raise BrokenError(attached)

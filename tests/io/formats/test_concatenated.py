@@ -21,8 +21,9 @@ junk = st.binary(min_size=1, max_size=600).map(lambda data: b"\7" + data.replace
 
 def count(log: Reader, form: str) -> list[int]:
     """Return how many records of each wanted topic are read."""
-    present = {topic.name for topic in log.topics()}
-    found = log.read({topic: paths for topic, paths in FORMATS[form].wanted.items() if topic in present})
+    wanted = FORMATS[form].wanted
+    present = {one.name for one in log.topics() if all(map(one.has, wanted.get(one.name, ())))}
+    found = log.read({topic: paths for topic, paths in wanted.items() if topic in present})
     return [len(found[topic].received_ns) if topic in found else 0 for topic in FORMATS[form].wanted]
 
 
