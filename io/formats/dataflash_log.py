@@ -61,8 +61,10 @@ class Source(NamedTuple):
 
 
 def looks_like_dataflash(head: bytes) -> bool:
-    """Return whether a file begins with the layout of a message type."""
-    return head.startswith(MARK + bytes([FMT]))
+    """Return whether a file begins with the layout of a message type, or has two behind bytes of another."""
+    begin = MARK + bytes([FMT])
+    at = head.find(begin)
+    return at == 0 or (at > 0 and head[at + FMT_BYTES :].startswith(begin))
 
 
 class DataflashLog:

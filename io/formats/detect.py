@@ -20,6 +20,7 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
 }
 """Other formats by their first bytes, with what to do about them."""
+BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut
 TAR, TAR_AT = b"ustar", 257  # fixed by the format
 
 
@@ -70,9 +71,10 @@ def _pd0(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.pd45_log import Pd45Log, looks_like_pd45
+    from usbldr.io.formats.pd45_log import Pd45Log, name_of_pd45
 
-    return Pd45Log(path, f"PD{4 + head[1]}") if looks_like_pd45(head) else None
+    name = name_of_pd45(head)
+    return Pd45Log(path, name) if name else None
 
 
 def _pd6(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -186,7 +188,7 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
             raise LogError("no such file or folder", path=path)
         if not path.is_dir():
             with opened(path) as file:
-                head = file.read(4096)
+                head = file.read(BEGIN_BYTES)
         if compression := compression_of(head):
             from usbldr.io.formats.compressed_log import compressed_log
 

@@ -17,6 +17,7 @@ from usbldr.io.reader import Records, TopicInfo
 
 SIZE_AT, LEAST_BYTES, CHECKSUM_BYTES = 2, 6, 2  # fixed by the formats; the size is without the checksum
 LONGEST_BYTES = (1 << 16) + CHECKSUM_BYTES  # fixed by the formats: the size has 16 bits
+CUT_SHARE = 4  # of its first bytes, one in so many belongs to an ensemble, if cut ones are at both ends
 BLOCK_BYTES = 1 << 20  # [bytes] looked through at once
 
 
@@ -41,7 +42,14 @@ def ensembles(file: Path, marks: Sequence[bytes], findings: list[Finding]) -> It
         findings.append(Finding("DAMAGED", f"{text}; their ensembles are missing", lost_data=True))
 
 
-def _whole(data: mmap, marks: Sequence[bytes]) -> Iterator[tuple[int, int]]:
+def first_ensemble(head: bytes, marks: Sequence[bytes]) -> bytes:
+    """Return the first ensemble whose checksum is right in a file's first bytes; empty if they are hardly such."""
+    found = list(_whole(head, marks))
+    enough = sum(size for _, size in found) * CUT_SHARE >= len(head)
+    return head[found[0][0] : found[0][0] + found[0][1]] if found and enough else b""
+
+
+def _whole(data: mmap | bytes, marks: Sequence[bytes]) -> Iterator[tuple[int, int]]:
     """Yield start and size of every ensemble whose checksum is right, also of those within others.
 
     All places of a block that may begin one are checked at once: damaged files may consist of them.

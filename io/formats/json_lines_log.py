@@ -16,20 +16,23 @@ from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, json_decoder
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import text_lines
+from usbldr.io.formats.files import head_lines, text_lines
 from usbldr.io.reader import Records, TopicInfo
 
 REPORTS = ("velocity", "velocity_water", "position_local")
 """Reports of a DVL by their type."""
+FIRST_VERSION = {"time", "vx", "vy", "vz", "velocity_valid"}
+"""Keys of a report of velocities of the first version of the format (json_v1), which has no type."""
+FIRST_LINES = 20  # [lines] among which a report is looked for
 SAMPLES = 5  # [messages] from which the fields are taken
+COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 LATEST_S = 4e9  # [s] the year 2096
 EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
 
 
 def looks_like_json_lines(head: bytes) -> bool:
-    """Return whether the first line holds a report or a position of Water Linked's."""
-    line = head.decode("utf-8-sig", errors="replace").split("\n", 1)[0]
-    return bool(_kind(_parsed(line)[1]))
+    """Return whether one of the first lines holds a report or a position of Water Linked's; others may be cut."""
+    return any(_kind(_parsed(line)[1]) for line in head_lines(head)[:FIRST_LINES])
 
 
 class JsonLinesLog:
@@ -46,7 +49,7 @@ class JsonLinesLog:
     def _lines(self) -> Mapping[str, list[tuple[int, bytes]]]:
         """Return log time and text of each line by kind; record what was lost."""
         found: dict[str, list[tuple[int, bytes]]] = {}
-        untimed, unknown, bad, first_bad, last = 0, 0, 0, 0, NO_TIME
+        untimed, unknown, bad, first_bad, last, counted = 0, 0, 0, 0, NO_TIME, False
         for number, line in enumerate(text_lines(self.path), start=1):
             if not line.strip():
                 continue
@@ -57,11 +60,16 @@ class JsonLinesLog:
             kind = _kind(value)
             logged = prefixed_ns(line[: line.find("{")])
             last = logged if logged != NO_TIME else _own_time(value, last)
+            if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
+                since_ns = _since_last_ns(value)
+                counted, last = counted or (since_ns > 0 and last == NO_TIME), max(last, 0) + since_ns
             unknown += not kind and value.get("type") != "response"
             if kind and last == NO_TIME:
                 untimed += 1
             elif kind:
                 found.setdefault(kind, []).append((last, text.encode()))
+        if counted:
+            self._lost.append(Finding("NO-DATE", f"{self.path.name}: {COUNTED}"))
         if bad:
             text = f"{self.path.name}: {bad} lines are no JSON, the first is line {first_bad}; left out"
             self._lost.append(Finding("UNDECODED", text, lost_data=True))
@@ -126,9 +134,17 @@ def _kind(value: Mapping[str, Any] | None) -> str:
         return ""
     if value.get("type") in REPORTS:
         return str(value["type"])
+    if "type" not in value and value.keys() >= FIRST_VERSION:
+        return "velocity"
     if "lat" in value and "lon" in value:
         return "global"
     return "acoustic" if {"x", "y", "z", "position_valid"} <= value.keys() else ""
+
+
+def _since_last_ns(value: Mapping[str, Any]) -> int:
+    """Return the time since the report before, which a report of velocities states in ms, as nanoseconds."""
+    since_ms = value.get("time")
+    return round(since_ms * 1e6) if isinstance(since_ms, int | float) and 0 < since_ms < LATEST_S else 0
 
 
 def _own_time(value: Mapping[str, Any], last: int) -> int:

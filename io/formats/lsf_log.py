@@ -3,11 +3,14 @@
 A topic is a message of an entity of a vehicle: "imc/30/AHRS/EulerAngles". Source: see imc_definitions.
 """
 
+import re
 import struct
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import islice
 from mmap import mmap
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +36,11 @@ HEAD = {
 }
 HEAD_BYTES, CHECKSUM_BYTES = 20, 2  # fixed by IMC
 ENTITY_INFO = "EntityInfo"
+Order: TypeAlias = Literal["<", ">"]
+ENDIAN: Mapping[Order, Literal["little", "big"]] = {"<": "little", ">": "big"}
+ANY_SYNC = re.compile(b"\x54\xfe|\xfe\x54")
+MOST_SYNCS = 20  # [places] that look like the beginning of a message and are examined: a checksum takes milliseconds
+FIRST_BYTES = 1 << 17  # [bytes] among which the first message is looked for: two of the longest
 MANY = 8  # [messages] of one length, from which on their checksums are computed together
 POLYNOMIAL = 0xA001  # fixed by IMC: CRC-16-IBM
 
@@ -49,8 +57,19 @@ BYTES = TABLE.tolist()
 
 
 def looks_like_lsf(head: bytes) -> bool:
-    """Return whether a file begins with a message of IMC."""
-    return len(head) >= HEAD_BYTES and head[:2] in (SYNC.to_bytes(2, "little"), SYNC.to_bytes(2))
+    """Return whether a file begins with a message of IMC, or has one behind one that is cut."""
+    return len(head) >= HEAD_BYTES and _order_of(head) != ""
+
+
+def _order_of(head: bytes) -> Order | Literal[""]:
+    """Return the order of bytes of the first message with a right checksum, else by how the file begins."""
+    for found in islice(ANY_SYNC.finditer(head), MOST_SYNCS):
+        order: Order = "<" if found[0] == SYNC.to_bytes(2, "little") else ">"
+        size = head[found.start() + 4 : found.start() + 6]
+        end = found.start() + HEAD_BYTES + int.from_bytes(size, ENDIAN[order]) + CHECKSUM_BYTES
+        if end <= len(head) and _is_whole(head[found.start() : end], order):
+            return order
+    return next((order for order in ENDIAN if head.startswith(SYNC.to_bytes(2, ENDIAN[order]))), "")
 
 
 class LsfLog:
@@ -69,13 +88,13 @@ class LsfLog:
         return mapped(self.path)
 
     @cached_property
-    def _order(self) -> str:
-        return "<" if self._data[:2] == SYNC.to_bytes(2, "little") else ">"
+    def _order(self) -> Order:
+        return _order_of(self._data[:FIRST_BYTES]) or ">"
 
     @cached_property
     def _frames(self) -> tuple[NDArray[np.int64], int, bool]:
         """Return where the whole messages begin and end, (n, 2); the bytes that are none; whether the last is cut."""
-        data, sync = self._data, self._data[:2]
+        data, sync = self._data, SYNC.to_bytes(2, ENDIAN[self._order])
         frames: list[tuple[int, int]] = []
         at, lost, cut, budget = 0, 0, False, UnpackingBudget(self.path, len(data))
         while at < len(data):
@@ -98,7 +117,7 @@ class LsfLog:
         return np.array(frames, dtype=np.int64).reshape(-1, 2), lost, cut
 
     def _end(self, at: int) -> int:
-        size = int.from_bytes(self._data[at + 4 : at + 6], "little" if self._order == "<" else "big")
+        size = int.from_bytes(self._data[at + 4 : at + 6], ENDIAN[self._order])
         return at + HEAD_BYTES + size + CHECKSUM_BYTES if at + HEAD_BYTES <= len(self._data) else len(self._data) + 1
 
     def _whole_at(self, at: int, budget: UnpackingBudget) -> bool:
@@ -227,7 +246,7 @@ class LsfLog:
         return tuple(found)
 
 
-def _checked(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int, order: str) -> NDArray[np.bool_]:
+def _checked(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int, order: Order) -> NDArray[np.bool_]:
     """Return which messages of one length have the checksum that they state."""
     if len(starts) < MANY:
         return np.array([_is_whole(data[at : at + length].tobytes(), order) for at in starts.tolist()], dtype=bool)
@@ -238,9 +257,9 @@ def _checked(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int, or
     return value == (first | second << 8 if order == "<" else first << 8 | second)
 
 
-def _is_whole(message: bytes, order: str) -> bool:
+def _is_whole(message: bytes, order: Order) -> bool:
     """Return whether a message has the checksum that it states."""
     value = 0
     for byte in message[:-CHECKSUM_BYTES]:
         value = BYTES[(value ^ byte) & 0xFF] ^ (value >> 8)
-    return value == int.from_bytes(message[-CHECKSUM_BYTES:], "little" if order == "<" else "big")
+    return value == int.from_bytes(message[-CHECKSUM_BYTES:], ENDIAN[order])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.io.findings import Finding
-from usbldr.io.formats.ensembles import ensembles, topics_of
+from usbldr.io.formats.ensembles import ensembles, first_ensemble, topics_of
 from usbldr.io.formats.pd0_positions import NAVIGATION, NMEA, vmdas_fixes, winriver_fixes
 from usbldr.io.reader import Nanoseconds, Records, TopicInfo
 
@@ -52,8 +52,8 @@ USED = np.dtype(
 
 
 def looks_like_pd0(head: bytes) -> bool:
-    """Return whether a file begins with an ensemble."""
-    return head.startswith(MARK)
+    """Return whether a file begins with an ensemble, or within one."""
+    return head.startswith(MARK) or first_ensemble(head, [MARK]) != b""
 
 
 class Pd0Log:

@@ -15,7 +15,7 @@ import numpy as np
 
 from usbldr.io.decoding.nmea_times import NO_TIME, times_from_sentences
 from usbldr.io.findings import Finding
-from usbldr.io.formats.ensembles import ensembles, topics_of
+from usbldr.io.formats.ensembles import ensembles, first_ensemble, topics_of
 from usbldr.io.reader import Records, TopicInfo
 
 BEGIN = (b"\x7d\x00\x2d\x00", b"\x7d\x01\x56\x00")  # fixed: mark, PD4 or PD5, and the size of each
@@ -32,9 +32,10 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 UNDATED = "its times have no date; the first day is taken as 1970-01-01; state date under [[file]]"
 
 
-def looks_like_pd45(head: bytes) -> bool:
-    """Return whether a file begins with an ensemble."""
-    return head.startswith(BEGIN)
+def name_of_pd45(head: bytes) -> str:
+    """Return the format of a file that begins with an ensemble, or within one; empty if it does not."""
+    first = head if head.startswith(BEGIN) else first_ensemble(head, BEGIN)
+    return f"PD{4 + first[1]}" if first else ""
 
 
 class Pd45Log:

@@ -30,6 +30,7 @@ HEADS = {V1: 6, V2: 10}  # [bytes] fixed: of a packet's head; the length of its 
 ANY_HEAD = re.compile(b"[\xfd\xfe]")
 SIGNED, SIGNATURE_BYTES = 1, 13  # fixed: a flag of version 2, and what follows a packet that has it
 CHECKSUM_BYTES = 2  # fixed by MAVLink
+PACKETS = 3  # [packets] one behind the other that are no chance
 MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 LAST_STEP = {binascii.crc_hqx(bytes([byte]), 0): byte for byte in range(256)}
 EARLIEST_US = 946_684_800_000_000  # [us] the year 2000: an earlier time is no time
@@ -54,7 +55,24 @@ class Packets:
 
 
 def looks_like_tlog(head: bytes) -> bool:
-    """Return whether a file begins with a time since 2000 and a packet."""
+    """Return whether a file begins with packets, or has some behind one that is cut."""
+    begins = (0, *(found.start() - STAMP_BYTES for found in ANY_HEAD.finditer(head, STAMP_BYTES)))
+    return _begins_packet(head) or any(_follow_each_other(head, at) for at in begins)
+
+
+def _follow_each_other(head: bytes, at: int) -> bool:
+    """Return whether packets begin at a byte."""
+    for _ in range(PACKETS):
+        if not _begins_packet(head[at : at + STAMP_BYTES + HEADS[V2]]):
+            return False
+        version, length = head[at + STAMP_BYTES : at + STAMP_BYTES + 2]
+        signed = version == V2 and head[at + STAMP_BYTES + 2] & SIGNED
+        at += STAMP_BYTES + HEADS[version] + length + CHECKSUM_BYTES + SIGNATURE_BYTES * signed
+    return True
+
+
+def _begins_packet(head: bytes) -> bool:
+    """Return whether bytes begin with a time since 2000 and a packet."""
     if len(head) < STAMP_BYTES + HEADS[V1] or head[STAMP_BYTES] not in HEADS:
         return False
     return EARLIEST_US <= int.from_bytes(head[:STAMP_BYTES]) < MAX_TIME_NS // 1000
@@ -131,7 +149,7 @@ class TelemetryLog:
             system, component, number = data[head + 3 : start]
         kind = self._types.get(number)
         extra = definition_byte(data[head + 1 : end], data[end : end + CHECKSUM_BYTES])
-        if kind is None and after < len(data) and not looks_like_tlog(data[after : after + 32]):
+        if kind is None and after < len(data) and not _begins_packet(data[after : after + 32]):
             return None, after
         if extra is None or extra != (self._extras.setdefault(number, extra) if kind is None else kind.crc_extra):
             return None, after

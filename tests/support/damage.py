@@ -18,6 +18,7 @@ from typing import NamedTuple
 from damaged_formats import FORMATS
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.formats.detect import open_log
+from usbldr.io.reader import Reader
 
 MARKERS = ("<!-- make fuzz: begin -->", "<!-- make fuzz: end -->")
 
@@ -50,6 +51,14 @@ def read(path: Path, form: str) -> Read:
     except UsbldrError:
         said = True
     return Read(rows, said)
+
+
+def count(log: Reader, form: str) -> list[int]:
+    """Return how many records of each wanted topic are read."""
+    wanted = FORMATS[form].wanted
+    present = {one.name for one in log.topics() if all(map(one.has, wanted.get(one.name, ())))}
+    found = log.read({topic: paths for topic, paths in wanted.items() if topic in present})
+    return [len(found[topic].received_ns) if topic in found else 0 for topic in FORMATS[form].wanted]
 
 
 def cut(whole: bytes, rng: random.Random) -> bytes:

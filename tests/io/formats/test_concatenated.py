@@ -7,24 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from damage import count
 from damaged_formats import FORMATS
 from recordings import short_dive, write_bag, write_mcap
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.formats.detect import open_log
-from usbldr.io.reader import Reader
 
 CONTAINERS = [form for form in FORMATS if form.startswith(("MCAP ", "bag", "rosbag2", "Parquet", "HDF5", ".mat"))]
 SEARCHED = ("MCAP ", "bag", "rosbag2", "Parquet", "HDF5")  # known by a mark that is found behind other bytes
 RESUMED = ("MCAP ", "bag")  # walked from record to record: another is found behind one that is cut
 junk = st.binary(min_size=1, max_size=600).map(lambda data: b"\7" + data.replace(b"\0", b"\1") + b"\7")
-
-
-def count(log: Reader, form: str) -> list[int]:
-    """Return how many records of each wanted topic are read."""
-    wanted = FORMATS[form].wanted
-    present = {one.name for one in log.topics() if all(map(one.has, wanted.get(one.name, ())))}
-    found = log.read({topic: paths for topic, paths in wanted.items() if topic in present})
-    return [len(found[topic].received_ns) if topic in found else 0 for topic in FORMATS[form].wanted]
 
 
 def attempt(path: Path, form: str) -> tuple[list[int], bool]:
