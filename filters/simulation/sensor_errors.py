@@ -29,7 +29,7 @@ def draw_noise(family: NoiseFamily, R: Array, count: int, rng: np.random.Generat
 
 
 def _draw_records(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
-    if isinstance(family, StudentT):  # the distribution itself; its modes are slices of it, for filters
+    if isinstance(family, StudentT):  # the distribution itself; its modes are for filters
         precision = rng.chisquare(family.dof, count) / family.dof
         cov = R / precision[:, None, None]
     elif R.ndim == 2:

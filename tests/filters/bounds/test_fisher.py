@@ -66,7 +66,7 @@ def test_of_a_record_it_agrees_with_adaptive_quadrature() -> None:
     np.testing.assert_allclose(np.triu(fisher_information(noise)), np.triu(np.nan_to_num(want)), atol=2e-5)
 
 
-def test_nine_slices_of_student_t_have_nearly_its_closed_form() -> None:
+def test_nine_modes_of_student_t_have_nearly_its_closed_form() -> None:
     for dof in (4.0, 10.0):
         got = fisher_information(StudentT(dof).modes(R1))[0, 0]
         assert got == pytest.approx((dof + 1) / (dof + 3) / R1[0, 0], rel=0.03)

@@ -26,19 +26,29 @@ def test_contamination_adds_a_round_gross_error() -> None:
     np.testing.assert_allclose(Contamination(0.05, 10.0).modes(R).cov[1], R + 100 * np.eye(2))
 
 
-def test_nine_slices_follow_the_density_of_student_t() -> None:
-    dof, r = 4.0, 2.5
+@pytest.mark.parametrize("dof", [2.0, 2.5, 4.0, 10.0, 30.0, 1000.0])
+def test_nine_modes_have_the_density_and_the_score_of_student_t(dof: float) -> None:
+    r = 2.5
     noise = StudentT(dof).modes(np.array([[r]]))
-    for x in np.linspace(0, 4, 9) * math.sqrt(r):
-        want = math.gamma((dof + 1) / 2) / math.gamma(dof / 2) / math.sqrt(dof * math.pi * r)
-        want *= (1 + x * x / r / dof) ** (-(dof + 1) / 2)
+    e = np.linspace(0, 15, 31)[:, None] * math.sqrt(r)
+    scale = math.exp(math.lgamma((dof + 1) / 2) - math.lgamma(dof / 2)) / math.sqrt(dof * math.pi * r)
+    want = scale * (1 + e**2 / r / dof) ** (-(dof + 1) / 2)
 
-        got = sum(
-            s * math.exp(-x * x / 2 / v[0, 0]) / math.sqrt(2 * math.pi * v[0, 0])
-            for s, v in zip(noise.probabilities, noise.cov, strict=True)
-        )
+    v = noise.cov[:, 0, 0]
+    each = noise.probabilities * np.exp(-0.5 * e**2 / v) / np.sqrt(2 * np.pi * v)
 
-        assert got == pytest.approx(want, rel=0.12)
+    np.testing.assert_allclose(each.sum(axis=1), want[:, 0], rtol=0.07)
+    score = (each * e / v).sum(axis=1) / each.sum(axis=1)
+    np.testing.assert_allclose(score, ((dof + 1) * e / (dof * r + e**2))[:, 0], rtol=0.08)
+
+
+def test_a_reading_of_20_sigma_pulls_as_little_as_student_t_says() -> None:
+    """The score of four degrees of freedom is 5 e / (4 + e^2): .248 at 20 sigma."""
+    noise = StudentT(4.0).modes(np.eye(1))
+    v = noise.cov[:, 0, 0]
+    weight = noise.probabilities * np.exp(-0.5 * 400 / v) / np.sqrt(v)
+
+    assert (weight / v).sum() * 20 / weight.sum() == pytest.approx(0.248, rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -53,10 +53,10 @@ def test_noise_of_a_record_keeps_its_covariance_between_axes() -> None:
 
 
 @pytest.mark.parametrize("per_scalar", [True, False])
-def test_student_noise_is_the_distribution_itself_and_not_the_slices_that_filters_take(per_scalar: bool) -> None:
+def test_student_noise_is_the_distribution_itself_and_not_the_modes_that_filters_take(per_scalar: bool) -> None:
     e = draw_noise(StudentT(dof=4.0, per_scalar=per_scalar), np.diag([4.0, 0.25]), 200_000, rng(3)) / [2.0, 0.5]
 
-    # two-sided points of t with 4 degrees of freedom from the printed table; the slices have nothing beyond 7
+    # two-sided points of t with 4 degrees of freedom from the printed table; the modes end about 30 sigma
     for share, point in ((0.10, 2.132), (0.05, 2.776), (0.01, 4.604), (0.001, 8.610)):
         got = (np.abs(e) > point).mean(axis=0)
         np.testing.assert_allclose(got, share, atol=4 * math.sqrt(share / len(e)))
