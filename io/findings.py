@@ -25,6 +25,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "ROLE-SHIP": "info",
     "COLUMNS-BY-NAME": "info",
     "CONCATENATED": "info",
+    "LAYOUT-FILE": "info",
     "TRUTH-FRAME": "info",
     "ESTIMATE-FRAME": "info",
     "CONVENTION-CHECKED": "info",

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.truth import find_truth_file
-from usbldr.io.opening import ConfigurationFile, Request, configuration_of
+from usbldr.io.opening import ConfigurationFile, Request, configuration_of, stated_layouts
 
 
 class InputFile(NamedTuple):
     """A file or folder that a log is read from."""
 
-    role: str  # "log", "with", "configuration", "truth"
+    role: str  # "log", "with", "configuration", "truth", "layout"
     path: Path
 
 
@@ -31,6 +31,7 @@ def input_files(log: Path, request: Request) -> tuple[InputFile, ...]:
     truth = configuration.settings.truth.file if request.truth is None else request.truth
     truth_file = find_truth_file(truth, log, from_option=request.truth is not None) if truth else None
     found = {"log": [log], "with": joined, "configuration": [configuration.file], "truth": [truth_file]}
+    found |= {"layout": [*stated_layouts(configuration)]}
     return tuple(InputFile(role, path) for role, paths in found.items() for path in paths if path is not None)
 
 

@@ -18,6 +18,7 @@ from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
 from usbldr.io.reader import NamedColumns, Reader
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
+from usbldr.io.settings.layout_files import LayoutFile, layout_files
 from usbldr.io.settings.sensor_sections import Configuration, FileSection
 from usbldr.io.settings.validation import read_document
 from usbldr.io.stages import say, stage
@@ -58,6 +59,7 @@ class OpenedLog:
     paths: tuple[Path, ...]  # of the log and the files joined to it
     configuration: Configuration
     file: Path | None  # of the configuration
+    layouts: tuple[LayoutFile, ...] = ()
 
 
 def configuration_of(log: Path, request: Request) -> ConfigurationFile:
@@ -106,7 +108,14 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
         units_ns = time_units_ns(configured_columns(configuration, request.topics))
         reader = JoinedLog(path, " + ".join(formats), tuple(sorted(parts, key=_first_ns)), time_units_ns=units_ns)
     say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
-    return OpenedLog(reader, tuple(paths.values()), configuration, stated.file)
+    layouts = layout_files(stated_layouts(stated))
+    return OpenedLog(reader, tuple(paths.values()), configuration, stated.file, layouts)
+
+
+def stated_layouts(stated: ConfigurationFile) -> tuple[Path, ...]:
+    """Return the layout files that a configuration names, as paths from its own folder."""
+    folder = stated.file.parent if stated.file else Path()
+    return tuple(folder / name for name in stated.settings.layouts)
 
 
 def _part(reader: Reader, stated: FileSection | None) -> LogPart:

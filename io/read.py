@@ -32,6 +32,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.configured import configured_columns
+from usbldr.io.messages.layout_columns import columns_of_layouts
 from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
 from usbldr.io.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
@@ -65,13 +66,18 @@ def configured_topics(configuration: Configuration) -> dict[str, str]:
     return {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
 
 
-def roles_of(path: Path, topics: Sequence[TopicInfo], request: Request, configuration: Configuration) -> Roles:
+def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -> Roles:
     """Fill the roles; a ship's receiver or gyro that the configuration names for the head is not the vehicle's."""
+    path, configuration = opened.reader.path, opened.configuration
     head, stated = configuration.usbl.head, configured_topics(configuration)
     ships = [find_topic(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
     named = [find_topic(topics, name) for name in (*request.topics.values(), *stated.values())]
     others = [topic for topic in topics if topic not in ships or topic in named]
-    return choose_roles(path, others, request.topics, stated, configured_columns(configuration, request.topics))
+    columns = configured_columns(configuration, request.topics)
+    taken = [one.sensor for one in columns]
+    more, found = columns_of_layouts(opened.layouts, others, {**stated, **request.topics}, taken)
+    roles = choose_roles(path, others, request.topics, stated, (*columns, *more))
+    return replace(roles, by_layout=found)
 
 
 @stage("read the log")
@@ -88,7 +94,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     path, topics = reader.path, reader.topics()
     if not any(topic.count or topic.problem for topic in topics):
         raise _without_messages(reader)
-    roles = roles_of(path, topics, request, configuration)
+    roles = roles_of(topics, request, opened)
     for fault in roles.unresolved.values():
         raise fault
     if not any(topic.count for topic in topics):

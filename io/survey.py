@@ -36,9 +36,9 @@ class Survey:
 def survey(path: Path, request: Request) -> Survey:
     """Survey a log; raise LogError if it is not a log, UsageError if the configuration is invalid."""
     opened = open_configured(path, request)
-    reader, configuration = opened.reader, opened.configuration
+    reader = opened.reader
     topics = reader.topics()
-    found = roles_of(path, topics, request, configuration)
+    found = roles_of(topics, request, opened)
     roles, undecided = found.chosen, dict.fromkeys(found.unresolved, "none")
     more: tuple[Finding, ...] = ()
     log, fault = None, "; ".join(unresolved.text_beside(path) for unresolved in found.unresolved.values())

@@ -1,11 +1,14 @@
 """NMEA 0183 sentences found in lines of text: checked, timed and sorted by kind.
 
-nmea_kinds lists the sentences that are understood; nmea_times finds their times of validity.
+nmea_kinds lists the sentences that are understood; nmea_times finds their times of validity. The fields of any sentence
+are named by their numbers, "1" behind the name, and "VX=0.5" also by its tag.
 """
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +33,13 @@ from usbldr.io.findings import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
+WORD_LINE = re.compile(r"(?<![\w.,:+-])([A-Za-z]\w*),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?\s*$")
+"""A line that begins with a word in place of an address, as instruments send it: "USBLLONG,1600000000.5,2,"."""
+SUBTYPE = re.compile(r"[A-Z_]{2,}")
+"""First field of a vendor's sentence that is its type: $PIXSE,ATITUD."""
+TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
+SAMPLE = 20  # [sentences] from which the fields of a kind are taken
+CRC8_POLYNOMIAL = 0x07  # fixed: of Water Linked's serial protocol
 PREFERRED = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
 """Sentences that repeat the position of another, which is used if both are present."""
 
@@ -54,13 +64,22 @@ class Sentences:
             count=len(self.contents),
             first_ns=int(self.received_ns.min()),
             last_ns=int(self.received_ns.max()),
-            fields=(*stamped, *known.columns) if alone else stamped,
+            fields=(*stamped, *(known.columns if alone else ()), *self._numbered),
         )
+
+    @property
+    def _numbered(self) -> Sequence[str]:
+        """The fields by their numbers, and by their tags."""
+        rows = [content.split(",")[1:] for content in self.contents[:: -(-len(self.contents) // SAMPLE)]]
+        tags = dict.fromkeys(found[1] for row in rows for field in row if (found := TAGGED.fullmatch(field)))
+        return (*map(str, range(1, max(map(len, rows)) + 1)), *tags)
 
     def records(self, paths: Sequence[str]) -> tuple[Records, int]:
         """Return the wanted columns, and how many sentences do not match their kind."""
-        known = SENTENCE_KINDS[self.kind]
-        rows = decode_sentences(self.kind, self.contents)
+        known = SENTENCE_KINDS.get(self.kind, SentenceKind())
+        rows: list[SentenceValues | None] = [()] * len(self.contents)
+        if set(known.columns) & set(paths):
+            rows = decode_sentences(self.kind, self.contents)
         good = np.array([row is not None for row in rows], dtype=np.bool_)
         order = np.flatnonzero(good)
         decoded: list[SentenceValues] = [row for i in map(int, order) if (row := rows[i]) is not None]
@@ -68,9 +87,11 @@ class Sentences:
         for path in paths:
             if path == "header.stamp" and self.stamp_ns is not None:
                 columns[path] = self.stamp_ns[order]
-            else:
+            elif path in known.columns:
                 place = known.columns.index(path)
                 columns[path] = np.array([row[place] for row in decoded])
+            else:
+                columns[path] = _numbers_or_texts([_field(self.contents[i], path) for i in order.tolist()])
         return Records(self.received_ns[order], columns), int(np.sum(~good))
 
 
@@ -91,10 +112,29 @@ class SentenceSet:
         return found
 
 
+def _field(content: str, path: str) -> str:
+    """Return a field of a sentence by its number or its tag, empty if there is none."""
+    fields = content.split(",")
+    if not path.isdecimal():
+        return next((field[len(path) + 1 :] for field in fields if field.startswith(f"{path}=")), "")
+    field = fields[int(path)] if int(path) < len(fields) else ""
+    tagged = TAGGED.fullmatch(field)
+    return tagged[2] if tagged else field
+
+
+def _numbers_or_texts(cells: Sequence[str]) -> Column:
+    """Return cells as whole numbers, else as numbers (NaN if empty), else as texts."""
+    for kind in (np.int64, np.float64):
+        with suppress(ValueError, OverflowError):
+            return np.array([cell.strip() or ("nan" if kind is np.float64 else "") for cell in cells]).astype(kind)
+    return np.array(cells)
+
+
 class _FoundSentence(NamedTuple):
     """One sentence."""
 
     name: str
+    kind: str  # its name without its talker
     content: str
     checked: bool
     line: int
@@ -105,13 +145,17 @@ class _FoundSentence(NamedTuple):
 
 
 def find_sentences(
-    source: str, lines: Iterable[str], received_ns: Nanoseconds | None = None, stamp_ns: Nanoseconds | None = None
+    source: str,
+    lines: Iterable[str],
+    received_ns: Nanoseconds | None = None,
+    stamp_ns: Nanoseconds | None = None,
+    form: re.Pattern[str] = SENTENCE,
 ) -> SentenceSet:
-    """Find the sentences in lines of text, check their checksums and time them.
+    """Find the sentences in lines of text, check their checksums and time them; ``form``: SENTENCE or WORD_LINE.
 
     ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the beginnings of the lines are used.
     """
-    found, wrong, without = _scan_lines(lines, received_ns)
+    found, wrong, without = _scan_lines(lines, received_ns, form)
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
     topic = "" if received_ns is None else source  # a file is none
@@ -124,7 +168,7 @@ def find_sentences(
     by_name: dict[str, Sentences] = {}
     for name in dict.fromkeys(row.name for row in rows):
         indices = [i for i, row in enumerate(rows) if row.name == name]
-        kind, logged = kind_of(name), received[indices]
+        kind, logged = rows[indices[0]].kind, received[indices]
         stamps = stamp_ns[[rows[i].line for i in indices]] if stamp_ns is not None else None
         if SENTENCE_KINDS.get(kind, SentenceKind()).time is not None:
             stamps = np.where(time[indices] == NO_TIME, logged if stamps is None else stamps, own[indices])
@@ -132,27 +176,28 @@ def find_sentences(
     return SentenceSet(by_name, (*findings, *more))
 
 
-def _scan_lines(lines: Iterable[str], received_ns: Nanoseconds | None) -> tuple[list[_FoundSentence], int, int]:
+def _scan_lines(
+    lines: Iterable[str], received_ns: Nanoseconds | None, form: re.Pattern[str]
+) -> tuple[list[_FoundSentence], int, int]:
     """Return the sentences, how many have a wrong checksum or are cut, and how many lines hold no sentence."""
-    from pynmeagps import calc_checksum  # pyright: ignore
-
     found: list[_FoundSentence] = []
     wrong, without, last = 0, 0, NO_TIME
     for number, line in enumerate(lines):
         begin = 0
-        for match in SENTENCE.finditer(line):
+        for match in form.finditer(line):
             name, body, checksum = match.groups()
             content = f"{name},{body}"
             logged = prefixed_ns(line[begin : match.start()]) if received_ns is None else int(received_ns[number])
             last = logged if logged != NO_TIME else last
             begin = match.end()
-            sentence_time = _sentence_time(name, body.split(","))
-            if sentence_time is None or (checksum and str(calc_checksum(content)) != checksum.upper()):
+            kind = name if form is WORD_LINE else kind_of(name)
+            sentence_time = _sentence_time(kind, body.split(","))
+            if sentence_time is None or (checksum and not _is_checksum(int(checksum, 16), content.encode())):
                 wrong += 1
             else:
-                full, time, midnight, has_fix = sentence_time
-                content = content if kind_of(full) in SENTENCE_KINDS else ""
-                found.append(_FoundSentence(full, content, bool(checksum), number, last, time, midnight, has_fix))
+                full, *_ = sentence_time
+                name = name.removesuffix(kind) + full
+                found.append(_FoundSentence(name, full, content, bool(checksum), number, last, *sentence_time[1:]))
         without += begin == 0 and bool(line.strip())
     return found, wrong, without
 
@@ -163,7 +208,7 @@ def _receiver_times(rows: Sequence[_FoundSentence]) -> tuple[Nanoseconds, Nanose
     A sentence that does not say has the fix of the last one of its receiver that does, the first ones that of the
     first. If no receiver ever has one, the times of day remain.
     """
-    talkers = [row.name[: -len(kind_of(row.name))] for row in rows]
+    talkers = [row.name.removesuffix(row.kind) for row in rows]
     fixed = {
         talker: row.has_fix
         for talker, row in reversed(list(zip(talkers, rows, strict=True)))
@@ -179,19 +224,33 @@ def _receiver_times(rows: Sequence[_FoundSentence]) -> tuple[Nanoseconds, Nanose
     return np.where(known, time, NO_TIME) if np.any(time[known] != NO_TIME) else time, midnight
 
 
+def _is_checksum(stated: int, content: bytes) -> bool:
+    """Return whether a checksum is that of NMEA 0183, or CRC-8."""
+    if stated == reduce(int.__xor__, content, 0):
+        return True
+    crc = 0
+    for bit in (byte >> shift & 1 for byte in content for shift in range(7, -1, -1)):
+        crc = (crc << 1 & 0xFF) ^ CRC8_POLYNOMIAL * (crc >> 7 ^ bit)
+    return stated == crc
+
+
 def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int, bool | None] | None:
     """Return the kind's full name, time of day, midnight and fix of a sentence, None if it is cut."""
     try:
-        full = name + VARIANTS.get(kind_of(name), lambda _: "")(fields)
+        full = name + VARIANTS.get(name, _subtype)(fields)
     except IndexError:
         return None
-    kind = SENTENCE_KINDS.get(kind_of(full), SentenceKind())
+    kind = SENTENCE_KINDS.get(full, SentenceKind())
     time = NO_TIME
     if kind.time is not None and kind.time < len(fields):
         time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
     date = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
     midnight = date_ns(date) if time != NO_TIME and date and len(date) == len(kind.date) else NO_TIME
     return full, time, midnight, kind.has_fix(fields)
+
+
+def _subtype(fields: Sequence[str]) -> str:
+    return f"_{fields[0]}" if SUBTYPE.fullmatch(fields[0]) else ""
 
 
 def _received(

@@ -123,7 +123,7 @@ def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str]
     Candidates with the most messages come first.
     """
     path, topics = opened.reader.path, opened.reader.topics()
-    roles = roles_of(path, topics, request, opened.configuration)
+    roles = roles_of(topics, request, opened)
     taken = {choice.topic.name for choice in roles.chosen.values()}
     faults = {role: fault.text_beside(path) for role, fault in roles.unresolved.items()}
     tied: dict[str, list[str]] = {}

@@ -93,7 +93,7 @@ def proposed_columns(path: Path, request: Request) -> dict[str, Proposal]:
     """Return role -> proposal for the roles that no topic fills and no option names."""
     opened = open_configured(path, request)
     topics = opened.reader.topics()
-    roles = roles_of(path, topics, request, opened.configuration)
+    roles = roles_of(topics, request, opened)
     unknown = [topic for topic in topics if _unknown(topic)]
     found: dict[str, Proposal] = {}
     for role in ROLES:

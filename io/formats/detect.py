@@ -90,9 +90,10 @@ def _json_lines(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.nmea_log import NmeaFile, looks_like_nmea
+    from usbldr.io.formats.nmea_log import NmeaFile, form_of
 
-    return NmeaFile(path) if looks_like_nmea(head) else None
+    form = form_of(head)
+    return NmeaFile(path, form) if form else None
 
 
 def _alog(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -156,7 +157,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "Parquet files and folders of them": _parquet,
     "HDF5 files (also netCDF-4)": _hdf5,
     "MATLAB files (.mat)": _mat,
-    "JSON lines of Water Linked's devices": _json_lines,
+    "JSON lines": _json_lines,
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
 }

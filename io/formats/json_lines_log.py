@@ -1,8 +1,8 @@
-"""Lines of JSON as Water Linked's devices send them: a DVL's reports over TCP, a UGPS's positions over HTTP.
+"""Lines of JSON objects, and those of Water Linked's devices: a DVL's reports over TCP, a UGPS's positions over HTTP.
 
 Sources: docs/dvl/dvl-json-protocol.md of waterlinked/docs, and the API of Underwater GPS. A line may begin with the
 time at which it was logged. Else reports of velocities are timed by their transmission; what has no time of its own
-takes that of the line before.
+takes that of the line before. Any other object is a topic by its "type"; without any time they are taken as 1 s apart.
 """
 
 import json
@@ -17,22 +17,24 @@ from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, js
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import head_lines, text_lines
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.reader import Records, TopicInfo, name_of
 
 REPORTS = ("velocity", "velocity_water", "position_local")
 """Reports of a DVL by their type."""
+WATER_LINKED = (*REPORTS, "global", "acoustic")
 FIRST_VERSION = {"time", "vx", "vy", "vz", "velocity_valid"}
 """Keys of a report of velocities of the first version of the format (json_v1), which has no type."""
 FIRST_LINES = 20  # [lines] among which a report is looked for
-SAMPLES = 5  # [messages] from which the fields are taken
+SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 LATEST_S = 4e9  # [s] the year 2096
 EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
 
 
 def looks_like_json_lines(head: bytes) -> bool:
-    """Return whether one of the first lines holds a report or a position of Water Linked's; others may be cut."""
-    return any(_kind(_parsed(line)[1]) for line in head_lines(head)[:FIRST_LINES])
+    """Return whether one of the first lines holds a report or a position of Water Linked's, or most any object."""
+    kinds = [_kind(_parsed(line)[1]) for line in head_lines(head)[:FIRST_LINES]]
+    return any(kind in WATER_LINKED for kind in kinds) or sum(map(bool, kinds)) > len(kinds) / 2
 
 
 class JsonLinesLog:
@@ -49,7 +51,7 @@ class JsonLinesLog:
     def _lines(self) -> Mapping[str, list[tuple[int, bytes]]]:
         """Return log time and text of each line by kind; record what was lost."""
         found: dict[str, list[tuple[int, bytes]]] = {}
-        untimed, unknown, bad, first_bad, last, counted = 0, 0, 0, 0, NO_TIME, False
+        untimed, numbered, bad, first_bad, last, counted = 0, 0, 0, 0, NO_TIME, False
         for number, line in enumerate(text_lines(self.path), start=1):
             if not line.strip():
                 continue
@@ -63,11 +65,12 @@ class JsonLinesLog:
             if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
                 since_ns = _since_last_ns(value)
                 counted, last = counted or (since_ns > 0 and last == NO_TIME), max(last, 0) + since_ns
-            unknown += not kind and value.get("type") != "response"
-            if kind and last == NO_TIME:
+            if kind in WATER_LINKED and last == NO_TIME:
                 untimed += 1
             elif kind:
-                found.setdefault(kind, []).append((last, text.encode()))
+                numbered += last == NO_TIME
+                time_ns = number * 1_000_000_000 if last == NO_TIME else last
+                found.setdefault(kind, []).append((time_ns, text.encode()))
         if counted:
             self._lost.append(Finding("NO-DATE", f"{self.path.name}: {COUNTED}"))
         if bad:
@@ -76,9 +79,9 @@ class JsonLinesLog:
         if untimed:
             text = f"{self.path.name}: {untimed} lines have no time; log them with one before each line"
             self._lost.append(Finding("UNDECODED", text, lost_data=True))
-        if unknown:
-            text = f"{self.path.name}: {unknown} lines are neither reports nor positions; not read"
-            self._lost.append(Finding("UNDECODED", text))
+        if numbered:
+            text = f"{self.path.name}: {numbered} lines begin with no time; they are taken as 1 s apart"
+            self._lost.append(Finding("NMEA-TIME", text))
         return found
 
     @cached_property
@@ -87,7 +90,7 @@ class JsonLinesLog:
         counter = DecoderSet(self.path)
         for kind, lines in self._lines.items():
             counter.add_topic()
-            key = f"/{kind}", f"waterlinked/waterlinked_{kind}"
+            key = f"/{kind}", f"waterlinked/waterlinked_{kind}" if kind in WATER_LINKED else f"json/{kind}"
             decoder = json_decoder(key[1], [text for _, text in lines[:SAMPLES]])
             times = [time_ns for time_ns, _ in lines]
             streams[key] = Stream(*key, "json", decoder, len(times), min(times), max(times))
@@ -129,8 +132,11 @@ def _parsed(line: str) -> tuple[str, Mapping[str, Any] | None]:
 
 
 def _kind(value: Mapping[str, Any] | None) -> str:
-    """Return what an object is: a DVL's report by its type, a UGPS's position by its fields; empty if neither."""
-    if value is None:
+    """Return what an object is: a DVL's report or a UGPS's position, else its type; empty for a response.
+
+    Reports of the first version have no type.
+    """
+    if value is None or value.get("type") == "response":
         return ""
     if value.get("type") in REPORTS:
         return str(value["type"])
@@ -138,7 +144,10 @@ def _kind(value: Mapping[str, Any] | None) -> str:
         return "velocity"
     if "lat" in value and "lon" in value:
         return "global"
-    return "acoustic" if {"x", "y", "z", "position_valid"} <= value.keys() else ""
+    if {"x", "y", "z", "position_valid"} <= value.keys():
+        return "acoustic"
+    kind = value.get("type")
+    return name_of(kind) if isinstance(kind, str) and kind else "object"
 
 
 def _since_last_ns(value: Mapping[str, Any]) -> int:

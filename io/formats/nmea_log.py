@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.decoding.nmea_sentences import SENTENCE, SentenceSet, find_sentences, undecoded_findings
+from usbldr.io.decoding.nmea_sentences import SENTENCE, WORD_LINE, SentenceSet, find_sentences, undecoded_findings
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import head_lines, text_lines
 from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
@@ -23,10 +23,20 @@ SENTENCE_TOPIC_WORDS = re.compile(
 """Words in the name of a plain text topic that suggest sentences."""
 
 
-def looks_like_nmea(head: bytes) -> bool:
-    """Return whether a file's first bytes are text, and most of its lines hold a sentence."""
+NUMBER = re.compile(r"(?:^|,)\s*[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?\s*(?:,|$)")
+
+
+def form_of(head: bytes) -> re.Pattern[str] | None:
+    """Return which sentences most of the lines hold that a file begins with; None if they hold none.
+
+    Lines that begin with a word hold a number beside it; a header holds words alone.
+    """
     lines = [line for line in head_lines(head) if line.strip()]
-    return sum(SENTENCE.search(line) is not None for line in lines) > len(lines) / 2
+    words = [(found := WORD_LINE.search(line)) and NUMBER.search(found[2]) for line in lines]
+    for form, holds in ((SENTENCE, [SENTENCE.search(line) for line in lines]), (WORD_LINE, words)):
+        if sum(map(bool, holds)) > len(lines) / 2 and (form is SENTENCE or words[0]):
+            return form
+    return None
 
 
 class NmeaFile:
@@ -34,13 +44,14 @@ class NmeaFile:
 
     format = "NMEA text"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, form: re.Pattern[str] = SENTENCE) -> None:
+        """Take the file and the form of its sentences: SENTENCE or WORD_LINE."""
+        self.path, self._form = path, form
         self._undecoded: dict[str, int] = {}
 
     @cached_property
     def _sentences(self) -> SentenceSet:
-        return find_sentences(self.path.name, text_lines(self.path))
+        return find_sentences(self.path.name, text_lines(self.path), form=self._form)
 
     @cached_property
     def _topics(self) -> Mapping[str, tuple[str, TopicInfo]]:

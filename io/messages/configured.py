@@ -7,7 +7,7 @@ A field is named by its path with dots, an element of an array by its number: "v
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError, did_you_mean
@@ -29,7 +29,7 @@ TIME_UNITS_NS: Mapping[str, int] = {
 AT_1970: Mapping[str, int] = {"time_datenum": 719_529}  # fixed: what MATLAB's datenum returns
 """Keys whose times do not count from 1970: the value of 1970-01-01."""
 ARRIVALS: Mapping[str, int] = {"received_ns": 1, "received_unix_s": 1_000_000_000}
-FLAGS = ("valid", "error", "target")
+FLAGS = ("valid", "error", "target", "lat_side", "lon_side")
 """Keys beside the quantities."""
 QUANTITIES: Mapping[Dimension, str] = {
     "velocity": "sd_mps",
@@ -52,6 +52,7 @@ class ConfiguredColumns:
     topic: str | None  # None: the only one that has the columns
     columns: Mapping[str, str]  # quantity -> column or field
     unit: str | None = None  # of the section
+    defaults: Mapping[str, str] = field(default_factory=dict[str, str])  # conventions of a layout file
 
 
 def configured_columns(configuration: Configuration, options: Mapping[str, str]) -> tuple[ConfiguredColumns, ...]:
@@ -101,14 +102,14 @@ def named_fields(
     found: dict[str, str] = {}
     shown = [shown_field(field, arrays) for field in fields]
     for key, name in stated.columns.items():
-        field = field_of(name, fields, arrays)
-        if field is None:
+        path_of = field_of(name, fields, arrays)
+        if path_of is None:
             hint = did_you_mean(plain(name), shown, 2)
             raise UsageError(
                 f"{topic} has no {plain(name)} ([{stated.sensor}] columns {key}){hint} (it has {listed(shown)})",
                 path=path,
             )
-        found[key] = field
+        found[key] = path_of
     return found
 
 
@@ -154,6 +155,7 @@ def configured_layout(stated: ConfiguredColumns, topic: TopicInfo, path: Path) -
         required={quantity: fields[key] for quantity, key in layout.required.items()},
         optional={quantity: fields[key] for quantity, key in names.items() if quantity not in layout.required},
         fixed={key: value for key, value in layout.fixed.items() if key != "positive"} | unit,
+        defaults={**layout.defaults, **stated.defaults},
         scale=scale,
         by_columns=True,
     )

@@ -21,6 +21,7 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
 BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need more memory than the records
+FLAG_WORDS: Mapping[str, float] = {"y": 1, "yes": 1, "true": 1, "a": 1, "n": 0, "no": 0, "false": 0, "v": 0}
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
 
 
@@ -103,7 +104,7 @@ class RawRecords:
         column = self.values[quantity]
         if column.strides == (0,) and count > 1:  # one value for all
             return np.broadcast_to(self.part(slice(1)).number(quantity), count)
-        values = np.asarray(column, dtype=np.float64)
+        values = numbers_of(column) if column.dtype.kind == "U" else np.asarray(column, dtype=np.float64)
         known = (np.abs(values) <= MAX_VALUE) & ~np.isin(values, self.layout.no_data_values.get(quantity, ()))
         return np.where(known, values * self.layout.scale.get(quantity, 1.0), np.nan)
 
@@ -112,6 +113,19 @@ class RawRecords:
         if quantity not in self.values:
             return np.full(len(self.received_ns), "")
         return np.asarray(self.values[quantity], dtype=np.str_)
+
+
+def numbers_of(texts: Column) -> Vector:
+    """Return texts (n,) as numbers: yes and A(ctive) are 1, no and V(oid) are 0; NaN for any other word."""
+    words, which = np.unique(texts, return_inverse=True)
+    return np.array([_number_of(str(word).strip()) for word in words])[which]
+
+
+def _number_of(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return FLAG_WORDS.get(word.lower(), np.nan)
 
 
 def blocks(count: int) -> Iterator[slice]:

@@ -43,6 +43,7 @@ class Roles:
     of_ship: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
     unread: Mapping[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
     of_other_type: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
+    by_layout: tuple[Finding, ...] = ()  # the topics that layout files define
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -50,7 +51,13 @@ class Roles:
         changed = [_changed(self.chosen[role].topic, topics) for role, topics in self.of_other_type.items() if topics]
         preferred = [_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked]
         left = (_left_to_ship(role, topics) for role, topics in self.of_ship.items())
-        return (*preferred, *left, *changed, *(_unread(role, topic) for role, topic in self.unread.items()))
+        return (
+            *self.by_layout,
+            *preferred,
+            *left,
+            *changed,
+            *(_unread(role, topic) for role, topic in self.unread.items()),
+        )
 
 
 def choose_roles(
@@ -73,7 +80,7 @@ def choose_roles(
         name = options.get(role) or configured.get(role)
         stated = by_columns.get(role)
         if stated is not None and name is None:
-            name = topic_with_columns(stated, [(t.name, t.fields, t.arrays) for t in topics], log)
+            name = stated.topic or topic_with_columns(stated, [(t.name, t.fields, t.arrays) for t in topics], log)
         if name is not None and name != "none":
             try:
                 by = "option" if role in options else "configuration"

@@ -41,9 +41,8 @@ from usbldr.io.settings.noise_sections import (
 MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: a larger one is a wrong unit
 FIRST_YEAR, LAST_YEAR = 1970, 2115  # fixed: of times in nanoseconds since 1970
 Clock: TypeAlias = Literal["header", "log"]
-UsblColumn: TypeAlias = Literal[
-    "x", "y", "z", "lat_deg", "lon_deg", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "sd_m", "target"
-]
+Place: TypeAlias = Literal["x", "y", "lat_deg", "lon_deg", "lat_side", "lon_side", "sd_m"]
+UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
 Time: TypeAlias = Literal[
     "time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s", "time_datenum", "received_ns", "received_unix_s"
 ]
@@ -163,7 +162,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
     """The acoustic positioning system."""
 
     topic: str | None = None
-    columns: dict[Time | Flag | UsblColumn, str] | None = None
+    columns: dict[Time | Flag | Place | UsblColumn, str] | None = None
     kind: Literal["position", "latlon", "range_bearing"] | None = None
     frame: Literal["ENU", "NED", "body"] | None = None
     relative_to: Literal["map", "head"] | None = None
@@ -210,7 +209,7 @@ class GpsSection(Section, frozen=True, kw_only=True):
     """The satellite receiver: truth by default, used by the filter only in the windows of --aid."""
 
     topic: str | None = None
-    columns: dict[Time | Flag | Literal["x", "y", "lat_deg", "lon_deg", "sd_m"], str] | None = None
+    columns: dict[Time | Flag | Place, str] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
     sd_m: SdMetres | Literal["message"] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
@@ -278,6 +277,7 @@ class Configuration(Section, frozen=True, kw_only=True):
     calibrate: CalibrateSection = CalibrateSection()
     start: StartSection | None = None
     file: tuple[FileSection, ...] = ()
+    layouts: tuple[str, ...] = ()
     part: Annotated[int, Meta(ge=1)] | Literal["joined"] | None = None
 
     def topic(self, role: str) -> str | None:

@@ -515,7 +515,7 @@ def test_settings_are_parsed_once_and_messages_decoded_once(tmp_path: Path, monk
     parse, decode, calls = tomllib.loads, McapLog.blocks, Counter[str]()
 
     def counted_parse(text: str) -> dict[str, Any]:
-        calls["parse"] += 1
+        calls["parse"] += "mount_deg" in text
         return parse(text)
 
     def counted_decode(self: McapLog, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:

@@ -31,7 +31,7 @@ def written(tmp_path: Path, text: str) -> Path:
     ("text", "sentence"),
     [
         ("[dvll]", "there is no section dvll; did you mean dvl? (allowed: schema, map, dvl, compass, usbl, gps, depth, "
-         "truth, process, calibrate, start, file, part)"),
+         "truth, process, calibrate, start, file, layouts, part)"),
         ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, columns, axes, "
          "mount_deg, unit, level, scale_error, sound_speed_mps, assumed_sound_speed_mps, sd_mps, sd_scale, track, "
          "min_good_beams, lever_arm_m, time, latency_s, noise)"),

@@ -1,0 +1,190 @@
+"""Fields of any sentence, line or object by name, and layout files that define them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from logs import MAP, codes, logged_nmea
+from recordings import SECOND, T0, sentence
+from usbldr.filters.errors import UsageError
+from usbldr.io.decoding.nmea_sentences import WORD_LINE, find_sentences
+from usbldr.io.formats.detect import open_log
+from usbldr.io.inputs import input_files
+from usbldr.io.log import Log
+from usbldr.io.read import Request, read_log
+
+# the example of Water Linked's serial protocol, and that of Nortek's manual
+WRZ = "wrz,0.120,-0.400,2.000,y,1.30,1.855,1e-07;0;1.4;0;1.2;0;0.2;0;1e+09,7,14,123.00,1*50"
+PNORBT7 = "$PNORBT7,1452244916.7508,1.234,-1.234,0.1234,0.1234,0.1234,12.34,23.45,23.45,23.45,23.45*39"
+HEAD = "head = { lat_deg = 45.0, lon_deg = 7.0 }\n"
+
+
+def text_log(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log:
+    (folder / "dive.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return read_log(folder / "dive.log", Request(topics=topics))
+
+
+@given(
+    cells=st.lists(st.floats(-1e6, 1e6) | st.integers(-(10**12), 10**12) | st.just(""), min_size=1, max_size=12),
+    name=st.sampled_from(["PACME", "GPXYZ", "PIXSE"]),
+)
+def test_every_field_of_any_sentence_has_its_number(cells: list, name: str) -> None:
+    body = ",".join([name, *map(str, cells)])
+    found = find_sentences("a", [f"1600000000 {sentence(body)}"]).by_name[name]
+    names = [str(k) for k in range(1, len(cells) + 1)]
+
+    records, undecoded = found.records(names)
+
+    assert undecoded == 0
+    assert [*found.info(name, alone=True).fields] == names
+    for number, cell in zip(names, cells, strict=True):
+        (value,) = records.columns[number].tolist()
+        assert value == cell or (cell == "" and np.isnan(value))
+
+
+@pytest.mark.parametrize(
+    ("line", "columns", "forward_mps"),
+    [
+        (sentence("PACME,1.5,0.25"), 'x = "1", y = "2"', 1.5),
+        (sentence("PACME,VX=1500,VY=250"), 'x = "VX [mm/s]", y = "VY [mm/s]"', 1.5),
+        (sentence("PUHAW,UVH,1.5,0.25,90.0"), 'x = "2", y = "3"', 1.5),
+        (WRZ, 'x = "1", y = "2", valid = "4"', 0.12),
+        ('{"speed": {"fwd": 1.5}, "v": [9, 0.25]}', 'x = "speed.fwd", y = "v[1]"', 1.5),
+    ],
+)
+def test_columns_name_any_field(tmp_path: Path, line: str, columns: str, forward_mps: float) -> None:
+    log = text_log(tmp_path, f"1600000000 {line}", toml=f"[dvl]\ncolumns = {{ {columns} }}\n")
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == pytest.approx([forward_mps])
+
+
+def test_a_type_in_the_first_field_makes_a_topic(tmp_path: Path) -> None:
+    lines = [sentence("PIXSE,ATITUD,-1.641,-0.490"), sentence("PIXSE,POSITI,60.1,10.2,3.0")]
+    (tmp_path / "a.txt").write_text("\n".join(lines), encoding="utf-8")
+
+    assert [topic.name for topic in open_log(tmp_path / "a.txt").topics()] == ["/PIXSE_ATITUD", "/PIXSE_POSITI"]
+
+
+def test_degrees_and_minutes_have_their_hemisphere_by_columns(tmp_path: Path) -> None:
+    toml = '[gps]\ncolumns = { lat_deg = "1", lat_side = "2", lon_deg = "3", lon_side = "4" }\n'
+
+    log = logged_nmea(tmp_path, f"1600000000 {sentence('PACME,3215.0,S,06445.0,W')}", toml=toml)
+
+    assert log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy()[0] == pytest.approx([-32.25, -64.75])
+
+
+def test_a_line_of_water_linkeds_serial_protocol_is_a_dvl_record(tmp_path: Path) -> None:
+    stamped = WRZ.replace(",7,14,", f",{T0 // 1000},{T0 // 1000 + 100},").partition("*")[0]
+    bad = stamped.replace(",y,", ",n,").replace(str(T0 // 1000), str(T0 // 1000 + 200_000), 1)
+
+    log = text_log(tmp_path, f"1600000000.1 {stamped}", f"1600000000.3 {bad}")
+
+    dvl = log.tables["dvl"]
+    assert dvl[["forward_mps", "starboard_mps", "up_mps"]].to_numpy()[0] == pytest.approx([0.12, -0.4, -2.0])
+    assert dvl["valid"].tolist() == [True, False]
+    assert log.start_ns == T0
+    assert "water_linked_dvl.toml (usbldr, sha256 " in codes(log)["LAYOUT-FILE"]
+
+
+def test_a_wrong_checksum_of_such_a_line_is_counted(tmp_path: Path) -> None:
+    (tmp_path / "a.log").write_text(f"1600000000 {WRZ}\n1600000001 {WRZ.replace('0.120', '0.121')}\n", encoding="utf-8")
+    log = open_log(tmp_path / "a.log")
+
+    assert [topic.count for topic in log.topics()] == [1]
+    assert [finding.code for finding in log.findings()] == ["NMEA-CHECKSUM"]
+
+
+def test_an_evologics_fix_is_east_and_north_of_the_head(tmp_path: Path) -> None:
+    line = "USBLLONG,1600000001.0,1600000000.5,2,1,2,3,30.0,40.0,-5.0,0.0,0.0,1.57,20000,-30,200,0.25"
+
+    log = text_log(tmp_path, f"1600000001 {line}", toml=MAP + "[usbl]\n" + HEAD)
+
+    usbl = log.tables["usbl"]
+    assert usbl[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([30, 40])
+    assert usbl["cov_ee_m2"][0] == pytest.approx(0.25**2, rel=1e-3)
+    assert log.start_ns == T0 + SECOND // 2
+
+
+def test_the_example_of_nortek_has_its_velocity(tmp_path: Path) -> None:
+    log = logged_nmea(tmp_path, PNORBT7)
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [0.1234]
+    assert abs(log.start_ns - 1_452_244_916_750_800_000) < 1000
+
+
+LAYOUT = '[[layout]]\nsensor = "dvl"\nsentence = "PNORBT7"\ncolumns = { x = "5", y = "4", z = "6" }\naxes = "SFU"\n'
+
+
+def test_a_layout_file_of_the_configuration_comes_first(tmp_path: Path) -> None:
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "acme.toml").write_text(LAYOUT, encoding="utf-8")
+    toml = 'layouts = ["more/acme.toml"]\n'
+
+    line = PNORBT7.replace("0.1234,0.1234", "0.5,0.25", 1).partition("*")[0]
+
+    log = logged_nmea(tmp_path, f"1600000000 {line}", toml=toml)
+
+    assert log.tables["dvl"][["starboard_mps", "forward_mps"]].to_numpy().tolist() == [[0.25, 0.5]]
+    assert "acme.toml (configuration, sha256 " in codes(log)["LAYOUT-FILE"]
+    assert ("layout", "acme.toml") in [(one.role, one.path.name) for one in input_files(log.path, Request())]
+
+
+def test_the_users_folder_counts_and_a_file_beside_the_log_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "config" / "usbldr" / "layouts"
+    place.mkdir(parents=True)
+    (tmp_path / "acme.toml").write_text(LAYOUT, encoding="utf-8")
+    (tmp_path / "layouts").mkdir()
+    (tmp_path / "layouts" / "acme.toml").write_text(LAYOUT, encoding="utf-8")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.chdir(tmp_path)
+
+    beside = logged_nmea(tmp_path, PNORBT7)
+    (place / "acme.toml").write_text(LAYOUT, encoding="utf-8")
+    own = logged_nmea(tmp_path, PNORBT7)
+
+    assert "nortek_dvl.toml (usbldr" in codes(beside)["LAYOUT-FILE"]
+    assert "acme.toml (user folder" in codes(own)["LAYOUT-FILE"]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("[[layout]]\nsensor = 'dvl'\ncolumns = { x = '1' }", "state either type or sentence"),
+        ("[[layout]]\nsensor = 'sonar'\ntype = 'a'\ncolumns = { x = '1' }", "sensor: sonar is not allowed"),
+        ("[[layout]]\nsensor = 'dvl'\ntype = 'a'\ncolumns = { x = '1' }\nexec = 'rm'", "has no key exec"),
+    ],
+)
+def test_a_layout_file_that_says_anything_else_is_refused(tmp_path: Path, text: str, fault: str) -> None:
+    (tmp_path / "acme.toml").write_text(text, encoding="utf-8")
+
+    with pytest.raises(UsageError, match=f"acme.toml.*{fault}"):
+        logged_nmea(tmp_path, PNORBT7, toml='layouts = ["acme.toml"]\n')
+
+
+def test_a_header_of_words_is_a_csv_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("sensor,time_s,x\ndvl,1,2\ndvl,2,3\n", encoding="utf-8")
+
+    assert open_log(tmp_path / "a.csv").format == "CSV file"
+
+
+def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
+    rows = [{"type": "nav", "t": k, "a": {"b": k}} if k % 2 else {"u": k} for k in range(6)]
+    (tmp_path / "a.jsonl").write_text("".join(f"160000000{k} {json.dumps(row)}\n" for k, row in enumerate(rows)))
+
+    topics = {topic.name: topic for topic in open_log(tmp_path / "a.jsonl").topics()}
+
+    assert {name: topic.count for name, topic in topics.items()} == {"/object": 3, "/nav": 3}
+    assert topics["/nav"].has("a.b")
+
+
+def test_the_word_that_a_line_begins_with_is_not_part_of_a_number() -> None:
+    assert WORD_LINE.search("1600000000.5 wrz,1,2") is not None
+    assert WORD_LINE.search("2020-09-13T12:26:40Z USBLLONG,1,2") is not None
+    assert WORD_LINE.search("1.0e5,2,3") is None
