@@ -162,7 +162,8 @@ def replay(
             "and origin_lon_deg under [map]"
         )
     if able.is_filter and used.start is None and not len(starting_fixes(timeline, used).time_s):
-        raise LogError(f"{log.path}: {NO_START_TEXT}")
+        alone = "" if "usbl" in log.tables else "; without fixes this is dead reckoning: --filter dr needs no start"
+        raise LogError(f"{log.path}: {NO_START_TEXT}{alone}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
     if used.dvl_clock_s:
         timeline = with_dvl_clock(log, timeline, used.dvl_clock_s)

@@ -18,6 +18,7 @@ from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Filter
 from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
 from usbldr.filters.estimators.rts_smoother import smooth
+from usbldr.filters.evaluation.noise_change import noise_warnings
 from usbldr.filters.evaluation.whiteness import whiteness, whiteness_warning
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
@@ -127,8 +128,8 @@ def _run(
         recoveries,
         settings.smooth,
     )
-    correlated = whiteness_warning(whiteness(track))
-    return track if correlated is None else replace(track, warnings=(*track.warnings, f"{name}: {correlated}"))
+    texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track))
+    return replace(track, warnings=(*track.warnings, *(f"{name}: {text}" for text in texts)))
 
 
 def make_estimator(

@@ -15,7 +15,7 @@ from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.conventions.timestamps import Times, times_of
 from usbldr.io.findings import Finding
-from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres, inverse_interval
+from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres, inverse_interval, usual_unit
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
@@ -28,7 +28,7 @@ MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # above this for half of the log: the sign is wrong
 ESTIMATED = "estimated from the records"  # by the timeline
 ANY_COLUMNS = "docs/configuration.md#any-columns-any-message"
-IN_MILLIMETRES = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
+OWN_COLUMNS_BY_NAME = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
 MAX_DEPTH_M = 12_000.0  # no sea is deeper
 
 
@@ -130,15 +130,17 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
 
     if section.min_good_beams is not None and "good_beams" not in raw.values:
         raise SettingError(f"[dvl] min_good_beams: {raw.topic.name} ({raw.topic.type}) has no such field")
-    causes = dvl_causes(raw, np.hypot(starboard, forward), section.min_good_beams, section.track == "water")
+    speed_mps = np.hypot(starboard, forward)
+    causes = dvl_causes(raw, speed_mps, section.min_good_beams, section.track == "water")
     free = section.unit is None or unit_by == "column names"
-    own = IN_MILLIMETRES if unit_by == "column names" else ""
-    valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, free, own))
+    own = OWN_COLUMNS_BY_NAME if unit_by == "column names" else ""
+    other = usual_unit(speed_mps[causes[TOO_FAST]] / to_mps)
+    valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, other if free else "", own))
     if unit_by == "default" and in_millimetres(raw, causes):
         fast = int(np.sum(causes[TOO_FAST]))
         raise raw.fault(
             f"{fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
-            'state unit = "mm/s" under [dvl] if they are mm/s, unit = "m/s" if not'
+            f'state unit = "{other}" under [dvl] if they are {other}, unit = "m/s" if not'
         )
     sd, sd_chosen = _dvl_sd(raw, section, to_mps)
     columns: dict[str, Vector | Mask] = {

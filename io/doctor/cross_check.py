@@ -45,6 +45,7 @@ REPLAY_WARNING_CODES = (
     "HEADING-BIAS",
     "CLOCK-OFFSET",
     "DVL-UNIT",
+    "CONVENTION-DEFAULT",
 )
 """What replay reports, too: it would compute with a wrong axis, frame, unit or clock."""
 
@@ -175,6 +176,14 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
             "state frame under [usbl] and convention under [compass]"
         )
         found.append(Finding("CONVENTION-UNDECIDED", text, usbl, None, best.residual_m, "m"))
+    for role, key in (("dvl", "axes"), ("compass", "convention"), ("usbl", "frame")):
+        fitting = sorted({str(getattr(one, key)) for one in result.plausible})
+        if len(fitting) > 1 and log.convention(role, key).chosen_by == "default":
+            text = (
+                f"{topic_of(log, role)}: {key} = {log.convention(role, key).value} is only the default, and the log "
+                f"fits {' and '.join(fitting)} alike (too straight, or too few fixes); state {key} under [{role}]"
+            )
+            found.append(Finding("CONVENTION-DEFAULT", text, topic_of(log, role)))
     if not result.observable:
         fits = "; ".join(f"{r.description}: RMS residual {r.residual_m:.2f} m" for r in result.plausible)
         text = f"the log does not distinguish these interpretations: {fits}"

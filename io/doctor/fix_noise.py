@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from usbldr.filters.evaluation.noise_change import noise_change
 from usbldr.filters.identification.dr_usbl_fit import residuals_m, without_errors
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.types import Timeline, Vector
@@ -15,7 +16,7 @@ TAIL_DOF = 4.0  # [-] degrees of freedom of a heavy-tailed but healthy USBL, whi
 
 def fix_noise_findings(log: Log, timeline: Timeline, found: Identification) -> list[Finding]:
     """Report gross errors of fixes, and a stated sigma that is far from their scatter, once freed of other errors."""
-    return [*_outliers(log, timeline, found), *_stated_sd(log, timeline, found)]
+    return [*_outliers(log, timeline, found), *_stated_sd(log, timeline, found), *_change(log, timeline, found)]
 
 
 def _stated_m(timeline: Timeline) -> Vector:
@@ -43,6 +44,18 @@ def _outliers(log: Log, timeline: Timeline, found: Identification) -> list[Findi
         "use a robust noise family (the default) or a gate"
     )
     return [Finding("USBL-OUTLIERS", text, usbl, time_s, worst_m, "m")]
+
+
+def _change(log: Log, timeline: Timeline, found: Identification) -> list[Finding]:
+    """Report a change of the noise within the dive, from the distance of fixes to dead reckoning fitted to them."""
+    sigmas = residuals_m(without_errors(timeline, found)) / _stated_m(timeline)
+    middle = max(float(np.nanmedian(sigmas)), 1e-9)
+    change = noise_change(timeline.fix_time_s, (sigmas * MEDIAN_SIGMAS / middle) ** 2 / 2)
+    if change is None:
+        return []
+    usbl = topic_of(log, "usbl")
+    text = f"{usbl}: the noise of the fixes {change.text}; if it grows with the range, state range_sd_rel under [usbl]"
+    return [Finding("USBL-NOISE-CHANGE", text, usbl, change.time_s, change.factor, "times")]
 
 
 def tail_share(sigmas: Vector) -> Vector:

@@ -71,22 +71,34 @@ def velocity_unit_findings(log: Log, ratio: float, result: InterpretationResult)
     """Report that velocities are far from m/s, and the unit, if one explains it."""
     dvl, read = topic_of(log, "dvl"), recorded_value(log, "dvl", "unit")
     key, value = unit_or_scale_key(log, ratio)
+    unit = fitting_unit(log, ratio)
     text = (
         f"{dvl}: velocities, read in {read}, are {ratio:.3g} times those that fit the fixes; dead-reckoning-to-fix "
         f"residual once corrected: {result.best.residual_m:.2f} m RMS; "
+        + (f"they are {unit}: " if unit and key != "unit" else "")
         + (f"state {key} = {value} under [dvl]" if key else "no unit explains it: check what its driver writes")
     )
     return [Finding("DVL-UNIT", text, dvl, None, ratio, "times")]
 
 
-def unit_or_scale_key(log: Log, ratio: float) -> tuple[str, str]:
-    """Return the key that corrects the velocities, and its value: unit, if one explains the ratio, else scale_error."""
-    read = log.convention("dvl", "unit")
-    error = {name: abs(ratio * mps / MPS_PER_UNIT[str(read.value)] - 1) for name, mps in MPS_PER_UNIT.items()}
+def fitting_unit(log: Log, ratio: float) -> str:
+    """Return the unit that explains the ratio of velocities as read and true ones, empty if none does."""
+    read_mps = MPS_PER_UNIT[str(log.convention("dvl", "unit").value)]
+    error = {name: abs(ratio * mps / read_mps - 1) for name, mps in MPS_PER_UNIT.items()}
     nearest = min(error, key=lambda name: error[name])
-    if error[nearest] < THRESHOLDS.unit_tolerance and read.chosen_by != "column names":
-        return "unit", f'"{nearest}"'
-    scale = (1 + log.settings.dvl.scale_error) * ratio - 1
+    return nearest if error[nearest] < THRESHOLDS.unit_tolerance else ""
+
+
+def unit_or_scale_key(log: Log, ratio: float) -> tuple[str, str]:
+    """Return the key that corrects the velocities, and its value: unit, if one explains the ratio, else scale_error.
+
+    A column's name states its unit, which only a scale error can correct then: that of the unit.
+    """
+    read, unit = log.convention("dvl", "unit"), fitting_unit(log, ratio)
+    if unit and read.chosen_by != "column names":
+        return "unit", f'"{unit}"'
+    exact = MPS_PER_UNIT[str(read.value)] / MPS_PER_UNIT[unit] if unit else ratio
+    scale = (1 + log.settings.dvl.scale_error) * exact - 1
     return ("scale_error", f"{scale:.4g}") if MIN_SCALE_ERROR <= scale <= MAX_SCALE_ERROR else ("", "")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.messages.layouts import MessageLayout, RawRecords, own_columns, xyz
+from usbldr.io.units import MPS_PER_UNIT
 
 FRD = {"axes": "FRD"}
 TWIST = xyz("twist.twist.linear")
@@ -138,6 +139,7 @@ DVL = (  # a driver's messages rank before twists made from them, those with a v
 BEAM, EARTH = 0, 3  # of coordinate_mode
 BOTTOM, WATER = 1, 2  # of velocity_mode and velocity_reference
 MAX_SPEED_MPS = 20.0  # [m/s] no vehicle with a DVL, and no ship above it, goes so fast
+USUAL_SPEED_MPS = 1.0  # [m/s] of a vehicle, within a factor three, by which units a factor ten apart are told
 TOO_FAST = f"faster than {MAX_SPEED_MPS:g} m/s"
 NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
 
@@ -199,14 +201,20 @@ def in_millimetres(raw: RawRecords, causes: dict[str, Mask]) -> bool:
     return bool(often and counts.max() <= np.sum(fast) / 2)
 
 
-def dvl_advice(causes: dict[str, Mask], free: bool, columns: str) -> str:
+def usual_unit(speed_mps: Vector) -> str:
+    """Return the unit in which too high speeds, (n,), would be those of a vehicle."""
+    middle = max(float(np.median(speed_mps)), MAX_SPEED_MPS) if len(speed_mps) else MAX_SPEED_MPS
+    return min(MPS_PER_UNIT, key=lambda unit: abs(np.log(middle * MPS_PER_UNIT[unit] / USUAL_SPEED_MPS)))
+
+
+def dvl_advice(causes: dict[str, Mask], unit: str, columns: str) -> str:
     """Return the advice if no record is valid, as the end of a sentence; empty if there is none.
 
-    ``free``: the unit is not stated; ``columns``: what has to be stated with it.
+    ``unit``: the one that would explain too high speeds, empty if it is stated; ``columns``: what to state with it.
     """
     if np.mean(causes.get("water track", 0)) > 0.5:
         return '; to use velocities through the water and to estimate the current, state track = "water" under [dvl]'
     if any(np.any(causes[f"in {where} coordinates"]) for where in ("beam", "earth")):
         return NO_COORDINATES
-    fast = np.mean(causes[TOO_FAST]) > 0.5 and free
-    return f'; if they are in mm/s, state {columns}unit = "mm/s" under [dvl]' if fast else ""
+    fast = np.mean(causes[TOO_FAST]) > 0.5 and unit
+    return f'; if they are in {unit}, state {columns}unit = "{unit}" under [dvl]' if fast else ""

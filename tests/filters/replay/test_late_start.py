@@ -110,7 +110,8 @@ def test_without_usbl_it_is_said_what_to_state(log: Path) -> None:
         replayed(log, "-f", "adf")
     assert str(fault.value) == (
         f"{log}: no USBL fix gives a filter its start: state [start] east_m, north_m, sd_m in the configuration, or "
-        "use GPS fixes at the surface (--aid gps@FROM:TO)"
+        "use GPS fixes at the surface (--aid gps@FROM:TO); without fixes this is dead reckoning: --filter dr needs no "
+        "start"
     )
 
     with pytest.raises(

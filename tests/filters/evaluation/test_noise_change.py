@@ -1,0 +1,36 @@
+"""Noise that changes within a dive is found with its time and factor, and constant noise is not called changed."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from usbldr.filters.evaluation.noise_change import noise_change
+
+SECONDS = np.arange(1000.0)
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10_000), at=st.integers(200, 800), factor=st.sampled_from([0.4, 2.5]))
+def test_a_change_is_found_near_its_time_with_its_factor(seed: int, at: int, factor: float) -> None:
+    scores = np.random.default_rng(seed).normal(size=1000) * np.where(at > SECONDS, 1.0, factor) / max(factor, 1.0)
+
+    found = noise_change(SECONDS, scores**2)
+
+    assert found is not None
+    assert found.time_s == pytest.approx(at, abs=40)
+    assert found.factor == pytest.approx(factor, rel=0.35)
+
+
+@settings(max_examples=60)
+@given(seed=st.integers(0, 10_000), tails=st.sampled_from([4, 1000]), correlated=st.sampled_from([1, 5]))
+def test_constant_noise_has_no_change_with_heavy_tails_or_correlated(seed: int, tails: int, correlated: int) -> None:
+    drawn = np.random.default_rng(seed).standard_t(tails, size=1000)
+    smooth = np.convolve(drawn, np.ones(correlated) / np.sqrt(correlated), "same")
+
+    assert noise_change(SECONDS, smooth**2) is None
+
+
+def test_few_or_no_values_say_nothing() -> None:
+    assert noise_change(SECONDS[:40], np.where(SECONDS[:40] < 20, 0.1, 5.0)) is None
+    assert noise_change(SECONDS, np.full(1000, np.nan)) is None

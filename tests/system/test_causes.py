@@ -1,0 +1,129 @@
+"""Wrong results whose cause is said: one dive, damaged as logs of companies are, through the commands."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from commands import findings, run
+from usbldr.filters.errors import UsbldrError
+from usbldr_cli.main import cli
+
+Edit = Callable[[pd.DataFrame], pd.DataFrame]
+KNOT_MPS = 1852 / 3600
+LIMITS = '[dvl]\ntopic = "/dvl"\n[map]\norigin_lat_deg = 45.0\norigin_lon_deg = -30.0\n'
+
+
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
+    folder = tmp_path_factory.mktemp("dive")
+    cli(["simulate", "turns", "-o", str(folder / "turns")], standalone_mode=False)
+    return {name: pd.read_csv(folder / "turns" / f"{name}.csv") for name in ("dvl", "compass", "usbl", "gps")}
+
+
+@pytest.fixture
+def edited(dive: dict[str, pd.DataFrame], tmp_path: Path) -> Callable[..., Path]:
+    def write(configuration: str = LIMITS, **edits: Edit) -> Path:
+        folder = tmp_path / "dive"
+        folder.mkdir(exist_ok=True)
+        for name, table in dive.items():
+            edits.get(name, lambda same: same)(table.copy()).to_csv(folder / f"{name}.csv", index=False)
+        (folder / "usbldr.toml").write_text(configuration, encoding="utf-8")
+        return folder
+
+    return write
+
+
+def replayed(log: Path, *options: str) -> tuple[int, str]:
+    """Return the exit code and what was said."""
+    result = run("replay", log, "-f", "adf", "--plots", "none", "-q", "--force", "-o", log.with_name("run"), *options)
+    fault = result.exception
+    code = fault.exit_code if isinstance(fault, UsbldrError) else result.exit_code
+    return code, f"{result.output}{fault or ''}"
+
+
+def later(table: pd.DataFrame, seconds: float) -> pd.DataFrame:
+    moved = ["time_ns", "received_ns"]
+    return table.assign(**{name: table[name] + round(seconds * 1e9) for name in moved})
+
+
+def test_gps_time_instead_of_utc_is_proposed_and_the_proposal_is_right(edited: Callable[..., Path]) -> None:
+    ahead = edited(gps=lambda table: later(table, 18.0))
+    code, said = replayed(ahead)
+    assert code == 0
+    assert "(GPS time and UTC are 18 s apart)" in said
+    assert "TRUTH-CLOCK" in findings(ahead)
+
+    latency_s = said.partition("state latency_s = ")[2].partition(" under [gps]")[0]
+    ahead = edited(LIMITS + f"[gps]\nlatency_s = {latency_s}\n", gps=lambda table: later(table, 18.0))
+    assert re.search(r"mean horizontal error 0\.[12]", replayed(ahead)[1])
+
+
+def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..., Path]) -> None:
+    def swapped(table: pd.DataFrame) -> pd.DataFrame:
+        return table.drop(columns=["east_m", "north_m"]).rename(columns={"lat_deg": "lon_deg", "lon_deg": "lat_deg"})
+
+    code, said = replayed(edited(gps=swapped))
+    assert (code, "check whether latitude and longitude are exchanged" in said) == (3, True)
+
+    def in_ms(table: pd.DataFrame) -> pd.DataFrame:
+        return table.assign(time_ns=table["time_ns"] // 1_000_000).drop(columns="received_ns")
+
+    code, said = replayed(edited(dvl=in_ms, compass=in_ms, usbl=in_ms, gps=in_ms))
+    assert (code, "their stamps are probably milliseconds" in said) == (3, True)
+
+
+@pytest.mark.parametrize(
+    ("factor", "advice"),
+    [(1 / KNOT_MPS, "they are knots: state scale_error = 0.9438 under [dvl]"), (100.0, "they are in cm/s, state ")],
+)
+def test_the_unit_of_velocities_is_named(edited: Callable[..., Path], factor: float, advice: str) -> None:
+    both = ["starboard_mps", "forward_mps"]
+
+    said = replayed(edited(dvl=lambda table: table.assign(**{name: table[name] * factor for name in both})))[1]
+
+    assert advice in said
+
+
+def test_two_fixes_are_not_compared_with_a_whole_track(edited: Callable[..., Path]) -> None:
+    said = replayed(edited(usbl=lambda table: table.iloc[[0, 300]]))[1]
+
+    assert "not comparable with raw USBL (2 common epochs)" in said
+
+
+def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Callable[..., Path]) -> None:
+    columns = '[dvl]\ntopic = "/dvl"\ncolumns = { time_ns = "time_ns", x = "vx", y = "vy" }\n'
+
+    def unnamed(table: pd.DataFrame) -> pd.DataFrame:
+        return pd.DataFrame({"time_ns": table["time_ns"], "vx": 1.0, "vy": 0.0})
+
+    def north(table: pd.DataFrame) -> pd.DataFrame:
+        t = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
+        noise = np.random.default_rng(2).normal(size=(len(table), 2))
+        return table.assign(east_m=noise[:, 0], north_m=t + noise[:, 1])
+
+    log = edited(columns + LIMITS.partition("\n")[2].partition("\n")[2], dvl=unnamed, usbl=north,
+                 compass=lambda table: table.assign(heading_deg=0.0))  # fmt: skip
+    assert "axes = FLU is only the default, and the log fits FLU and FRD alike" in replayed(log, "--truth", "none")[1]
+
+
+def test_noise_that_rises_is_said_with_its_time_and_factor(edited: Callable[..., Path]) -> None:
+    def noisy(table: pd.DataFrame) -> pd.DataFrame:
+        late, noise = np.arange(len(table)) > 350, np.random.default_rng(1).normal(size=(len(table), 2))
+        sd_m = np.sqrt((2.5**2 - 1) * table["cov_ee_m2"]) * late
+        return table.assign(east_m=table["east_m"] + sd_m * noise[:, 0], north_m=table["north_m"] + sd_m * noise[:, 1])
+
+    said = replayed(edited(usbl=noisy))[1]
+    factor, time_s = re.findall(r"the noise of the usbl grows by a factor of ([\d.]+) at about (\d+) s", said)[0]
+    assert float(factor) == pytest.approx(2.5, rel=0.3)
+    assert int(time_s) == pytest.approx(350, abs=15)
+
+
+def test_dead_reckoning_and_a_run_directory_are_called_what_they_are(edited: Callable[..., Path]) -> None:
+    log = edited()
+    assert "without fixes this is dead reckoning: --filter dr" in replayed(log, "--usbl", "none")[1]
+    assert replayed(log)[0] == 0
+    assert "usbldr compare run shows it" in str(run("info", log.with_name("run")).exception)
