@@ -135,7 +135,7 @@ class StudentT:
         """Return the nine modes, the one nearest to the median precision first."""
         half = self.dof / 2
         high = math.log(chi_square_quantile(0.997, self.dof) / self.dof)
-        # a reading of e sigma is predicted by precisions about (dof + 1) / (dof + e^2), with this spread of the logarithm
+        # a reading of e sigma is predicted by precisions about (dof + 1) / (dof + e^2), with this spread of their log
         spread = math.sqrt(2 / (self.dof + 1))
         low = max(math.log((self.dof + 1) / (self.dof + FARTHEST**2)), high - 8 * 2 * spread)
         log_precision = np.linspace(low, high, 9)
