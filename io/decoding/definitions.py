@@ -7,11 +7,11 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.decoding.known_messages import KNOWN
 from usbldr.io.limits import RAISE, limit
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Types: TypeAlias = Mapping[str, Any]  # rosbags': type name -> (constants, ((field, description), ...))
 FOLDER_ENTRIES = 50_000  # [files and folders] below a folder of definitions; all of ROS has 20,000
 MESSAGE_FILE_BYTES = 1 << 16  # [bytes] of a .msg file; the longest of ROS has 20 kB
+SEPARATOR = "=" * 80 + "\nMSG: "  # fixed by ROS: between definitions in one text
 WRITTEN = ("marine_acoustic_msgs/msg/Dvl", "dvl_msgs/msg/DVLBeam", "dvl_msgs/msg/DVL")
 
 
@@ -37,6 +38,17 @@ class Definitions:
         return [_with_parts(name, parsed(text, name), self) for text in self.texts.get(name, ())]
 
 
+def _known() -> dict[str, list[str]]:
+    """Return the definitions that come with usbldr, by type."""
+    found: dict[str, list[str]] = {}
+    text = (files("usbldr.io.decoding") / "known_types.msg").read_text(encoding="utf-8")
+    for part in text.split(SEPARATOR)[1:]:
+        name, _, definition = part.partition("\n")
+        found.setdefault(name, []).append(definition)
+    return found
+
+
+KNOWN: Mapping[str, Sequence[str]] = _known()
 SHIPPED = Definitions(KNOWN)
 
 
@@ -54,11 +66,11 @@ def with_folders(folders: Sequence[str]) -> Definitions:
 
     texts: dict[str, Sequence[str]] = dict(KNOWN)
     for folder in map(Path, folders):
-        files = sorted(_message_files(folder))
-        if not files:
+        found = sorted(_message_files(folder))
+        if not found:
             what = "holds no .msg file" if folder.is_dir() else "no such folder"
             raise UsageError(f"--msg-path {folder}: {what}; expected PACKAGE/msg/TYPE.msg")
-        for file in files:
+        for file in found:
             package = file.parent.parent if file.parent.name == "msg" else file.parent
             name = f"{package.name}/msg/{file.stem}"
             try:

@@ -2,7 +2,7 @@
 
 The file is opened read-only and as immutable, so that sqlite3 creates no file beside it; if it has a journal, both are
 copied to be merged. A file from before ROS 2 Iron carries no definitions: those of the standard types are known, and
-those of some navigation types (known_messages).
+those of some navigation types (known_types.msg).
 """
 
 import sqlite3

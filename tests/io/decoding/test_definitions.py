@@ -18,8 +18,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import RosDecoder, from_idl
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.decoders import decoder_of, decoder_without_definition
-from usbldr.io.decoding.definitions import SHIPPED, with_folders
-from usbldr.io.decoding.known_messages import KNOWN
+from usbldr.io.decoding.definitions import KNOWN, SHIPPED, with_folders
 from usbldr.io.formats.db3_log import Db3Log
 from usbldr.io.formats.mcap_log import McapLog
 
