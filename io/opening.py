@@ -144,7 +144,7 @@ def _opened(path: Path, configuration: Configuration, request: Request) -> Reade
     """Open one file; name the columns of its tables as the configuration does, find the sentences in topics of text."""
     reader = open_log(path, with_folders(request.msg_path))
     stated = configured_columns(configuration, request.topics)
-    return reader.with_columns(stated) if stated and isinstance(reader, NamedColumns) else with_sentences(reader)
+    return with_sentences(reader.with_columns(stated) if stated and isinstance(reader, NamedColumns) else reader)
 
 
 def digest_paths(paths: Sequence[Path]) -> str:

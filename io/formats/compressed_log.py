@@ -18,7 +18,6 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.decompression import DamagedFileError, compression_of, unpacked_file
 from usbldr.io.formats.files import opened
-from usbldr.io.formats.nmea_log import with_sentences
 from usbldr.io.limits import UnpackingBudget, note_copy
 from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo
 
@@ -81,11 +80,10 @@ class CopiedLog:
             return (*self._damage, *self._contents.findings())
 
     def with_columns(self, configured: Sequence[Any]) -> Reader:
-        """Return this log with the columns of its tables that the configuration states, or with its sentences."""
+        """Return this log with the columns of its tables that the configuration states."""
         if isinstance(self._contents, NamedColumns):
             self._contents = self._contents.with_columns(configured)
-            return self
-        return with_sentences(self)
+        return self
 
 
 def compressed_log(path: Path, files: Mapping[Path, str], reader_of: Callable[[Sequence[Path]], Reader]) -> CopiedLog:

@@ -26,7 +26,6 @@ WORD = struct.Struct("<I")
 COMPRESSED = b"\0compressed"
 MARKS = (MCAP + MCAP_HEADER, BAG, SQLITE, HDF5)
 """How containers begin that are found behind other bytes."""
-PACKED = (b"\x28\xb5\x2f\xfd", b"\xfd7zXZ\0", b"\x04\x22\x4d\x18")  # zstd, xz, lz4; those of others are too short
 MAT_HEAD_BYTES, MAT_VERSIONS = 128, {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}  # fixed: the mark ends the head
 MAT_ELEMENTS = (14, 15)  # fixed: matrices, compressed elements
 MAT_HDF5_AT = 512  # fixed: where HDF5 begins in a file of MATLAB 7.3
@@ -68,7 +67,7 @@ def places_of(data: mmap) -> list[Place]:
 def _next(data: mmap, at: int, until: int) -> int:
     """Return where the next container begins, else the end of the file; Parquet is known by its end, too."""
     ends_as_parquet = data[-len(PARQUET) :] == PARQUET
-    magics = (*MARKS, *PACKED, *((PARQUET,) if ends_as_parquet else ()))
+    magics = (*MARKS, *((PARQUET,) if ends_as_parquet else ()))
     return min((place for magic in magics if (place := data.find(magic, at, until)) >= 0), default=len(data))
 
 

@@ -31,11 +31,18 @@ Number = TypeVar("Number", int, float)
 
 def text_files(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder that look like CSV, by name."""
+    from usbldr.io.formats.json_lines_log import looks_like_json_lines
+    from usbldr.io.formats.nmea_log import form_of
+    from usbldr.io.formats.pd6_log import looks_like_pd6
+
+    others = (form_of, looks_like_json_lines, looks_like_pd6)
     for file in sorted(folder.iterdir()):
         if file.is_file() and not file.name.startswith(".") and file.suffix not in (".toml", ".md", ".json"):
+            if not file.stat().st_size:
+                continue  # of endless files of the system the size is zero, too
             with opened(file) as content:
                 head = content.read(HEAD_BYTES)
-            if looks_like_csv(head):
+            if looks_like_csv(head) and not any(holds(head) for holds in others):
                 yield file
 
 

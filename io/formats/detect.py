@@ -41,15 +41,11 @@ def _bag(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _rosbag2(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    if not path.is_dir():
-        if not head.startswith(b"SQLite format 3\x00"):
-            return None
-        from usbldr.io.formats.db3_log import Db3Log
+    if not head.startswith(b"SQLite format 3\x00"):
+        return None
+    from usbldr.io.formats.db3_log import Db3Log
 
-        return Db3Log(path, known)
-    from usbldr.io.formats.rosbag2_log import holds_recording, open_rosbag2
-
-    return open_rosbag2(path, lambda file: open_log(file, known)) if holds_recording(path) else None
+    return Db3Log(path, known)
 
 
 def _tlog(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -109,11 +105,10 @@ def _lsf(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _parquet(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.parquet_tables import MAGIC, NAME, parquet_files, parquet_table
+    from usbldr.io.formats.parquet_tables import MAGIC, NAME, parquet_table
     from usbldr.io.formats.table_log import TableLog
 
-    files = list(parquet_files(path)) if path.is_dir() else [path] * head.startswith(MAGIC)
-    return TableLog(path, NAME, [parquet_table(file) for file in files]) if files else None
+    return TableLog(path, NAME, [parquet_table(path)]) if head.startswith(MAGIC) else None
 
 
 def _hdf5(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -132,15 +127,9 @@ def _mat(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.csv_log import CsvLog
-    from usbldr.io.formats.csv_text import compressed_texts, looks_like_csv, text_files
+    from usbldr.io.formats.csv_text import looks_like_csv
 
-    compressed = compressed_texts(path) if path.is_dir() else {}
-    if compressed:
-        from usbldr.io.formats.compressed_log import compressed_log
-
-        return compressed_log(path, compressed, lambda copies: CsvLog(path, copies=copies))
-    fits = any(text_files(path)) if path.is_dir() else looks_like_csv(head)
-    return CsvLog(path) if fits else None
+    return CsvLog(path) if looks_like_csv(head) else None
 
 
 FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
@@ -161,20 +150,23 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
 }
-"""One line per format: from the path, the first bytes (empty for a folder) and the definitions of messages that a log
+"""One line per format: from the path, the first bytes and the definitions of messages that a log
 does not define to its reader, which is imported only then; to None if it is of another format."""
 
 
 def _reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
     """Return the reader that fits, None if none does; one of several recordings if the file holds them."""
-    single = path.is_dir() or not head
+    if path.is_dir():
+        from usbldr.io.formats.folder_log import folder_log
+
+        return folder_log(path, lambda file: open_log(file, known))
 
     def matching() -> Reader | None:
         return next((reader for of in FORMATS.values() if (reader := of(path, head, known)) is not None), None)
 
-    if single or not begins_container(head):
+    if not begins_container(head):
         reader = matching()
-        if reader is not None or single:
+        if reader is not None or not head:
             return reader
     from usbldr.io.formats.concatenated import concatenated_log
 

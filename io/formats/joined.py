@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.definitions import ros2_name
 from usbldr.io.findings import Finding
@@ -51,10 +51,25 @@ class JoinedLog:
 
     def with_columns(self, configured: Sequence[Any]) -> "JoinedLog":
         """Return this log with the columns of its tables that the configuration states."""
-        readers = ((part, part.reader) for part in self.parts)
-        parts = (
-            replace(p, reader=r.with_columns(configured) if isinstance(r, NamedColumns) else r) for p, r in readers
-        )
+        faults: dict[int, UsageError] = {}  # columns -> why a part does not have them
+        parts: list[LogPart] = []
+        accepted: set[int] = set()
+        for part in self.parts:
+            if not isinstance(part.reader, NamedColumns):
+                parts.append(part)
+                continue
+            fitting: list[int] = []
+            for number, one in enumerate(configured):
+                try:
+                    part.reader.with_columns([one]).topics()
+                    fitting.append(number)
+                except UsageError as fault:
+                    faults.setdefault(number, fault)
+            accepted |= set(fitting)
+            named = part.reader.with_columns([configured[number] for number in fitting])
+            parts.append(replace(part, reader=named))
+        for number in faults.keys() - accepted:
+            raise faults[number]
         return replace(self, parts=tuple(parts))
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
@@ -77,7 +92,7 @@ class JoinedLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in each part."""
         own = [
-            replace(finding, text=f"{part.name or part.reader.path.name}: {finding.text}")
+            finding if not part.name and part.reader.path == self.path else _of(part, finding)
             for part in self.parts
             for finding in part.reader.findings()
             if not (part.dated and finding.code in UNDATED)
@@ -110,6 +125,10 @@ def readable_parts(
     if not parts and faults:
         raise faults[0]
     return tuple(parts), unread
+
+
+def _of(part: LogPart, finding: Finding) -> Finding:
+    return replace(finding, text=f"{part.name or part.reader.path.name}: {finding.text}")
 
 
 def _key(topic: TopicInfo) -> tuple[str, str]:

@@ -69,7 +69,8 @@ def _order_of(head: bytes) -> Order | Literal[""]:
         end = found.start() + HEAD_BYTES + int.from_bytes(size, ENDIAN[order]) + CHECKSUM_BYTES
         if end <= len(head) and _is_whole(head[found.start() : end], order):
             return order
-    return next((order for order in ENDIAN if head.startswith(SYNC.to_bytes(2, ENDIAN[order]))), "")
+    begins: list[Order] = [order for order in ENDIAN if head.startswith(SYNC.to_bytes(2, ENDIAN[order]))]
+    return begins[0] if begins else ""
 
 
 class LsfLog:

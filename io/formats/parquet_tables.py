@@ -1,6 +1,7 @@
 """Tables in Parquet files: a file is a table, a folder of files is a log. Members of structures are named with dots."""
 
 from collections.abc import Callable, Iterator
+from io import SEEK_END
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ NAME = "Parquet"
 
 
 def parquet_files(folder: Path) -> Iterator[Path]:
-    """Yield the Parquet files of a folder by name."""
+    """Yield the Parquet files of a folder by name that begin and end as such."""
     for file in sorted(folder.glob("*.parquet")):
         with opened(file) as content:
-            if content.read(len(MAGIC)) == MAGIC:
+            begin = content.read(len(MAGIC))
+            content.seek(-min(len(MAGIC), file.stat().st_size), SEEK_END)
+            if begin == content.read() == MAGIC:
                 yield file
 
 

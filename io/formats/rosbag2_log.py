@@ -16,7 +16,8 @@ STORAGES = (".db3", ".mcap")
 METADATA_BYTES = 1 << 19  # [bytes] of metadata.yaml; 500 topics with their settings have half of it
 METADATA_DEPTH = 50  # [levels] of lists and tables in metadata.yaml; recorders write five
 PARTS_DEPTH = 3  # fixed: the level of the names of parts in metadata.yaml
-PACKED = tuple(storage + ending for storage in STORAGES for ending in (".zstd", ".zst"))
+PACKED_ENDINGS = (".zstd", ".zst")
+PACKED = tuple(storage + ending for storage in STORAGES for ending in PACKED_ENDINGS)
 """Endings of compressed parts: those that rosbag2 writes, and those of the program zstd."""
 
 
@@ -51,6 +52,13 @@ def _parts(folder: Path) -> list[Path]:
     files = [file for file in folder.iterdir() if file.name.endswith((*STORAGES, *PACKED)) and file.is_file()]
     files = [file for file in files if not _has_copy(file)]
     return sorted(files, key=lambda file: [int(s) if s.isdecimal() else s for s in re.split(r"(\d+)", file.name)])
+
+
+def recording_files(folder: Path) -> set[Path]:
+    """Return the files that belong to a recording: its parts, their copies and journals, and what describes it."""
+    stems = {file.with_suffix("") if file.name.endswith(PACKED) else file for file in _parts(folder)}
+    belonging = (*PACKED_ENDINGS, "", "-wal", "-shm", "-journal")
+    return {folder / "metadata.yaml", *(Path(f"{stem}{ending}") for stem in stems for ending in belonging)}
 
 
 def _has_copy(file: Path) -> bool:

@@ -1,0 +1,156 @@
+"""A folder as a log: a rosbag2 recording, tables (CSV, Parquet), or files of instruments; what is not read is named."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.findings import Finding
+from usbldr.io.formats.compressed_log import ENDINGS, compressed_log
+from usbldr.io.formats.csv_log import CsvLog
+from usbldr.io.formats.csv_text import compressed_texts, text_files
+from usbldr.io.formats.joined import JoinedLog, LogPart
+from usbldr.io.formats.parquet_tables import NAME, parquet_files, parquet_table
+from usbldr.io.formats.rosbag2_log import holds_recording, open_rosbag2, recording_files
+from usbldr.io.formats.table_log import TableLog
+from usbldr.io.limits import limit
+from usbldr.io.messages.topic_names import suggested_sensors
+from usbldr.io.reader import Reader
+
+FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
+SHOWN = 5  # [files] that a sentence names
+OF_LOGS = (
+    *(
+        "",
+        ".csv",
+        ".tsv",
+        ".txt",
+        ".log",
+        ".dat",
+        ".nmea",
+        ".json",
+        ".jsonl",
+        ".tum",
+        ".fnv",
+        ".parquet",
+        ".h5",
+        ".hdf5",
+    ),
+    *(
+        ".nc",
+        ".mat",
+        ".mcap",
+        ".bag",
+        ".active",
+        ".db3",
+        ".tlog",
+        ".bin",
+        ".alog",
+        ".lsf",
+        ".pd0",
+        ".pd4",
+        ".pd5",
+        ".pd6",
+    ),
+)
+"""Endings of files that hold records; files with others may be named like a sensor, too, as a picture of it."""
+RECORDINGS = ("MCAP", "ROS 1 bag", "rosbag2 (sqlite3)")
+"""Formats of which a file is a log by itself: several in a folder are several dives, unless the user joins them."""
+
+
+def folder_log(path: Path, open_file: Callable[[Path], Reader]) -> Reader | None:
+    """Return the log of a folder, None if it holds none; ``open_file`` opens one of its files."""
+    files = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
+    if len(files) > limit(FILES):
+        raise LogError(f"holds more than {limit(FILES)} files; name those of the dive", path=path)
+    readers, used = _together(path, open_file)
+    others = [file for file in files if file not in used]
+    if not readers:
+        parts, unread = _alone(path, others, open_file)
+        return JoinedLog(path, _formats(parts), parts, tuple(unread)) if parts else None
+    findings = _not_read(others, open_file)
+    if len(readers) == 1 and not findings:
+        return readers[0]
+    parts = [LogPart(reader) for reader in readers]
+    return JoinedLog(path, _formats(parts), tuple(parts), tuple(findings))
+
+
+def _formats(parts: Sequence[LogPart]) -> str:
+    return " + ".join(dict.fromkeys(part.reader.format for part in parts))
+
+
+def _together(path: Path, open_file: Callable[[Path], Reader]) -> tuple[list[Reader], set[Path]]:
+    """Return the readers of the files that are one log by their format, and these files."""
+    if holds_recording(path):
+        return [open_rosbag2(path, open_file)], recording_files(path)
+    texts, packed, tables = list(text_files(path)), compressed_texts(path), list(parquet_files(path))
+    readers: list[Reader] = []
+    if packed:
+        readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, copies=copies)))
+    elif texts:
+        readers.append(CsvLog(path))
+    if tables:
+        readers.append(TableLog(path, NAME, [parquet_table(file) for file in tables]))
+    copied = {file.with_name(file.name + ending) for file in (*texts, *tables) for ending in ENDINGS}
+    damaged = [file for file in path.glob("*.parquet") if file not in tables and file.stat().st_size]
+    more, unread = _readable(damaged, open_file)
+    return [*readers, *more], {*texts, *packed, *tables, *copied, *(set(damaged) - unread)}
+
+
+def _readable(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> tuple[list[Reader], set[Path]]:
+    """Return the readers of the files that can be read, and the others."""
+    readers: list[Reader] = []
+    unread: set[Path] = set()
+    for file in files:
+        try:
+            readers.append(open_file(file))
+        except LogError:
+            unread.add(file)
+    return readers, unread
+
+
+def _alone(
+    path: Path, files: Sequence[Path], open_file: Callable[[Path], Reader]
+) -> tuple[tuple[LogPart, ...], list[Finding]]:
+    """Return the files of a folder that are read one by one, and findings on the others."""
+    readers, _ = _readable([file for file in files if file.stat().st_size and _is_of_logs(file)], open_file)
+    recordings = [reader.path.name for reader in readers if reader.format.startswith(RECORDINGS)]
+    if len(recordings) > 1:
+        names = ", ".join(recordings[:SHOWN])
+        text = f"holds {len(recordings)} recordings ({names}); name one of them, or join them with --with"
+        raise LogError(text, path=path)
+    read = {reader.path for reader in readers}
+    left = [file for file in files if file not in read]
+    return tuple(LogPart(reader) for reader in readers), _not_read(left, open_file)
+
+
+def _is_of_logs(file: Path) -> bool:
+    ending = file.suffix.lower()
+    return (Path(file.stem).suffix.lower() if ending in ENDINGS else ending) in OF_LOGS
+
+
+def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> list[Finding]:
+    """Name the files that are not read: a loss if one is named like a sensor."""
+    sensors = [file for file in files if _is_of_logs(file) and _named_like_a_sensor(file)]
+    findings = [
+        Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=True) for file in sensors
+    ]
+    others = [file.name for file in files if file not in sensors and _is_of_logs(file)]
+    if others:
+        more = f" and {len(others) - SHOWN} more" if len(others) > SHOWN else ""
+        text = f"not read of this folder: {', '.join(others[:SHOWN])}{more}; --with FILE adds one"
+        findings.append(Finding("NOT-READ", text))
+    return findings
+
+
+def _named_like_a_sensor(file: Path) -> bool:
+    stem = file.name.partition(".")[0]
+    return bool(suggested_sensors(stem)) or stem.lower().split("__")[-1] == "truth"
+
+
+def _why(file: Path, open_file: Callable[[Path], Reader]) -> str:
+    if not file.stat().st_size:
+        return "the file is empty"
+    try:
+        return f"it is {open_file(file).format}; --with {file.name} adds it"
+    except (LogError, UsageError) as fault:
+        return fault.text

@@ -1,0 +1,132 @@
+"""Folders with a file that was spoilt: read as far as it can be, else it is named and the exit code is 3."""
+
+import codecs
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyarrow import parquet
+
+from commands import run
+from recordings import SECOND, T0, sentence, short_dive, write_csv, write_rosbag2
+from usbldr.io.formats.detect import open_log
+from usbldr.io.read import read_log
+
+COUNT = 300  # [rows]
+TIMES = [T0 + k * SECOND for k in range(COUNT)]
+GPS = "time_ns,lat_deg,lon_deg\n" + "".join(f"{t},{45 + k / 1e5:.7f},{7 + k / 1e5:.7f}\n" for k, t in enumerate(TIMES))
+UNSPOILT: Mapping[str, Callable[[str], bytes]] = {
+    "comments": lambda text: f"# GPS of the vehicle, 3 m above\n% WGS 84\n#\n{text}".encode(),
+    "a title": lambda text: f"Export of dive 7\nSerial,1234,A\n\n{text}".encode(),
+    "the names in a comment": lambda text: f"# A receiver\n# {text}".encode(),
+    "UTF-16 with a mark": lambda text: text.encode("utf-16"),
+    "UTF-16, big-endian, with a mark": lambda text: codecs.BOM_UTF16_BE + text.encode("utf-16-be"),
+    "UTF-16 without a mark": lambda text: text.encode("utf-16-le"),
+    "UTF-16, big-endian, without a mark": lambda text: text.encode("utf-16-be"),
+    "zeros at its end": lambda text: text.encode() + bytes(5000),
+    "columns in another order behind": lambda text: reordered(text).encode(),
+}
+
+
+def reordered(text: str) -> str:
+    """Write the second half of a table with its columns the other way round, under their names."""
+    head, *rows = text.splitlines()
+    half = len(rows) // 2
+    turned = [",".join(reversed(line.split(","))) for line in (head, *rows[half:])]
+    return "\n".join([head, *rows[:half], *turned]) + "\n"
+
+
+def dive(folder: Path) -> Path:
+    return write_csv(
+        folder,
+        dvl="time_ns,forward_mps,starboard_mps\n" + "\n".join(f"{t},{1 + k / 1000},0.5" for k, t in enumerate(TIMES)),
+        compass="time_ns,heading_deg\n" + "\n".join(f"{t},{k % 359}" for k, t in enumerate(TIMES)),
+        gps=GPS,
+    )
+
+
+@pytest.mark.parametrize("what", UNSPOILT)
+def test_what_surrounds_or_encodes_a_table_costs_none_of_it(tmp_path: Path, what: str) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "gps.csv").write_bytes(UNSPOILT[what](GPS))
+
+    log = read_log(folder)
+
+    assert log.provenance["gps"].used == COUNT
+    np.testing.assert_allclose(log.tables["gps"]["lat_deg"], 45 + np.arange(COUNT) / 1e5, atol=1e-9)
+    assert not any(finding.lost_data for finding in log.findings)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    at=st.integers(0, 7).map(lambda k: 512 * k),
+    length=st.sampled_from([512, 4096, 100_000]),
+    junk=st.sampled_from([b"", b"\0", b"\xff\7"]),
+)
+def test_a_file_with_a_lost_sector_is_read_in_part_and_a_file_that_is_none_is_named(
+    at: int, length: int, junk: bytes
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = dive(Path(name) / "dive")
+        whole = GPS.encode()
+        (folder / "gps.csv").write_bytes((whole[:at] + bytes(length) + whole[at + length :]) if junk == b"\0" else junk)
+        code = run("info", folder).return_value
+        log = open_log(folder)
+        present = {topic.name: topic.count for topic in log.topics() if not topic.problem}
+
+        assert code == 3
+        assert present["/dvl"] == present["/compass"] == COUNT
+        if junk == b"\0" and at:
+            left = whole[:at].count(b"\n") - 1 + whole[at + length :].count(b"\n")
+            assert left - 2 <= present["/gps"] < COUNT
+        elif not at or junk != b"\0":
+            assert any("gps" in finding.text for finding in log.findings()) or "/gps" not in present
+
+
+@pytest.mark.parametrize("before", [b"", b"# exported\n", bytes(512), b"\7" * 9000])
+def test_tables_of_several_kinds_are_one_log(tmp_path: Path, before: bytes) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "gps.csv").unlink()
+    parquet.write_table(pa.table({"time_ns": TIMES, "lat_deg": [45.0] * COUNT, "lon_deg": [7.0] * COUNT}), "g.parquet")
+    (folder / "gps.parquet").write_bytes(before + Path("g.parquet").read_bytes())
+
+    log = read_log(folder)
+
+    assert {role: one.used for role, one in log.provenance.items()} == dict.fromkeys(("dvl", "compass", "gps"), COUNT)
+    assert any(finding.lost_data for finding in log.findings) == bool(before.strip(b"\0"))
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_folder_of_sentences_is_a_log_whatever_its_files_are_called(tmp_path: Path) -> None:
+    for hour in range(3):
+        bodies = (f"GPGGA,{10 + hour}{k:02d}00,4500.0,N,00700.0,E,1,9,0.6,0,M,20,M,," for k in range(9))
+        lines = (f"2020-09-13T{10 + hour}:{k:02d}:00Z {sentence(body)}\n" for k, body in enumerate(bodies))
+        (tmp_path / f"port7_{hour}").write_text("".join(lines), encoding="ascii")
+
+    log = open_log(tmp_path)
+
+    assert log.format == "NMEA text"
+    assert [(topic.name, topic.count) for topic in log.topics()] == [("/GPGGA", 27)]
+
+
+def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "dive", short_dive())
+    (folder / "notes.txt").write_text("calm", encoding="utf-8")
+    assert [(f.text, f.lost_data) for f in open_log(folder).findings()] == [
+        ("not read of this folder: notes.txt; --with FILE adds one", False)
+    ]
+    (folder / "gps.csv").write_text(GPS, encoding="utf-8")
+
+    (lost,) = (finding for finding in open_log(folder).findings() if finding.lost_data)
+
+    assert lost.text == "gps.csv is not read: it is CSV file; --with gps.csv adds it"
+    assert run("info", folder).return_value == 3
