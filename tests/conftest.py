@@ -29,4 +29,4 @@ def field_logs() -> Path:
 @pytest.fixture(autouse=True)
 def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no run of this process draw its pictures, which take longer than all the rest; their own tests draw them."""
-    monkeypatch.setattr(usbldr_cli.figures.run_figures, "write_figures", lambda *_: [])
+    monkeypatch.setattr(usbldr_cli.figures.run_figures, "run_pictures", lambda *_: [])

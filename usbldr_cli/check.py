@@ -142,12 +142,13 @@ def check(
 
 
 def _write_html(file: Path, baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]") -> None:
-    from usbldr_cli.pages.compare_plots import check_plots  # imports Bokeh
-    from usbldr_cli.pages.html_page import html
+    from usbldr_cli.figures.drawing import described
+    from usbldr_cli.pages.check_figure import change_picture  # imports matplotlib
+    from usbldr_cli.pages.html_page import html, plots_of
     from usbldr_cli.tables.check_verdicts import page
 
-    blocks, drawn = check_plots(checked)
-    write_file("--html", file, html(page(baseline, checked, blocks), drawn))
+    blocks, plots = plots_of(described([change_picture(checked)]))
+    write_file("--html", file, html(page(baseline, checked, blocks), plots))
 
 
 def _refuse(

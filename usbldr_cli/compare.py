@@ -12,7 +12,7 @@ from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr_cli.options.completion import FILTERS, LOG
 from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.html_option import html_option, require_output
+from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import read_request, request_provenance, selection_options
 from usbldr_cli.options.output_files import (
     folder_option,
@@ -65,14 +65,13 @@ def compare(
     plots: str,
     json_to: str | None,
     plot_format: str,
-    html: bool,
     quiet: bool,
     **selection: Any,
 ) -> int:
     """Run several filters over each LOG and tabulate their errors, with standard errors over seeds.
 
-    LOG is a file, a folder, a scenario (each seed is a dive of its own) or a run directory of replay. Repeat an
-    interrupted command with the same --output, and it continues.
+    LOG is a file, a folder, a scenario (a dive for each seed) or a run directory.
+    Repeated with the same --output, an interrupted command continues.
 
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
@@ -81,7 +80,6 @@ def compare(
     from usbldr_cli.runs.compare_directory import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
 
-    require_output(html, output)
     refuse_inputs(logs, selection, output, json_to, force)
     refuse_repeats("LOG", logs)
     if any(is_run(Path(log)) for log in logs):
@@ -104,7 +102,7 @@ def compare(
         store = None if output is None else output / UNITS
         rows = _run(logs, methods, seeds, workers, choices, selection, store, bound)
         _refuse_empty(rows)
-    _write(output, rows, request, plots, plot_format, html)
+    _write(output, rows, request, plots, plot_format)
     _print_result(rows, request, output, json_to, quiet)
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
@@ -199,7 +197,6 @@ def _write(
     request: dict[str, Any],
     plots: str,
     plot_format: str,
-    html: bool,
 ) -> None:
     from usbldr.io.reports.markdown_report import markdown
     from usbldr.io.reports.page import Picture
@@ -213,15 +210,14 @@ def _write(
         made = request_provenance(request)
         pictures: list[Picture] = []
         if plots != "none":
-            from usbldr_cli.figures.compare import write_figures
+            from usbldr_cli.figures.compare import compare_pictures  # imports matplotlib
+            from usbldr_cli.figures.drawing import draw
+            from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
 
-            pictures = [Picture(*picture) for picture in write_figures(output, rows, plot_format)]
-        if html:
-            from usbldr_cli.pages.compare_plots import compare_plots  # imports Bokeh
-            from usbldr_cli.pages.html_page import REPORT_HTML, write_html
-
-            blocks, drawn = compare_plots(rows)
-            write_html(output / REPORT_HTML, page(rows, blocks, made), drawn)
+            drawn = draw(output, compare_pictures(rows), plot_format)
+            pictures = [Picture(one.file, one.caption) for one in drawn]
+            blocks, plotted = plots_of(drawn)
+            write_html(output / REPORT_HTML, page(rows, blocks, made), plotted)
         write_tables(output, rows, request, markdown(page(rows, pictures, made)))
 
 

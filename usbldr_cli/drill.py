@@ -15,7 +15,7 @@ from usbldr_cli.options.completion import FILTERS
 from usbldr_cli.options.fault_options import chosen_drills, fault_options
 from usbldr_cli.options.filter_list import filter_list
 from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.html_option import html_option, require_output
+from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import log_options, request_provenance
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
@@ -57,7 +57,6 @@ def drill(
     output: Path | None,
     force: bool,
     json_to: str | None,
-    html: bool,
     quiet: bool,
     **others: Any,
 ) -> int:
@@ -78,7 +77,6 @@ def drill(
     from usbldr_cli.runs.executors import executor
 
     drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
-    require_output(html, output)
     refuse_inputs([log], others, output, json_to, force)
     plan = DrillPlan(
         log, drills, filter_list(DEFAULT_FILTERS if filters is None else filters, choices), seeds, choices, others
@@ -93,27 +91,26 @@ def drill(
         _refuse_empty(report)
         if output is not None:
             with writing(output, "choose another --output"):
-                _write(output, report, plan.request, html)
+                _write(output, report, plan.request)
         _print_result(report, plan.request, output, json_to, quiet)
     return max(outcome.exit_code for row in report.rows for outcome in row.runs.outcomes)
 
 
-def _write(output: Path, report: "DrillReport", request: dict[str, Any], html: bool) -> None:
-    """Write tables, figures and, if asked for, the page."""
+def _write(output: Path, report: "DrillReport", request: dict[str, Any]) -> None:
+    """Write tables, figures and the page."""
     from usbldr.io.reports.markdown_report import markdown
     from usbldr.io.reports.page import Picture
-    from usbldr_cli.figures.drill import write_figures
+    from usbldr_cli.figures.drawing import draw  # imports matplotlib
+    from usbldr_cli.figures.drill import drill_pictures
+    from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
     from usbldr_cli.runs.drill_directory import write_report
     from usbldr_cli.tables.drill_table import page
 
     made = request_provenance(request)
-    pictures = [Picture(*picture) for picture in write_figures(output, report)]
-    if html:
-        from usbldr_cli.pages.compare_plots import drill_plots  # imports Bokeh
-        from usbldr_cli.pages.html_page import REPORT_HTML, write_html
-
-        blocks, drawn = drill_plots(report)
-        write_html(output / REPORT_HTML, page(report, blocks, made), drawn)
+    drawn = draw(output, drill_pictures(report))
+    pictures = [Picture(one.file, one.caption) for one in drawn]
+    blocks, plots = plots_of(drawn)
+    write_html(output / REPORT_HTML, page(report, blocks, made), plots)
     write_report(output, report, request, markdown(page(report, pictures, made)))
 
 

@@ -8,6 +8,7 @@ import click
 from usbldr.filters.errors import LogError, printable
 from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import ESTIMATE
+from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
@@ -26,7 +27,7 @@ DEFAULTS: dict[str, Any] = {
 }
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @log_options
 @click.option(
     "--estimate",

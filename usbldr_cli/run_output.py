@@ -19,22 +19,20 @@ if TYPE_CHECKING:
 def write_run(folder: Path, run: "Run", outputs: RunOutputs) -> None:
     """Write everything of the run, and what else is asked for; report.json, which names all files, comes last."""
     from usbldr.io.reports.report_json import write_json, write_tables
-    from usbldr.io.reports.run_page import write_markdown
+    from usbldr.io.reports.run_page import run_page, write_markdown
 
     write_tables(folder, run)
     pictures: list[tuple[str, str]] = []
     if outputs.plots != "none":
-        from usbldr_cli.figures.run_figures import write_figures  # imports matplotlib
+        from usbldr_cli.figures.drawing import draw  # imports matplotlib
+        from usbldr_cli.figures.run_figures import run_pictures
+        from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
 
-        pictures = write_figures(folder, run, outputs.plot_format)
+        drawn = draw(folder, run_pictures(run), outputs.plot_format)
+        pictures = [(one.file, one.caption) for one in drawn]
+        blocks, plots = plots_of(drawn)
+        write_html(folder / REPORT_HTML, run_page(run, blocks), plots)
     write_markdown(folder, run, pictures)
-    if outputs.html:
-        from usbldr.io.reports.run_page import run_page
-        from usbldr_cli.pages.html_page import REPORT_HTML, write_html
-        from usbldr_cli.pages.run_plots import run_plots  # imports Bokeh
-
-        blocks, drawn = run_plots(run)
-        write_html(folder / REPORT_HTML, run_page(run, blocks), drawn)
     if outputs.fnv:
         _write_fnv(folder, run)
     if outputs.mcap is not None:

@@ -147,7 +147,7 @@ def makespan(costs: Costs, hours: np.ndarray, workers: int, *, whole_dives: bool
 
 
 def draw(file: Path, by_dive: list[float], one_by_one: list[float], dives: int) -> None:
-    from usbldr_cli.figures.compare import save_whole
+    from usbldr_cli.figures.drawing import save_whole
     from usbldr_cli.figures.style import in_style
 
     with in_style():

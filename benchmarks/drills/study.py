@@ -22,7 +22,7 @@ from usbldr.filters.errors import UsbldrError
 from usbldr.io.drills.drill import Drill
 from usbldr.io.drills.suite import STANDARD, read_suite
 from usbldr.io.reports.run_directory import write_atomically
-from usbldr_cli.figures.compare import save_whole
+from usbldr_cli.figures.drawing import save_whole
 from usbldr_cli.figures.drill import error_figure, ratio_figure
 from usbldr_cli.figures.style import in_style
 from usbldr_cli.runs.drill_rows import DrillReport, worst_first

@@ -32,10 +32,14 @@ class Picture(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """An interactive figure inside the page, by the name under which the page's writer has it; and its caption."""
+    """An interactive figure inside the page, by the name under which the page's writer has it.
+
+    ``text`` says what it shows, for those who cannot see it.
+    """
 
     name: str
     caption: str
+    text: str = ""
 
 
 Block: TypeAlias = str | Table | Labelled | Bullets | Code | Picture | Plot

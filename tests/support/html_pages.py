@@ -1,11 +1,13 @@
 """HTML files as a browser without scripts reads them: elements, tables, text; and as headless Chromium shows them."""
 
+import json
 import re
 import shutil
 import subprocess
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
@@ -52,6 +54,11 @@ class HtmlPage(HTMLParser):
     def shown(self) -> str:
         """The text that a reader sees, with single blanks."""
         return re.sub(r"\s+", " ", " ".join(self.words))
+
+    @property
+    def plots(self) -> dict[str, Any]:
+        """What the page's script draws, by the names of the figures."""
+        return next(json.loads(text) for text in self.scripts if text.startswith("{"))
 
     @property
     def asked_for(self) -> list[str]:

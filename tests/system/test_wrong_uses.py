@@ -98,7 +98,6 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         ),
         ("drill dive_db3 --drop usbl", 2, "--drop usbl: needs a span FROM:TO or a share after @, as usbl@300:600"),
         ("export dive_db3 -o part.mcap --start 5000", 3, "dive_db3: no record is from --start 5000 to --end inf s"),
-        ("compare dive_db3 --html", 2, "--html writes report.html into the folder of --output: name one"),
     ],
 )
 def test_a_wrong_use_is_answered_in_one_sentence(

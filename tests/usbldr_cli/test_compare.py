@@ -61,7 +61,8 @@ def test_samplers_run_once_a_seed_and_the_others_once_a_file(compared: Path) -> 
 
 def test_the_folder_holds_tables_pictures_and_units_and_nothing_else(compared: Path) -> None:
     assert sorted(path.name for path in compared.iterdir()) == [
-        *("by_filter.png", "compare.csv", "compare.json", "compare.md", "error_cdf.png", "errors.png", "track.png"),
+        *("by_filter.png", "compare.csv", "compare.json", "compare.md", "error_cdf.png", "errors.png"),
+        *("report.html", "track.png"),
         "units",
     ]
     assert all(path.suffix in (".json", ".npz") for path in (compared / "units").iterdir())

@@ -14,7 +14,7 @@ from checkout import SAMPLES
 from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step
 from usbldr.filters.models.states import POSITION
 from usbldr.filters.replay.methods import METHODS, Method
-from usbldr_cli.figures.run_figures import write_figures
+from usbldr_cli.figures.run_figures import run_pictures
 from usbldr_cli.figures.style import colour
 from usbldr_cli.runs import executors
 
@@ -64,7 +64,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("usbldr_cli.figures.run_figures.write_figures", write_figures)
+    monkeypatch.setattr("usbldr_cli.figures.run_figures.run_pictures", run_pictures)
     done = commands.run("replay", DIVE, "-f", "last-fix", "--calibrate", "none", "-o", str(tmp_path / "run"))
 
     report = json.loads((tmp_path / "run" / "report.json").read_text())

@@ -1,9 +1,8 @@
 """Figures of a comparison: the error of each method over all runs, and overlays of one run."""
 
-import os
 import re
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
+from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.overlay import (
     coincident_text,
     error_figure,
@@ -20,7 +20,7 @@ from usbldr_cli.figures.overlay import (
     overlay_canvas,
     track_figure,
 )
-from usbldr_cli.figures.style import Figure, colour, in_style, legend_below, save
+from usbldr_cli.figures.style import Figure, colour, legend_below
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import BOUND, ComparisonRow, grouped
 
@@ -28,29 +28,16 @@ DOTS_WIDE = 0.08  # of the distance between two filters: half the width of a clo
 CROWDED = 20.0  # largest over smallest error from which the axis is logarithmic
 
 
-def write_figures(folder: Path, rows: Sequence[ComparisonRow], form: str = "png") -> list[tuple[str, str]]:
-    """Draw every figure of every log into the folder as png, svg or pdf; return file names and captions."""
+def compare_pictures(rows: Sequence[ComparisonRow]) -> list[Picture]:
+    """Return every figure of every log of a comparison."""
     groups = grouped(rows)
-    written: list[tuple[str, str]] = []
-    with in_style():
-        for log, group in groups.items():
-            end = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.-]+", "_", log).strip("_")
-            for name, caption, draw in PICTURES:
-                figure = draw([row for row in group if row.good and row.method != BOUND])
-                if figure is not None:
-                    save_whole(figure, folder / f"{name}{end}.{form}")
-                    written.append((f"{name}{end}.{form}", f"{caption} ({log})"))
-    return written
-
-
-def save_whole(figure: Figure, path: Path) -> None:
-    """Write a figure, which appears under its name when it is complete."""
-    part = path.with_name(f".{path.name}")
-    try:
-        save(figure, part)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    pictures: list[Picture] = []
+    for log, group in groups.items():
+        end = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.-]+", "_", log).strip("_")
+        shown = [row for row in group if row.good and row.method != BOUND]
+        for name, caption, describe in FIGURES:
+            pictures.append(Picture(f"{name}{end}", f"{caption} ({log})", partial(describe, shown)))
+    return pictures
 
 
 def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
@@ -119,7 +106,7 @@ def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     return figure
 
 
-PICTURES: tuple[tuple[str, str, Callable[[Sequence[ComparisonRow]], Figure | None]], ...] = (
+FIGURES: tuple[tuple[str, str, Callable[[Sequence[ComparisonRow]], Figure | None]], ...] = (
     ("by_filter", "Mean error of each filter; a dot is a run", filter_figure),
     ("errors", "East and north error over time", error_figure),
     ("track", "Tracks and truth", track_figure),

@@ -96,8 +96,9 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     low, high = mean_bounds(independent, DOF)
     mean_s = edges[1] - edges[0]
     bottom, top = 0.01 * DOF, max(20.0 * DOF, 1.5 * float(np.nanmax(bins[:, 1])))
-    shown_s, shown = one_a_dot(t, np.log(np.clip(values, bottom, top)))
-    axes.plot(shown_s, np.exp(shown), ls="", marker=".", ms=2, color=mine, alpha=0.3, label="NEES of an epoch")
+    inside = np.clip(values, bottom, top)
+    shown = one_a_dot(t, np.log(inside))
+    axes.plot(t[shown], inside[shown], ls="", marker=".", ms=2, color=mine, alpha=0.3, label="NEES of an epoch")
     style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
     axes.fill_between(
         edges, low, high, step="post", label=f"95 % bounds of {mean_s:.0f} s means if the covariance is right", **style

@@ -2,16 +2,17 @@
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from usbldr.filters.types import Vector
-from usbldr_cli.figures.compare import CROWDED, save_whole
+from usbldr_cli.figures.compare import CROWDED
+from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.overlay import line_style
-from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, time_axis, titled_figure
+from usbldr_cli.figures.style import Axes, Figure, colour, legend_below, time_axis, titled_figure
 from usbldr_cli.runs.drill_rows import DrillReport, DrillRow, worst_first
 from usbldr_cli.runs.job_store import JobResult, read_trace
 
@@ -22,22 +23,14 @@ DETAIL_LETTERS = 200  # of the faults under the title: two lines
 NAME_LETTERS = 40  # of a drill in the name of a file
 
 
-def write_figures(folder: Path, report: DrillReport) -> list[tuple[str, str]]:
-    """Draw the overview and each drill into the folder; return file names and captions."""
-    names = list(dict.fromkeys(row.drill.name for row in worst_first(report.rows)))
-    groups = [[row for row in report.rows if row.drill.name == name] for name in names]
-    written: list[tuple[str, str]] = []
-    with in_style():
-        figures = [("drills", "Error with the faults over error without them", ratio_figure(report.rows))]
-        for k, rows in enumerate(groups):
-            end = re.sub(r"[^\w.-]+", "_", rows[0].drill.name).strip("_")[:NAME_LETTERS]
-            caption = f"Horizontal error: {rows[0].drill.name}"
-            figures.append((f"drill-{k + 1:02d}-{end}", caption, error_figure(rows)))
-        for name, caption, figure in figures:
-            if figure is not None:
-                save_whole(figure, folder / f"{name}.png")
-                written.append((f"{name}.png", caption))
-    return written
+def drill_pictures(report: DrillReport) -> list[Picture]:
+    """Return the overview of drills, and the errors under each, the worst first."""
+    pictures = [Picture("drills", "Error with the faults over error without them", partial(ratio_figure, report.rows))]
+    for k, name in enumerate(dict.fromkeys(row.drill.name for row in worst_first(report.rows))):
+        rows = [row for row in report.rows if row.drill.name == name]
+        end = re.sub(r"[^\w.-]+", "_", name).strip("_")[:NAME_LETTERS]
+        pictures.append(Picture(f"drill-{k + 1:02d}-{end}", f"Horizontal error: {name}", partial(error_figure, rows)))
+    return pictures
 
 
 def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
@@ -58,7 +51,7 @@ def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
     for row, ((time_s, error_m), (usual_s, usual_m)) in drawn:
         style = line_style([one.runs for one in rows], row.runs)
         axes.plot(time_s, error_m, label=row.runs.label, **style)
-        axes.plot(usual_s, usual_m, **style | {"lw": 0.8, "alpha": 0.4, "zorder": 2})
+        axes.plot(usual_s, usual_m, label=f"_{row.runs.label}", **style | {"lw": 0.8, "alpha": 0.4, "zorder": 2})
         times += [time_s]
         sizes += [error_m, usual_m]
     whole = np.concatenate(sizes)

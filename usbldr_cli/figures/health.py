@@ -121,7 +121,8 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
         at = outcomes == outcome
         if at.any():
             inside = np.clip(series.innovation[at], -0.97 * half, 0.97 * half)  # larger ones are drawn at the edge
-            axes.plot(*one_a_dot(series.time_s[at], inside), ls="", label=outcome, **style)
+            shown = one_a_dot(series.time_s[at], inside)
+            axes.plot(series.time_s[at][shown], inside[shown], ls="", label=outcome, **style)
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
     axes.set_ylim(-half, half)
     axes.set_ylabel(channel.label)
@@ -149,8 +150,9 @@ def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
     bins = bin_means(t, nis, edges)
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
-    shown_s, log_nis = one_a_dot(t, np.log(np.clip(nis, low, high)))
-    axes.plot(shown_s, np.exp(log_nis), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
+    inside = np.clip(nis, low, high)
+    shown = one_a_dot(t, np.log(inside))
+    axes.plot(t[shown], inside[shown], ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
     bound = "95 % bounds of the mean NIS"
     style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage

@@ -1,7 +1,7 @@
 """Figures of a run: the track, its errors over time (the paper's Figures 1 and 3) and their distribution."""
 
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,9 @@ from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.consistency import consistency_figure
+from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.health import innovation_figure, particle_figure
+from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.style import (
     AXES,
     TRUTH_COLOUR,
@@ -19,14 +21,12 @@ from usbldr_cli.figures.style import (
     Figure,
     broken_at_gaps,
     colour,
-    in_style,
     legend_below,
     longest_step_s,
     one_a_dot,
     other_tracks,
     raw_fixes,
     run_figure,
-    save,
     shade_outages,
     time_axis,
 )
@@ -37,33 +37,18 @@ EDGE = 0.97  # of the height of the axes: where larger errors are drawn
 DENSE = 1500  # [epochs] from which lines are thinner
 
 
-def write_figures(folder: Path, run: Run, form: str = "png") -> list[tuple[str, str]]:
-    """Draw every figure that applies to the run as png, svg or pdf; return file names and captions."""
+def run_pictures(run: Run) -> list[Picture]:
+    """Return every figure that may apply to a run."""
     pictures: tuple[tuple[str, str, Callable[[Run], Figure | None]], ...] = (
         ("track", "Track, truth and USBL fixes", track_figure),
         ("errors", "East and north error over time with the 2-sigma band of the filter", error_figure),
-        (
-            "consistency",
-            "The track coloured by its error with 2-sigma ellipses; NEES over time",
-            consistency_figure,
-        ),
+        ("consistency", "The track coloured by its error with 2-sigma ellipses; NEES over time", consistency_figure),
         ("error_cdf", "Cumulative distribution of the errors", cdf_figure),
         ("innovations", "Innovations and NIS of each sensor with their bounds", innovation_figure),
-        (
-            "calibration",
-            "Estimated sensor errors with their 2-sigma band and the prior",
-            calibration_figure,
-        ),
+        ("calibration", "Estimated sensor errors with their 2-sigma band and the prior", calibration_figure),
         ("ess", "Effective number of particles and acceptance of their moves", particle_figure),
     )
-    written: list[tuple[str, str]] = []
-    with in_style():
-        for name, caption, draw in pictures:
-            figure = draw(run)
-            if figure is not None:
-                save(figure, folder / f"{name}.{form}")
-                written.append((f"{name}.{form}", caption))
-    return written
+    return [Picture(name, caption, partial(draw, run)) for name, caption, draw in pictures]
 
 
 def error_figure(run: Run) -> Figure | None:
@@ -106,8 +91,10 @@ def _draw_raw(axes: Axes, raw: ErrorReport, k: int, half: float) -> None:
     more = f" ({outside} of {len(raw.error_m)} drawn at the edge)" if outside else ""
     style: dict[str, Any] = {"ls": "", "color": colour("usbl"), "marker": ".", "mew": 0, "alpha": 0.55, "zorder": 1.5}
     size = 4.5 if len(raw.error_m) < DENSE else 3.0
-    shown = one_a_dot(raw.time_s, np.clip(raw.error_m[:, k], -edge, edge))
-    axes.plot(*shown, ms=size, label=f"raw USBL fix{more}", **style)
+    inside = np.clip(raw.error_m[:, k], -edge, edge)
+    shown = one_a_dot(raw.time_s, inside)
+    (marks,) = axes.plot(raw.time_s[shown], inside[shown], ms=size, label=f"raw USBL fix{more}", **style)
+    detail(marks, y=raw.error_m[shown, k])
 
 
 def _draw_dr(axes: Axes, dr: ErrorReport, k: int, half: float) -> None:
@@ -123,15 +110,21 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
     beyond = np.abs(report.error_m[:, k]) > half
     for sign, marker in ((1, "^"), (-1, "v")):
         at = report.time_s[beyond & (sign * report.error_m[:, k] > 0)]
-        axes.plot(at, np.full(len(at), 0.96 * sign * half), ls="", marker=marker, ms=6, color=mine, zorder=5)
+        edge = np.full(len(at), 0.96 * sign * half)
+        axes.plot(at, edge, ls="", marker=marker, ms=6, color=mine, label=f"_{report.label}", zorder=5)
     if raw_fixes(report.method):
         axes.plot(t, e, ls="", marker=".", ms=4, color=mine, label=report.label, zorder=3)
         return
+    _, horizontal_m = broken_at_gaps(report.time_s, report.horizontal_m, longest_s)
+    rows = {"horizontal error [m]": horizontal_m}
     if report.sd_m is not None:
         tb, sd = broken_at_gaps(report.time_s, report.sd_m[:, k], longest_s)
+        rows["2 sigma [m]"] = 2 * sd
         axes.fill_between(tb, -2 * sd, 2 * sd, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
-        axes.plot(tb, np.column_stack([-2 * sd, 2 * sd]), color=mine, alpha=0.55, lw=0.7, zorder=1.9)
-    axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.label, zorder=3)
+        edges = np.column_stack([-2 * sd, 2 * sd])
+        axes.plot(tb, edges, color=mine, alpha=0.55, lw=0.7, label=["_2 sigma", "_2 sigma"], zorder=1.9)
+    (line,) = axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.label, zorder=3)
+    detail(line, rows)
 
 
 def usual_most(lengths: Array) -> float:

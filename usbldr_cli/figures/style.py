@@ -16,6 +16,7 @@ from matplotlib import figure as mpl_figure
 from matplotlib import rc_context, rcParamsDefault  # pyright: ignore[reportUnknownVariableType]
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.ticker import NullLocator, StrMethodFormatter
+from numpy.typing import NDArray
 from PIL import Image
 
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
@@ -64,7 +65,7 @@ DPI = 130  # [dots per inch] sharp on a page, and small as a file
 COMPRESSION = 3  # [of 9] of PNG: two thirds of the time of 6, the usual one, for files 4 % larger
 UNDATED: Mapping[str, str] = {".svg": "Date", ".pdf": "CreationDate"}  # key of the date in a file's metadata
 MANY_POINTS = 5000  # [points] of one colour, from which those at the same dot are drawn once
-DOTS = 1000  # [dots] width of a panel, in which a mark is three dots wide
+PANEL = (1000, 1000)  # [dots] width and height of a panel, in which a mark is three dots wide
 TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the lines under it, inches
 
 
@@ -182,14 +183,14 @@ def longest_step_s(report: ErrorReport) -> float:
     return 3 * float(np.median(np.diff(report.time_s))) if len(report.time_s) > 1 else np.inf
 
 
-def one_a_dot(x: Vector, y: Vector) -> tuple[Vector, Vector]:
-    """Return the points to draw: of many at the same dot of the picture, the first."""
+def one_a_dot(x: Vector, y: Vector, panel: tuple[int, int] = PANEL) -> NDArray[np.intp]:
+    """Return which points are drawn: of many at the same dot of a panel, so many dots wide and high, the first."""
     if len(x) < MANY_POINTS:
-        return x, y
-    dots = [np.floor((v - v.min()) / max(float(np.ptp(v)), 1e-12) * DOTS) for v in (x, y)]
-    _, first = np.unique(dots[0] * (DOTS + 1) + dots[1], return_index=True)
-    first.sort()
-    return x[first], y[first]
+        return np.arange(len(x))
+    across, up = (
+        np.floor((v - v.min()) / max(float(np.ptp(v)), 1e-12) * dots) for v, dots in zip((x, y), panel, strict=True)
+    )
+    return np.sort(np.unique(across * (panel[1] + 1) + up, return_index=True)[1])
 
 
 def within(time_s: Vector, span_s: Span) -> Mask:

@@ -6,7 +6,8 @@ import numpy as np
 
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Array, Vector
-from usbldr.io.reports.report_json import Run, ScoredTrack, fix_outcomes
+from usbldr.io.reports.report_json import Run, ScoredTrack, fix_outcomes, fixes_table
+from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.plane import (
     EAST_NORTH,
     Plane,
@@ -18,6 +19,7 @@ from usbldr_cli.figures.plane import (
     usual_box,
 )
 from usbldr_cli.figures.style import (
+    AXES,
     EVER,
     REJECTED_COLOUR,
     TRUTH_COLOUR,
@@ -113,7 +115,9 @@ def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float, plane: 
             ]
             path = plane.points(path)
             label = "dr (partly outside the axes)" if _outside(axes, path) else "dr"
-            axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label=label, zorder=1)
+            (line,) = axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label=label, zorder=1)
+            time_s = other.trajectory.time_s
+            detail(line, {"time [s]": time_s[within(time_s, span)]}, key="dr")
     _draw_fixes(axes, run, span, marker_scale, plane)
 
 
@@ -130,18 +134,32 @@ def _draw_track(axes: Axes, run: Run, span: Span, plane: Plane = EAST_NORTH) -> 
     if run.truth is not None:
         time_s, truth_m = scored_truth(run)
         during = within(time_s, span)
-        _, line_m = broken_at_gaps(time_s[during], plane.points(truth_m[during]), run.truth.max_gap_s)
+        line_s, line_m = broken_at_gaps(time_s[during], plane.points(truth_m[during]), run.truth.max_gap_s)
         style: dict[str, Any] = {"lw": 2.2, "marker": ".", "ms": 2.2, "mew": 0, "zorder": 3}
         outside = f", {far} outside the axes" if (far := _outside(axes, line_m)) else ""
-        axes.plot(*line_m.T, color=TRUTH_COLOUR, label=f"truth ({run.truth.kind}{outside})", **style)
+        (line,) = axes.plot(*line_m.T, color=TRUTH_COLOUR, label=f"truth ({run.truth.kind}{outside})", **style)
+        detail(line, {"time [s]": line_s}, key="truth")
     if not raw_fixes(run.method):
-        path = position_m[within(trajectory.time_s, span)]
-        axes.plot(*path.T, color=colour(run.method), lw=1.3, label=run.label, zorder=4)
+        during = within(trajectory.time_s, span)
+        (line,) = axes.plot(*position_m[during].T, color=colour(run.method), lw=1.3, label=run.label, zorder=4)
+        rows = {"time [s]": trajectory.time_s, "horizontal error [m]": _errors_m(run)}
+        detail(line, {name: values[during] for name, values in rows.items()})
     defined = np.flatnonzero(np.isfinite(position_m).all(axis=1))
     for label, marker, row in (("start", "o", defined[:1]), ("end", "s", defined[-1:])):
         if len(row) and span[0] <= trajectory.time_s[row[0]] <= span[1]:
             style = {"ls": "", "ms": 7, "mfc": "white", "mew": 1.6, "zorder": 6}
             axes.plot(*position_m[row[0]], marker=marker, label=label, color=colour(run.method), **style)
+
+
+def _errors_m(run: Run) -> Vector:
+    """Return the horizontal error at each epoch of the track, (K,), NaN where it was not scored."""
+    time_s, report = run.scored.trajectory.time_s, run.scored.report
+    errors_m = np.full(len(time_s), np.nan)
+    if report is not None:
+        at = np.minimum(np.searchsorted(time_s, report.time_s), len(time_s) - 1)
+        same = time_s[at] == report.time_s
+        errors_m[at[same]] = report.horizontal_m[same]
+    return errors_m
 
 
 def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float, plane: Plane) -> None:
@@ -153,15 +171,35 @@ def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float, plane: Pl
     during = within(run.timeline.fix_time_s, span)
     fix_m = plane.points(aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during])
     outcomes = fix_outcomes(run.timeline, run.scored.trajectory)[during]
+    shown_m = fix_m if span != EVER else _inside(axes, fix_m)
+    rows = {name: values[during] for name, values in _fix_rows(run).items()}
     for outcome, style in styles.items():
         at = outcomes == outcome
         if outcome == "used":
             at |= ~np.isin(outcomes, list(styles))
         if at.any():
             style["ms"] *= marker_scale
-            outside = f", {far} outside the axes" if (far := _outside(axes, fix_m[at])) else ""
-            label = f"USBL fix {outcome} ({np.count_nonzero(at)}{outside})"
-            axes.plot(*fix_m[at].T, ls="", label=label, **style)
+            edge = f", {far} outside the axes, at the edge" if (far := _outside(axes, fix_m[at])) else ""
+            label = f"USBL fix {outcome} ({np.count_nonzero(at)}{edge if span == EVER else ''})"
+            (marks,) = axes.plot(*shown_m[at].T, ls="", label=label, clip_on=span != EVER, **style)
+            true = {"x": fix_m[at, 0], "y": fix_m[at, 1]} if span == EVER else {}
+            detail(marks, {name: values[at] for name, values in rows.items()}, key=f"USBL fix {outcome}", **true)
+
+
+def _fix_rows(run: Run) -> dict[str, Vector]:
+    """Return what the page tells of each fix: number, time, innovation, and how far it moved the track."""
+    table = fixes_table(run.timeline, run.scored.trajectory)
+    sizes = {
+        f"{name} [m]": np.hypot(*(table[f"{name}_{axis}_m"].to_numpy(float) for axis in AXES))
+        for name in ("innovation", "shift")
+    }
+    return {"fix": np.arange(len(table), dtype=float), "time [s]": table["time_s"].to_numpy(float), **sizes}
+
+
+def _inside(axes: Axes, points_m: Array) -> Array:
+    """Return points (n, 2), those outside the axes moved to the edge."""
+    limits = np.array([axes.get_xlim(), axes.get_ylim()])
+    return np.clip(points_m, limits[:, 0], limits[:, 1])
 
 
 def _worst(axes: Axes, plane: Plane, report: ErrorReport) -> int:

@@ -8,22 +8,21 @@ from usbldr.io.drills.kinds import KINDS
 
 COMMON = {
     "Baseline": ("first", "baseline", "update"),
-    "Log": ("config", "truth", "joined"),
+    "Log": ("estimate", "frame", "config", "usbl", "truth", "joined"),
     "Faults": ("suite", *KINDS),
     "Filter": ("method", "filters", "particles", "calibrate", "smooth", "seed", "seeds"),
     "Scoring": ("start", "end", "align"),
-    "Output": ("output", "force", "json_to", "quiet", "jobs", "junit", "markdown_to"),
+    "Output": ("output", "force", "json_to", "quiet", "mcap", "jobs", "junit", "markdown_to"),
 }
 RARE = {
     "Baseline": (),
-    "Log": ("dvl", "compass", "usbl", "gps", "depth", "truth_frame", "part", "msg_path", "limits", "strict"),
+    "Log": ("dvl", "compass", "gps", "depth", "truth_frame", "part", "msg_path", "limits", "strict"),
     "Faults": (),
     "Filter": ("noise", "gate", "guard", "order", "aid", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),
     "Output": (
         "html",
         "html_to",
-        "mcap",
         "fnv",
         "parquet",
         "write_calibration",
@@ -66,6 +65,8 @@ class GroupedCommand(click.Command):
         """Write each method's name and description."""
         from usbldr.filters.replay.methods import METHODS
 
+        if not {"method", "filters"} & {param.name for param in self.params}:
+            return
         with formatter.section("Filters"):
             formatter.write_dl([(method.name, method.description) for method in METHODS.values()])
 

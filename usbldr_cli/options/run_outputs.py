@@ -20,7 +20,6 @@ class RunOutputs:
 
     plots: str = "all"
     plot_format: str = "png"
-    html: bool = False
     mcap: str | None = None  # "alone" or "merge"
     fnv: bool = False
     parquet: bool = False
@@ -46,7 +45,7 @@ def run_outputs(command: Callable[..., Any]) -> Callable[..., Any]:
     decorated: Callable[..., Any] = packed
 
     options = (
-        plots_option("in the run directory; none saves about a second"),
+        plots_option("in the run directory and report.html, the page with them"),
         plot_format_option,
         html_option,
         click.option(

@@ -1,42 +1,48 @@
-"""A page as one HTML file that needs no network: text, tables, and figures of Bokeh with its script inside.
+"""A page as one HTML file that needs no network: text, tables, and figures that its script draws from their numbers.
 
 A content security policy in the page forbids every request, also to what a name in a log may ask for.
 """
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from usbldr.filters.errors import printable
-from usbldr.io.reports.page import Block, Page
+from usbldr.io.reports.page import Block, Page, Plot
 from usbldr.io.reports.run_directory import write_atomically
 
+if TYPE_CHECKING:
+    from usbldr_cli.figures.drawing import Drawn  # imports matplotlib
+
 REPORT_HTML = "report.html"
+Plots: TypeAlias = Mapping[str, Mapping[str, Any]]
 
 
-def write_html(path: Path, page: Page, plots: Mapping[str, Any]) -> None:
-    """Write a page with its figures, Bokeh models by the names of the page's Plot blocks; it appears when complete."""
+def plots_of(drawn: "Sequence[Drawn]") -> tuple[tuple[Plot, ...], Plots]:
+    """Return drawn figures as blocks of a page, and what its script needs of each, by the names of the blocks."""
+    names = [Path(one.file).stem for one in drawn]
+    blocks = [Plot(name, f"{one.caption}.", one.text) for name, one in zip(names, drawn, strict=True)]
+    return tuple(blocks), {name: one.data for name, one in zip(names, drawn, strict=True)}
+
+
+def write_html(path: Path, page: Page, plots: Plots) -> None:
+    """Write a page with its figures; it appears when complete."""
     write_atomically(path, html(page, plots).encode())
 
 
-def html(page: Page, plots: Mapping[str, Any]) -> str:
+def html(page: Page, plots: Plots) -> str:
     """Return a page with its figures as HTML."""
-    from bokeh.embed import json_item
-    from bokeh.resources import Resources
     from jinja2 import Environment, PackageLoader
 
     loader = PackageLoader("usbldr_cli", "pages")
     environment: Any = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"kind": _kind, "sentence": _sentence, "printable": printable, "anchor": _anchor}
-    embedded: Any = json_item
-    figures: dict[str, Any] = {name: embedded(model, f"plot-{name}") for name, model in plots.items()}
     return environment.get_template("page.html.jinja").render(
         page=page,
         sections=[section for section in page.sections if section.blocks],
-        figures=json.dumps(figures).replace("<", r"\u003c"),
-        scripts=Resources(mode="inline", components=["bokeh"], log_level="warn").js_raw if figures else [],
+        figures=json.dumps(plots, separators=(",", ":")).replace("<", r"\u003c") if plots else "",
     )
 
 

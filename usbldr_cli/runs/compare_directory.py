@@ -5,7 +5,7 @@ compare.json    every row and every number
 compare.csv     the same rows
 compare.md      the tables and figures
 *.png           the figures
-report.html     all of it as one page, if asked for
+report.html     all of it as one page with interactive figures
 """
 
 import json

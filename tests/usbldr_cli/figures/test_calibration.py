@@ -16,7 +16,8 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.calibration import calibration_figure
-from usbldr_cli.figures.run_figures import write_figures
+from usbldr_cli.figures.drawing import draw
+from usbldr_cli.figures.run_figures import run_pictures
 from usbldr_cli.figures.style import in_style
 
 LOG = simulated_log(dataclasses.replace(find_scenario("paper"), duration_s=60.0), seed=1)
@@ -49,8 +50,8 @@ def test_a_run_that_calibrates_nothing_has_no_such_picture(tmp_path: Path) -> No
     assert whole.cov is not None
     plain = dataclasses.replace(whole, names=whole.names[:6], mean=whole.mean[:, :6], cov=whole.cov[:, :6, :6])
 
-    with_errors = [name for name, _ in write_figures(tmp_path, RUN)]
-    without = [name for name, _ in write_figures(tmp_path, dataclasses.replace(RUN, scored=ScoredTrack(plain, None)))]
+    bare = dataclasses.replace(RUN, scored=ScoredTrack(plain, None))
+    with_errors, without = ([one.file for one in draw(tmp_path, run_pictures(run))] for run in (RUN, bare))
 
     assert set(with_errors) - set(without) == {"calibration.png"}
     assert (tmp_path / "calibration.png").is_file()

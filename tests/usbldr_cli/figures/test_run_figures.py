@@ -19,9 +19,10 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.consistency import consistency_figure
+from usbldr_cli.figures.drawing import draw as draw_all
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.plane import sigma_ellipses
-from usbldr_cli.figures.run_figures import cdf_figure, error_figure, write_figures
+from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures
 from usbldr_cli.figures.style import OTHER_COLOUR, broken_at_gaps, in_style, save
 from usbldr_cli.figures.track import track_figure
 
@@ -60,6 +61,10 @@ def a_curved_run(method: str, align: str = "none") -> Run:
     return Run(log, grid, Identification(log.parameters), scored[0], tuple(scored[1:]))
 
 
+def drawn(folder: Path, run: Run) -> list[str]:
+    return [one.file for one in draw_all(folder, run_pictures(run))]
+
+
 def labels(figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
@@ -72,12 +77,12 @@ def test_a_particle_filter_has_six_pictures_and_a_single_gaussian_no_particles(t
     (tmp_path / "cpf").mkdir()
     (tmp_path / "ekf").mkdir()
 
-    six = write_figures(tmp_path / "cpf", a_run(CPF))
-    five = write_figures(tmp_path / "ekf", a_run(EKF))
+    six = drawn(tmp_path / "cpf", a_run(CPF))
+    five = drawn(tmp_path / "ekf", a_run(EKF))
 
     names = ["track.png", "errors.png", "consistency.png", "error_cdf.png", "innovations.png"]
-    assert [name for name, _ in six] == [*names, "ess.png"]
-    assert [name for name, _ in five] == names
+    assert six == [*names, "ess.png"]
+    assert five == names
     for path in tmp_path.glob("*/*.png"):
         width, height = struct.unpack(">II", path.read_bytes()[16:24])
         assert width > 1000
@@ -87,15 +92,15 @@ def test_a_particle_filter_has_six_pictures_and_a_single_gaussian_no_particles(t
 def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_truth_no_errors(tmp_path: Path) -> None:
     blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.parameters), ScoredTrack(CPF, None))
 
-    assert [name for name, _ in write_figures(tmp_path, a_run(USBL))] == ["track.png", "errors.png", "error_cdf.png"]
-    assert [name for name, _ in write_figures(tmp_path, blind)] == ["track.png", "innovations.png", "ess.png"]
+    assert drawn(tmp_path, a_run(USBL)) == ["track.png", "errors.png", "error_cdf.png"]
+    assert drawn(tmp_path, blind) == ["track.png", "innovations.png", "ess.png"]
 
 
 def test_the_same_run_draws_the_same_bytes_and_leaves_the_settings_of_others_alone(tmp_path: Path) -> None:
     before = dict(mpl.rcParams)
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        write_figures(tmp_path / name, a_run(CPF))
+        drawn(tmp_path / name, a_run(CPF))
 
     for path in (tmp_path / "one").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()

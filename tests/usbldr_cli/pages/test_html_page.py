@@ -1,10 +1,13 @@
 """report.html: one file that asks for nothing, holds the numbers of report.json, and runs in a browser."""
 
+import base64
 import json
 import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from checkout import SAMPLES
@@ -13,7 +16,6 @@ from html_pages import HtmlPage, chromium, in_chromium
 from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Section
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.pages.html_page import html
-from usbldr_cli.pages.plots import inert
 
 HOSTILE = "</script><img src=http://example.com/x onerror=alert(1)>{{ 7 * 7 }}"
 
@@ -21,7 +23,7 @@ HOSTILE = "</script><img src=http://example.com/x onerror=alert(1)>{{ 7 * 7 }}"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("html") / "run"
-    done = run("replay", SAMPLES / "lawnmower_turn_db3", "-f", "ekf", "--html", "--plots", "none", "-o", out)
+    done = run("replay", SAMPLES / "lawnmower_turn_db3", "-f", "ekf", "-o", out)
     assert done.exception is None
     return out
 
@@ -73,12 +75,29 @@ def test_the_report_names_the_page_as_its_file(report: Any) -> None:
     assert "report.html" in report["files"]
 
 
-def test_the_error_that_is_drawn_is_that_of_the_table(page: HtmlPage, report: Any) -> None:
-    drawn = next(script for script in page.scripts if script.startswith('{"track"'))
+def column(figure: Any, place: int) -> np.ndarray[Any, Any]:
+    return np.frombuffer(base64.b64decode(figure["numbers"][place]), "<f4")
 
-    largest = f"{report['metrics']['max_horizontal_m']:.2f} m"
-    assert re.search(rf"largest error: {re.escape(largest)} at \d+ s", drawn)
-    assert "<" not in drawn
+
+def test_every_figure_is_on_the_page_with_what_it_shows_in_words(page: HtmlPage, folder: Path) -> None:
+    plots = {a["id"]: a for _, a in page.elements if a.get("class") == "plot"}
+
+    assert set(plots) == {f"plot-{picture.stem}" for picture in folder.glob("*.png")}
+    assert set(page.plots) == {picture.stem for picture in folder.glob("*.png")}
+    assert "east: mean |error|" in plots["plot-errors"]["aria-label"]
+    assert (folder / "report.html").stat().st_size < 2e6
+
+
+def test_the_errors_and_fixes_of_the_page_are_those_of_the_report(page: HtmlPage, report: Any, folder: Path) -> None:
+    errors, track = page.plots["errors"], page.plots["track"]
+
+    line = next(mark for mark in errors["columns"][0]["panels"][0]["marks"] if mark.get("label") == "ekf")
+    sizes = column(errors, dict(line["rows"])["horizontal error [m]"])
+    assert sizes.max() == pytest.approx(report["metrics"]["max_horizontal_m"])
+    fixes = pd.read_csv(folder / "fixes.csv")
+    marks = [mark for mark in track["columns"][0]["panels"][0]["marks"] if mark["key"].startswith("USBL fix")]
+    east_m = np.concatenate([column(track, mark["x"]) for mark in marks])
+    assert np.sort(east_m) == pytest.approx(np.sort(fixes["east_m"]), abs=1e-3)
 
 
 def test_names_do_nothing_but_show() -> None:
@@ -96,15 +115,10 @@ def test_names_do_nothing_but_show() -> None:
     assert not [name for _, a in page.elements for name in a if name.startswith("on")]
 
 
-def test_bokeh_finds_no_formula_in_a_name() -> None:
-    for text in (r"$$x$$", r"\[x\]", r"\(x\)"):
-        assert not re.search(r"\$\$|\\\[|\\\(", inert(text))
-
-
 def test_comparisons_and_checks_write_the_same_kind_of_page(tmp_path: Path) -> None:
     log = SAMPLES / "lawnmower_turn_db3"
     out = tmp_path / "compared"
-    assert run("compare", log, "-f", "dr,usbl", "-j", 1, "--html", "-o", out).exception is None
+    assert run("compare", log, "-f", "dr,usbl", "-j", 1, "-o", out).exception is None
     row = f'[[row]]\nname = "a"\nlog = "{log}"\nfilter = "dr"\n[row.metrics.mean_horizontal_m]\nvalue = 0\nabs = 0.1\n'
     (tmp_path / "baseline.toml").write_text(f"schema = 1\n{row}")
     run("check", tmp_path / "baseline.toml", "-j", 1, "-o", tmp_path / "failed", "--html", tmp_path / "check.html")
@@ -117,28 +131,60 @@ def test_comparisons_and_checks_write_the_same_kind_of_page(tmp_path: Path) -> N
     checked = HtmlPage((tmp_path / "check.html").read_text(encoding="utf-8"))
     assert "FAILED: a: mean_horizontal_m REGRESSION" in checked.shown
     assert compared.asked_for == checked.asked_for == []
-    assert run("compare", log, "-f", "dr,usbl", "-j", 1, "--html", "-o", out, "--force").exception is None  # its own
+    assert set(compared.plots) == {"by_filter", "errors", "track", "error_cdf"}
+    (change,) = checked.plots["metrics"]["columns"][0]["panels"]
+    failed = next(mark for mark in change["marks"] if mark.get("label") == "failed")
+    assert checked.plots["metrics"]["numbers"][failed["rows"][0][1]] == ["mean_horizontal_m"]
 
 
-def test_without_a_folder_or_without_bokeh_a_sentence_says_what_to_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done = run("compare", SAMPLES / "paper.mcap", "--html")
-    assert "name one" in str(done.exception)
+def test_without_figures_there_is_no_page_and_the_old_option_changes_nothing(tmp_path: Path) -> None:
+    log = SAMPLES / "lawnmower_turn_db3"
 
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    done = run("replay", SAMPLES / "paper.mcap", "--html", "-o", tmp_path / "run")
-    assert "pip install 'usbldr[html]'" in str(done.exception)
-    assert not (tmp_path / "run").exists()
+    assert run("replay", log, "-f", "dr", "--plots", "none", "-o", tmp_path / "none").exception is None
+    assert run("replay", log, "-f", "dr", "--html", "-o", tmp_path / "page").exception is None
+
+    assert not (tmp_path / "none" / "report.html").exists()
+    assert (tmp_path / "page" / "report.html").exists()
+
+
+USE = """<script>
+const [track, , east, north] = document.querySelectorAll(".plot svg[role=img]");
+Element.prototype.setPointerCapture = () => {};
+const tell = (name, across, up) => {
+  const box = east.getBoundingClientRect();
+  const at = { clientX: box.left + across * box.width, clientY: box.top + up * box.height };
+  east.dispatchEvent(new PointerEvent(name, { ...at, pointerType: "mouse", pointerId: 1 }));
+};
+const words = () => north.textContent;
+const all = words();
+tell("pointerdown", 0.5, 0.5); tell("pointermove", 0.7, 0.5); tell("pointerup", 0.7, 0.5);
+const zoomed = words() !== all;
+east.dispatchEvent(new MouseEvent("dblclick"));
+const back = words() === all;
+for (let k = 1; k < 20; k++) {
+  tell("pointermove", 0.5, k / 20);
+  if (east.closest(".plot").querySelector(".tip").textContent.startsWith("ekf")) break;
+}
+const drawn = () => track.querySelectorAll(".data > *").length;
+const before = drawn();
+track.closest(".plot").querySelector(".legend button").click();
+Object.assign(document.body.dataset, { zoomed, back, hidden: drawn() < before });
+</script></body>"""
 
 
 @pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
 @pytest.mark.parametrize("flags", [(), ("--force-dark-mode", "--window-size=500,900")], ids=["light", "dark"])
-def test_figures_are_drawn_without_an_error_on_the_console(
+def test_a_browser_draws_the_figures_zooms_says_numbers_and_hides_series(
     folder: Path, tmp_path: Path, flags: tuple[str, ...]
 ) -> None:
-    shown, console = in_chromium(folder / "report.html", tmp_path / "profile", *flags)
+    used = tmp_path / "used.html"
+    used.write_text((folder / "report.html").read_text(encoding="utf-8").replace("</body>", USE), encoding="utf-8")
 
+    shown, console = in_chromium(used, tmp_path / "profile", *flags)
+
+    assert console == []
     assert 'data-ready="yes"' in shown
-    assert ('<html lang="en" data-scheme="dark"' in shown) == bool(flags)
-    assert [line for line in console if "setting log level" not in line] == []
+    assert re.findall(r' data-(\w+)="true"', shown) == ["zoomed", "back", "hidden"]
+    assert re.search(
+        r"<b>ekf</b><div>time since the log's start: [\d.]+ s</div><div>east error: -?[\d.]+ m</div>", shown
+    )
