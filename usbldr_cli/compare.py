@@ -68,10 +68,9 @@ def compare(
     quiet: bool,
     **selection: Any,
 ) -> int:
-    """Run several filters over each LOG and tabulate their errors, with standard errors over seeds.
+    """Run several filters over each LOG and tabulate their errors over seeds.
 
-    LOG is a file, a folder, a scenario (a dive for each seed) or a run directory.
-    Repeated with the same --output, an interrupted command continues.
+    LOG is a file, a folder, a scenario or a run directory. Repeated, a command with --output continues.
 
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
