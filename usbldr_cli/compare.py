@@ -68,9 +68,10 @@ def compare(
     quiet: bool,
     **selection: Any,
 ) -> int:
-    """Run several filters over each LOG and tabulate their errors over seeds.
+    """Run several filters over each LOG and tabulate their errors, with standard errors over seeds.
 
-    LOG is a file, a folder, a scenario or a run directory. Repeated, a command with --output continues.
+    LOG is a file, a folder, a scenario (each seed is a dive of its own) or a run directory of replay. Repeat an
+    interrupted command with the same --output, and it continues.
 
     \b
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
