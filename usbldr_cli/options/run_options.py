@@ -135,7 +135,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--calibrate",
             type=Suggested(sensor_errors, several=True),
             metavar="LIST",
-            help="Sensor errors to estimate: auto, none or names  [default: as configured, else auto]",
+            help="Sensor errors: auto, none or names.  [default: as configured, else auto]",
         ),
         click.option(
             "--noise",
