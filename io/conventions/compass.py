@@ -17,11 +17,12 @@ from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, c
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
-from usbldr.io.messages.compass import BY_RANGE, PER_RECORD
 from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import CompassSection
 
+PER_RECORD = "as each record says"  # in place of a convention or a unit
+BY_RANGE = "by range"  # in place of a unit: the largest value decides
 COMPASS_SD_DEG = 0.3  # if not stated
 MAGNETIC, UTM_GRID = 0, 2  # of compass_msgs/Azimuth: reference
 DEGREES = 1  # fixed: of its unit; 0: radians

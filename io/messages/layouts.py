@@ -133,26 +133,6 @@ def blocks(count: int) -> Iterator[slice]:
     return (slice(first, min(first + BLOCK_RECORDS, count)) for first in range(0, count, BLOCK_RECORDS))
 
 
-def xyz(prefix: str) -> dict[str, str]:
-    """Return the fields of a vector or point."""
-    return {axis: f"{prefix}.{axis}" for axis in "xyz"}
-
-
-def plane_covariance(path: str, xx: int, xy: int, yy: int) -> dict[str, str]:
-    """Return the fields of the covariance of x and y, by their places in a flat array."""
-    return {"cov_xx": f"{path}.{xx}", "cov_xy": f"{path}.{xy}", "cov_yy": f"{path}.{yy}"}
-
-
-def own_columns(*names: str) -> dict[str, str]:
-    """Return the columns of usbldr's CSV, whose names are their quantities."""
-    return {name: name for name in names}
-
-
-def quaternion(prefix: str) -> dict[str, str]:
-    """Return the fields of a quaternion."""
-    return {f"q{axis}": f"{prefix}.{axis}" for axis in "xyzw"}
-
-
 def only_when_named(layouts: tuple[MessageLayout, ...]) -> tuple[MessageLayout, ...]:
     """Return the layouts as used only if the user names the topic."""
     return tuple(replace(layout, recognised="only when named") for layout in layouts)

@@ -1,33 +1,23 @@
-"""Which message types serve which sensor: a type is one line in the file of its sensor."""
+"""Which message types serve which sensor: a type is one entry in the file of its sensor in types/."""
 
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
 
-from usbldr.io.messages.compass import COMPASS
-from usbldr.io.messages.depth import DEPTH
-from usbldr.io.messages.dvl import DVL
-from usbldr.io.messages.dvl_files import FILES_COMPASS, FILES_DEPTH, FILES_DVL, FILES_GPS, FILES_USBL
-from usbldr.io.messages.gps import GPS, TRUTH
-from usbldr.io.messages.imc import IMC_COMPASS, IMC_DEPTH, IMC_DVL, IMC_GPS, IMC_USBL
+import msgspec
+
 from usbldr.io.messages.layouts import MessageLayout, only_when_named
-from usbldr.io.messages.mavlink import (
-    MAVLINK_COMPASS,
-    MAVLINK_DEPTH,
-    MAVLINK_DVL,
-    MAVLINK_GPS,
-    MAVLINK_TRUTH,
-    MAVLINK_USBL,
-)
-from usbldr.io.messages.nmea import NMEA_HEADINGS, NMEA_PLACES, NMEA_SHIPS
-from usbldr.io.messages.usbl import USBL
 from usbldr.io.reader import TopicInfo
 
+
+def _types(sensor: str) -> tuple[MessageLayout, ...]:
+    text = (files("usbldr.io.messages") / "types" / f"{sensor}.toml").read_text(encoding="utf-8")
+    return msgspec.convert(tomllib.loads(text)["layout"], tuple[MessageLayout, ...])
+
+
 LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
-    "dvl": (*DVL, *MAVLINK_DVL, *FILES_DVL, *IMC_DVL),
-    "compass": (*COMPASS, *NMEA_HEADINGS, *MAVLINK_COMPASS, *FILES_COMPASS, *IMC_COMPASS),
-    "usbl": (*USBL, *MAVLINK_USBL, *FILES_USBL, *IMC_USBL),
-    "gps": (*GPS, *NMEA_PLACES, *NMEA_SHIPS, *MAVLINK_GPS, *FILES_GPS, *IMC_GPS),
-    "depth": (*DEPTH, *MAVLINK_DEPTH, *FILES_DEPTH, *IMC_DEPTH),
-    "truth": (*TRUTH, *only_when_named(NMEA_PLACES), *MAVLINK_TRUTH, *only_when_named((*FILES_GPS, *IMC_GPS))),
+    **{sensor: _types(sensor) for sensor in ("dvl", "compass", "usbl", "gps", "depth")},
+    "truth": (*_types("truth"), *only_when_named(_types("gps"))),
 }
 """The first layout that matches a topic is used.
 

@@ -1,8 +1,10 @@
 """docs/types.md: the type that it adds can be read, and the names that it gives exist."""
 
 import re
+import tomllib
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from checkout import ROOT
@@ -23,8 +25,8 @@ define(
 
 def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = DOC[DOC.index("## A new type") : DOC.index("## A new sentence")]
-    (shown,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    layout = eval(shown, {"MessageLayout": MessageLayout})
+    (shown,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (layout,) = msgspec.convert(tomllib.loads(shown)["layout"], list[MessageLayout])
     monkeypatch.setattr(registry, "LAYOUTS", {**registry.LAYOUTS, "dvl": (layout,)})
     values = {"header.stamp": T0, "speed.forward": 150.0, "speed.port": -20.0, "status": 1, "sigma": 2.0}
     rows = [(T0 + k, "/acme", "acme_msgs/msg/BottomLock", {**values, "status": 1 - k}) for k in range(2)]
