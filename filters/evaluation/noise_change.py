@@ -49,7 +49,7 @@ def noise_change(time_s: Vector, squares: Vector) -> NoiseChange | None:
     means = np.maximum([total / count, (q.sum() - total) / (n - count)], 1e-12)
     log_likelihood = -(count * np.log(means[0]) + (n - count) * np.log(means[1]))  # of two variances, by their border
     last = int(np.argmax(log_likelihood[LEAST_PART - 1 : n - LEAST_PART])) + LEAST_PART - 1  # before the change
-    residual: Vector = np.where(np.arange(n) <= last, q - means[0, last], q - means[1, last])
+    residual = q - np.repeat(means[:, last], [last + 1, n - last - 1])
     variance = max(_long_run_variance(residual), 1e-12)
     statistic = float(np.abs(total - count * q.mean()).max()) / math.sqrt(n * variance)
     typical = [max(float(np.median(part)), 1e-12) for part in (q[: last + 1], q[last + 1 :])]  # whatever is cut off

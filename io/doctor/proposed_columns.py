@@ -11,7 +11,7 @@ import msgspec
 
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor.doctor import Examination, examine
-from usbldr.io.formats.csv_sheets import ISO
+from usbldr.io.formats.csv_sheets import ISO, SINCE_NS, UNTIL_NS
 from usbldr.io.formats.unnamed_columns import is_number
 from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
@@ -28,6 +28,7 @@ VECTORS = tuple(
     Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})")
     for number, axis in enumerate("xyz")
 )
+YAW = Rule("compass", "heading_deg", "angle", "yaw")  # whose sense the doctor finds
 FLAG = Rule("", "valid", None, "valid|bottom_lock|locked")
 KEYS = {
     "x_mps": "x",
@@ -43,7 +44,6 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
-SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -122,7 +122,7 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
     suggested = suggested_sensors(f"{topic.name} {topic.type}")
     if role == "depth" and "usbl" in suggested and role not in suggested:
         return {}  # the depth of a transponder is a fix's
-    for column in filter(None, (named_column(path, (*VECTORS, *RULES, FLAG)) for path in paths)):
+    for column in filter(None, (named_column(path, (*VECTORS, *RULES, YAW, FLAG)) for path in paths)):
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         hinted = role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         if of_any or (hinted and column.rule.sensor in (role, "")):

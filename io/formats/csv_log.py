@@ -25,9 +25,10 @@ from usbldr.io.formats.csv_text import (
     text_files,
     times,
 )
+from usbldr.io.formats.date_times import foreign_time, with_iso_times
 from usbldr.io.formats.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.formats.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
-from usbldr.io.messages.configured import ConfiguredColumns, plain
+from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 
@@ -80,11 +81,24 @@ class CsvLog:
     def _head(self, source: CsvSource) -> TableHead:
         file, header = source.file, source.header
         if source.sensor is None:
-            first_row = header_and_row(file)[1]
+            first_row = self._row(file)
             return TableHead(file, file.stem, header, sheet_of(file.stem, header), first_row)
         names = self._table(file).columns
         filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]
         return TableHead(file, file.stem, header, sheet_of(source.sensor.replace("/", "__"), filled))
+
+    @property
+    def _formats(self) -> Mapping[str, str]:
+        """The columns of times whose format the configuration states."""
+        of_times = [(one, key) for one in self._configured if one.time_format for key in TIME_UNITS_NS]
+        return {plain(one.columns[key]): one.time_format for one, key in of_times if key in one.columns}
+
+    def _row(self, file: Path) -> Sequence[str]:
+        """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
+        cells = header_and_row(file)[1]
+        if not (self._formats or any(map(foreign_time, cells))) or not len(self._table(file).lines):
+            return cells
+        return [next(iter(column)) for column in self._table(file).columns.values()]
 
     @cached_property
     def _files(self) -> Mapping[str, CsvSource]:
@@ -129,7 +143,7 @@ class CsvLog:
 
     def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
         """Return the columns and first cells of a file with one sensor."""
-        cells = [] if source.sensor else header_and_row(source.file)[1]
+        cells = [] if source.sensor else self._row(source.file)
         return tuple(zip(plain_names(source.header), cells, strict=False))
 
     def _only_faults(self, topic: str, source: CsvSource, lines: Sequence[int], faults: Mapping[int, str]) -> str:
@@ -140,7 +154,8 @@ class CsvLog:
 
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
-            self._read[file] = read_texts(file)
+            read = read_texts(file)
+            self._read[file] = read._replace(columns=with_iso_times(read.columns, self._formats))
         return self._read[file]
 
     def _lines(self, source: CsvSource) -> Sequence[int]:

@@ -8,6 +8,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from usbldr.io.messages.field_names import NamedColumn, sensors_by_name
 from usbldr.io.units import spellings
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
+SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
 PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
@@ -182,9 +184,7 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     fault = next((text for text in faults if text), "")
     if fault:
         return {sensor: Sheet(CANONICAL + sensor, {}, problem=fault) for sensor in found}
-    stamp, *arrived = (
-        TimeColumn(one.name, round(one.factor) if one.known else SECOND_NS) for one in (*stamps, *arrivals)
-    )
+    stamp, *arrived = (TimeColumn(one.name, _unit_ns(one, cells) or SECOND_NS) for one in (*stamps, *arrivals))
     taken = {same[0].name for columns in found.values() for same in columns.values()}
     own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
     return {
@@ -205,9 +205,20 @@ def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cel
             names = ", ".join(column.name for column in columns) or "none"
             return f"has not one column of {what} ({names}); {NAME_THEM}"
         for column in columns:
-            if not column.known and not ISO.fullmatch(cells.get(column.name, "")):
+            if _unit_ns(column, cells) is None:
                 return f'has a column {column.name} without a known unit; write it behind the name ("Time [s]")'
     return ""
+
+
+def _unit_ns(column: NamedColumn, cells: Mapping[str, str]) -> int | None:
+    """Return the unit of a time: that of its name, of a date and time, or the one by which it lies in this century."""
+    cell = cells.get(column.name, "")
+    if column.known or ISO.fullmatch(cell):
+        return round(column.factor) if column.known else SECOND_NS
+    with suppress(ValueError):
+        units = (1, 1_000, 1_000_000, SECOND_NS)
+        return next((unit for unit in units if SINCE_NS <= float(cell) * unit < UNTIL_NS), None)
+    return None
 
 
 def _fault(columns: Mapping[str, Sequence[NamedColumn]]) -> str:

@@ -52,6 +52,7 @@ class ConfiguredColumns:
     topic: str | None  # None: the only one that has the columns
     columns: Mapping[str, str]  # quantity -> column or field
     unit: str | None = None  # of the section
+    time_format: str = ""  # of a CSV file's dates and times, as of strptime; empty: by their cells
     defaults: Mapping[str, str] = field(default_factory=dict[str, str])  # conventions of a layout file
 
 
@@ -63,7 +64,8 @@ def configured_columns(configuration: Configuration, options: Mapping[str, str])
         topic = options.get(sensor) or (configuration.topic(sensor) if columns else None)
         if columns and topic != "none":
             unit = getattr(configuration.section(sensor), "unit", None)
-            stated.append(ConfiguredColumns(sensor, topic, columns, unit))
+            named = {key: name for key, name in columns.items() if key != "time_format"}
+            stated.append(ConfiguredColumns(sensor, topic, named, unit, time_format=columns.get("time_format", "")))
     return tuple(stated)
 
 

@@ -23,7 +23,7 @@ class Rule(NamedTuple):
 
 
 RULES: Sequence[Rule] = (
-    Rule("", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|t"),
+    Rule("", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|t|sod|seconds?_of_(the_)?day"),
     Rule("", "received", "time", "(received|arrival)(_time)?"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd"),
     Rule("dvl", "starboard_mps", "velocity", "starboard|stbd"),
@@ -33,7 +33,7 @@ RULES: Sequence[Rule] = (
     *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
     Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
     Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock"),
-    Rule("compass", "heading_deg", "angle", "heading|hdg"),
+    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_true)?"),
     Rule("depth", "depth_m", "length", "depth"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
@@ -55,7 +55,7 @@ NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
 """A sensor is there if all columns of one of these are."""
 OTHER = re.compile(
     r"(^|_)(earth|gyro|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
-    r"estimated?|truth|true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
+    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
 )
 """Words of columns that are no measurement of these sensors."""
 

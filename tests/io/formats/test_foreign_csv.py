@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from logs import MAP, codes, logged_csv
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.formats.date_times import with_iso_times
 from usbldr.io.formats.detect import open_log
 from usbldr.io.units import named_unit
 
@@ -191,3 +193,35 @@ def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None
     types = {topic.name: topic.type for topic in open_log(write_csv(tmp_path / "dive", **files)).topics()}
 
     assert types == {"/ground_truth": "", "/gnss": "usbldr/gps"}
+
+
+@pytest.mark.parametrize(
+    ("cells", "iso"),
+    [
+        (["18.05.2026 12:30:00,5", "18.05.2026 12:30:01"], "2026-05-18T12:30:00.500000"),
+        (["05/18/2026 12:30:00 PM"], "2026-05-18T12:30:00.000000"),
+        (["05/06/2026 1:30"], "2026-05-06T01:30:00.000000"),
+        (["05/06/2026 1:30", "13/06/2026 1:30"], "2026-06-05T01:30:00.000000"),
+        (["18-May-2026 12:30:00.25 UTC"], "2026-05-18T12:30:00.250000"),
+        (["18.05.2026 14:30:00 +02:00"], "2026-05-18T12:30:00.000000"),
+    ],
+)
+def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], iso: str) -> None:
+    assert next(iter(with_iso_times({"t": cells})["t"])) == iso
+
+
+def test_a_stated_format_comes_first_and_midnight_is_passed() -> None:
+    assert with_iso_times({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"})["t"] == ["2026-06-05T01:30:00.000000"]
+    assert with_iso_times({"t": ["23:59:59.5", "00:00:00.5"]})["t"] == [
+        "1970-01-01T23:59:59.500000",
+        "1970-01-02T00:00:00.500000",
+    ]
+
+
+def test_a_configured_time_format_is_read(tmp_path: Path) -> None:
+    sheet = "when,hdg\n" + "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
+    stated = '[compass]\ncolumns = { time_unix_s = "when", time_format = "%d/%m/%Y %H:%M:%S", heading = "hdg" }'
+
+    log = logged_csv(tmp_path, stated, compass=sheet)
+
+    assert log.tables["compass"]["time_ns"].iloc[0] == pd.Timestamp("2026-06-05T01:30:00").value

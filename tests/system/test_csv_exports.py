@@ -1,0 +1,106 @@
+"""CSV as ten programs export it, with invented headers and real conventions: a run after ``init`` and ``replay``."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from commands import output_of, run
+from usbldr_cli.main import cli
+
+LENGTH_S = 200.0
+KNOT_MPS = 1852 / 3600
+
+
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
+    """Return the sensors of a dive with turns: time as pandas knows it, values in usbldr's units."""
+    folder = tmp_path_factory.mktemp("dive") / "turns"
+    cli(["simulate", "turns", "-o", str(folder)], standalone_mode=False)
+    tables = {name: pd.read_csv(folder / f"{name}.csv") for name in ("dvl", "compass", "usbl", "gps")}
+    origin_deg, metres_per_degree = np.array([45.0, -30.0]), np.array([111_131.8, 78_846.8])
+    usbl = tables["usbl"]
+    usbl[["lat_deg", "lon_deg"]] = origin_deg + usbl[["north_m", "east_m"]].to_numpy() / metres_per_degree
+    timed = {name: table.assign(t=pd.to_datetime(table["time_ns"])) for name, table in tables.items()}
+    end = timed["dvl"]["t"].iloc[0] + pd.Timedelta(seconds=LENGTH_S)
+    return {name: table[table["t"] < end] for name, table in timed.items()}
+
+
+@dataclass(frozen=True)
+class Export:
+    """How a program writes times, and the columns of each sensor: header -> values."""
+
+    time: Callable[[pd.Series], dict[str, object]]
+    names: dict[str, dict[str, str | Callable[[pd.DataFrame], object]]]
+    separator: str = ","
+
+
+def one(name: str, form: str) -> Callable[[pd.Series], dict[str, object]]:
+    return lambda t: {name: t.dt.strftime(form)}
+
+
+def two(date: str, day: str, clock: str, form: str) -> Callable[[pd.Series], dict[str, object]]:
+    return lambda t: {date: t.dt.strftime(day), clock: t.dt.strftime(form)}
+
+
+def since_1970(name: str, unit: float) -> Callable[[pd.Series], dict[str, object]]:
+    return lambda t: {name: (t.astype("int64") / unit).map("{:.6f}".format)}
+
+
+METRIC = {
+    "dvl": {"DVL Forward [m/s]": "forward_mps", "DVL Starboard [m/s]": "starboard_mps"},
+    "compass": {"Heading [deg]": "heading_deg"},
+    "usbl": {"USBL Latitude [deg]": "lat_deg", "USBL Longitude [deg]": "lon_deg"},
+    "gps": {"GPS Latitude [deg]": "lat_deg", "GPS Longitude [deg]": "lon_deg"},
+}
+SNAKE = {
+    "dvl": {"vel_fwd_mps": "forward_mps", "vel_stbd_mps": "starboard_mps"},
+    "compass": {"heading_true_deg": "heading_deg"},
+    "usbl": {"beacon_lat": "lat_deg", "beacon_lon": "lon_deg"},
+    "gps": {"gps_lat": "lat_deg", "gps_lon": "lon_deg"},
+}
+KNOTS = METRIC | {
+    "dvl": {
+        "Fwd (knots)": lambda table: table["forward_mps"] / KNOT_MPS,
+        "Port (knots)": lambda table: -table["starboard_mps"] / KNOT_MPS,
+    }
+}
+YAW = SNAKE | {"compass": {"yaw_deg": "heading_deg"}}
+EXPORTS = {
+    "point_dates": Export(one("Time", "%d.%m.%Y %H:%M:%S.%f"), METRIC, ";"),
+    "us_dates": Export(one("Timestamp", "%m/%d/%Y %I:%M:%S.%f %p"), METRIC),
+    "iso_zone": Export(one("UTC", "%Y-%m-%dT%H:%M:%S.%fZ"), KNOTS),
+    "date_and_time": Export(two("Date", "%d/%m/%Y", "Time", "%H:%M:%S.%f"), METRIC),
+    "iso_date_and_time": Export(two("Date", "%Y-%m-%d", "Time", "%H:%M:%S.%f"), SNAKE),
+    "seconds_of_day": Export(
+        lambda t: {"Date": t.dt.strftime("%Y/%m/%d"), "Seconds of day": (t - t.dt.normalize()).dt.total_seconds()},
+        KNOTS,
+    ),
+    "unix_seconds": Export(since_1970("unix_time", 1e9), SNAKE),
+    "unix_ms": Export(since_1970("timestamp", 1e6), YAW),
+    "month_names": Export(one("Date Time", "%d-%b-%Y %H:%M:%S.%f"), METRIC, "\t"),
+    "local_zone": Export(one("time", "%Y/%m/%d %H:%M:%S.%f+00:00"), SNAKE),
+}
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.DataFrame], tmp_path: Path) -> None:
+    export = EXPORTS[name]
+    for sensor, table in dive.items():
+        columns = {
+            head: table[value] if isinstance(value, str) else value(table)
+            for head, value in export.names[sensor].items()
+        }
+        written = pd.DataFrame(export.time(table["t"]) | columns)
+        (tmp_path / "log").mkdir(exist_ok=True)
+        written.to_csv(tmp_path / "log" / f"{sensor}.csv", index=False, sep=export.separator,
+                       decimal="," if export.separator == ";" else ".")  # fmt: skip
+
+    said = output_of("init", tmp_path / "log")
+    assert "written" in said
+    line = run("replay", tmp_path / "log", "-f", "adf", "--plots", "none", "-q", "-o", tmp_path / "run").stdout
+
+    assert "adf: mean horizontal error 0.2" in line or "adf: mean horizontal error 0.1" in line, line
