@@ -143,7 +143,7 @@ class CsvLog:
 
     def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
         """Return the columns and first cells of a file with one sensor."""
-        cells = [] if source.sensor else self._row(source.file)
+        cells = () if source.sensor else self._row(source.file)
         return tuple(zip(plain_names(source.header), cells, strict=False))
 
     def _only_faults(self, topic: str, source: CsvSource, lines: Sequence[int], faults: Mapping[int, str]) -> str:

@@ -42,7 +42,9 @@ def with_iso_times(
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
     for name, cells in columns.items():
         if name in stated:
-            moments = pd.to_datetime(pd.Series(list(cells), dtype="str"), format=stated[name], utc=True, errors="coerce")
+            moments = pd.to_datetime(
+                pd.Series(list(cells), dtype="str"), format=stated[name], utc=True, errors="coerce"
+            )
             found[name] = _as_text(moments, cells)
         elif _are(cells, DATE_TIME):
             found[name] = _iso(list(cells), cells)

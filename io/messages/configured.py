@@ -52,8 +52,8 @@ class ConfiguredColumns:
     topic: str | None  # None: the only one that has the columns
     columns: Mapping[str, str]  # quantity -> column or field
     unit: str | None = None  # of the section
-    time_format: str = ""  # of a CSV file's dates and times, as of strptime; empty: by their cells
     defaults: Mapping[str, str] = field(default_factory=dict[str, str])  # conventions of a layout file
+    time_format: str = ""  # of a CSV file's dates and times, as of strptime; empty: by their cells
 
 
 def configured_columns(configuration: Configuration, options: Mapping[str, str]) -> tuple[ConfiguredColumns, ...]:

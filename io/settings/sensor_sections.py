@@ -44,8 +44,15 @@ Clock: TypeAlias = Literal["header", "log"]
 Place: TypeAlias = Literal["x", "y", "lat_deg", "lon_deg", "lat_side", "lon_side", "sd_m"]
 UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
 Time: TypeAlias = Literal[
-    "time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s", "time_datenum", "received_ns", "received_unix_s",
-    "time_format"
+    "time_ns",
+    "time_unix_us",
+    "time_unix_ms",
+    "time_unix_s",
+    "time_s",
+    "time_datenum",
+    "received_ns",
+    "received_unix_s",
+    "time_format",
 ]
 Flag: TypeAlias = Literal["valid", "error"]
 

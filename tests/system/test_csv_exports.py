@@ -1,6 +1,6 @@
 """CSV as ten programs export it, with invented headers and real conventions: a run after ``init`` and ``replay``."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +34,7 @@ class Export:
     """How a program writes times, and the columns of each sensor: header -> values."""
 
     time: Callable[[pd.Series], dict[str, object]]
-    names: dict[str, dict[str, str | Callable[[pd.DataFrame], object]]]
+    names: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]]
     separator: str = ","
 
 
@@ -62,7 +62,7 @@ SNAKE = {
     "usbl": {"beacon_lat": "lat_deg", "beacon_lon": "lon_deg"},
     "gps": {"gps_lat": "lat_deg", "gps_lon": "lon_deg"},
 }
-KNOTS = METRIC | {
+KNOTS: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = METRIC | {
     "dvl": {
         "Fwd (knots)": lambda table: table["forward_mps"] / KNOT_MPS,
         "Port (knots)": lambda table: -table["starboard_mps"] / KNOT_MPS,

@@ -224,4 +224,4 @@ def test_a_configured_time_format_is_read(tmp_path: Path) -> None:
 
     log = logged_csv(tmp_path, stated, compass=sheet)
 
-    assert log.tables["compass"]["time_ns"].iloc[0] == pd.Timestamp("2026-06-05T01:30:00").value
+    assert log.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
