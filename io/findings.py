@@ -38,6 +38,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "OUT-OF-ORDER": "info",
     "NO-HEADER": "info",
     "SAME-STAMP": "info",
+    "EXCLUDED": "info",
 }
 """Codes whose level is not a warning."""
 

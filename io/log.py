@@ -1,6 +1,6 @@
 """A log in canonical form: one table per sensor, where each came from, and findings."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -9,6 +9,7 @@ import pandas as pd
 
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Truth
+from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
@@ -56,6 +57,17 @@ class Log:
         """Return the log without the records of a sensor, which it still has; those of a dense one fill the memory."""
         tables = {name: table.iloc[:0].copy() if name == role else table for name, table in self.tables.items()}
         return replace(self, tables=tables)
+
+    def without_windows(self, role: str, windows: Sequence[TimeWindow]) -> "Log":
+        """Return the log without the records of a sensor in these windows, and with a finding that says so."""
+        if role not in self.tables:
+            return self
+        table = self.tables[role]
+        inside = in_windows(table["time_s"].to_numpy(dtype=float), windows)
+        topic = self.provenance[role].topic
+        text = f"{topic}: {inside.sum()} of {len(table)} records from {windows_text(windows)} are left out by --exclude"
+        kept, excluded = table[~inside].reset_index(drop=True), Finding("EXCLUDED", text, topic)
+        return replace(self, tables={**self.tables, role: kept}, findings=(*self.findings, excluded))
 
     def convention(self, role: str, key: str) -> Convention:
         """Return by which convention a sensor was read, NO_CONVENTION if unknown."""

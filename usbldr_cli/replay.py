@@ -110,7 +110,7 @@ def replay(
     warn_of_unused_options([method], is_simulated(log))
     plan = RunPlan(log, method, choices, selection, leave_one_out, bound)
     outputs.require_fitting(Path(log))
-    opened = open_log(log, request, choices.seed)
+    opened = choices.edited(open_log(log, request, choices.seed))
     lost = [finding.text for finding in opened.findings if finding.lost_data]
     _say(opened, opened.findings)
     if strict and lost:

@@ -127,3 +127,19 @@ def test_dead_reckoning_and_a_run_directory_are_called_what_they_are(edited: Cal
     assert "without fixes this is dead reckoning: --filter dr" in replayed(log, "--usbl", "none")[1]
     assert replayed(log)[0] == 0
     assert "usbldr compare run shows it" in str(run("info", log.with_name("run")).exception)
+
+
+def test_excluded_fixes_are_those_that_the_log_never_had(edited: Callable[..., Path]) -> None:
+    def shortened(table: pd.DataFrame) -> pd.DataFrame:
+        time_s = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
+        return table[(time_s < 300) | (time_s > 360)]
+
+    without = replayed(edited(usbl=shortened))
+    log = edited()
+
+    code, said = replayed(log, "--exclude", "usbl@300:360")
+
+    assert "/usbl: 61 of 701 records from 300 to 360 s are left out by --exclude" in said
+    assert (code, said.splitlines()[-1]) == (without[0], without[1].splitlines()[-1])
+    assert "bit-identical" in run("replay", "--verify", log.with_name("run")).output
+    assert "write SENSOR@FROM:TO" in replayed(log, "--exclude", "usbl")[1]

@@ -14,6 +14,7 @@ from usbldr_cli.options.completion import Suggested, places, sensor_errors
 from usbldr_cli.options.methods_option import MethodsOption
 
 if TYPE_CHECKING:
+    from usbldr.io.log import Log
     from usbldr.io.session import RunSettings
 
 
@@ -36,6 +37,7 @@ class RunChoices:
     aid: str | None = None
     order: str = "validity"
     guard: bool | None = None
+    exclude: tuple[str, ...] = ()
 
     def settings(self, start_ns: int | None = None) -> "RunSettings":
         """Return the choices in values; the window only with the absolute time of the log's start, ns since 1970.
@@ -44,8 +46,8 @@ class RunChoices:
         """
         from usbldr.filters.evaluation.error_report import Window
         from usbldr.io.session import RunSettings
-        from usbldr_cli.options.aid_option import aid_windows
         from usbldr_cli.options.noise_option import noise_family
+        from usbldr_cli.options.window_options import aid_windows
 
         return RunSettings(
             particles=self.particles,
@@ -61,6 +63,14 @@ class RunChoices:
             window=Window() if start_ns is None else Window(*self._window(start_ns)),
             align=self.align,
         )
+
+    def edited(self, log: "Log") -> "Log":
+        """Return the log without the records that --exclude names; raise UsageError for invalid text."""
+        from usbldr_cli.options.window_options import excluded_windows
+
+        for sensor, windows in excluded_windows(self.exclude).items():
+            log = log.without_windows(sensor, windows)
+        return log
 
     def _window(self, start_ns: int) -> tuple[float, float]:
         start = -math.inf if self.start is None else seconds_of_log("--start", self.start, start_ns)
@@ -163,6 +173,12 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--aid",
             metavar="gps@FROM:TO,...",
             help="Use GPS fixes as measurements in these windows, in seconds of the log, which are not scored.",
+        ),
+        click.option(
+            "--exclude",
+            multiple=True,
+            metavar="SENSOR@FROM:TO,...",
+            help="Leave out the records of dvl, compass or usbl in these windows, in seconds of the log.",
         ),
         click.option(
             "--fast-hz",

@@ -79,7 +79,7 @@ def run_job(unit: Job, stored: frozenset[str] = frozenset(), digest: str | None 
     choices = relevant_choices(unit.method, unit.choices)
     try:
         seeds = choices.seed if unit.simulated else 0, choices.seed if unit.drill.draws else 0
-        source = _read(unit.log, selection, unit.drill, seeds, choices.fast_hz, choices.slow_hz, digest)
+        source = _read(unit.log, selection, unit.drill, seeds, _epochs(choices), digest)
         if unit.examine:
             return FinishedJob(JobResult(findings=_codes(source.log)))
         if unit.bound:
@@ -115,14 +115,20 @@ def _open(log: str, selection: tuple[tuple[str, Any], ...], seed: int, digest: s
     return replace(found, path=Path(log)) if is_url(log) else found
 
 
+def _epochs(choices: RunChoices) -> RunChoices:
+    """Return the choices that make epochs of a log, without the others: logs read by the same ones are shared."""
+    names = ("fast_hz", "slow_hz", "exclude")
+    usual = RunChoices(2, None, 0, None, None, "auto", "start", 5.0, 1.0)
+    return replace(usual, **{name: getattr(choices, name) for name in names})
+
+
 @functools.lru_cache(maxsize=2)
 def _read(
     log: str,
     selection: tuple[tuple[str, Any], ...],
     drill: Drill,
     seeds: tuple[int, int],
-    fast_hz: float,
-    slow_hz: float,
+    choices: RunChoices,
     digest: str | None,
 ) -> _Source:
     """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
@@ -131,7 +137,8 @@ def _read(
 
     of_dive, of_faults = seeds
     found = without_implausible(damaged(_open(log, selection, of_dive, digest), drill, of_faults))
-    dive_timeline = timeline(found, fast_hz, slow_hz)
+    found = choices.edited(found)
+    dive_timeline = timeline(found, choices.fast_hz, choices.slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))
 
 

@@ -111,7 +111,7 @@ def run_again(plan: RunPlan) -> "Run":
 
     request = configured_request(plan.log, plan.selection)
     with local_log(plan.log, request) as path:
-        log = open_log(path, request, plan.choices.seed)
+        log = plan.choices.edited(open_log(path, request, plan.choices.seed))
     _, dive_timeline = on_epochs(plan, log)  # with its headings, which the doctor examines
     return finish_run(plan, request, prepare_run(plan, log, dive_timeline))
 

@@ -9,7 +9,7 @@ import pytest
 from checkout import SAMPLES
 from commands import output_of
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options.aid_option import aid_windows
+from usbldr_cli.options.window_options import aid_windows
 
 SAMPLE = SAMPLES / "lawnmower.mcap"
 
