@@ -1,56 +1,36 @@
 """ArduPilot's onboard logs (DataFlash, .BIN): messages whose layouts are messages (FMT) of the log itself.
 
-A topic is a message type, "BARO[1]" if it states an instance. Times count from power-on; the first GPS message with a
-fix gives the date. There are no checksums: what does not begin with the two marks is damaged.
+pymavlink finds the messages. A topic is a message type, "BARO[1]" if it states an instance. Times count from power-on;
+the first GPS message with a fix gives the date. There are no checksums: what is between messages is damaged.
 """
 
-from array import array
+import io
+import struct
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from functools import cached_property
+from importlib import import_module
 from mmap import mmap
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import mapped
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
-from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 MARK = b"\xa3\x95"  # fixed by the format: how each message begins; its type follows
 HEAD_BYTES = 3  # fixed by the format
 FMT, FMT_BYTES = 128, 89  # fixed: the type that defines the others
-STRUCT_CODES: Mapping[str, str] = (
-    {code: code for code in "bBhHiIfdqQ"}
-    | {"g": "e", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "M": "B"}
-    | {"a": "64s", "n": "4s", "N": "16s", "Z": "64s"}
-)
-"""ArduPilot's codes of a value's type as those of the module struct."""
-SCALES: Mapping[str, float] = dict.fromkeys("cCeE", 0.01) | {"L": 1e-7}
-"""Factors of the values by code: hundredths, degrees."""
-INSTANCE = "#"  # fixed: the unit of a field that tells sensors of one kind apart
 GPS_EPOCH_S, WEEK_S = 315_964_800, 604_800  # fixed: 1980-01-06 in seconds since 1970
 LAST_WEEK = 6000  # [weeks] since then, in the year 2095: a later one is a damaged number
 LEAP_S = 18  # [s] GPS time minus UTC since 2017
 LONGEST_US = 10**14  # [us] three years from power-on: a later time is a damaged one
 FIX = 3  # fixed: the least Status of a GPS message with a fix in three dimensions
-
-
-class Format(NamedTuple):
-    """The layout of a message type."""
-
-    name: str
-    length: int  # [bytes] with its head
-    codes: str
-    columns: tuple[str, ...]
-
-    @property
-    def types(self) -> list[str]:
-        """NumPy's types of the columns."""
-        return [dtypes_of(f"<{STRUCT_CODES[code]}")[0] for code in self.codes]
 
 
 class Source(NamedTuple):
@@ -73,8 +53,12 @@ class DataflashLog:
     format = "DataFlash log"
 
     def __init__(self, path: Path) -> None:
+        """Take the file; raise UsageError without pymavlink."""
         self.path = path
-        self._formats: dict[int, Format] = {}
+        try:
+            self._library = import_module("pymavlink.DFReader")
+        except ImportError as err:
+            raise UsageError("onboard logs need pymavlink: pip install 'usbldr[mavlink]'", path=path) from err
         self._findings: list[Finding] = []
         self._undated: dict[int, int] = {}  # messages with impossible times by type
 
@@ -83,66 +67,39 @@ class DataflashLog:
         return mapped(self.path)
 
     @cached_property
-    def _places(self) -> Mapping[int, "array[int]"]:
+    def _index(self) -> Any:
+        """Return pymavlink's index: formats and places of messages by type."""
+        try:
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # a line for each damaged byte
+                return self._library.DFReader_binary(str(self.path))
+        except Exception as err:  # it raises whatever damaged layouts lead to
+            why = " ".join(str(err).split())[:80]
+            raise LogError(f"cannot be read as an onboard log: damaged ({why})", path=self.path) from err
+
+    @cached_property
+    def _formats(self) -> Mapping[int, Any]:
+        return {number: form for number, form in self._index.formats.items() if _is_whole(form)}
+
+    @cached_property
+    def _places(self) -> Mapping[int, Sequence[int]]:
         """Return where the messages of each type begin; record what was lost."""
-        data, places, at, lost, first_lost = self._data, dict[int, "array[int]"](), 0, 0, -1
-        budget = UnpackingBudget(self.path, len(data))
-        while at < len(data):
-            length = self._length(at)
-            if length and at + length <= len(data) and self._is_apart(at, length, budget):
-                budget.take_record()
-                places.setdefault(data[at + 2], array("q")).append(at)
-                at += length
-                continue
-            following = self._next(at + 1, budget)
-            rest = data[at:following] if following - at < 1 << 16 else b"long"
-            if rest.strip(b"\0\xff"):  # the unused end of a page is no loss
-                first_lost, lost = (at if first_lost < 0 else first_lost), lost + following - at
-            at = following
-        if lost:
-            text = f"{lost} of {len(data)} bytes, from byte {first_lost} on, are damaged or cut"
+        data, found = self._data, dict[int, Sequence[int]]()
+        for number, form in self._formats.items():
+            if places := [int(at) for at in self._index.offsets[number] if at + form.len <= len(data)]:
+                found[number] = places
+        spans = sorted((at, at + self._formats[number].len) for number, places in found.items() for at in places)
+        edges = zip([0, *(end for _, end in spans)], [*(at for at, _ in spans), len(data)], strict=True)
+        gaps = [(end, at) for end, at in edges if data[end:at].strip(b"\0\xff")]  # the unused end of a page is no loss
+        if gaps:
+            lost = sum(at - end for end, at in gaps)
+            text = f"{lost} of {len(data)} bytes, from byte {gaps[0][0]} on, are damaged or cut"
             self._findings.append(Finding("DAMAGED", f"{text}; their messages are missing", lost_data=True))
-        return places
-
-    def _length(self, at: int) -> int:
-        """Return the length of the message at a byte, 0 if there is none; keep its layout if it is one."""
-        data = self._data
-        if data[at : at + 2] != MARK or at + HEAD_BYTES > len(data):
-            return 0
-        number = data[at + 2]
-        if number != FMT:
-            return self._formats[number].length if number in self._formats else 0
-        body = data[at + HEAD_BYTES : at + FMT_BYTES]
-        if len(body) == FMT_BYTES - HEAD_BYTES:
-            name, codes, columns = (
-                part.rstrip(b"\0").decode("ascii", "replace") for part in (body[2:6], body[6:22], body[22:86])
-            )
-            made = Format(name, body[1], codes, tuple(columns.split(",")))
-            if _is_whole(made):
-                self._formats.setdefault(body[0], made)
-        return FMT_BYTES
-
-    def _is_apart(self, at: int, length: int, budget: UnpackingBudget) -> bool:
-        """Return whether the next message begins behind this one, not within it, as behind a cut."""
-        after = self._data[at + length : at + length + 2]
-        return after in (MARK, b"") or self._next(at + 1, budget) >= at + length
-
-    def _next(self, at: int, budget: UnpackingBudget) -> int:
-        """Return where the next message begins that another one or the end of the file follows."""
-        data = self._data
-        while (at := data.find(MARK, at)) >= 0:
-            budget.take_search(FMT_BYTES)
-            length = self._length(at)
-            after = at + length
-            if length and (after == len(data) or data[after : after + 2] == MARK):
-                return at
-            at += 1
-        return len(data)
+        return found
 
     def _table(self, number: int) -> Mapping[str, Column]:
         form = self._formats[number]
-        payloads = [self._data[at + HEAD_BYTES : at + form.length] for at in self._places[number]]
-        return table_of(payloads, form.columns, form.types)
+        payloads = [self._data[at + HEAD_BYTES : at + form.len] for at in self._places[number]]
+        return table_of(payloads, form.columns, dtypes_of(form.msg_struct))
 
     @cached_property
     def _sources(self) -> Mapping[str, Source]:
@@ -165,26 +122,8 @@ class DataflashLog:
 
     def _instances(self, number: int) -> Column | None:
         """Return the instance of each message of a type, None if it has none."""
-        column = self._instance_columns.get(number)
+        column = self._formats[number].instance_field
         return None if column is None else self._table(number)[column]
-
-    @cached_property
-    def _instance_columns(self) -> Mapping[int, str]:
-        """Return by message type the column of the instance, which the messages FMTU name."""
-        units = next((number for number, form in self._formats.items() if form.name == "FMTU"), None)
-        if (
-            units is None
-            or units not in self._places
-            or not {"FmtType", "UnitIds"} <= set(self._formats[units].columns)
-        ):
-            return {}
-        table, found = self._table(units), dict[int, str]()
-        for number, ids in zip(table["FmtType"].tolist(), table["UnitIds"].tolist(), strict=True):
-            form = self._formats.get(number)
-            place = str(ids).find(INSTANCE)
-            if form is not None and 0 <= place < len(form.columns) and form.codes[place] == "B":
-                found[number] = form.columns[place]
-        return found
 
     @cached_property
     def _start_ns(self) -> int:
@@ -209,7 +148,7 @@ class DataflashLog:
         good = table["TimeUS"] < LONGEST_US
         if not good.all():
             self._undated[source.number] = int(np.sum(~good))
-        column = self._instance_columns.get(source.number)
+        column = self._formats[source.number].instance_field
         if source.instance is not None and column is not None:
             good &= table[column] == source.instance
         times = table["TimeUS"][good].astype(np.int64) * 1000 + self._start_ns
@@ -226,7 +165,7 @@ class DataflashLog:
                 continue
             _, times = self._rows(source)
             span = (int(times.min()), int(times.max())) if len(times) else (None, None)
-            found.append(TopicInfo(name, kind, "dataflash", len(times), *span, form.columns))
+            found.append(TopicInfo(name, kind, "dataflash", len(times), *span, tuple(form.columns)))
         return tuple(found)
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
@@ -236,7 +175,7 @@ class DataflashLog:
     def _records(self, source: Source, paths: Sequence[str]) -> Records:
         table, times = self._rows(source)
         form = self._formats[source.number]
-        scales = dict(zip(form.columns, (SCALES.get(code) for code in form.codes), strict=True))
+        scales = dict(zip(form.columns, form.msg_mults, strict=True))
         columns = {path: table[path] if scales[path] is None else table[path] * scales[path] for path in paths}
         return Records(times, columns)
 
@@ -247,13 +186,12 @@ class DataflashLog:
         return (*self._findings, *([Finding("DAMAGED", text, lost_data=True)] if undated else []))
 
 
-def _is_timed(form: Format) -> bool:
-    return form.columns[0] == "TimeUS" and form.codes[0] == "Q"
+def _is_timed(form: Any) -> bool:
+    return form.columns[0] == "TimeUS" and form.format[0] == "Q"
 
 
-def _is_whole(form: Format) -> bool:
+def _is_whole(form: Any) -> bool:
     """Return whether the parts of a layout agree with each other."""
-    if not form.codes or len(form.codes) != len(form.columns) or not set(form.codes) <= STRUCT_CODES.keys():
-        return False
-    length = sum(np.dtype(kind).itemsize for kind in form.types)
-    return length + HEAD_BYTES == form.length and len(set(form.columns)) == len(form.columns) and all(form.columns)
+    columns: list[str] = form.columns
+    fits = struct.calcsize(form.msg_struct) + HEAD_BYTES == form.len and len(columns) == len(form.msg_mults)
+    return fits and bool(columns) and len(set(columns)) == len(columns) and all(columns)
