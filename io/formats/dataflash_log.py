@@ -5,6 +5,7 @@ the first GPS message with a fix gives the date. There are no checksums: what is
 """
 
 import io
+import os
 import struct
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -21,6 +22,7 @@ from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.findings import Finding
 from usbldr.io.formats.files import mapped
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
+from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 MARK = b"\xa3\x95"  # fixed by the format: how each message begins; its type follows
@@ -59,6 +61,7 @@ class DataflashLog:
             self._library = import_module("pymavlink.DFReader")
         except ImportError as err:
             raise UsageError("onboard logs need pymavlink: pip install 'usbldr[mavlink]'", path=path) from err
+        os.environ.setdefault("PYMAVLINK_FAST_INDEX", "0")  # the fast one writes to the terminal past Python
         self._findings: list[Finding] = []
         self._undated: dict[int, int] = {}  # messages with impossible times by type
 
@@ -67,25 +70,32 @@ class DataflashLog:
         return mapped(self.path)
 
     @cached_property
-    def _index(self) -> Any:
-        """Return pymavlink's index: formats and places of messages by type."""
+    def _index(self) -> tuple[Mapping[int, Any], Mapping[int, list[int]]]:
+        """Return the formats, and the places of messages by type: by pymavlink's index, behind damage one by one."""
         try:
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # a line for each damaged byte
-                return self._library.DFReader_binary(str(self.path))
+                log = self._library.DFReader_binary(str(self.path))
+                places = {number: list(map(int, log.offsets[number])) for number in log.formats}
+                log.offset = max((at + log.formats[number].len for number, found in places.items() for at in found))
+                while (message := log.recv_msg()) is not None:
+                    places.setdefault(message.fmt.type, []).append(log.offset - message.fmt.len)
+                return log.formats, places
         except Exception as err:  # it raises whatever damaged layouts lead to
             why = " ".join(str(err).split())[:80]
             raise LogError(f"cannot be read as an onboard log: damaged ({why})", path=self.path) from err
 
     @cached_property
     def _formats(self) -> Mapping[int, Any]:
-        return {number: form for number, form in self._index.formats.items() if _is_whole(form)}
+        return {number: form for number, form in self._index[0].items() if _is_whole(form)}
 
     @cached_property
     def _places(self) -> Mapping[int, Sequence[int]]:
         """Return where the messages of each type begin; record what was lost."""
         data, found = self._data, dict[int, Sequence[int]]()
+        budget = UnpackingBudget(self.path, len(data))
         for number, form in self._formats.items():
-            if places := [int(at) for at in self._index.offsets[number] if at + form.len <= len(data)]:
+            if places := [at for at in self._index[1].get(number, ()) if at + form.len <= len(data)]:
+                budget.take_record(len(places))
                 found[number] = places
         spans = sorted((at, at + self._formats[number].len) for number, places in found.items() for at in places)
         edges = zip([0, *(end for _, end in spans)], [*(at for at, _ in spans), len(data)], strict=True)

@@ -1,25 +1,23 @@
 """MAVLink telemetry logs of ground stations (.tlog): packets, each after its time in microseconds since 1970.
 
-Each packet has a checksum, into which the definition of its message enters; pymavlink has these definitions.
+pymavlink finds the packets, checks them, and has the definitions of their messages.
 """
 
-import binascii
 import re
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from mmap import mmap
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.findings import Finding
-from usbldr.io.formats.files import mapped
+from usbldr.io.formats.files import opened
 from usbldr.io.formats.packed_rows import dtypes_of, table_of
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo
@@ -30,34 +28,29 @@ HEADS = {V1: 6, V2: 10}  # [bytes] fixed: of a packet's head; the length of its 
 ANY_HEAD = re.compile(b"[\xfd\xfe]")
 SIGNED, SIGNATURE_BYTES = 1, 13  # fixed: a flag of version 2, and what follows a packet that has it
 CHECKSUM_BYTES = 2  # fixed by MAVLink
-PACKETS = 3  # [packets] one behind the other that are no chance
-MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-LAST_STEP = {binascii.crc_hqx(bytes([byte]), 0): byte for byte in range(256)}
 EARLIEST_US = 946_684_800_000_000  # [us] the year 2000: an earlier time is no time
+HEAD_BYTES = 1 << 12  # [bytes] in which the first packets are looked for
+PACKETS = 3  # [packets] one behind the other that are no chance
 Key: TypeAlias = tuple[int, int, int]  # system, component, message
-
-
-class Packet(NamedTuple):
-    """One packet of the file."""
-
-    key: Key
-    time_us: int
-    payload: slice
 
 
 @dataclass(slots=True)
 class Packets:
-    """The packets of one kind: times and places of the payloads, of which a log may have millions."""
+    """The packets of one kind: times and payloads, one behind the other, each filled up to the longest."""
 
     times_us: "array[int]" = field(default_factory=lambda: array("q"))
-    starts: "array[int]" = field(default_factory=lambda: array("q"))
-    ends: "array[int]" = field(default_factory=lambda: array("q"))
+    rows: bytearray = field(default_factory=bytearray)
 
 
 def looks_like_tlog(head: bytes) -> bool:
     """Return whether a file begins with packets, or has some behind one that is cut."""
-    begins = (0, *(found.start() - STAMP_BYTES for found in ANY_HEAD.finditer(head, STAMP_BYTES)))
-    return _begins_packet(head) or any(_follow_each_other(head, at) for at in begins)
+    return _begins_packet(head) or _first_packet(head) >= 0
+
+
+def _first_packet(head: bytes) -> int:
+    """Return the first byte from which packets follow each other, -1 if they do nowhere."""
+    begins = (found.start() - STAMP_BYTES for found in ANY_HEAD.finditer(head, STAMP_BYTES))
+    return next((at for at in begins if _follow_each_other(head, at)), -1)
 
 
 def _follow_each_other(head: bytes, at: int) -> bool:
@@ -78,6 +71,13 @@ def _begins_packet(head: bytes) -> bool:
     return EARLIEST_US <= int.from_bytes(head[:STAMP_BYTES]) < MAX_TIME_NS // 1000
 
 
+def _key(packet: bytes) -> Key:
+    """Return system, component and number of the message."""
+    if packet[0] == V1:
+        return packet[3], packet[4], packet[5]
+    return packet[5], packet[6], int.from_bytes(packet[7 : HEADS[V2]], "little")
+
+
 class TelemetryLog:
     """A telemetry log."""
 
@@ -87,81 +87,46 @@ class TelemetryLog:
         """Take the file; raise UsageError without pymavlink."""
         self.path = path
         try:
-            dialect = import_module("pymavlink.dialects.v20.ardupilotmega")
+            self._types: Mapping[int, Any] = import_module("pymavlink.dialects.v20.ardupilotmega").mavlink_map
+            self._library = import_module("pymavlink.mavutil")
         except ImportError as err:
             raise UsageError("telemetry logs need pymavlink: pip install 'usbldr[mavlink]'", path=path) from err
-        self._types: Mapping[int, Any] = dialect.mavlink_map
-        self._extras: dict[int, int] = {}  # bytes of the definitions of messages that are not in the dialect
         self._findings: list[Finding] = []
-
-    @cached_property
-    def _data(self) -> mmap:
-        return mapped(self.path)
 
     @cached_property
     def _packets(self) -> Mapping[Key, Packets]:
         """Return the packets by kind; record what was lost."""
-        data, found, lost, at = self._data, dict[Key, Packets](), 0, 0
-        counter, first_lost, cut = DecoderSet(self.path), -1, False
-        budget = UnpackingBudget(self.path, len(data))
-        while at < len(data):
-            packet, after = self._packet(at)
-            if packet is not None:
+        with opened(self.path) as file:
+            begin, size = max(0, _first_packet(file.read(HEAD_BYTES))), self.path.stat().st_size
+        found, good = dict[Key, Packets](), 0
+        counter, budget = DecoderSet(self.path), UnpackingBudget(self.path, size)
+        self._library.set_dialect("ardupilotmega")
+        log = self._library.mavlogfile(str(self.path))
+        log.f.seek(begin)
+        try:
+            while (message := log.recv_msg()) is not None:
+                time_us = round(message._timestamp * 1e6)
+                if message.get_type() == "BAD_DATA" or not EARLIEST_US <= time_us < MAX_TIME_NS // 1000:
+                    continue
                 budget.take_record()
-                if packet.key not in found:
+                packet = bytes(message.get_msgbuf())
+                start = HEADS[packet[0]]
+                key = _key(packet)
+                if key not in found:
                     counter.add_topic()
-                    found[packet.key] = Packets()
-                packets = found[packet.key]
-                packets.times_us.append(packet.time_us)
-                packets.starts.append(packet.payload.start)
-                packets.ends.append(packet.payload.stop)
-                at = after
-                continue
-            following = self._next(at + 1, budget)
-            if following == len(data) and after > len(data):
-                cut = True
-            else:
-                first_lost, lost = (at if first_lost < 0 else first_lost), lost + following - at
-            at = following
-        if lost:
-            text = f"{lost} of {len(data)} bytes, from byte {first_lost} on, are damaged; their messages are missing"
+                packets, longest = found.setdefault(key, Packets()), self._row_bytes(key)
+                packets.times_us.append(time_us)
+                packets.rows += packet[start : start + packet[1]].ljust(longest, b"\0")[:longest]
+                good += STAMP_BYTES + len(packet)
+        finally:
+            log.close()
+        if good < size:
+            text = f"{size - good} of {size} bytes are damaged or cut; their messages are missing"
             self._findings.append(Finding("DAMAGED", text, lost_data=True))
-        if cut:
-            text = f"the file ends within a message, at byte {len(data)}; that message is missing"
-            self._findings.append(Finding("TRUNCATED", text, lost_data=True))
         return found
 
-    def _packet(self, at: int) -> tuple[Packet | None, int]:
-        """Return the packet whose time begins at a byte, None if there is no whole one, and the byte after it."""
-        data, head = self._data, at + STAMP_BYTES
-        if head + HEADS[V1] > len(data) or data[head] not in HEADS:
-            return None, head + HEADS[V1]
-        version, length = data[head], data[head + 1]
-        start = head + HEADS[version]
-        end = start + length
-        after = end + CHECKSUM_BYTES + SIGNATURE_BYTES * (version == V2 and data[head + 2] & SIGNED)
-        time_us = int.from_bytes(data[at:head])
-        if after > len(data) or not EARLIEST_US <= time_us < MAX_TIME_NS // 1000:
-            return None, after
-        if version == V2:
-            system, component, number = data[head + 5], data[head + 6], int.from_bytes(data[head + 7 : start], "little")
-        else:
-            system, component, number = data[head + 3 : start]
-        kind = self._types.get(number)
-        extra = definition_byte(data[head + 1 : end], data[end : end + CHECKSUM_BYTES])
-        if kind is None and after < len(data) and not _begins_packet(data[after : after + 32]):
-            return None, after
-        if extra is None or extra != (self._extras.setdefault(number, extra) if kind is None else kind.crc_extra):
-            return None, after
-        return Packet((system, component, number), time_us, slice(start, end)), after
-
-    def _next(self, at: int, budget: UnpackingBudget) -> int:
-        """Return the first byte from which a packet follows, else the end of the file."""
-        for head in ANY_HEAD.finditer(self._data, at + STAMP_BYTES):
-            budget.take_search(STAMP_BYTES + HEADS[V1])
-            if self._packet(head.start() - STAMP_BYTES)[0] is not None:
-                return head.start() - STAMP_BYTES
-        return len(self._data)
+    def _row_bytes(self, key: Key) -> int:
+        return self._types[key[2]].unpacker.size if key[2] in self._types else 0
 
     def _name(self, key: Key) -> str:
         system, component, number = key
@@ -194,23 +159,14 @@ class TelemetryLog:
         names: list[str] = []
         for name, length in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
             names += [f"message.{name}.{k}" for k in range(length)] if length > 1 else [f"message.{name}"]
-        payloads = [self._data[start:end] for start, end in zip(packets.starts, packets.ends, strict=True)]
+        size = self._row_bytes(key)
+        payloads = [bytes(packets.rows[at : at + size]) for at in range(0, len(packets.rows), size)]
         columns = table_of(payloads, names, dtypes_of(kind.unpacker.format))
         received = np.array(packets.times_us, dtype=np.int64) * 1000
         return Records(received, {path: columns[path] for path in paths})
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
-        unknown = sum(len(packets.starts) for key, packets in self._packets.items() if key[2] not in self._types)
+        unknown = sum(len(packets.times_us) for key, packets in self._packets.items() if key[2] not in self._types)
         text = f"{unknown} messages are not in the dialect ardupilotmega, or damaged; not read"
         return (*self._findings, *([Finding("UNDECODED", text)] if unknown else []))
-
-
-def definition_byte(data: bytes, checksum: bytes) -> int | None:
-    """Return the byte of its definition with which a packet after its first byte has a checksum, None if with none.
-
-    The checksum (CRC-16/MCRF4XX) goes over the packet and that byte, which all messages of a kind share.
-    """
-    before = binascii.crc_hqx(data.translate(MIRRORED), 0xFFFF)
-    last = LAST_STEP.get(int.from_bytes(checksum.translate(MIRRORED)) ^ (before << 8 & 0xFF00))
-    return None if last is None else MIRRORED[last ^ before >> 8]

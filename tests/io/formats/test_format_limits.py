@@ -45,9 +45,7 @@ DAMAGED = "is damaged: too many bytes look like the beginning of a message and a
 LARGE = "decompresses to more than 2 MB, too much for its size"
 BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "tlog, many packets": (packed(PACKET, PACKET), MANY),
-    "tlog, many beginnings": (packed(PACKET, b"\xfd"), DAMAGED),
     "BIN, many messages": (packed(FMT, b"\xa3\x95\1" + bytes(8)), MANY),
-    "BIN, many beginnings": (packed(FMT, b"\xa3\x95"), DAMAGED),
     "PD0, many ensembles": (packed(ensemble(), ensemble()), MANY),
     "lsf, many messages": (lambda file: lsf(file, 2 * MB), MANY),
     "lsf, many beginnings": (lambda file: lsf(file, 2 * MB, part=MESSAGE[:4] + b"\xff\0" + MESSAGE[:2]), DAMAGED),
