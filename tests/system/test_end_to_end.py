@@ -15,7 +15,7 @@ from usbldr.filters.replay.methods import METHODS
 
 TURN = SAMPLES / "lawnmower_turn_db3"  # two minutes: quick
 TABLES = {"fixes.csv", "track.tum", "truth.tum", "track.geojson", "track.kml", "report.md", "report.json"}
-PICTURES = {"track.png", "errors.png", "error_cdf.png"}
+PICTURES = {"track.png", "errors.png", "error_cdf.png", "error_distance.png"}
 
 
 def _usbldr(*arguments: object) -> subprocess.CompletedProcess[str]:

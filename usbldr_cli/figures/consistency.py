@@ -108,7 +108,7 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     logarithmic(axes)
     axes.set_ylim(bottom, top)
     axes.set_ylabel("NEES, position")
-    time_axis(axes, run.timeline.time_s)
+    time_axis(axes, t)
     found = report.nees
     bounds = f"95 % bounds of the whole run {found.low:.2f} to {found.high:.2f}"
     axes.set_title(f"NEES: mean {found.mean:.2f} (expected {DOF}; {bounds})")

@@ -142,7 +142,8 @@ def _mark(axes: Axes, artist: Any, columns: _Columns) -> dict[str, Any] | None:
     if found is None:
         return None
     label, alpha = str(artist.get_label()), artist.get_alpha()
-    found["key"] = getattr(artist, DETAILS, {}).get("key") or label.removeprefix("_")
+    named = "" if label.startswith("_child") else label.removeprefix("_")
+    found["key"] = getattr(artist, DETAILS, {}).get("key") or named
     if label in _legend(axes):
         found["label"] = label
     found["alpha"] = 1.0 if alpha is None else alpha

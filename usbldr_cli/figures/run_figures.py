@@ -1,5 +1,6 @@
 """Figures of a run: the track, its errors over time (the paper's Figures 1 and 3) and their distribution."""
 
+import itertools
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -7,18 +8,21 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Vector
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.consistency import consistency_figure
+from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.style import (
     AXES,
+    EDGE,
     TRUTH_COLOUR,
     Axes,
     Figure,
+    Span,
     broken_at_gaps,
     colour,
     legend_below,
@@ -29,11 +33,14 @@ from usbldr_cli.figures.style import (
     run_figure,
     shade_outages,
     time_axis,
+    usual_most,
 )
 from usbldr_cli.figures.track import track_figure
 
+BREAK = 0.2  # of the time that has errors: a longer gap without truth is left out, because the errors would be narrow
+MARGIN = 0.005  # of the same time, before and after each stretch
+LEAST_SHARE = 0.08  # of the same time: width of the shortest stretch
 LEAST_ERRORS = 20  # [epochs] below it a distribution is drawn as single points, not as a curve
-EDGE = 0.97  # of the height of the axes: where larger errors are drawn
 DENSE = 1500  # [epochs] from which lines are thinner
 
 
@@ -44,6 +51,7 @@ def run_pictures(run: Run) -> list[Picture]:
         ("errors", "East and north error over time with the 2-sigma band of the filter", error_figure),
         ("consistency", "The track coloured by its error with 2-sigma ellipses; NEES over time", consistency_figure),
         ("error_cdf", "Cumulative distribution of the errors", cdf_figure),
+        ("error_distance", "Horizontal error against the distance travelled; box plots of each track", distance_figure),
         ("innovations", "Innovations and NIS of each sensor with their bounds", innovation_figure),
         ("calibration", "Estimated sensor errors with their 2-sigma band and the prior", calibration_figure),
         ("ess", "Effective number of particles and acceptance of their moves", particle_figure),
@@ -57,12 +65,14 @@ def error_figure(run: Run) -> Figure | None:
     if report is None:
         return None
     figure = run_figure(run, "Errors", 11, 6.6)
-    panels: Any = figure.subplots(2, 1, sharex=True)
+    spans = stretches(report)
+    shares = [max(end - start, LEAST_SHARE * (spans[-1][1] - spans[0][0])) for start, end in spans]
+    grid: Any = figure.subplots(2, len(spans), sharex="col", sharey=True, squeeze=False, width_ratios=shares)
     raw = next((other.report for other in other_tracks(run) if raw_fixes(other.trajectory.method)), None)
     dr = next((other.report for other in other_tracks(run) if other.trajectory.method == "dr"), None)
     half = half_height(report)
-    for k, axis in enumerate(AXES):
-        axes: Axes = panels[k]
+    for k, column in itertools.product(range(2), range(len(spans))):
+        axes: Axes = grid[k, column]
         shade_outages(axes, run)
         if raw is not None:
             _draw_raw(axes, raw, k, half)
@@ -77,11 +87,22 @@ def error_figure(run: Run) -> Figure | None:
             lines[0].set_label("2-sigma Cramér-Rao bound for the filter's model")
         axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
         axes.set_ylim(-half, half)
-        axes.set_ylabel(f"{axis} error [m]")
-        axes.set_title(_error_title(report, k))
-    time_axis(panels[1], run.timeline.time_s)
-    legend_below(figure, (panels[0],))
+        time_axis(axes, np.array(spans[column]))
+        axes.set_xlabel("time since the log's start [s]" if k else "")
+        if not column:
+            axes.set_ylabel(f"{AXES[k]} error [m]")
+            axes.set_title(_error_title(report, k))
+    legend_below(figure, (grid[0, 0],))
     return figure
+
+
+def stretches(report: ErrorReport) -> list[Span]:
+    """Return the stretches of time that have truth: between them, the axis is broken."""
+    t = report.time_s
+    margin_s = MARGIN * float(t[-1] - t[0])
+    cuts = np.flatnonzero(np.diff(t) > max(BREAK * float(t[-1] - t[0]), longest_step_s(report)))
+    first, last = t[np.append(0, cuts + 1)], t[np.append(cuts, len(t) - 1)]
+    return [(float(a) - margin_s, float(b) + margin_s) for a, b in zip(first, last, strict=True)]
 
 
 def _draw_raw(axes: Axes, raw: ErrorReport, k: int, half: float) -> None:
@@ -125,11 +146,6 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
         axes.plot(tb, edges, color=mine, alpha=0.55, lw=0.7, label=["_2 sigma", "_2 sigma"], zorder=1.9)
     (line,) = axes.plot(t, e, color=mine, lw=1.3 if len(t) < DENSE else 0.8, label=report.label, zorder=3)
     detail(line, rows)
-
-
-def usual_most(lengths: Array) -> float:
-    """Return the largest length, or 1.6 times the 99th percentile if that is less: a few gross errors do not set it."""
-    return min(float(lengths.max()), 1.6 * float(np.percentile(lengths, 99)))
 
 
 def half_height(report: ErrorReport) -> float:

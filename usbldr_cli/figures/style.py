@@ -64,6 +64,7 @@ STYLE: Mapping[str, Any] = {
 DPI = 130  # [dots per inch] sharp on a page, and small as a file
 COMPRESSION = 3  # [of 9] of PNG: two thirds of the time of 6, the usual one, for files 4 % larger
 UNDATED: Mapping[str, str] = {".svg": "Date", ".pdf": "CreationDate"}  # key of the date in a file's metadata
+EDGE = 0.97  # of the height of the axes: where larger errors are drawn
 MANY_POINTS = 5000  # [points] of one colour, from which those at the same dot are drawn once
 PANEL = (1000, 1000)  # [dots] width and height of a panel, in which a mark is three dots wide
 TITLE_IN, LINE_IN, LETTERS_AN_INCH = 0.47, 0.23, 14  # of the title and of the lines under it, inches
@@ -191,6 +192,11 @@ def one_a_dot(x: Vector, y: Vector, panel: tuple[int, int] = PANEL) -> NDArray[n
         np.floor((v - v.min()) / max(float(np.ptp(v)), 1e-12) * dots) for v, dots in zip((x, y), panel, strict=True)
     )
     return np.sort(np.unique(across * (panel[1] + 1) + up, return_index=True)[1])
+
+
+def usual_most(lengths: Array) -> float:
+    """Return the largest length, or 1.6 times the 99th percentile if that is less: a few gross errors do not set it."""
+    return min(float(lengths.max()), 1.6 * float(np.percentile(lengths, 99)))
 
 
 def within(time_s: Vector, span_s: Span) -> Mask:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.reports.report_json import Run, ScoredTrack, fix_outcomes, fixes_table
 from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.plane import (
@@ -61,7 +61,7 @@ def track_figure(run: Run) -> Figure:
     whole.set_title("\n".join(filter(None, (title, plane.text))))
     if report is not None and closer:
         close: Axes = panels[0, 1]
-        worst = _worst(whole, plane, report)
+        worst = _worst(whole, plane, run, report)
         span, corners_m = _frame_worst(close, report, worst, np.ptp(extent_m, axis=0).max() / 2)
         _draw_surroundings(close, run)
         whole.plot(*plane.points(corners_m).T, color=REJECTED_COLOUR, lw=1.0, zorder=7)
@@ -202,12 +202,26 @@ def _inside(axes: Axes, points_m: Array) -> Array:
     return np.clip(points_m, limits[:, 0], limits[:, 1])
 
 
-def _worst(axes: Axes, plane: Plane, report: ErrorReport) -> int:
-    """Return the epoch of the largest error, if possible of those whose truth is inside the axes."""
+def _worst(axes: Axes, plane: Plane, run: Run, report: ErrorReport) -> int:
+    """Return the epoch of the largest error, if possible of those whose truth is inside the axes and does not jump."""
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     x, y = plane.points(report.truth_m).T
     inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
-    return int(np.argmax(np.where(inside, report.horizontal_m, -1.0) if inside.any() else report.horizontal_m))
+    for kept in (inside & ~_jumps(run, report), inside):
+        if kept.any():
+            return int(np.argmax(np.where(kept, report.horizontal_m, -1.0)))
+    return int(np.argmax(report.horizontal_m))
+
+
+def _jumps(run: Run, report: ErrorReport) -> Mask:
+    """Return the epochs (M,) beside the truth that the finding TRUTH-JUMP names."""
+    found = np.zeros(len(report.time_s), dtype=np.bool_)
+    for finding in run.log.findings:
+        if finding.code == "TRUTH-JUMP" and finding.time_s is not None and run.truth is not None:
+            t = run.truth.time_s
+            row = int(np.searchsorted(t, finding.time_s))
+            found |= (report.time_s > t[max(row - 2, 0)]) & (report.time_s < t[min(row + 2, len(t) - 1)])
+    return found
 
 
 def _frame_worst(axes: Axes, report: ErrorReport, worst: int, most_m: float) -> tuple[Span, Array]:
@@ -239,7 +253,7 @@ def _draw_worst(axes: Axes, report: ErrorReport, worst: int, span: Span) -> None
         axes.fill(*outline.T, fc=colour(report.method), alpha=0.2, lw=0, zorder=3.5)
         ellipse = ", 2-sigma ellipse"
     larger = int(np.count_nonzero(report.horizontal_m > report.horizontal_m[worst]))
-    outside = f"\n{larger} larger, up to {report.horizontal_m.max():.2f} m: their truth is outside the left axes"
+    outside = f"\n{larger} larger, up to {report.horizontal_m.max():.2f} m: their truth jumps or is outside the axes"
     axes.set_title(
         f"largest error (red frame): {report.horizontal_m[worst]:.2f} m at {report.time_s[worst]:.0f} s{ellipse}; "
         f"{span[0]:.0f} to {span[1]:.0f} s{outside if larger else ''}"

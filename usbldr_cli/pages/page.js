@@ -426,7 +426,7 @@ class Figure {
       lines.push(said(label, typeof value === "string" || Number.isInteger(value) ? value : value.toFixed(2)));
     }
     this.tip.replaceChildren();
-    element("b", { html: 1 }, this.tip, found.mark.key);
+    if (found.mark.key) element("b", { html: 1 }, this.tip, found.mark.key);
     for (const line of lines) element("div", { html: 1 }, this.tip, line);
     this.tip.hidden = false;
     const box = this.box.getBoundingClientRect();

@@ -14,11 +14,13 @@ from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory, Truth
+from usbldr.io.conventions.sanity import truth_jump_findings
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.timeline import timeline
 from usbldr_cli.figures.consistency import consistency_figure
+from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import draw as draw_all
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.plane import sigma_ellipses
@@ -73,14 +75,14 @@ def words(figure) -> str:
     return " ".join(text.get_text() for text in figure.texts)
 
 
-def test_a_particle_filter_has_six_pictures_and_a_single_gaussian_no_particles(tmp_path: Path) -> None:
+def test_a_particle_filter_has_seven_pictures_and_a_single_gaussian_no_particles(tmp_path: Path) -> None:
     (tmp_path / "cpf").mkdir()
     (tmp_path / "ekf").mkdir()
 
     six = drawn(tmp_path / "cpf", a_run(CPF))
     five = drawn(tmp_path / "ekf", a_run(EKF))
 
-    names = ["track.png", "errors.png", "consistency.png", "error_cdf.png", "innovations.png"]
+    names = ["track.png", "errors.png", "consistency.png", "error_cdf.png", "error_distance.png", "innovations.png"]
     assert six == [*names, "ess.png"]
     assert five == names
     for path in tmp_path.glob("*/*.png"):
@@ -92,7 +94,9 @@ def test_a_particle_filter_has_six_pictures_and_a_single_gaussian_no_particles(t
 def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_truth_no_errors(tmp_path: Path) -> None:
     blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.parameters), ScoredTrack(CPF, None))
 
-    assert drawn(tmp_path, a_run(USBL)) == ["track.png", "errors.png", "error_cdf.png"]
+    assert drawn(tmp_path, a_run(USBL)) == [
+        *("track.png", "errors.png", "error_cdf.png", "error_distance.png"),
+    ]
     assert drawn(tmp_path, blind) == ["track.png", "innovations.png", "ess.png"]
 
 
@@ -315,6 +319,69 @@ def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() ->
         assert np.ptp(axes.get_xlim()) < 300
     assert "1 larger, up to" in figure.axes[1].get_title(loc="left")
     assert "1 outside the axes" in next(text for text in labels(figure) if text.startswith("truth"))
+
+
+def test_the_close_up_is_not_of_a_truth_that_is_found_to_jump() -> None:
+    run = a_curved_run("ekf")
+    truth = run.log.truth
+    assert truth is not None
+    jumping_m = truth.position_m.copy()
+    jumping_m[50] += 40.0
+    jumping = dataclasses.replace(truth, position_m=jumping_m)
+    (finding,) = truth_jump_findings(jumping)
+    times_s = run.timeline.time_s[run.timeline.slow]
+    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, jumping, times_s=times_s))
+    assert scored.report is not None
+    assert scored.report.time_s[np.argmax(scored.report.horizontal_m)] == pytest.approx(truth.time_s[50])
+
+    titles = []
+    for findings in ((), (finding,)):
+        log = dataclasses.replace(run.log, truth=jumping, findings=findings)
+        with in_style():
+            titles.append(track_figure(dataclasses.replace(run, log=log, scored=scored)).axes[1].get_title(loc="left"))
+
+    assert f"at {truth.time_s[50]:.0f} s" in titles[0]
+    assert f"at {truth.time_s[50]:.0f} s" not in titles[1]
+    assert "their truth jumps" in titles[1]
+
+
+def test_the_axis_of_time_is_broken_where_a_long_time_has_no_truth() -> None:
+    run = a_run(CPF)
+    truth = run.log.truth
+    assert truth is not None
+    kept = (truth.time_s < 20) | (truth.time_s > 90)
+    parts = {name: getattr(truth, name)[kept] for name in ("time_s", "position_m", "sd_m")}
+    ends = dataclasses.replace(truth, **parts)
+    scored = ScoredTrack(CPF, evaluate(CPF, ends, times_s=TIMELINE.time_s[TIMELINE.slow]))
+
+    with in_style():
+        figure = error_figure(dataclasses.replace(run, log=dataclasses.replace(run.log, truth=ends), scored=scored))
+
+    assert figure is not None
+    spans = [axes.get_xlim() for axes in figure.axes[:2]]
+    assert spans[0] == pytest.approx((0, 19), abs=1.5)
+    assert spans[1][0] == pytest.approx(91, abs=1.5)
+    assert len(figure.axes) == 4
+
+
+def test_box_plots_and_distance_are_those_of_the_errors() -> None:
+    run = a_run(CPF)
+    report = run.scored.report
+    assert report is not None
+
+    with in_style():
+        figure = distance_figure(run)
+
+    assert figure is not None
+    way, boxes = figure.axes
+    line = next(line for line in way.get_lines() if line.get_label() == "cpf")
+    straight_m = np.hypot(*(report.truth_m[-1] - report.truth_m[0]))  # the scenario has one course
+    assert line.get_xdata()[-1] == pytest.approx(straight_m, rel=0.01)
+    heights = [line.get_ydata()[0] for line in boxes.get_lines() if len(line.get_xdata()) == 2]
+    assert boxes.get_xticklabels()[0].get_text() == "cpf"
+    for percent in (5, 50, 95):
+        nearest = np.min(np.abs(np.array(heights) - np.percentile(report.horizontal_m, percent)))
+        assert nearest < 0.02 * np.ptp(report.horizontal_m)
 
 
 def test_outliers_of_the_fixes_do_not_flatten_the_innovations_of_the_others() -> None:

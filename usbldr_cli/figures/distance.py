@@ -1,0 +1,84 @@
+"""The horizontal error against the distance travelled, and its spread in box plots."""
+
+from typing import Any
+
+import numpy as np
+
+from usbldr.filters.evaluation.relative_error import distance_m
+from usbldr.filters.types import Vector
+from usbldr.io.reports.report_json import Run
+from usbldr_cli.figures.style import (
+    EDGE,
+    TRUTH_COLOUR,
+    Axes,
+    Figure,
+    broken_at_gaps,
+    colour,
+    legend_below,
+    logarithmic,
+    longest_step_s,
+    other_tracks,
+    raw_fixes,
+    run_figure,
+    usual_most,
+)
+
+WHISKERS = (5.0, 95.0)  # [%] of the errors between the ends of a box plot
+CROWDED = 20.0  # largest over smallest median from which box plots have a logarithmic axis
+LEAST_M = 1e-3  # [m] of an error on a logarithmic axis
+
+
+def distance_figure(run: Run) -> Figure | None:
+    """Draw each track's horizontal error over the way of the truth, and box plots; None without truth."""
+    report = run.scored.report
+    if report is None:
+        return None
+    figure = run_figure(run, "Errors against distance", 12, 4.9)
+    left, right = figure.subplots(1, 2, width_ratios=(2.6, 1))
+    reports = [*(other.report for other in other_tracks(run) if other.report is not None), report]
+    way_m = distance_m(report.truth_m)
+    top = 1.12 * usual_most(report.horizontal_m) or 1.0
+    for other in reports:
+        at_m = np.interp(other.time_s, report.time_s, way_m)
+        error_m = np.minimum(other.horizontal_m, EDGE * top)
+        more = " (at the edge: larger)" if np.any(other.horizontal_m > EDGE * top) else ""
+        style: dict[str, Any] = {"color": colour(other.method), "label": f"{other.label}{more}"}
+        if raw_fixes(other.method):
+            left.plot(at_m, error_m, ls="", marker=".", ms=3.5, mew=0, alpha=0.55, **style)
+        else:
+            lines = broken_at_gaps(other.time_s, np.column_stack([at_m, error_m]), longest_step_s(other))[1]
+            left.plot(*lines.T, lw=1.5 if other is report else 1.0, **style)
+    left.set_xlim(0, way_m[-1] or 1.0)
+    left.set_ylim(0, top)
+    left.set_xlabel("distance travelled by the truth [m]")
+    left.set_ylabel("horizontal error [m]")
+    _draw_boxes(right, {other.label: (colour(other.method), other.horizontal_m) for other in reversed(reports)})
+    legend_below(figure, (left,))
+    return figure
+
+
+def _draw_boxes(axes: Axes, errors: dict[str, tuple[str, Vector]]) -> None:
+    medians = [float(np.median(error_m)) for _, error_m in errors.values()]
+    for place, (face, error_m) in enumerate(errors.values()):
+        style = {"color": face, "lw": 1.5}
+        parts = dict.fromkeys(("boxprops", "whiskerprops", "capprops"), style)
+        lengths = np.maximum(error_m, LEAST_M)
+        axes.boxplot(
+            [lengths],
+            positions=[place],
+            widths=0.5,
+            whis=WHISKERS,
+            showfliers=False,
+            manage_ticks=False,
+            medianprops={"color": TRUTH_COLOUR, "lw": 1.5},
+            **parts,
+        )
+    if max(medians) > CROWDED * max(min(medians), LEAST_M):
+        logarithmic(axes)
+    else:
+        axes.set_ylim(bottom=0)
+    axes.set_xticks(range(len(errors)), list(errors))
+    axes.set_xlim(-0.6, len(errors) - 0.4)
+    axes.grid(visible=False, axis="x")
+    axes.set_ylabel("horizontal error [m]")
+    axes.set_title("median, quartiles, 5 and 95 %")
