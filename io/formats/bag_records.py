@@ -25,6 +25,7 @@ from usbldr.io.formats.bag_fields import (
     read_fields,
 )
 from usbldr.io.formats.decompression import DAMAGE, Decompressor
+from usbldr.io.formats.file_view import FileView
 from usbldr.io.limits import TooLargeError, UnpackingBudget
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -133,12 +134,7 @@ class BagScan:
     def _skip_zeros(self) -> None:
         """Go to the next byte that is not zero: a crash or a file system left zeros."""
         self._broken()
-        self.file.seek(self.good_until)
-        while block := self.file.read(1 << 16):
-            if rest := block.lstrip(b"\0"):
-                self.good_until += len(block) - len(rest)
-                break
-            self.good_until += len(block)
+        self.good_until = FileView(self.file.fileno()).after_zeros(self.good_until)
         self.file.seek(self.good_until)
 
     def _look_at_header(self, fields: Fields) -> None:

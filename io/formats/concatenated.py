@@ -1,14 +1,14 @@
 """A file that holds several recordings, or one behind other bytes: each is cut out and read, and the rest is named."""
 
 from collections.abc import Callable, Sequence
-from mmap import mmap
 from pathlib import Path
 
 from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import CopiedLog, Copies, written
-from usbldr.io.formats.container_ends import MATLAB, PARQUET, SEARCHED, Place, places_of
-from usbldr.io.formats.files import mapped
+from usbldr.io.formats.container_ends import MATLAB, PARQUET, Place, places_of
+from usbldr.io.formats.file_view import BLOCK_BYTES, FileView
+from usbldr.io.formats.files import opened
 from usbldr.io.formats.joined import JoinedLog, readable_parts
 from usbldr.io.limits import note_copy
 from usbldr.io.reader import Reader
@@ -19,29 +19,31 @@ def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader 
 
     ``open_copy`` opens a part.
     """
-    data = mapped(path)
-    places = places_of(data)
-    if not any(place.kind for place in places) or (len(places) == 1 and _is_whole(data, places[0])):
-        return None
+    with opened(path) as file:
+        data = FileView(file.fileno())
+        places = places_of(data)
+        if not any(place.kind for place in places) or (len(places) == 1 and _is_whole(data, places[0])):
+            return None
 
     def copy(folder: Path) -> Copies:
-        return {_cut(data, place, path, folder): path for place in places}, []
+        with opened(path) as file:
+            return {_cut(FileView(file.fileno()), place, path, folder): path for place in places}, []
 
     return CopiedLog(path, "", copy, lambda copies: _joined(path, places, copies, open_copy))
 
 
-def _is_whole(data: mmap, place: Place) -> bool:
+def _is_whole(data: FileView, place: Place) -> bool:
     """Return whether the readers of a container find it in its file: of most they ignore zeros behind it."""
     return place.start == 0 and (place.end == len(data) or place.kind not in (PARQUET, MATLAB))
 
 
-def _cut(data: mmap, place: Place, path: Path, folder: Path) -> Path:
+def _cut(data: FileView, place: Place, path: Path, folder: Path) -> Path:
     (folder / str(place.start)).mkdir()
     copy = folder / str(place.start) / path.name
     note_copy(copy, path, (place.end - place.start) / len(data))
     with written(copy, path) as file:
-        for at in range(place.start, place.end, SEARCHED):
-            file.write(data[at : min(at + SEARCHED, place.end)])
+        for at in range(place.start, place.end, BLOCK_BYTES):
+            file.write(data[at : min(at + BLOCK_BYTES, place.end)])
     return copy
 
 

@@ -8,10 +8,10 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from mmap import mmap
 from typing import NamedTuple
 
 from usbldr.io.formats.decompression import compression_of
+from usbldr.io.formats.file_view import BLOCK_BYTES, FileView
 from usbldr.io.limits import limit
 
 MCAP, BAG, SQLITE = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\x00"
@@ -47,41 +47,31 @@ def begins_container(head: bytes) -> bool:
     return bool(_kind(head, 0))
 
 
-def places_of(data: mmap) -> list[Place]:
+def places_of(data: FileView) -> list[Place]:
     """Return the containers in a file and what is between them, zeros left out; of several thousands the first ones.
 
     A file that does not begin with a container is searched for the first one up to a limit.
     """
     found: list[Place] = []
-    at = _skip_zeros(data, 0)
+    at = data.after_zeros(0)
     while at < len(data):
         kind = _kind(data, at)
         end = _end(data, at, kind) if kind else _next(data, at, len(data) if found else limit(SEARCHED))
         if len(found) == limit(RECORDINGS):
             kind, end = b"", len(data)
         found.append(Place(at, end, kind))
-        at = _skip_zeros(data, end)
+        at = data.after_zeros(end)
     return found
 
 
-def _next(data: mmap, at: int, until: int) -> int:
+def _next(data: FileView, at: int, until: int) -> int:
     """Return where the next container begins, else the end of the file; Parquet is known by its end, too."""
-    ends_as_parquet = data[-len(PARQUET) :] == PARQUET
+    ends_as_parquet = data[len(data) - len(PARQUET) : len(data)] == PARQUET
     magics = (*MARKS, *((PARQUET,) if ends_as_parquet else ()))
     return min((place for magic in magics if (place := data.find(magic, at, until)) >= 0), default=len(data))
 
 
-def _skip_zeros(data: mmap, at: int) -> int:
-    """Return the next byte that is not zero."""
-    while at < len(data):
-        block = data[at : at + SEARCHED]
-        if rest := block.lstrip(b"\0"):
-            return at + len(block) - len(rest)
-        at += len(block)
-    return at
-
-
-def _kind(data: mmap | bytes, start: int) -> bytes:
+def _kind(data: FileView | bytes, start: int) -> bytes:
     """Return how the container at a byte begins, empty if none does."""
     head = data[start : start + MAT_HDF5_AT + len(HDF5)]
     if head[MAT_HEAD_BYTES - 4 : MAT_HEAD_BYTES] in MAT_VERSIONS or head[MAT_HDF5_AT:] == HDF5:
@@ -91,7 +81,7 @@ def _kind(data: mmap | bytes, start: int) -> bytes:
     return next((magic for magic in ENDS if head.startswith(magic)), b"")
 
 
-def _end(data: mmap, start: int, kind: bytes) -> int:
+def _end(data: FileView, start: int, kind: bytes) -> int:
     """Return where a container ends; of a damaged one, where the next of its kind begins, else the end of the file."""
     try:
         end = ENDS[kind](data, start)
@@ -113,31 +103,37 @@ class BrokenError(Exception):
         self.at = at
 
 
-def _mcap_end(data: mmap, start: int) -> int:
+def _mcap_end(data: FileView, start: int) -> int:
+    return len(data) if summary_ends_file(data, start) else _mcap_walk(data, start + len(MCAP))
+
+
+def summary_ends_file(data: FileView, start: int = 0) -> bool:
+    """Return whether an MCAP file ends with the summary that its footer names, and has all of its data before it."""
     footer = len(data) - MCAP_FOOTER.size - len(MCAP)
-    if footer > start and data[-len(MCAP) :] == MCAP:
-        op, _, summary, _, _ = MCAP_FOOTER.unpack_from(data, footer)
-        if op == FOOTER and 0 < summary < footer - start and _ends_data(data, start + summary):
-            with suppress(BrokenError):
-                if _mcap_walk(data, start + summary) == len(data):
-                    return len(data)
-    return _mcap_walk(data, start + len(MCAP))
+    if footer <= start or data[len(data) - len(MCAP) : len(data)] != MCAP:
+        return False
+    op, _, summary, _, _ = MCAP_FOOTER.unpack(data[footer : footer + MCAP_FOOTER.size])
+    if op != FOOTER or not 0 < summary < footer - start or not _ends_data(data, start + summary):
+        return False
+    with suppress(BrokenError):
+        return _mcap_walk(data, start + summary) == len(data)
+    return False
 
 
-def _ends_data(data: mmap, at: int) -> bool:
+def _ends_data(data: FileView, at: int) -> bool:
     """Return whether the record that ends the data of an MCAP file is before a byte."""
     begin = at - MCAP_HEAD.size - CHECKSUM_BYTES
-    return begin > 0 and MCAP_HEAD.unpack_from(data, begin) == (DATA_END, CHECKSUM_BYTES)
+    return begin > 0 and MCAP_HEAD.unpack(data[begin : begin + MCAP_HEAD.size]) == (DATA_END, CHECKSUM_BYTES)
 
 
-def _mcap_walk(data: mmap, at: int) -> int:
+def _mcap_walk(data: FileView, at: int) -> int:
     """Return where the records from a byte on end; raise BrokenError with a byte behind all attachments.
 
     A record that was cut may by its length reach into the next recording and end with a record of that.
     """
     attached = at
     while at + MCAP_HEAD.size <= len(data):
-        op, length = MCAP_HEAD.unpack_from(data, at)
+        op, length = MCAP_HEAD.unpack(data[at : at + MCAP_HEAD.size])
         at += MCAP_HEAD.size + length
         if not op or at > len(data):
             break
@@ -149,17 +145,22 @@ def _mcap_walk(data: mmap, at: int) -> int:
     raise BrokenError(attached)
 
 
-def _is_attachment(data: mmap, start: int, end: int) -> bool:
+def _is_attachment(data: FileView, start: int, end: int) -> bool:
     """Return whether an attachment has its checksum: behind damage any bytes may look like one."""
-    with memoryview(data) as view:
-        checksum = zlib.crc32(view[start : end - CHECKSUM_BYTES]).to_bytes(CHECKSUM_BYTES, "little")
-    return checksum == data[end - CHECKSUM_BYTES : end]
+    checksum = 0
+    for at in range(start, end - CHECKSUM_BYTES, BLOCK_BYTES):
+        checksum = zlib.crc32(data[at : min(at + BLOCK_BYTES, end - CHECKSUM_BYTES)], checksum)
+    return checksum.to_bytes(CHECKSUM_BYTES, "little") == data[end - CHECKSUM_BYTES : end]
 
 
-def _bag_end(data: mmap, start: int) -> int:
+def _word(data: FileView, at: int) -> int:
+    return WORD.unpack(data[at : at + WORD.size])[0]
+
+
+def _bag_end(data: FileView, start: int) -> int:
     """Return where a bag ends: behind its index, or where another one begins."""
     head = start + len(BAG)
-    fields = data[head + WORD.size : head + WORD.size + WORD.unpack_from(data, head)[0]]
+    fields = data[head + WORD.size : head + WORD.size + _word(data, head)]
     index, connections, chunks = (_bag_number(fields, name) for name in BAG_NUMBERS)
     with suppress(BrokenError):
         if index and connections + chunks:
@@ -172,7 +173,7 @@ def _bag_number(fields: bytes, name: bytes) -> int:
     return int.from_bytes(value[: 8 if name in BAG_PLACES else 4], "little")
 
 
-def _bag_walk(data: mmap, at: int, count: int = -1, start: int = 0) -> int:
+def _bag_walk(data: FileView, at: int, count: int = -1, start: int = 0) -> int:
     """Return where so many records of the index of a bag end, or where its records end; raise BrokenError.
 
     ``start``: the bag, in which the index names the places of its chunks. Another bag may begin behind a record.
@@ -180,11 +181,11 @@ def _bag_walk(data: mmap, at: int, count: int = -1, start: int = 0) -> int:
     begin = at
     while at < len(data) and count and data[at : at + len(BAG)] != BAG:
         if not any(data[at : at + WORD.size]):
-            at = _skip_zeros(data, at)
+            at = data.after_zeros(at)
             continue
         header = _bag_header(data, at)
         for _ in range(2):  # header and data
-            at += WORD.size + (WORD.unpack_from(data, at)[0] if at + WORD.size <= len(data) else len(data))
+            at += WORD.size + (_word(data, at) if at + WORD.size <= len(data) else len(data))
         chunk = start + _bag_number(header, BAG_PLACES[1]) if count > 0 and CHUNK_INFO in header else -1
         listed = CHUNK in _bag_header(data, chunk) if 0 <= chunk < begin else CONNECTION in header
         if OP not in header or (count > 0 and not listed):
@@ -195,34 +196,34 @@ def _bag_walk(data: mmap, at: int, count: int = -1, start: int = 0) -> int:
     return at
 
 
-def _bag_header(data: mmap, at: int) -> bytes:
+def _bag_header(data: FileView, at: int) -> bytes:
     """Return the header of a record of a bag."""
     begin = at + WORD.size
-    return data[begin : begin + min(WORD.unpack_from(data, at)[0], SEARCHED)] if begin <= len(data) else b""
+    return data[begin : begin + min(_word(data, at), SEARCHED)] if begin <= len(data) else b""
 
 
-def _sqlite_end(data: mmap, start: int) -> int:
+def _sqlite_end(data: FileView, start: int) -> int:
     head = data[start : start + 100]
     page, pages = int.from_bytes(head[16:18]), int.from_bytes(head[28:32])
     stated = head[24:28] == head[92:96]  # else the number of pages is not valid
     return start + (65536 if page == 1 else page) * pages if stated and pages else len(data)
 
 
-def _parquet_end(data: mmap, start: int) -> int:
+def _parquet_end(data: FileView, start: int) -> int:
     """Return the place behind the first footer that another file or the end follows, else behind the last footer."""
     at = last = start
     while (at := data.find(PARQUET, at + len(PARQUET))) >= 0:
-        if 0 < WORD.unpack_from(data, at - WORD.size)[0] <= at - WORD.size - start:
+        if 0 < _word(data, at - WORD.size) <= at - WORD.size - start:
             last = at + len(PARQUET)
-            after = _skip_zeros(data, last)
+            after = data.after_zeros(last)
             if after == len(data) or data[after : after + len(PARQUET)] == PARQUET:
                 return last
     return last if last > start else len(data)
 
 
-def _hdf5_end(data: mmap, start: int, superblock: int = 0) -> int:
+def _hdf5_end(data: FileView, start: int, superblock: int = 0) -> int:
     at = start + superblock + len(HDF5)
-    version = data[at] if at < len(data) else -1
+    version = int.from_bytes(data[at : at + 1])
     if version not in HDF5_END_AT:
         raise BrokenError(at)
     at = start + superblock + HDF5_END_AT[version]
@@ -230,20 +231,20 @@ def _hdf5_end(data: mmap, start: int, superblock: int = 0) -> int:
     return start + int.from_bytes(end, "little") if end.strip(b"\xff") else len(data)
 
 
-def _mat_end(data: mmap, start: int) -> int:
+def _mat_end(data: FileView, start: int) -> int:
     if data[start + MAT_HDF5_AT : start + MAT_HDF5_AT + len(HDF5)] == HDF5:
         return _hdf5_end(data, start, MAT_HDF5_AT)
     order = MAT_VERSIONS[data[start + MAT_HEAD_BYTES - 4 : start + MAT_HEAD_BYTES]]
     at = start + MAT_HEAD_BYTES
     while at + 8 <= len(data):
-        kind, length = struct.unpack_from(f"{order}2I", data, at)
+        kind, length = struct.unpack(f"{order}2I", data[at : at + 8])
         if kind not in MAT_ELEMENTS:
             break
         at += 8 + length
     return min(at, len(data))
 
 
-ENDS: Mapping[bytes, Callable[[mmap, int], int]] = {
+ENDS: Mapping[bytes, Callable[[FileView, int], int]] = {
     MCAP: _mcap_end,
     BAG: _bag_end,
     SQLITE: _sqlite_end,

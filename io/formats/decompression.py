@@ -16,11 +16,12 @@ import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 
 from usbldr.io.findings import Finding
-from usbldr.io.limits import CHUNK_BYTES, RAISE, TooLargeError, UnpackingBudget, limit
+from usbldr.io.limits import CHUNK_BYTES, RAISE, BeyondLimitError, TooLargeError, UnpackingBudget, limit
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # fixed by the format; no message of ROS begins like this
 STEP = 1 << 16  # [bytes] decompressed at once: they stay in the cache, and malloc reuses blocks below 128 kB
 FED = 1 << 8  # [bytes] given to a library at once, which zstd may decompress to 8 MB
+FRAMES, FRAME_BYTES = 100_000, 1 << 10  # [frames] of any file, [bytes] for each further one; bgzip's have 20 kB
 XZ_MEMORY = 1 << 27  # [bytes] for xz: `xz -9` needs 65 MB, and zstd has the same limit
 LIBRARY_ERRORS = (ValueError, OverflowError, MemoryError, RuntimeError, EOFError, zlib.error, lzma.LZMAError)
 DAMAGE = (*LIBRARY_ERRORS, OSError, zstandard.ZstdError)
@@ -54,11 +55,14 @@ def unpacked_file(file: BufferedReader, compression: str) -> Iterator[bytes]:
 
     No piece is larger than 8 MB.
     """
-    _, new = UNPACKERS[compression]
     unpacker: Any = None
+    frames, most = 0, limit(FRAMES + Path(file.name).stat().st_size // FRAME_BYTES)
     while fed := file.read(FED):
         while fed := fed if unpacker else fed.lstrip(b"\0"):  # zeros may fill up the end of a file
-            unpacker = unpacker or new()
+            if unpacker is None:
+                unpacker, frames = UNPACKERS[compression_of(fed) or compression][1](), frames + 1
+                if frames > most:
+                    raise BeyondLimitError(f"holds too many frames for its size; {RAISE}", path=file.name)
             try:
                 yield from _fed(unpacker, fed)
             except DAMAGE as err:

@@ -15,7 +15,7 @@ from usbldr.io.limits import RAISE, limit
 HEAD_BYTES = 1 << 14  # [bytes] by which a text and its encoding are recognised
 WIDE, NARROW = 0.4, 0.1  # [share] of zeros among the high bytes of UTF-16, at least, and among its low bytes, at most
 CONTROLS = 0.02  # [share] of control characters of a text, at most: of random bytes they are a tenth
-ZEROS = 1 << 26  # [characters] of zeros in a row that are skipped
+ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
 
 

@@ -18,6 +18,8 @@ from mcap.records import Channel, ChunkIndex, Schema
 from mcap.summary import Summary
 from numpy.typing import NDArray
 
+from usbldr.io.formats.container_ends import summary_ends_file
+from usbldr.io.formats.file_view import FileView
 from usbldr.io.formats.mcap_chunks import DAMAGE, HEAD, ChunkReader, crc32
 
 Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the message's record in the decompressed chunk
@@ -88,7 +90,9 @@ def read_index(file: BufferedReader) -> Index:
 
 
 def _summary_is_sound(file: BufferedReader) -> bool:
-    """Return whether the summary has the checksum that the footer states, or none is stated."""
+    """Return whether the summary ends the file and has the checksum that the footer states, or none is stated."""
+    if not summary_ends_file(FileView(file.fileno())):
+        return False
     file.seek(-FOOTER.size - len(MAGIC), SEEK_END)
     end = file.tell() + FOOTER.size - CHECKSUM_BYTES
     _, _, start, _, checksum = FOOTER.unpack(file.read(FOOTER.size))

@@ -242,3 +242,19 @@ def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.Monke
     del log
     gc.collect()
     assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize("empty", [zstandard.compress(b""), gzip.compress(b""), lz4.frame.compress(b"")])
+def test_frames_without_end_are_refused(tmp_path: Path, empty: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.csv.z").write_bytes(empty * 1500)
+    monkeypatch.setenv(VARIABLE, "0.01")
+
+    with pytest.raises(LogError, match="holds too many frames for its size"):
+        open_log(tmp_path / "a.csv.z")
+
+
+def test_frames_of_several_compressions_are_read(tmp_path: Path) -> None:
+    text = "".join(f"{T0 + k},{k}\n" for k in range(9)).encode()
+    (tmp_path / "compass.csv").write_bytes(zstandard.compress(b"time_ns,heading_deg\n") + gzip.compress(text))
+
+    assert [topic.count for topic in open_log(tmp_path / "compass.csv").topics()] == [9]
