@@ -11,12 +11,10 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from usbldr.io.formats.cf_times import Clock, clock_of
 from usbldr.io.formats.decompression import deflated
 from usbldr.io.formats.mat_objects import DECODE, refuse_objects, unread
-from usbldr.io.formats.table_library import PartlyReadError, library, reading
+from usbldr.io.formats.table_library import library, reading
 from usbldr.io.formats.table_log import Array, Table, tables_of
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
@@ -38,13 +36,7 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
     def read(path: str, part: Any, clock: Clock | None = None) -> Column:
         with h5py.File(file, "r") as content:
             _take_chunks(content[path], budget)
-            try:
-                values = content[path][part]
-            except OSError as err:
-                if content[path].chunks is None or clock:
-                    raise
-                values, lost = _whole_chunks(content[path])
-                raise PartlyReadError(values[part], lost, str(err)) from err
+            values = content[path][part]
             return clock.dates(values) if clock else values
 
     def visit(path: str, item: Any) -> None:
@@ -78,18 +70,6 @@ def _text(attribute: object) -> str:
     """Return an attribute, empty if it is no text."""
     text = attribute.decode(errors="replace") if isinstance(attribute, bytes) else attribute
     return text if isinstance(text, str) else ""
-
-
-def _whole_chunks(array: Any) -> tuple[Column, str]:
-    """Return an array, masked in the chunks that cannot be read, and how many these are."""
-    ma: Any = np.ma
-    values, lost, places = ma.masked_all(array.shape, array.dtype), 0, list(array.iter_chunks())
-    for place in places:
-        try:
-            values[place] = array[place]
-        except OSError:
-            lost += 1
-    return values, f"{lost} of {len(places)} chunks"
 
 
 def _take_chunks(array: Any, budget: UnpackingBudget) -> None:

@@ -1,6 +1,6 @@
 """Tables in Parquet files: a file is a table, a folder of files is a log. Members of structures are named with dots."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import SEEK_END
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.io.formats.files import opened
-from usbldr.io.formats.table_library import PartlyReadError, library, reading
+from usbldr.io.formats.table_library import library, reading
 from usbldr.io.formats.table_log import Table
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
@@ -40,39 +40,16 @@ def parquet_table(file: Path) -> Table:
         dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
         rows = int(content.metadata.num_rows)
 
-    damage = (OSError, arrow.ArrowException)  # what reading damaged bytes raises
-
     def column(path: str) -> Column:
         groups = (content.metadata.row_group(k) for k in range(content.metadata.num_row_groups))
         budget.take_bytes(sum(group.column(places[path]).total_uncompressed_size for group in groups))
-        try:
-            return values(content.read([path]))
-        except damage as err:
-            raise PartlyReadError(*_whole_groups(content, path, values, damage), str(err)) from err
-
-    def values(read: Any) -> Column:
+        read = content.read([path])
         while arrow.types.is_struct(read.schema.field(0).type):
             read = read.flatten()
         return _values(arrow, read.column(0).combine_chunks())
 
     columns = {path: lambda path=path: column(path) for path in places}
     return Table(file, file.stem.replace("__", "/"), rows, columns, dated)
-
-
-def _whole_groups(
-    content: Any, path: str, values: Callable[[Any], Column], damage: tuple[type[Exception], ...]
-) -> tuple[Column, str]:
-    """Return a column of a damaged file, masked in the groups of rows that cannot be read, and how many these are."""
-    blocks: list[Column | int] = []
-    for k in range(content.metadata.num_row_groups):
-        try:
-            blocks.append(values(content.read_row_group(k, [path])))
-        except damage:
-            blocks.append(int(content.metadata.row_group(k).num_rows))
-    ma: Any = np.ma
-    kind = next((block.dtype for block in blocks if not isinstance(block, int)), np.dtype(np.float64))
-    whole: Column = ma.concatenate([ma.masked_all(b, kind) if isinstance(b, int) else b for b in blocks])
-    return whole, f"{sum(isinstance(b, int) for b in blocks)} of {len(blocks)} groups of rows"
 
 
 def _values(arrow: Any, column: Any) -> Column:

@@ -7,16 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr.io.reader import Column
-
-
-class PartlyReadError(Exception):
-    """Parts of a column are damaged; it carries the others."""
-
-    def __init__(self, values: Column, lost: str, why: str) -> None:
-        """Take the values, masked where they are lost, what is lost, and the library's reason."""
-        super().__init__(why)
-        self.values, self.lost = values, lost
 
 
 def library(name: str, what: str, extra: str, file: Path) -> Any:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from usbldr.filters.errors import LogError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
-from usbldr.io.formats.table_library import PartlyReadError, reading
+from usbldr.io.formats.table_library import reading
 from usbldr.io.formats.text_table import listed
 from usbldr.io.formats.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 from usbldr.io.limits import BeyondLimitError, UnpackingBudget
@@ -82,7 +82,6 @@ class TableLog:
         self._configured = tuple(configured)
         self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
         self._columns: dict[tuple[str, str], Column] = {}
-        self._damage: dict[tuple[str, str], str] = {}  # table and column -> what of it cannot be read
         self._all = [table for table in tables if table.rows > 1] or tables  # else they are parameters
         sizes = {table.file: table.file.stat().st_size for table in tables}
         self._budget = UnpackingBudget(path, sum(sizes.values()))
@@ -200,12 +199,7 @@ class TableLog:
         if (key := (table.topic, name)) not in self._columns:
             self._budget.take_bytes(table.rows * 8)
             with reading(table.file, self.format):
-                try:
-                    values = self._reader_of(table, name)()
-                except PartlyReadError as part:
-                    if np.ma.getmaskarray(part.values).all():
-                        raise
-                    values, self._damage[key] = np.ma.ravel(part.values), part.lost
+                values = self._reader_of(table, name)()
             if len(values) != table.rows:
                 count = f"{len(values)} of {table.rows} values"
                 raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
@@ -224,10 +218,7 @@ class TableLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and what the names of columns were taken for."""
-        found = [
-            Finding("DAMAGED", f"/{topic}: {lost} of the column {name} cannot be read; left out", lost_data=True)
-            for (topic, name), lost in self._damage.items()
-        ]
+        found: list[Finding] = []
         for topic, one in self._topics.items():
             if one.by_name and one.sheet and one.sheet.stamp:
                 named = {**one.sheet.columns, "time": one.sheet.stamp.column}
