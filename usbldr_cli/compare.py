@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 @click.option("--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.")
 @folder_option("Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
-@plots_option("of each log, which take about a second each log")
+@plots_option("of the comparison, and of each log if there are few, or with all", ("auto", "all", "none"))
 @json_option("table")
 @plot_format_option
 @html_option
@@ -202,6 +202,7 @@ def _write(
     from usbldr.io.reports.page import Picture
     from usbldr.io.writing import writing
     from usbldr_cli.runs.compare_directory import write_tables
+    from usbldr_cli.runs.seed_table import many_logs
     from usbldr_cli.tables.compare_table import page
 
     if output is None:
@@ -214,7 +215,7 @@ def _write(
             from usbldr_cli.figures.drawing import draw
             from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
 
-            drawn = draw(output, compare_pictures(rows), plot_format)
+            drawn = draw(output, compare_pictures(rows, plots == "all" or not many_logs(rows)), plot_format)
             pictures = [Picture(one.file, one.caption) for one in drawn]
             blocks, plotted = plots_of(drawn)
             write_html(output / REPORT_HTML, page(rows, blocks, made), plotted)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,21 @@ def test_without_plots_the_folder_holds_no_pictures(dive: Path, tmp_path: Path) 
 
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"compare.csv", "compare.json", "compare.md", "units"}
+
+
+def test_many_logs_have_a_line_each_and_one_figure(dive: Path, tmp_path: Path) -> None:
+    logs = [tmp_path / f"dive{k}" for k in range(9)]
+    for log in logs:
+        shutil.copytree(dive, log)
+    out = tmp_path / "out"
+
+    said = run("compare", *logs, "-f", "usbl,dr", "--seeds", 1, "-j", 1, "-o", out).output.splitlines()
+
+    table = said[[line.startswith("mean horizontal error, m") for line in said].index(True) :]
+    mean_m = {row["log"]: f"{row['mean_horizontal_m']:.3f}" for row in content(out)["rows"] if row["filter"] == "usbl"}
+    assert [line.split()[:2] for line in table[1:10]] == [[log.name, mean_m[log.name]] for log in logs]
+    assert len(said) < 20
+    assert {path.name for path in out.glob("*.png")} == {"by_log.png"}
 
 
 def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
+from usbldr_cli.figures.distance import box_plot
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.overlay import (
     coincident_text,
@@ -20,7 +21,8 @@ from usbldr_cli.figures.overlay import (
     overlay_canvas,
     track_figure,
 )
-from usbldr_cli.figures.style import Figure, colour, legend_below
+from usbldr_cli.figures.page_data import detail
+from usbldr_cli.figures.style import Axes, Figure, colour, legend_below, logarithmic, titled_figure
 from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import BOUND, ComparisonRow, grouped
 
@@ -28,11 +30,14 @@ DOTS_WIDE = 0.08  # of the distance between two filters: half the width of a clo
 CROWDED = 20.0  # largest over smallest error from which the axis is logarithmic
 
 
-def compare_pictures(rows: Sequence[ComparisonRow]) -> list[Picture]:
-    """Return every figure of every log of a comparison."""
+def compare_pictures(rows: Sequence[ComparisonRow], each_log: bool) -> list[Picture]:
+    """Return the figure of all logs of a comparison, and those of each log if it is asked for or there is but one."""
     groups = grouped(rows)
     pictures: list[Picture] = []
-    for log, group in groups.items():
+    if len(groups) > 1:
+        caption = "Mean horizontal error of each filter; a dot is a log"
+        pictures.append(Picture("by_log", caption, partial(log_figure, rows)))
+    for log, group in groups.items() if each_log else ():
         end = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.-]+", "_", log).strip("_")
         shown = [row for row in group if row.good and row.method != BOUND]
         for name, caption, describe in FIGURES:
@@ -65,6 +70,40 @@ def cdf_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     panels[0].set_ylabel("cumulative share of epochs [%]")
     panels[0].set_yticks([0, 25, 50, 75, 95, 100])
     legend_below(figure, (panels[0],), 8)
+    return figure
+
+
+def log_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
+    """Draw the mean horizontal error of each filter on each log, and their box plot over logs."""
+    errors: dict[str, list[tuple[str, float]]] = {}
+    for row in rows:
+        value = row.mean("mean_horizontal_m") if row.good and row.method != BOUND else None
+        if value is not None:
+            errors.setdefault(row.label, []).append((row.log, value))
+    if not errors:
+        return None
+    shown = [next(row for row in rows if row.label == label) for label in errors]
+    count = len(grouped(rows))
+    figure = titled_figure(
+        f"Comparison of {count} logs", "a dot is a log; box: quartiles, 5 and 95 % of the logs", 11, 5.2
+    )
+    axes: Axes = figure.subplots()
+    for place, row in enumerate(shown):
+        logs, values = zip(*errors[row.label], strict=True)
+        at = place + np.linspace(-DOTS_WIDE, DOTS_WIDE, len(values))
+        (dots,) = axes.plot(at, values, ls="", marker="o", ms=4, color=colour(row.method), alpha=0.5, mew=0)
+        detail(dots, {"log": np.array(logs)}, key=row.label)
+        box_plot(axes, place, np.array(values), colour(row.method))
+    every = [value for found in errors.values() for _, value in found if value > 0]
+    axes.set_xticks(range(len(shown)), list(errors), rotation=30 if _long(shown) else 0)
+    axes.set_xlim(-0.6, len(shown) - 0.4)
+    axes.grid(visible=False, axis="x")
+    wide = max(every, default=1.0) > CROWDED * min(every, default=1.0)
+    if wide:
+        logarithmic(axes)
+    else:
+        axes.set_ylim(0, 1.12 * max(every, default=1.0))
+    axes.set_ylabel(f"mean horizontal error [m]{' (logarithmic)' if wide else ''}")
     return figure
 
 

@@ -60,19 +60,7 @@ def distance_figure(run: Run) -> Figure | None:
 def _draw_boxes(axes: Axes, errors: dict[str, tuple[str, Vector]]) -> None:
     medians = [float(np.median(error_m)) for _, error_m in errors.values()]
     for place, (face, error_m) in enumerate(errors.values()):
-        style = {"color": face, "lw": 1.5}
-        parts = dict.fromkeys(("boxprops", "whiskerprops", "capprops"), style)
-        lengths = np.maximum(error_m, LEAST_M)
-        axes.boxplot(
-            [lengths],
-            positions=[place],
-            widths=0.5,
-            whis=WHISKERS,
-            showfliers=False,
-            manage_ticks=False,
-            medianprops={"color": TRUTH_COLOUR, "lw": 1.5},
-            **parts,
-        )
+        box_plot(axes, place, np.maximum(error_m, LEAST_M), face)
     if max(medians) > CROWDED * max(min(medians), LEAST_M):
         logarithmic(axes)
     else:
@@ -82,3 +70,11 @@ def _draw_boxes(axes: Axes, errors: dict[str, tuple[str, Vector]]) -> None:
     axes.grid(visible=False, axis="x")
     axes.set_ylabel("horizontal error [m]")
     axes.set_title("median, quartiles, 5 and 95 %")
+
+
+def box_plot(axes: Axes, place: int, values: Vector, face: str) -> None:
+    """Draw median, quartiles and the ends of WHISKERS of values at a place of the horizontal axis."""
+    parts = {name: {"color": face, "lw": 1.5} for name in ("boxprops", "whiskerprops", "capprops")}
+    median = {"color": TRUTH_COLOUR, "lw": 1.5}
+    given = {"whis": WHISKERS, "showfliers": False, "manage_ticks": False}
+    axes.boxplot([values], positions=[place], widths=0.5, medianprops=median, **given, **parts)

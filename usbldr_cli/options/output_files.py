@@ -1,7 +1,7 @@
 """The single files that a command writes, as --json FILE: checked before the run, written atomically."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,10 +45,11 @@ def toml_name(_: click.Context, option: click.Parameter, file: Path | None) -> P
     return file
 
 
-def plots_option(what: str) -> Callable[[Any], Any]:
-    """Add --plots, which says whether figures are drawn; ``what`` they are, and what they cost."""
-    kinds = click.Choice(["all", "none"])
-    return click.option("--plots", type=kinds, default="all", show_default=True, help=f"Figures {what}.")
+def plots_option(what: str, kinds: Sequence[str] = ("all", "none")) -> Callable[[Any], Any]:
+    """Add --plots, which says whether figures are drawn; ``what`` they are; the first kind is the default."""
+    return click.option(
+        "--plots", type=click.Choice(kinds), default=kinds[0], show_default=True, help=f"Figures {what}."
+    )
 
 
 def plot_format_option(command: Callable[..., Any]) -> Callable[..., Any]:

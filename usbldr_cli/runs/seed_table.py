@@ -27,6 +27,7 @@ from usbldr_cli.runs.job_store import JobResult, ScoringContext
 BOUND = "bound"  # stands for a method in the row of the least error that any filter could have
 DIVERGED_LIMIT = 0.5  # fixed: share of diverged runs from which the mean is not that of usual runs
 MOST_NAMED = 20  # fixed: logs that the last line lists by name
+MOST_SHOWN = 8  # [logs] whose tables and figures a person reads one by one
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
 """The metrics whose difference to the first row is reported."""
 
@@ -155,6 +156,11 @@ def grouped(rows: Sequence[ComparisonRow]) -> dict[str, list[ComparisonRow]]:
     for row in rows:
         groups.setdefault(row.log, []).append(row)
     return groups
+
+
+def many_logs(rows: Sequence[ComparisonRow]) -> bool:
+    """Return whether a comparison is shown as a whole, in a line for each log, instead of log by log."""
+    return len(grouped(rows)) > MOST_SHOWN
 
 
 def require_comparable(rows: Sequence[ComparisonRow]) -> None:

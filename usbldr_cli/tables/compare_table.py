@@ -15,12 +15,14 @@ from usbldr_cli.runs.seed_table import (
     best_method_sentence,
     difference,
     grouped,
+    many_logs,
     overall,
     row_consistency,
     row_metrics,
 )
 from usbldr_cli.tables.run_table import WIDTH, aligned, pairs, title
 
+NAME_LETTERS = 40  # of a log in a line of many
 HUGE = 1e5  # shown in scientific notation
 LEGEND = (
     "± is the standard error of a mean over seeds; differences are over the same seeds, * marks significant ones "
@@ -121,6 +123,16 @@ def notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
 
 def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
     """Return the text for the terminal, in colour only on a terminal."""
+    if many_logs(rows):
+        lines = short_notes(rows)
+        return "\n".join(
+            [
+                aligned(short_table(rows)),
+                "",
+                *([pairs(lines), ""] if lines else []),
+                title(filled(overall(rows)), colour),
+            ]
+        )
     blocks: list[str] = []
     groups = grouped(rows)
     for log, group in groups.items():
@@ -131,6 +143,32 @@ def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
             blocks += ["", pairs(lines)]
         blocks += ["", *([filled(best_method_sentence(group)), ""] if len(groups) > 1 else [])]
     return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(filled(overall(rows)), colour)])
+
+
+def short_table(rows: Sequence[ComparisonRow]) -> Table:
+    """Return the mean horizontal error of each method on each log, a line for each log."""
+    labels = tuple(dict.fromkeys(row.label for row in rows))
+    body: list[tuple[str, ...]] = []
+    for log, group in grouped(rows).items():
+        cells = {row.label: _number(row, "mean_horizontal_m") if row.good else "failed" for row in group}
+        name = log if len(log) <= NAME_LETTERS else f"…{log[1 - NAME_LETTERS :]}"
+        body.append((name, *(cells.get(label, "") for label in labels)))
+    return Table("mean horizontal error, m", labels, tuple(body))
+
+
+def short_notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
+    """Return each fault with the logs that it concerns, and how many warnings there are."""
+    faults: dict[str, list[str]] = {}
+    for row in rows:
+        if row.fault is not None:
+            faults.setdefault(f"{row.label}: {row.fault}", []).append(row.log)
+    lines = [("failed", f"{text} ({len(logs)} logs)" if len(logs) > 1 else text) for text, logs in faults.items()]
+    warned = [
+        log for log, group in grouped(rows).items() if any(label in ("warning", "lost") for label, _ in notes(group))
+    ]
+    if warned:
+        lines.append(("note", f"{len(warned)} logs have warnings: compare.md of --output has them all"))
+    return lines
 
 
 def page(rows: Sequence[ComparisonRow], figures: Sequence[Picture | Plot], made: RunProvenance) -> Page:
