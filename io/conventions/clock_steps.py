@@ -73,7 +73,8 @@ def examined(times_ns: Nanoseconds, groups: Sequence[Indices] | None = None) -> 
 
 
 def _backward(times_ns: Nanoseconds) -> Indices:
-    return np.flatnonzero(times_ns[1:] < times_ns[:-1] - STEP_NS) + 1
+    rows = np.flatnonzero(times_ns[1:] < times_ns[:-1]) + 1  # no copy of the times of a dense log
+    return rows[times_ns[rows] < times_ns[rows - 1] - STEP_NS]
 
 
 def _without_wraps(times_ns: Nanoseconds, rows: Indices, usual_ns: int) -> tuple[Nanoseconds, dict[str, int]]:
