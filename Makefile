@@ -74,10 +74,10 @@ docs: $(VENV)/installed-dev
 man: $(VENV)/installed-dev
 	$(BIN)/sphinx-build -q -b man -c docs . build/man
 
-# our filters beside those of other libraries, on one thread: the table in README.md; wants an idle machine for 2 minutes
+# our filters beside those of other libraries, on one thread: the table in docs/peers.md; wants an idle machine for 2 minutes
 PEERS := .venv-peers
 peers: $(PEERS)/installed
-	OMP_NUM_THREADS=1 $(PEERS)/bin/python benchmarks/speed/peers.py --json benchmarks/speed/peers.json --write README.md
+	OMP_NUM_THREADS=1 $(PEERS)/bin/python benchmarks/speed/peers.py --json benchmarks/speed/peers.json --write docs/peers.md
 
 $(PEERS)/installed: benchmarks/speed/requirements.txt pyproject.toml $(KERNEL)
 	$(PYTHON) -m venv $(PEERS)

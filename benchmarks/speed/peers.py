@@ -5,7 +5,7 @@
 The dive is the scenario ``paper`` with seed 0. particles and ours take its mixture noise as it is; Kalman filters and
 proposals take the Gaussian of the same variance. Each peer is used as its documentation says (kalman_peers.py). Times
 are CPU times, the least of three runs, of all steps from measurements to estimates, without compilation. Ours run
-without --guard, which the peers do not have. The table replaces what stands between the markers of README.md, and
+without --guard, which the peers do not have. The table replaces what stands between the markers of docs/peers.md, and
 peers.json has the numbers.
 """
 

@@ -2,6 +2,7 @@
 
 import doctest
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -21,10 +22,11 @@ def commands(text: str) -> list[tuple[str, str]]:
     return [found for block in blocks for found in COMMAND.findall(block)]
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md", "docs/real_log.md"])
 def test_every_command_of_a_page_prints_what_the_page_shows(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    shutil.copytree(ROOT / "docs" / "real_log", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     runner = CliRunner()
     if page == "README.md":
