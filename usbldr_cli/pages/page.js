@@ -361,7 +361,8 @@ class Figure {
     this.tip.hidden = true;
     this.drawLegend();
     this.draw();
-    new ResizeObserver(() => { if (box.clientWidth && box.clientWidth !== this.drawnWidth) this.draw(); }).observe(box);
+    const fit = () => { if (box.clientWidth && box.clientWidth !== this.drawnWidth) this.draw(); };
+    new ResizeObserver(() => requestAnimationFrame(fit)).observe(box);
   }
 
   xy(mark) {
