@@ -95,6 +95,7 @@ def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector
     if frame != "latlon":
         return (y, x) if frame == "NED" else (x, y)
     if origin is None:
+        valid_mask(raw, place_causes(raw, frame), "position", "left out")  # if all are invalid, that is the reason
         raise raw.fault(
             f"{raw.topic.name} holds latitudes and longitudes, but the plane has no origin; "
             "state origin_lat_deg and origin_lon_deg under [map]"

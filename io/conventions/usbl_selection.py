@@ -68,6 +68,7 @@ def without_repeats(raw: RawRecords, kind: str, section: UsblSection) -> tuple[R
     elif section.beacon is not None or (section.head and (section.head.topic or section.head.heading_topic)):
         names = ("slant_range_m", "bearing_deg") if kind == "range_bearing" else ("x", "y")
         repeated = copied_fixes(np.column_stack([raw.number(name) for name in names]))
+    repeated &= np.any([np.isfinite(raw.number(name)) for name in raw.layout.required], axis=0)
     if not repeated.any():
         return raw, []
     text = f"{repeated.sum()} of {len(repeated)} fixes repeat the previous one to the last digit; left out"

@@ -278,7 +278,7 @@ def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int
     findings: list[Finding] = []
     if wrong:
         text = f"{source}: {wrong} of {total} sentences are cut or have a wrong checksum; left out"
-        findings.append(Finding("NMEA-CHECKSUM", text, topic))
+        findings.append(Finding("NMEA-CHECKSUM", text, topic, lost_data=True))
     if unchecked:
         findings.append(
             Finding("NMEA-UNCHECKED", f"{source}: {unchecked} of {total} sentences have no checksum", topic)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.formats.text_table import MAX_CHARACTERS
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
 from usbldr.io.messages.field_names import NamedColumn, sensors_by_name
 from usbldr.io.units import spellings
@@ -44,6 +45,7 @@ class Sheet:
     received: TimeColumn | None = None  # log time; None: the file cannot be read because of problem
     stamp: TimeColumn | None = None  # "header.stamp"; None: records have log time only
     problem: str = ""
+    lacks_time: bool = False  # whether the problem is that there is no column of times by usbldr's own name
     texts: frozenset[str] = frozenset()  # field paths that are texts
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # field path -> factor to its own unit
 
@@ -152,7 +154,7 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
     if missing:
         problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)}); {PROPOSED}"
-        return Sheet(CANONICAL + sensor, columns, problem=problem)
+        return Sheet(CANONICAL + sensor, columns, problem=problem, lacks_time=missing == ["time_ns"])
     received = "received_ns" if "received_ns" in header else "time_ns"
     return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"))
 
@@ -206,8 +208,16 @@ def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cel
             return f"has not one column of {what} ({names}); {NAME_THEM}"
         for column in columns:
             if _unit_ns(column, cells) is None:
-                return f'has a column {column.name} without a known unit; write it behind the name ("Time [s]")'
+                return _unknown_time(column.name, cells.get(column.name, ""))
     return ""
+
+
+def _unknown_time(name: str, cell: str) -> str:
+    with suppress(ValueError):
+        float(cell)
+        return f'has a column {name} without a known unit; write it behind the name ("Time [s]")'
+    stopped = f'has "{cell[:MAX_CHARACTERS]}" in the first row of the column {name}'
+    return f"{stopped}, which is neither a date and time nor a number; state time_format"
 
 
 def _unit_ns(column: NamedColumn, cells: Mapping[str, str]) -> int | None:

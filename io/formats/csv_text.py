@@ -90,14 +90,20 @@ def _header(lines: Sequence[str]) -> str:
 def _header_place(lines: Sequence[str]) -> int:
     """Return the place of the column names among the first lines: before the first row, known by a number in it.
 
-    Comments and a title may precede them. If no row is found, it is the first line that is not blank.
+    Comments and a title may precede them, units follow. If no row is found, it is the first line that is not blank.
     """
     filled = [k for k, line in enumerate(lines) if line.strip()]
+    names, width = filled[0] if filled else 0, 0
     for k, following in pairwise(filled):
         separator = _separator(lines[k])
-        names, row = (_cells(lines[place].lstrip(COMMENT), separator) for place in (k, following))
-        if 1 < len(names) == len(row) and any(map(_is_value, row)) and not any(map(_is_value, names)):
-            return k
+        cells, row = (_cells(lines[place].lstrip(COMMENT), separator) for place in (k, following))
+        if any(map(_is_value, cells)):
+            width = 0
+            continue
+        if len(cells) != width or lines[names].startswith("#"):
+            names, width = k, len(cells)
+        if 1 < len(cells) == len(row) and any(map(_is_value, row)):
+            return names
     return filled[0] if filled else 0
 
 

@@ -1,7 +1,7 @@
 """The topics of a log of tables: each table by usbldr's own names, by names with units, or by the configuration."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,7 +52,7 @@ def topic_sheets(
                 topic, configured_sheet(sensors, [*table.names, *table.elsewhere], table.file, topic)
             )
         elif not by_name:
-            found[topic] = TopicSheet(topic, table.own)
+            found[topic] = TopicSheet(topic, _own(table))
         apart = sensors or len(by_name) > 1
         found |= {f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True) for s, one in by_name.items()}
     return found
@@ -64,6 +64,14 @@ def _foreign(table: TableHead) -> Mapping[str, Sheet]:
         return {}
     sheets = foreign_sheets(table.stem, table.names, table.first_row)
     return {} if table.own is not None and any(sheet.problem for sheet in sheets.values()) else sheets
+
+
+def _own(table: TableHead) -> Sheet | None:
+    """Return how usbldr's names interpret a table; if they lack only the time, the problem is that of its times."""
+    if table.own is None or not table.own.lacks_time or table.first_row is None:
+        return table.own
+    sheets = foreign_sheets(table.stem, table.names, table.first_row).values()
+    return replace(table.own, problem=next((sheet.problem for sheet in sheets if sheet.problem), table.own.problem))
 
 
 def _topic(tables: Mapping[str, TableHead], stated: ConfiguredColumns, log: Path) -> str | None:

@@ -299,3 +299,11 @@ def test_pressure_gives_the_depth_that_slant_ranges_need(tmp_path: Path) -> None
     R = covariance(logged(tmp_path, rows, POLAR))
 
     assert R[0, 0] == pytest.approx((math.hypot(30, 28) * math.pi / 180) ** 2)
+
+
+@pytest.mark.parametrize("origin", ["", "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"])
+def test_fixes_that_are_no_numbers_are_all_counted_and_are_the_reason(tmp_path: Path, origin: str) -> None:
+    rows = [fix(T0 + k * SECOND, float("nan"), float("nan"), topic="/usbl/fix") for k in range(15)]
+
+    with pytest.raises(LogError, match=r"all 15 records of /usbl/fix \(.*\) are invalid: 15 not a number"):
+        logged(tmp_path, rows, origin)

@@ -1,10 +1,13 @@
 """CSV files that other programs wrote: their columns say what they hold, and in which unit."""
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from logs import MAP, codes, logged_csv
 from recordings import SECOND, T0, write_csv
@@ -225,3 +228,22 @@ def test_a_configured_time_format_is_read(tmp_path: Path) -> None:
     log = logged_csv(tmp_path, stated, compass=sheet)
 
     assert log.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
+
+
+@given(text=st.text("abcx/:-", min_size=1, max_size=20).filter(lambda text: text.strip(" ")), row=st.integers(0, 3))
+@settings(max_examples=15, deadline=None)
+def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
+    times = ["2020-09-13T12:26:40", "2020-09-13T12:26:41", "2020-09-13T12:26:42", "2020-09-13T12:26:43"]
+    times[row] = text
+    with tempfile.TemporaryDirectory() as name:
+        file = write_csv(Path(name) / "dive", usbl="time,lat_deg,lon_deg\n" + "".join(f"{t},45,7\n" for t in times))
+        log = open_log(file)
+        (topic,) = log.topics()
+        if not topic.problem:
+            log.read({"/usbl": ["lat_deg"]})
+        said = topic.problem + "".join(finding.text for finding in log.findings())
+
+    assert f'"{text}"' in said
+    assert "time" in said
+    assert ("first row" in said) == (row == 0)
+    assert row == 0 or f"line {row + 2}" in said
