@@ -34,6 +34,8 @@ __all__ = [
     "replay",
     "resolve",
     "score",
+    "to_frame",
+    "write_run",
 ]
 _HOMES = {
     "findings": ("Finding",),
@@ -41,6 +43,7 @@ _HOMES = {
     "log": ("Log",),
     "opening": ("Request",),
     "provenance": ("Convention", "Provenance"),
+    "reports.python_runs": ("to_frame", "write_run"),
     "reports.report_json": ("ScoredTrack",),
     "session": ("RunSettings", "bound", "evaluate", "open_log", "reference_tracks", "replay", "resolve", "score"),
 }

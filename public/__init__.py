@@ -27,3 +27,7 @@ def __getattr__(name: str) -> object:
         if name in package.__all__:
             return getattr(package, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,10 +1,14 @@
 """How a report was made: command, inputs with their digests, versions, machine. No number of a result is in here."""
 
+import functools
 import platform
+import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from usbldr.filters.kernel import KERNEL
@@ -12,6 +16,7 @@ from usbldr.io.inputs import InputFile
 from usbldr.io.opening import digest_paths
 
 SCHEMA = 4  # fixed: the version of every JSON file that usbldr writes
+GIT_S = 5.0  # [s] that git may take to name a commit: a checkout on a slow disk
 LIBRARIES = ("numpy", "pandas", "mcap", "rosbags", "pymap3d", "pygeomag")
 """Libraries whose version could change a number of a report."""
 
@@ -54,6 +59,19 @@ def machine() -> dict[str, Any]:
     }
 
 
+@functools.cache
+def checkout_commit() -> str | None:
+    """Return the commit of the checkout that runs, "-dirty" if its files are changed; None if it is installed."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    words = ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+    with suppress(OSError, subprocess.SubprocessError):
+        return subprocess.run(words, capture_output=True, text=True, timeout=GIT_S, check=True).stdout.strip()
+    return None
+
+
 def provenance_content(run: RunProvenance) -> dict[str, Any]:
     """Return the provenance as JSON has it."""
-    return {"command": list(run.command), "inputs": [one._asdict() for one in run.inputs], **machine()}
+    inputs = [one._asdict() for one in run.inputs]
+    return {"command": list(run.command), "inputs": inputs, "commit": checkout_commit(), **machine()}
