@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from usbldr.io.log import Log
     from usbldr.io.opening import Request
     from usbldr.io.provenance import Convention, Provenance
+    from usbldr.io.reports.python_runs import to_frame, write_run
     from usbldr.io.reports.report_json import ScoredTrack
     from usbldr.io.session import RunSettings, bound, evaluate, open_log, reference_tracks, replay, resolve, score
 
