@@ -86,7 +86,7 @@ def text_of(figure: Figure) -> str:
             continue
         across, up = axes.get_xlabel(), axes.get_ylabel()
         titles = [
-            axes.get_title(loc="left").replace("\n", ", "),
+            axes.get_title(loc="left").strip().replace("\n", ", "),
             f"{up} over {across}" if across and up else up or across,
         ]
         parts.append("; ".join(filter(None, titles)))
@@ -179,8 +179,7 @@ def _line(axes: Axes, line: Any, columns: _Columns) -> dict[str, Any] | None:
         found["kind"] = "points"
         height = np.log(y) if axes.get_yscale() == "log" else y
         kept = np.arange(len(x)) if rows else one_a_dot(x, height, DOTS)
-        if "y" in given:
-            found["beyond"] = True
+        found["beyond"] = [axis for axis in ("x", "y") if axis in given]
     else:
         kept = thinned(x, y)
     found |= {"x": columns.place(x[kept]), "y": columns.place(y[kept])}

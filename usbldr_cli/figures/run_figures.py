@@ -1,6 +1,7 @@
 """Figures of a run: the track, its errors over time (the paper's Figures 1 and 3) and their distribution."""
 
 import itertools
+import textwrap
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -19,6 +20,7 @@ from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.style import (
     AXES,
     EDGE,
+    LETTERS_AN_INCH,
     TRUTH_COLOUR,
     Axes,
     Figure,
@@ -37,6 +39,7 @@ from usbldr_cli.figures.style import (
 )
 from usbldr_cli.figures.track import track_figure
 
+WIDTH_IN, LEAST_LETTERS = 11, 40  # of the errors over time; of a title over a narrow panel
 BREAK = 0.2  # of the time that has errors: a longer gap without truth is left out, because the errors would be narrow
 MARGIN = 0.005  # of the same time, before and after each stretch
 LEAST_SHARE = 0.08  # of the same time: width of the shortest stretch
@@ -64,7 +67,7 @@ def error_figure(run: Run) -> Figure | None:
     report = run.scored.report
     if report is None:
         return None
-    figure = run_figure(run, "Errors", 11, 6.6)
+    figure = run_figure(run, "Errors", WIDTH_IN, 6.6)
     spans = stretches(report)
     shares = [max(end - start, LEAST_SHARE * (spans[-1][1] - spans[0][0])) for start, end in spans]
     grid: Any = figure.subplots(2, len(spans), sharex="col", sharey=True, squeeze=False, width_ratios=shares)
@@ -91,7 +94,9 @@ def error_figure(run: Run) -> Figure | None:
         axes.set_xlabel("time since the log's start [s]" if k else "")
         if not column:
             axes.set_ylabel(f"{AXES[k]} error [m]")
-            axes.set_title(_error_title(report, k))
+        letters = max(LEAST_LETTERS, int(WIDTH_IN * LETTERS_AN_INCH * shares[0] / sum(shares)))
+        title = textwrap.wrap(_error_title(report, k), letters) if not column else ["\N{NO-BREAK SPACE}"]
+        axes.set_title("\n".join(title))
     legend_below(figure, (grid[0, 0],))
     return figure
 

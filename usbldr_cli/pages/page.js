@@ -5,7 +5,7 @@ const NEAR_PX = 28; // from the pointer to a point that is named
 const DRAG_PX = 8; // a shorter way of the pointer is a click
 const FLAT_PX = 24; // a lower box zooms along the horizontal axis alone
 const LETTER_PX = 6.6; // of an axis, on average
-const MARGIN = { top: 6, right: 10, bottom: 20 }; // pixels around a panel
+const MARGIN = { top: 6, right: 16, bottom: 20 }; // pixels around a panel
 const NAMED = { ink: "var(--ink)", soft: "var(--soft)", bad: "var(--bad)", paper: "var(--paper)", none: "none" };
 
 function element(name, attributes, parent, text) {
@@ -72,7 +72,7 @@ function halfOf(mark) {
 class Panel {
   constructor(data, figure, column) {
     Object.assign(this, { data, figure, view: { x: data.x.limits, y: data.y.limits } });
-    if (data.title) element("p", { html: 1, class: "panel-title" }, column, data.title);
+    if (data.title) this.title = element("p", { html: 1, class: "panel-title" }, column, data.title);
     this.svg = element("svg", { role: "img", "aria-label": `${data.title} ${data.y.label}; ${data.x.label}` }, column);
     for (const [name, call] of [["pointermove", this.move], ["pointerdown", this.down], ["pointerup", this.up],
       ["pointerleave", this.leave], ["dblclick", () => figure.reset()]]) {
@@ -239,9 +239,11 @@ class Panel {
   /** Where a point is drawn, in pixels; one beyond the axes as they are at first at the edge of any view. */
   place(mark, x, y) {
     let [a, b] = [this.px(x), this.py(y)];
-    const [[west, east], [south, north]] = [this.data.x.limits, this.data.y.limits];
-    if (mark.beyond && (x < west || x > east || y < south || y > north)) {
+    const inside = (value, [low, high]) => value >= low && value <= high;
+    if (mark.beyond && mark.beyond.includes("x") && !inside(x, this.data.x.limits)) {
       a = Math.min(Math.max(a, this.left + 4), this.left + this.wide - 4);
+    }
+    if (mark.beyond && mark.beyond.includes("y") && !inside(y, this.data.y.limits)) {
       b = Math.min(Math.max(b, MARGIN.top + 4), MARGIN.top + this.high - 4);
     }
     return [a, b];
@@ -371,11 +373,23 @@ class Figure {
 
   draw() {
     this.drawnWidth = this.box.clientWidth;
+    this.alignTitles();
     for (const { column, panels } of this.columns) {
       panels.forEach((panel, k) => {
         const below = panels[k + 1];
         panel.draw(Math.max(column.clientWidth, 240), !below || below.data.linked !== panel.data.linked);
       });
+    }
+  }
+
+  /** Give the titles of panels beside each other the height of the highest. */
+  alignTitles() {
+    const beside = new Set(this.columns.map(({ column }) => column.offsetTop)).size === 1;
+    for (let k = 0; k < Math.max(...this.columns.map(({ panels }) => panels.length)); k++) {
+      const titles = this.columns.map(({ panels }) => panels[k] && panels[k].title).filter(Boolean);
+      for (const title of titles) title.style.minHeight = "";
+      const high = Math.max(0, ...titles.map((title) => title.offsetHeight));
+      if (beside) for (const title of titles) title.style.minHeight = `${high}px`;
     }
   }
 

@@ -46,7 +46,7 @@ def test_lines_marks_bands_shades_and_levels_have_the_numbers_that_were_drawn() 
     assert (numbers(data, line["x"]), numbers(data, line["y"])) == ([0, 1, 2], [3, 4, 5])
     assert (line["colour"], line["label"]) == ("ink", "line")
     assert [(name, numbers(data, place)) for name, place in line["rows"]] == [("time [s]", [7, 8, 9])]
-    assert (numbers(data, mark["y"]), mark["beyond"], mark["key"]) == ([50], True, "mark")
+    assert (numbers(data, mark["y"]), mark["beyond"], mark["key"]) == ([50], ["y"], "mark")
     assert numbers(data, band["low"])[1:-1] == [-1, -2, -3]
     assert numbers(data, band["high"])[1:-1] == [1, 2, 3]
     assert (shade["from"], shade["to"], level["across"]) == (0.5, 1.5, 2.5)
