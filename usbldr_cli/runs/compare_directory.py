@@ -23,7 +23,7 @@ from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_cont
 
 UNITS, TABLES = "units", "compare.json"
 OWN = re.compile(
-    r"(compare|drill)\.(json|csv|md)|report\.html|\.?(track|errors|error_cdf|by_filter|drill)[\w.-]*\.(png|svg|pdf)|\..*\.part"
+    r"(compare|drill)\.(json|csv|md)|report\.html|\.?(track|errors|error_cdf|by_filter|by_log|drill)[\w.-]*\.(png|svg|pdf)|\..*\.part"
 )
 OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
 
