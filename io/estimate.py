@@ -1,6 +1,8 @@
 """A track that a vehicle or another program computed, to be judged like those of the filters: a topic or a file."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -16,9 +18,10 @@ from usbldr.io.conventions.truth import clearly_exchanged, distances_m, find_tru
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.messages.layouts import raw_records, wanted_paths
+from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import find_topic, topic_named
 from usbldr.io.opening import Request, open_configured
-from usbldr.io.reader import Nanoseconds
+from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.settings.sensor_sections import TruthSection
 
 COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
@@ -52,11 +55,14 @@ def read_estimate(log: Log, request: Request, name: str, frame: str | None = Non
 
 def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log, Trajectory, str, bool]:
     """Return the log and the track, its frame, and whether only the default chose between ENU and NED."""
-    file = find_truth_file(name, log.path, from_option=True)
-    if file is None:
+    recording = next((place for place in (Path(name), log.path.resolve().parent / name) if _is_recording(place)), None)
+    file = None if recording else find_truth_file(name, log.path, from_option=True)
+    if recording is not None:
+        table, label, used, by_default = _of_topic(log, recording, request, None, frame)
+    elif file is None:
         if log.truth is not None and name.lstrip("/") == log.truth.source.lstrip("/"):
             raise UsageError(f"--estimate {name} is the truth itself; name another track or another --truth")
-        table, label, used, by_default = _of_topic(log, request, name, frame)
+        table, label, used, by_default = _of_topic(log, log.path, request, name, frame)
     else:
         section = msgspec.convert({"frame": frame}, TruthSection)
         table, provenance = read_truth_file(file, "option", section, log.start_ns, log.origin)
@@ -81,17 +87,36 @@ def _latlon(log: Log) -> bool:
     return log.convention(role, "frame").value == "latlon"
 
 
-def _of_topic(log: Log, request: Request, name: str, frame: str | None) -> tuple[pd.DataFrame, str, str, bool]:
-    if not log.path.exists():
+def _is_recording(place: Path) -> bool:
+    """Tell whether a place is a recording of messages: MCAP, a bag, a rosbag2 folder or file."""
+    formats = (".mcap", ".bag", ".db3")
+    return (place.suffix in formats and place.is_file()) or (place.is_dir() and (place / "metadata.yaml").is_file())
+
+
+def _only_pose(path: Path, topics: Sequence[TopicInfo]) -> str:
+    """Return the one topic of positions in a recording; raise UsageError that lists them if there are several."""
+    names = [topic.name for topic in topics if topic.count and message_layout_of("truth", topic) is not None]
+    if len(names) != 1:
+        which = f"several topics of positions ({', '.join(names)})" if names else "no topic of positions"
+        raise UsageError(f"--estimate {path.name} has {which}: join it by --with {path.name}, and name its topic")
+    return names[0]
+
+
+def _of_topic(
+    log: Log, path: Path, request: Request, name: str | None, frame: str | None
+) -> tuple[pd.DataFrame, str, str, bool]:
+    """Read a topic of a recording; without a name, its only one of positions."""
+    if not path.exists():
         raise UsageError(f"--estimate {name}: a scenario has no topics; name a file")
-    reader = open_configured(log.path, request).reader
+    reader = open_configured(path, request if name else replace(request, configuration="none", joined=())).reader
+    name = _only_pose(path, reader.topics()) if name is None else name
     if find_topic(reader.topics(), name) is None:
         hint = did_you_mean(name, [topic.name for topic in reader.topics()], 3)
         raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic{hint}", path=log.path)
-    choice = topic_named(log.path, reader.topics(), "truth", name, "option")
+    choice = topic_named(path, reader.topics(), "truth", name, "option")
     topic, layout = choice.topic, choice.layout
     paths = wanted_paths(topic, layout)
-    raw = raw_records(log.path, topic, layout, reader.read({topic.name: list(paths.values())})[topic.name], paths)
+    raw = raw_records(path, topic, layout, reader.read({topic.name: list(paths.values())})[topic.name], paths)
     try:
         is_ned = named_ned(raw.frame_id)
         used, chosen_by, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")

@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 
 from commands import output_of, run
-from recordings import FIX, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, fix, turned, write_mcap
+from recordings import (
+    FIX,
+    ODOMETRY,
+    POSE_COVARIANCE,
+    SECOND,
+    T0,
+    Row,
+    fix,
+    turned,
+    write_bag,
+    write_mcap,
+    write_rosbag2,
+)
 from usbldr.filters.errors import LogError, UsageError
 
 ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
@@ -132,3 +144,18 @@ def test_what_cannot_be_judged_is_one_sentence(own: Path) -> None:
         assert isinstance(fault, kind), name
         assert text in str(fault)
     assert not (own / "fault").exists()
+
+
+@pytest.mark.parametrize("write", [write_mcap, write_bag, write_rosbag2])
+def test_a_track_in_a_recording_of_its_own_is_its_only_topic_of_positions(tmp_path: Path, write: Any) -> None:
+    rows = onboard(ODOMETRY, "pose", "odom", 0.5, 0.5)
+    log = write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text(ORIGIN, encoding="utf-8")
+    name = {write_mcap: "nav.mcap", write_bag: "nav.bag", write_rosbag2: "nav"}[write]
+    write(tmp_path / name, [row for row in rows if row[1] == "/nav"])
+
+    alone, inside = judged(log, tmp_path / name), judged(log, "/nav", "--force")
+
+    assert alone["metrics"]["rmse_east_m"] == pytest.approx(inside["metrics"]["rmse_east_m"], abs=1e-6)
+    with pytest.raises(UsageError, match=r"has several topics of positions \(/gps/fix, /nav\)|\(/nav, /gps/fix\)"):
+        judged(log, write_mcap(tmp_path / "both.mcap", rows), "--force")
