@@ -63,8 +63,9 @@ def evaluate(
 ) -> int:
     """Report the errors of a track that LOG or a file holds, like those of a filter.
 
-    A topic of Odometry, Pose or NavSatFix messages, a recording with one such topic, TUM text, usbldr's track CSV, or CSV
-    with usbldr's column names. If it has covariances, NEES says whether they are right. Writes a run directory, which compare puts beside others.
+    A topic of Odometry, Pose or NavSatFix messages, a recording with one such topic, TUM text, usbldr's track CSV, or
+    CSV with usbldr's column names. If it has covariances, NEES says whether they are right. Writes a run directory,
+    which compare puts beside others.
 
     \b
     $ usbldr evaluate dive.mcap --estimate /odometry/filtered
