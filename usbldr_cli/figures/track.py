@@ -41,6 +41,7 @@ CLOSE_M, CLOSE_SHARE = 8.0, 0.15  # [m, share of the track's extent] surrounding
 LEAST_CLOSE_M = 3.0  # [m] from the largest error to the edge, if errors and track are tiny
 MAX_GROWTH = 2.0  # times the frame of track and truth: what fixes and dr may add to it
 DENSE = 500  # [fixes] from which their marks are smaller, so that they do not hide the tracks
+MANY_FIXES = 10_000  # [fixes] from which the page tells the time of each alone, to stay below 2 MB
 DENSE_SCALE = 0.6  # times the usual size of a mark
 
 
@@ -193,7 +194,8 @@ def _fix_rows(run: Run) -> dict[str, Vector]:
         f"{name} [m]": np.hypot(*(table[f"{name}_{axis}_m"].to_numpy(float) for axis in AXES))
         for name in ("innovation", "shift")
     }
-    return {"fix": np.arange(len(table), dtype=float), "time [s]": table["time_s"].to_numpy(float), **sizes}
+    number = {"fix": np.arange(len(table), dtype=float), **sizes} if len(table) <= MANY_FIXES else {}
+    return {"time [s]": table["time_s"].to_numpy(float), **number}
 
 
 def _inside(axes: Axes, points_m: Array) -> Array:
