@@ -292,13 +292,13 @@ def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
 
 def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
     log = without_units(tmp_path / "dive")
-    (log / "gps.csv").write_text(f"t,east_m,north_m,lat_deg,lon_deg\n{T0 // SECOND},1,2,45,7\n")
+    (log / "gps.csv").write_text(f"t,east,north,lat,lon\n{T0 // SECOND},1,2,45,7\n")
 
     done = run("init", str(log), "--output", str(tmp_path / "found.toml"))
 
     assert done.exception is None, done.output
     found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
-    assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat_deg", "lon_deg": "lon_deg"}
+    assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat", "lon_deg": "lon"}
     assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
 
 
