@@ -71,6 +71,8 @@ class Truth:
     kind: str  # "gps", "slam", "simulated" or "other": printed beside every error
     source: str  # topic or file
     max_gap_s: float = 30.0  # no errors are evaluated inside longer gaps
+    heading_sd_rad: float = 0.0  # 1-sigma of a turn of the whole track about its first point
+    scale_sd: float = 0.0  # 1-sigma of the scale of the whole track, likewise
     lever_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its antenna: starboard, forward, up of the reference point
     yaw_rad: Vector | None = None  # (T,) unwrapped; None: unknown
     velocity_mps: Array | None = None  # (T, 2) starboard, forward

@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters.evaluation.metrics import Metric
 from usbldr.filters.models.noise import chi_square_quantile
-from usbldr.filters.types import OUTCOMES, Array, Trajectory, Vector
+from usbldr.filters.types import OUTCOMES, Array, Trajectory, Truth, Vector
 from usbldr.filters.updates import UpdateTable
 
 DOF = 2  # fixed: east and north
@@ -101,9 +101,18 @@ def consistency(error_m: Array, cov_m2: Array) -> tuple[Nees, SigmaShares] | Non
     return nees_with_bounds(float(nees(e, P).mean()), effective_number(in_sigmas)), shares
 
 
-def with_truth(cov_m2: Array, truth_sd_m: Vector) -> Array:
-    """Add the truth's own variance to covariances (M, 2, 2)."""
-    return cov_m2 + truth_sd_m[:, None, None] ** 2 * np.eye(2)
+def truth_covariances(truth: Truth, points_m: Array, sd_m: Vector, from_m: Vector) -> Array:
+    """Return the covariances of points of the truth, (M, 2, 2), with their sigma per axis, (M,).
+
+    A truth that is turned or scaled as a whole is so about the point `from_m`: its sigmas grow with the distance.
+    """
+    away_m = points_m - from_m
+    across_m = away_m @ np.array([[0.0, 1.0], [-1.0, 0.0]])  # (-north, east)
+    return (
+        sd_m[:, None, None] ** 2 * np.eye(2)
+        + truth.heading_sd_rad**2 * across_m[:, :, None] * across_m[:, None, :]
+        + truth.scale_sd**2 * away_m[:, :, None] * away_m[:, None, :]
+    )
 
 
 def sigmas(cov_m2: Array) -> Array:

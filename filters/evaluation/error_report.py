@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.evaluation.alignment import Alignment
-from usbldr.filters.evaluation.consistency import FixUpdates, Nees, SensorUpdates, SigmaShares, sigmas, with_truth
+from usbldr.filters.evaluation.consistency import FixUpdates, Nees, SensorUpdates, SigmaShares, sigmas
 from usbldr.filters.evaluation.constant_shift import ConstantShift
 from usbldr.filters.evaluation.metrics import (
     AxisErrors,
@@ -78,7 +78,7 @@ class ErrorReport:
     time_s: Vector  # (M,)
     estimate_m: Array  # (M, 2) east, north, after the alignment
     truth_m: Array  # (M, 2)
-    truth_sd_m: Vector  # (M,) 1-sigma per axis; 0 where unknown
+    truth_cov_m2: Array  # (M, 2, 2) of the truth itself; 0 where unknown
     cov_m2: Array | None  # (M, 2, 2) of the track alone, after the alignment
     surfacings: tuple[Surfacing, ...]
     aid: tuple[TimeWindow, ...]  # windows in which GPS aided the filter, so that nothing is scored there
@@ -123,7 +123,7 @@ class ErrorReport:
     @property
     def sd_m(self) -> Array | None:
         """1-sigma of the error of east and north, the truth's own share included, (M, 2), or None."""
-        return None if self.cov_m2 is None else sigmas(with_truth(self.cov_m2, self.truth_sd_m))
+        return None if self.cov_m2 is None else sigmas(self.cov_m2 + self.truth_cov_m2)
 
     @property
     def coverage(self) -> Coverage:

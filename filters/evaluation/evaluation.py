@@ -10,7 +10,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import Alignment, fit_alignment
-from usbldr.filters.evaluation.consistency import consistency, fix_updates, sensor_updates, with_truth
+from usbldr.filters.evaluation.consistency import consistency, fix_updates, sensor_updates, truth_covariances
 from usbldr.filters.evaluation.constant_shift import ConstantShift, constant_shift, moves_otherwise
 from usbldr.filters.evaluation.error_report import WHOLE_LOG, ErrorReport, Matching, Window
 from usbldr.filters.evaluation.metrics import (
@@ -107,6 +107,7 @@ def evaluate(
     estimate_m = alignment.points(track_m[scored], scored_yaw)
     error_m = estimate_m - truth_m
     truth_sd_m = np.nan_to_num(np.interp(time_s, row_s, truth.sd_m[rows]))
+    truth_cov_m2 = truth_covariances(truth, truth_m, truth_sd_m, row_m[first_row])
     if align in ("none", "body") and not truth.place_unknown:
         _refuse_apart(estimate_m, truth_m, f"{trajectory.label} and the truth {truth.source}")
     cov = trajectory.position_cov_m2
@@ -122,7 +123,7 @@ def evaluate(
         distance_m = float(travelled_m[np.flatnonzero(scored)[-1]] - travelled_m[start])
         drifts = trajectory.method == "dr" and distance_m > 0
         travel = Travel(distance_m, 100 * horizontal.final_m / distance_m if drifts else None)
-    errors_cov_m2 = None if cov_m2 is None else with_truth(cov_m2, truth_sd_m)
+    errors_cov_m2 = None if cov_m2 is None else cov_m2 + truth_cov_m2
     compared = None if errors_cov_m2 is None else consistency(error_m, errors_cov_m2)
     nees, sigma_shares = compared or (None, None)
     shift = constant_shift(error_m, errors_cov_m2)
@@ -159,7 +160,7 @@ def evaluate(
         time_s=time_s,
         estimate_m=estimate_m,
         truth_m=truth_m,
-        truth_sd_m=truth_sd_m,
+        truth_cov_m2=truth_cov_m2,
         cov_m2=cov_m2,
         surfacings=found,
         aid=aid,

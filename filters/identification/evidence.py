@@ -14,7 +14,7 @@ numbers of the run; the other errors become states of the filter.
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from typing import NamedTuple
@@ -48,6 +48,7 @@ FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "latency_s": 10.0}
 """Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
 compass mounted any way round, stamps of a slow export. Each needs strong evidence once more."""
 USUAL_SIGMAS = 2.0  # [-] of the usual prior: an error beyond it may be far outside
+MAX_SCALE = 0.8  # [-] of a DVL that measures a fifth of the speed; at -1 dead reckoning would stand still
 MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the start of the search
@@ -110,8 +111,9 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
     scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
     start = {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
     errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in far})
-    wide = Member(replace(stated, errors=errors), frozenset(KEYS))
-    wide = wide.with_errors(wide.present, {state: start[state] for key in far for state in KEYS[key]})
+    wide = _about(
+        Member(replace(stated, errors=errors), usual.present), {s: start[s] for key in far for s in KEYS[key]}
+    )
     for _ in range(LINEARISATIONS):
         (wide,) = _relinearised([wide], fix_likelihoods(timeline, [wide]))
     wide = wide._replace(parameters=estimate_usbl_noise(timeline, wide, wide.parameters))
@@ -178,17 +180,16 @@ def _row(score: Vector) -> int:
 
 def _relinearised(members: Sequence[Member], found: FixLikelihoods) -> list[Member]:
     """Return the members, linearised about their own plausible estimates, in steps that many of them share."""
-    made: list[Member] = []
-    for row, member in enumerate(members):
-        sd = prior_sds(member.parameters)
-        value = {state: float(found.mean[state][row]) for state in STEPS}
-        limits = {state: MAX_PRIOR_SIGMAS * sd[state] for state in STEPS}
-        made.append(
-            member.with_errors(
-                member.present, {state: min(max(x, -limits[state]), limits[state]) for state, x in value.items()}
-            )
-        )
-    return made
+    return [
+        _about(member, {state: float(found.mean[state][row]) for state in STEPS}) for row, member in enumerate(members)
+    ]
+
+
+def _about(member: Member, value: Mapping[str, float]) -> Member:
+    """Return the member linearised about values of some states, each as far as it is plausible."""
+    limit = {state: MAX_PRIOR_SIGMAS * sd for state, sd in prior_sds(member.parameters).items()}
+    limit["dvl_scale"] = min(limit["dvl_scale"], MAX_SCALE)
+    return member.with_errors(member.present, {s: min(max(x, -limit[s]), limit[s]) for s, x in value.items()})
 
 
 def _identification(given: Parameters, stated: Parameters, choice: _Choice) -> Identification:

@@ -92,7 +92,9 @@ def truth_from_table(
     truth = Truth(
         time_s=(rows["time_ns"].to_numpy() - start_ns) / 1e9 - section.latency_s,
         position_m=rows[["east_m", "north_m"]].to_numpy(dtype=float),
-        sd_m=rows["sd_m"].to_numpy(dtype=float),
+        sd_m=rows["sd_m"].to_numpy(dtype=float) if section.sd_m is None else np.full(len(rows), section.sd_m),
+        heading_sd_rad=math.radians(section.heading_sd_deg),
+        scale_sd=section.scale_sd,
         kind=kind,
         source=source,
         max_gap_s=section.max_gap_s,

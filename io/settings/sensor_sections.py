@@ -246,6 +246,9 @@ class TruthSection(Section, frozen=True, kw_only=True):
     kind: Literal["gps", "slam", "simulated", "other"] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
     skip_rows: Annotated[int, Meta(ge=0, le=1_000_000_000)] = 0
+    sd_m: SpreadMetres | None = None
+    heading_sd_deg: SpreadDegrees = 0.0
+    scale_sd: Annotated[float, Meta(ge=0, le=1)] = 0.0
     max_gap_s: Gap = 30.0
     latency_s: Latency = 0.0
     lever_arm_m: Lever = (0.0, 0.0, 0.0)

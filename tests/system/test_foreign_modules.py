@@ -66,4 +66,4 @@ def test_no_module_of_the_current_folder_is_executed(words: str, folder: Path) -
 
     mark = folder / "executed"
     assert (mark.read_text() if mark.exists() else "") == ""
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == (3 if words == "info dvl.mat" else 0), done.stderr  # a DVL alone cannot be replayed

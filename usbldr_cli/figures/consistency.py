@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from usbldr.filters.evaluation.consistency import DOF, nees, with_truth
+from usbldr.filters.evaluation.consistency import DOF, nees
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.io.reports.report_json import Run
 from usbldr_cli.figures.health import BINS, bin_means, mean_bounds
@@ -73,7 +73,7 @@ def _draw_ellipses(axes: Axes, report: ErrorReport, plane: Plane) -> int:
     assert report.cov_m2 is not None
     rows = np.unique(np.linspace(0, len(report.time_s) - 1, ELLIPSES).astype(int))
     rows = rows[np.isfinite(report.cov_m2[rows]).all(axis=(1, 2))]
-    cov_m2 = with_truth(report.cov_m2, report.truth_sd_m)[rows]
+    cov_m2 = (report.cov_m2 + report.truth_cov_m2)[rows]
     usual_m = 2 * float(np.median(np.sqrt(np.trace(cov_m2, axis1=1, axis2=2) / 2)))
     least_m = VISIBLE * float(np.max(np.ptp(report.estimate_m, axis=0))) if plane.turn is None else 0.0
     scale = next((one for one in SCALES if one * usual_m >= least_m), SCALES[-1])
@@ -89,7 +89,7 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     assert report.nees is not None
     shade_outages(axes, run)
     t, mine = report.time_s, colour(report.method)
-    values = nees(report.error_m, with_truth(report.cov_m2, report.truth_sd_m))
+    values = nees(report.error_m, report.cov_m2 + report.truth_cov_m2)
     edges = np.linspace(float(t[0]), float(t[-1]), min(BINS, max(1, len(t) // 10)) + 1)
     bins = bin_means(t, values, edges)
     independent = np.where(bins[:, 2] > 0, np.maximum(bins[:, 2] * report.nees.independent_errors / len(t), 1.0), 0.0)

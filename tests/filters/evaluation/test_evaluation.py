@@ -523,3 +523,18 @@ def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs:
         assert plain[ours] == pytest.approx(found["absolute"][theirs], abs=2e-4)
         assert rigid.flat()[ours] == pytest.approx(found["se2"][theirs], abs=2e-4)
     assert math.degrees(rigid.alignment.rotation_rad) == pytest.approx(found["se2"]["rotation_deg"], abs=1e-3)
+
+
+def test_a_truth_turned_and_scaled_within_its_stated_sigmas_leaves_nees_at_two() -> None:
+    rng, tiny = np.random.default_rng(0), np.tile(1e-8 * np.eye(2), (len(SECONDS), 1, 1))
+    sds = {"heading_sd_rad": 0.05, "scale_sd": 0.03}
+    means = []
+    for _ in range(300):
+        factor = (1 + rng.normal(0, 0.03)) * np.exp(1j * rng.normal(0, 0.05))
+        turned = line(SECONDS) @ np.array([[factor.real, factor.imag], [-factor.imag, factor.real]])
+        truth = dataclasses.replace(truth_of(SECONDS, turned + 5.0, 1e-4), **sds)
+        judged = evaluate(track_of(SECONDS, line(SECONDS) + 5.0, tiny), truth).nees
+        assert judged is not None
+        means.append(judged.mean)
+
+    assert np.mean(means) == pytest.approx(2.0, abs=4 * 2 / math.sqrt(300))  # chi-square of 2: sd 2

@@ -28,7 +28,7 @@ def test_constant_noise_has_no_change_with_heavy_tails_or_correlated(seed: int, 
     drawn = np.random.default_rng(seed).standard_t(tails, size=1000)
     smooth = np.convolve(drawn, np.ones(correlated) / np.sqrt(correlated), "same")
 
-    assert noise_change(SECONDS, smooth**2) is None
+    assert noise_change(SECONDS, np.square(smooth, dtype=float)) is None
 
 
 def test_few_or_no_values_say_nothing() -> None:

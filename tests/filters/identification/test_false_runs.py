@@ -11,6 +11,7 @@ from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Mask, Timeline
+from usbldr.filters.updates import UpdateTable
 from weaving import Faults, weaving_dive
 
 # without a stated start
@@ -75,7 +76,7 @@ def test_fixes_of_which_half_are_elsewhere_are_all_kept() -> None:
 def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
     line = moved(RUNS["middle"], np.array([40.0, -30.0]))
 
-    fixes = run("adf", line, identify(line, ASSUMED).parameters).updates.of_sensor("usbl")
+    fixes = UpdateTable.of(run("adf", line, identify(line, ASSUMED).parameters).updates).of_sensor("usbl")
 
     assert sorted(fixes.row) == list(range(len(T)))
     assert set(fixes.row[fixes.outcome == "rejected"]) == set(np.flatnonzero(RUNS["middle"]))
