@@ -1,10 +1,12 @@
 """The filters that run by bank, in the compiled kernel: the numbers of kalman.py and cpf.py in much less time.
 
 `compiled` is the one place that chooses: it returns a filter as it is if NumPy runs, or if the kernel lacks what it
-needs (a gate, or a motion model of a test). A span of steps is one call; particles stay in the memory of the kernel.
+needs (a gate, a sensor model of one's own, a noise family of many modes). A span of steps is one call; particles stay
+in the memory of the kernel.
 """
 
 import math
+from collections.abc import Iterable
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
@@ -15,8 +17,8 @@ from usbldr.filters.estimators.compiled_updates import RECORD, step_updates, upd
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.encoded_columns import EncodedSteps, encoded_steps
 from usbldr.filters.estimators.encoding import (
-    ARGUMENTS,
     Encoder,
+    can_encode,
     filter_bytes,
     generator_state,
     seed_words,
@@ -27,10 +29,11 @@ from usbldr.filters.estimators.mode_updates import collapse, moment_matched
 from usbldr.filters.estimators.protocol import Estimate, Estimates, Filter, MakeRng, Prior, SeededRng, Step, Steps
 from usbldr.filters.kernel import KERNEL
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.sigma_points import Unscented
+from usbldr.filters.models.noise import NoiseFamily
+from usbldr.filters.models.sigma_points import StateFunction, Unscented
 from usbldr.filters.types import Array, Vector
 
-LANES = 8  # fixed: as in kernel/layout.h
+LANES = KERNEL.limits.lanes
 MATCHED, COLLAPSED, DRAWN = range(3)  # updates, as in kernel/layout.h
 UPDATES = {moment_matched: MATCHED, collapse: COLLAPSED}
 FAULTS = {-1: np.linalg.LinAlgError("singular predicted covariance"), -2: MemoryError("no memory for the kernel")}
@@ -53,15 +56,20 @@ class KernelBelief(NamedTuple):
     history: InnovationHistory = MappingProxyType({})  # for the inflation factor
 
 
-def compiled(estimator: Filter[Any]) -> Filter[Any]:
-    """Return the filter in the kernel if there is one that can run it, else the filter itself."""
+def compiled(estimator: Filter[Any], kinds: Iterable[tuple[StateFunction, NoiseFamily]]) -> Filter[Any]:
+    """Return the filter in the kernel if there is one that can run it, else the filter itself.
+
+    ``kinds`` are the sensor models and noise families of all measurements that it will be given.
+    """
     if KERNEL.advance is None or type(estimator) not in (KalmanFilter, CubatureParticleFilter):
         return estimator
     assert isinstance(estimator, KalmanFilter | CubatureParticleFilter)
-    motion, known = estimator.motion, set(ARGUMENTS)
-    if type(motion) is not VehicleMotion or not known.issuperset(motion.layout.names):
-        return estimator
-    if isinstance(estimator, KalmanFilter) and estimator.mode_update not in UPDATES:
+    if isinstance(estimator, KalmanFilter):
+        known = estimator.mode_update in UPDATES
+    else:
+        known = estimator.move_steps <= KERNEL.limits.depth
+    motion = estimator.motion
+    if not known or not isinstance(motion, VehicleMotion) or not can_encode(motion, kinds):
         return estimator
     return CompiledFilter(estimator, motion)
 

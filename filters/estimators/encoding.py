@@ -6,15 +6,15 @@ Here a step is coded alone, as late fixes and a loop of one's own have it; encod
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usbldr.filters.kernel import MAX_MODES, MAX_STATES
+from usbldr.filters.kernel import KERNEL
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.noise import is_nominal
+from usbldr.filters.models.noise import NoiseFamily, is_nominal
 from usbldr.filters.models.sensors import (
     BodyVelocity,
     DeviatingCompass,
@@ -27,7 +27,7 @@ from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import MOTION_STATES, StateLayout
 from usbldr.filters.types import Array, Vector
 
-MAX_COLUMNS = 10  # fixed: as in layout.h
+_, MAX_STATES, MAX_MODES, MAX_COLUMNS, _ = KERNEL.limits
 NO_GAP = (0.0,) * 6  # fixed: of the velocity outside a gap
 ARGUMENTS = (
     *MOTION_STATES,
@@ -58,6 +58,10 @@ NOISES = np.dtype(
         ("nominal", f"{MAX_MODES}f8"),
     ]
 )
+
+
+class EncodingError(TypeError):
+    """The kernel has no code for a sensor model, or no room for a noise family."""
 
 
 class EncodedStep(NamedTuple):
@@ -105,6 +109,21 @@ class Encoder:
         return known[1] + ending
 
 
+def can_encode(motion: VehicleMotion, kinds: Iterable[tuple[StateFunction, NoiseFamily]]) -> bool:
+    """Return whether the kernel runs the motion, and has code for each sensor model and its noise."""
+    names = motion.layout.names
+    if type(motion) is not VehicleMotion or len(names) > MAX_STATES or not {*names} <= {*ARGUMENTS}:
+        return False
+    try:
+        for model, family in kinds:
+            function_bytes(model, motion.layout, bilinear=False)
+            noise = family.modes(np.eye(1)[None])
+            noise_columns(noise.probabilities, noise.cov)
+    except EncodingError:
+        return False
+    return True
+
+
 def relaxation(motion: VehicleMotion, t0_s: float, dt_s: float) -> tuple[float, ...] | None:
     """Return six numbers of the velocity in a gap of the DVL, None outside of one."""
     gap = motion.history.in_gap(t0_s, motion.process.velocity_mps) if dt_s else None
@@ -112,12 +131,12 @@ def relaxation(motion: VehicleMotion, t0_s: float, dt_s: float) -> tuple[float, 
 
 
 def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> bytes:
-    """Return the code of a measurement model; raises TypeError for one that the kernel does not know."""
+    """Return the code of a measurement model; raises EncodingError for one that the kernel does not know."""
     nonlinear, linear = tuple(g.nonlinear), tuple(g.linear)
     if g.rows is not None:
         rows = tuple(range(g.rows.start, g.rows.stop))
         return _function(SELECTED, len(rows), (), rows, layout, angle=isinstance(g, DirectState) and g.angle)
-    if isinstance(g, BodyVelocity):
+    if type(g) is BodyVelocity:
         starboard, forward = g.arm_m
         axis_row = g.velocity_rows[g.axis]
         # without an angle error each axis depends on its own velocity and one component of the lever arm
@@ -127,15 +146,15 @@ def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> byt
         assert axis_row in linear
         linear = tuple(row for row in linear if row not in unused)
         return _function(VELOCITY, 1, nonlinear, linear, layout, (0.0, starboard, forward), g.axis, bilinear=bilinear)
-    if isinstance(g, ScaledVelocity):
+    if type(g) is ScaledVelocity:
         axis = g.velocity_row - layout.index("u")
         return _function(VELOCITY, 1, nonlinear, linear, layout, axis=axis, bilinear=bilinear)
-    if isinstance(g, DeviatingCompass):
+    if type(g) is DeviatingCompass:
         return _function(COMPASS, 1, nonlinear, linear, layout, angle=True, bilinear=bilinear)
-    if isinstance(g, UsblFix):
+    if type(g) is UsblFix:
         numbers = (g.offset_s, *g.lever_m[:2])
         return _function(FIX, len(g.axes), nonlinear, linear, g.layout, numbers, g.axes[0], bilinear=bilinear)
-    raise TypeError(f"the kernel has no code for {type(g).__name__}")
+    raise EncodingError(f"the kernel has no code for {type(g).__name__}")
 
 
 def _function(
@@ -150,6 +169,8 @@ def _function(
     bilinear: bool = False,
 ) -> bytes:
     rows = (*nonlinear, *linear)
+    if len(rows) > MAX_COLUMNS:
+        raise EncodingError(f"a sensor model depends on {len(rows)} states; the kernel has room for {MAX_COLUMNS}")
     arguments = [ARGUMENTS.index(layout.names[row]) for row in rows]
     none = [0] * (MAX_COLUMNS - len(rows))
     numbers = (*numbers, *[0.0] * (4 - len(numbers)))
@@ -161,6 +182,8 @@ def _function(
 def noise_columns(probabilities: Vector, cov: Array) -> NDArray[np.void]:
     """Return the code of J modes, their covariances (J, F, k, k) of one or two scalars in each of F measurements."""
     J, F = cov.shape[:2]
+    if J > MAX_MODES:
+        raise EncodingError(f"a noise family has {J} modes; the kernel has room for {MAX_MODES}")
     coded = np.zeros(F, NOISES)
     coded["probability"][:, :J] = probabilities
     coded["log_probability"][:, :J] = [math.log(p) if p > 0 else -math.inf for p in probabilities.tolist()]

@@ -7,7 +7,7 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank
 from usbldr.filters.identification import clusters
-from usbldr.filters.kernel import KERNEL, MAX_MODES, MAX_STATES
+from usbldr.filters.kernel import KERNEL
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.types import Array, Indices, Mask, Vector
 
@@ -32,7 +32,7 @@ class CompiledFixes:
     def usable(self) -> bool:
         """Whether the kernel runs, and has room for so many noise modes and states."""
         J, n = len(self.noise.probabilities), self.measurement_matrix.shape[2]
-        return KERNEL.run_pass is not None and J <= MAX_MODES and n <= MAX_STATES
+        return KERNEL.run_pass is not None and KERNEL.limits.modes >= J and n <= KERNEL.limits.states
 
     def until_far(self, bank: GaussianBank, first: int) -> tuple[GaussianBank, Vector, int]:
         """Return the bank after the fixes from ``first`` on, their log likelihoods, and the first that was not used.

@@ -9,7 +9,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 SIZES = (248, 120, 600, 56, 2)  # fixed: bytes of Filter, Step, Reading and Pass in layout.h, then CALLS of module.c
-MAX_STATES, MAX_MODES = 24, 9  # fixed: as in layout.h
+
+
+class Limits(NamedTuple):
+    """What the kernel has room for, from layout.h; nothing without a kernel."""
+
+    lanes: int = 1
+    states: int = 0
+    modes: int = 0
+    columns: int = 0
+    depth: int = 0
 
 
 class Kernel(NamedTuple):
@@ -20,6 +29,7 @@ class Kernel(NamedTuple):
     advance: Callable[..., int] | None = None  # see module.c; None: NumPy
     run_pass: Callable[..., int] | None = None
     variant: int = 0
+    limits: Limits = Limits()
 
 
 def _choose() -> Kernel:
@@ -35,7 +45,7 @@ def _choose() -> Kernel:
         return Kernel("numpy", "the kernel was compiled from another version: install usbldr again")
     for name, variant in _kernel.VARIANTS:
         if wanted in ("", name):
-            return Kernel(name, "", _kernel.advance, _kernel.run_pass, variant)
+            return Kernel(name, "", _kernel.advance, _kernel.run_pass, variant, Limits(*_kernel.LIMITS))
     names = ", ".join(name for name, _ in _kernel.VARIANTS)
     return Kernel("numpy", f"USBLDR_KERNEL={wanted} is none of the variants for this machine: {names}, numpy")
 

@@ -3,6 +3,7 @@ from numpy.typing import NDArray
 
 VARIANTS: list[tuple[str, int]]
 SIZES: tuple[int, int, int, int, int]
+LIMITS: tuple[int, int, int, int, int]
 
 def advance(
     variant: int,

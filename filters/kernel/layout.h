@@ -1,4 +1,4 @@
-/* The values that Python and the kernel exchange: kernel/encode.py packs the same fields in the same order.
+/* The values that Python and the kernel exchange: estimators/encoding.py packs the same fields in the same order.
 
    A bank is N Gaussians in n states. In memory, blocks of LANES particles follow each other; a block holds the n means
    and then the lower triangle of the covariance, row by row, LANES numbers for each. The order of every sum over
@@ -7,9 +7,10 @@
 #define USBLDR_LAYOUT_H
 #include <stdint.h>
 
-enum { LANES = 8, MAX_STATES = 24, MAX_MODES = 9, MAX_COLUMNS = 10, HEADER = 8 };
+/* What a bank may have at most; Python reads these numbers from the module. MAX_DEPTH: steps that a move changes. */
+enum { LANES = 8, MAX_STATES = 24, MAX_MODES = 9, MAX_COLUMNS = 10, MAX_DEPTH = 4, HEADER = 8 };
 
-/* The states that a function may depend on, by name: encode.py ARGUMENTS. */
+/* The states that a function may depend on, by name: encoding.py ARGUMENTS. */
 enum { PSI, U, V_FORWARD, R, X, Y, SCALE, MOUNT, CURRENT_EAST, CURRENT_NORTH, LATENCY, BIAS_EAST, BIAS_NORTH,
        HEADING_BIAS, DEVIATION_SIN, DEVIATION_COS, ARGUMENTS };
 

@@ -46,7 +46,7 @@ static PyObject *py_advance(PyObject *self, PyObject *args) {
                variant >= 0 && variant < COUNT && can_run(variant) && past >= 0 && count >= 0;
     if (good) {
         n = f->n, N = f->N, depth = f->update != DRAWN ? 0 : f->move_steps > 1 ? f->move_steps : 1;
-        good = n >= 6 && n <= MAX_STATES && N > 0 && depth <= 4 && past <= depth && f->bias_row < n - 1;
+        good = n >= 6 && n <= MAX_STATES && N > 0 && depth <= MAX_DEPTH && past <= depth && f->bias_row < n - 1;
     }
     if (good) {
         Py_ssize_t used = 0;
@@ -116,6 +116,10 @@ PyMODINIT_FUNC PyInit__kernel(void) {
                                         (int)sizeof(Pass), (int)CALLS);
         PyModule_AddObjectRef(module, "SIZES", sizes);
         Py_XDECREF(sizes);
+        PyObject *limits = Py_BuildValue("(iiiii)", (int)LANES, (int)MAX_STATES, (int)MAX_MODES, (int)MAX_COLUMNS,
+                                         (int)MAX_DEPTH);
+        PyModule_AddObjectRef(module, "LIMITS", limits);
+        Py_XDECREF(limits);
     }
     Py_XDECREF(names);
     return module;

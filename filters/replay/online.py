@@ -77,7 +77,7 @@ class OnlineFilter:
         self._layout = layout_for(parameters.calibrate)
         self._history = VelocityHistory()  # since the start
         motion = VehicleMotion(self._layout, parameters.process, parameters.errors, self._history)
-        self._estimator = make_estimator(method_named(method), motion, settings, parameters.calibrate)
+        self._estimator = make_estimator(method_named(method), motion, settings, parameters)
         self._sensors = VehicleSensors(parameters, self._layout)
         self._running: RunningFilter | None = None
         self._yaw: tuple[float, float] | None = None  # the last reading before the start and its sigma, radians

@@ -35,7 +35,7 @@ from usbldr.filters.replay.methods import (
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
-from usbldr.filters.replay.steps import StepSource
+from usbldr.filters.replay.steps import StepSource, sensor_kinds
 from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Vector
 from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
@@ -81,7 +81,7 @@ def _run(
     if settings.order == "arrival":  # which fixes are false is known at the end of a log
         parameters = replace(parameters, false_fixes=())
     motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(timeline))
-    name, estimator = method.name, make_estimator(method, motion, settings, parameters.calibrate)
+    name, estimator = method.name, make_estimator(method, motion, settings, parameters)
     began = time.perf_counter()
     count = len(timeline.time_s)
     mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
@@ -133,16 +133,17 @@ def _run(
 
 
 def make_estimator(
-    method: Method, motion: VehicleMotion, settings: FilterSettings, calibrate: Sequence[str]
+    method: Method, motion: VehicleMotion, settings: FilterSettings, parameters: Parameters
 ) -> Filter[Any]:
     """Return the filter of a method, with its hypotheses if it has them; raise UsageError for what it cannot do."""
-    _check_settings(method, settings, calibrate)
+    _check_settings(method, settings, parameters.calibrate)
     assert method.build is not None  # it is a filter
-    estimator = compiled(method.build(motion, settings))
+    kinds = sensor_kinds(parameters, motion.layout)
+    estimator = compiled(method.build(motion, settings), kinds)
     guarded = method.multiple_hypotheses_by_default if settings.guard is None else settings.guard
     if not guarded:
         return estimator
-    predictor = compiled(KalmanFilter(motion, linearised, moment_matched))
+    predictor = compiled(KalmanFilter(motion, linearised, moment_matched), kinds)
     return MultiHypothesisFilter(estimator, motion, predictor=predictor)
 
 

@@ -113,3 +113,13 @@ class VehicleSensors:
         axes = (("starboard", starboard), ("forward", forward))
         self.dvl = [ScalarSensor("dvl", axis, model, parameters.dvl) for axis, model in axes]
         self.dvl_sd_scale = parameters.dvl_sd_scale
+
+
+def sensor_kinds(parameters: Parameters, layout: StateLayout) -> list[tuple[StateFunction, NoiseFamily]]:
+    """Return the model and the noise family of each kind of measurement that steps can have."""
+    sensors = VehicleSensors(parameters, layout)
+    fixes = (parameters.usbl, parameters.usbl_lever_m, layout), (parameters.gps, parameters.gps_lever_m, StateLayout())
+    return [
+        *((one.model, one.family) for one in (sensors.compass, *sensors.dvl)),
+        *((UsblFix(of, 0.0, lever_m), family) for family, lever_m, of in fixes),
+    ]

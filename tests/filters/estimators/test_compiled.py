@@ -1,7 +1,7 @@
 """The compiled kernel against the NumPy reference, which owes it nothing: equal for every filter, state and noise."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from needed_kernel import require_kernel
 from usbldr.filters.errors import LogError
 from usbldr.filters.estimators import compiled
 from usbldr.filters.estimators.compiled import CompiledFilter, Doubt
+from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.encoding import seed_words
 from usbldr.filters.estimators.hypothesis_likelihoods import hypothesis_likelihoods, usbl_measurements
 from usbldr.filters.estimators.kalman import KalmanFilter
@@ -19,16 +20,17 @@ from usbldr.filters.estimators.protocol import Prior, SeededRng, Step
 from usbldr.filters.kernel import KERNEL, Kernel
 from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, Noise, NoiseFamily, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
+from usbldr.filters.models.sensors import DeviatingCompass, compass_model
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import velocity_history
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import make_estimator, run
-from usbldr.filters.replay.steps import steps
-from usbldr.filters.types import Timeline, Trajectory
+from usbldr.filters.replay.steps import sensor_kinds, steps
+from usbldr.filters.types import Array, Timeline, Trajectory
 from usbldr.filters.updates import UpdateTable
 from weaving import Faults, weaving_dive
 
@@ -159,7 +161,7 @@ def test_the_kernel_stops_before_the_fixes_that_call_for_hypotheses_and_no_other
     )
     parameters, layout = Parameters(usbl=family), StateLayout()
     motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(line))
-    guard = make_estimator(METHODS["adf"], motion, FilterSettings(), ())
+    guard = make_estimator(METHODS["adf"], motion, FilterSettings(), parameters)
     assert isinstance(guard, MultiHypothesisFilter)
     kernel, linear = guard.filter, KalmanFilter(motion, linearised, moment_matched)
     assert isinstance(kernel, CompiledFilter)
@@ -193,7 +195,7 @@ def test_steps_as_columns_give_the_numbers_of_the_steps_one_by_one(name: str) ->
     parameters = replace(PARAMETERS, dvl=Mixture(), usbl=StudentT(), calibrate=("scale", "latency"))
     layout, settings = layout_for(parameters.calibrate), FilterSettings(particles=9, guard=False)
     motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(LINE))
-    kernel = make_estimator(METHODS[name], motion, settings, parameters.calibrate)
+    kernel = make_estimator(METHODS[name], motion, settings, parameters)
     assert isinstance(kernel, CompiledFilter)
     every, at_start = steps(LINE, parameters, layout), prior(LINE, parameters, layout)
 
@@ -271,7 +273,7 @@ def test_a_singular_covariance_is_one_sentence() -> None:
 
 def test_the_belief_before_a_step_stays_as_it_was() -> None:
     motion = VehicleMotion(layout_for(()), ProcessNoise())
-    kernel = compiled.compiled(KalmanFilter(motion, linearised, moment_matched))
+    kernel = compiled.compiled(KalmanFilter(motion, linearised, moment_matched), ())
     assert isinstance(kernel, CompiledFilter)
     before = kernel.start(Prior(np.arange(6.0), np.eye(6)))
     kept = before.state.copy()
@@ -280,3 +282,47 @@ def test_the_belief_before_a_step_stays_as_it_was() -> None:
 
     np.testing.assert_array_equal(before.state, kept)
     assert not np.array_equal(after.state, kept)
+
+
+@dataclass(frozen=True)
+class ManyModes:
+    """A noise family of one's own: twelve modes, all alike, so that the track is that of a Gaussian."""
+
+    per_scalar: bool = True
+
+    def modes(self, R: Array) -> Noise:
+        return Noise(np.full(12, 1 / 12), np.repeat(R[None], 12, axis=0), self.per_scalar)
+
+
+class OwnCompass(DeviatingCompass):
+    """A sensor model of one's own."""
+
+
+def test_noise_of_more_modes_than_the_kernel_holds_runs_in_numpy() -> None:
+    few, many = (run("ekf", LINE, replace(PARAMETERS, usbl=family)) for family in (Gaussian(), ManyModes()))
+
+    np.testing.assert_allclose(many.mean, few.mean, rtol=0, atol=1e-9)
+
+
+def test_moves_of_more_steps_than_the_kernel_holds_run_in_numpy() -> None:
+    method = METHODS["cpf"]
+    assert method.build is not None
+    parameters, layout = PARAMETERS, layout_for(())
+    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(LINE))
+    deep = method.build(motion, FilterSettings(particles=9))
+    assert isinstance(deep, CubatureParticleFilter)
+    deep = replace(deep, move_steps=5)
+
+    assert compiled.compiled(deep, sensor_kinds(parameters, layout)) is deep
+
+
+def test_a_sensor_model_of_ones_own_runs_in_numpy() -> None:
+    layout = layout_for(("heading", "deviation"))
+    motion = VehicleMotion(layout, ProcessNoise())
+    estimator = KalmanFilter(motion, linearised, moment_matched)
+    known = compass_model(layout)
+    assert isinstance(known, DeviatingCompass)
+    own = OwnCompass(**{field.name: getattr(known, field.name) for field in fields(known)})
+
+    assert isinstance(compiled.compiled(estimator, [(known, Gaussian())]), CompiledFilter)
+    assert compiled.compiled(estimator, [(own, Gaussian())]) is estimator
