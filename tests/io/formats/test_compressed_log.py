@@ -244,7 +244,11 @@ def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.Monke
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
-@pytest.mark.parametrize("empty", [zstandard.compress(b""), gzip.compress(b""), lz4.frame.compress(b"")])
+@pytest.mark.parametrize(
+    "empty",
+    (zstandard.compress(b""), gzip.compress(b""), lz4.frame.compress(b"")),
+    ids=("zstd", "gzip", "lz4"),  # gzip holds the time of day
+)
 def test_frames_without_end_are_refused(tmp_path: Path, empty: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.csv.z").write_bytes(empty * 1500)
     monkeypatch.setenv(VARIABLE, "0.01")
