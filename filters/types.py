@@ -54,11 +54,13 @@ class Timeline:
     gps_m: Array  # (G, 2) east, north
     outages: tuple[Outage, ...] = ()
     gps_sd_m: Vector | None = None  # (G,) 1-sigma per axis; NaN, or None for all, if unknown
+    fix_away_m: Array | None = None  # (F, 2) of a fix from the head or beacon that it was measured from; None: unknown
 
     def with_fixes(self, rows: Indices | Mask) -> "Timeline":
         """Return the timeline with these fixes only, in this order; outages are unchanged."""
-        names = ("fix_time_s", "fix_received_s", "fix_m", "fix_cov_m2")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        names = ("fix_time_s", "fix_received_s", "fix_m", "fix_cov_m2", "fix_away_m")
+        columns = {name: getattr(self, name) for name in names}
+        return replace(self, **{name: None if column is None else column[rows] for name, column in columns.items()})
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -33,7 +34,17 @@ from usbldr.filters.identification.identification import (
     NoiseChange,
     SensorErrorEvidence,
 )
-from usbldr.filters.identification.linearisation import CLOCK, KEYS, LEVER, REPORTED, STEPS, prior_sds
+from usbldr.filters.identification.linearisation import (
+    CLOCK,
+    HEAD,
+    KEYS,
+    LEVER,
+    RANGE,
+    REPORTED,
+    STEPS,
+    keys_of,
+    prior_sds,
+)
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods
 from usbldr.filters.models.calibration import SENSOR_ERRORS, STATES
@@ -53,20 +64,27 @@ MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going 
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the start of the search
 LINEARISATIONS = 2  # about the estimates of each subset
-SUBSETS = tuple(
-    frozenset(keys) for count in range(len(KEYS) + 1) for keys in itertools.combinations(sorted(KEYS), count)
-)
-LEVER_OR_LATENCY = frozenset((LEVER, "latency"))
 FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
+LEVER_OR_LATENCY = frozenset((LEVER, "latency"))
+HEAD_OR_VEHICLE = frozenset((HEAD, "heading")), frozenset((RANGE, "scale"))
 
 
 class _Choice(NamedTuple):
     """The chosen subset among all."""
 
     member: Member
-    row: int  # in SUBSETS
+    row: int  # in the subsets
+    subsets: Sequence[frozenset[str]]
     score: Vector  # (N,) of each subset
     found: FixLikelihoods
+
+
+@cache
+def subsets_of(keys: tuple[str, ...]) -> tuple[frozenset[str], ...]:
+    """Return all subsets of some keys, smaller ones first."""
+    return tuple(
+        frozenset(some) for count in range(len(keys) + 1) for some in itertools.combinations(sorted(keys), count)
+    )
 
 
 def identify(timeline: Timeline, given: Parameters) -> Identification:
@@ -100,7 +118,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
     Wide are the priors of what lies beyond USUAL_SIGMAS. Their start is dead reckoning turned, scaled and delayed onto
     the fixes. They must make dead reckoning right: without bottom lock it fits some heading by chance.
     """
-    usual = Member(stated, frozenset(KEYS))
+    usual = Member(stated, frozenset(keys_of(timeline)))
     found, sd = fix_likelihoods(timeline, [usual]), prior_sds(stated)
     far = [key for key in FAR_KEYS if any(abs(found.mean[s][0]) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
     (usual,) = _relinearised([usual], found)
@@ -147,14 +165,15 @@ def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
 
 def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> _Choice:
     """Return the subset of errors with the largest score, under the noise of the member."""
-    members = [member.with_errors(subset, dict(zip(STEPS, member.about, strict=True))) for subset in SUBSETS]
+    subsets = subsets_of(keys_of(timeline))
+    members = [member.with_errors(subset, dict(zip(STEPS, member.about, strict=True))) for subset in subsets]
     for _ in range(LINEARISATIONS - 1):
         members = _relinearised(members, fix_likelihoods(timeline, members))
     found = fix_likelihoods(timeline, members)
-    score = found.log_likelihood + LOG_PRIOR_ODDS * np.array([len(subset) + len(subset & far) for subset in SUBSETS])
+    score = found.log_likelihood + LOG_PRIOR_ODDS * np.array([len(subset) + len(subset & far) for subset in subsets])
     score[~_plausible(members, found)] = -np.inf
-    row = _row(score)
-    return _Choice(_relinearised(members, found)[row], row, score, found)
+    row = _row(score, subsets)
+    return _Choice(_relinearised(members, found)[row], row, subsets, score, found)
 
 
 def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
@@ -164,18 +183,23 @@ def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
     return np.all(within, axis=0)
 
 
-def _row(score: Vector) -> int:
-    """Return the row of the best subset; with both lever arm and latency if the log cannot choose between them.
+def _row(score: Vector, subsets: Sequence[frozenset[str]]) -> int:
+    """Return the row of the best subset; with both errors of a pair if the log cannot choose between them.
 
-    At a constant speed v a lever arm of -v tau forward is a latency of tau. Both together have the sigma that the log
-    leaves open; the wrong one alone would be over-confident.
+    At a constant speed v a lever arm of -v tau forward is a latency of tau. Turned or scaled fixes of a head that rests
+    are a turned compass or a scaled DVL; a ship that moves would give evidence against the second of them. Both
+    together have the sigma that the log leaves open; the wrong one alone would be over-confident.
     """
-    best = int(np.argmax(score))
-    if len(SUBSETS[best] & LEVER_OR_LATENCY) == 1:
-        other = SUBSETS.index(SUBSETS[best] ^ LEVER_OR_LATENCY)
-        if score[best] - score[other] < -LOG_PRIOR_ODDS:
-            return SUBSETS.index(SUBSETS[best] | LEVER_OR_LATENCY)
-    return best
+    best = subsets[int(np.argmax(score))]
+    both = best
+    if len(best & LEVER_OR_LATENCY) == 1:
+        other = subsets.index(best ^ LEVER_OR_LATENCY)
+        both |= LEVER_OR_LATENCY if score.max() - score[other] < -LOG_PRIOR_ODDS else best
+    for pair in HEAD_OR_VEHICLE:
+        if best & pair and pair <= subsets[-1]:
+            log_evidence = score[subsets.index(best | pair)] - score.max() - len(pair - best) * LOG_PRIOR_ODDS
+            both |= pair if log_evidence > -1.0 else best
+    return subsets.index(both)
 
 
 def _relinearised(members: Sequence[Member], found: FixLikelihoods) -> list[Member]:
@@ -206,16 +230,23 @@ def _identification(given: Parameters, stated: Parameters, choice: _Choice) -> I
         parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
     if CLOCK in present:
         parameters = replace(parameters, dvl_clock_s=given.dvl_clock_s + float(found.mean["dvl_clock"][row]))
+    of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
+    parameters = replace(
+        parameters,
+        settled={**parameters.settled, **{name: float(found.mean[name][row]) for name in of_head}},
+        settled_sd={name: float(found.sd[name][row]) for name in of_head},
+    )
     always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
     kept = tuple(key for key in STATES if key in present | always)
     evidence = tuple(
         SensorErrorEvidence(
             key,
-            _log_odds(key, choice.score),
+            _log_odds(key, choice),
             key in present,
             _estimates((key,), found, row) if key in present else (),
         )
         for key in KEYS
+        if key in choice.subsets[-1]
     )
     parameters = replace(parameters, calibrate=kept)
     return Identification(parameters, evidence, _noise_changes(given, parameters), _explanations(choice))
@@ -226,16 +257,16 @@ def _explanations(choice: _Choice) -> tuple[Explanation, ...]:
 
     A subset with an error more or less than a better one says of the others the same: `_log_odds` judges that error.
     """
-    score = choice.score
+    score, subsets = choice.score, choice.subsets
     taken: list[int] = []
     for row in map(int, np.argsort(-score)):
         if score[row] - score.max() < LOG_PRIOR_ODDS:
             break
-        if not any(SUBSETS[row] <= SUBSETS[other] or SUBSETS[row] >= SUBSETS[other] for other in taken):
+        if not any(subsets[row] <= subsets[other] or subsets[row] >= subsets[other] for other in taken):
             taken.append(row)
     found: list[Explanation] = []
     for row in taken:
-        keys = tuple(key for key in KEYS if key in SUBSETS[row])
+        keys = tuple(key for key in KEYS if key in subsets[row])
         found.append(Explanation(keys, float(score[row] - score.max()), _estimates(keys, choice.found, row)))
     return tuple(found)
 
@@ -250,10 +281,10 @@ def _estimate(state: str, found: FixLikelihoods, row: int) -> ErrorEstimate:
     return ErrorEstimate(reported.name, reported.factor * value, abs(reported.factor) * sd)
 
 
-def _log_odds(key: str, score: Vector) -> float:
+def _log_odds(key: str, choice: _Choice) -> float:
     """Return the score of the best subset with the error minus that of the best without."""
-    exists = np.array([key in subset for subset in SUBSETS])
-    return float(score[exists].max() - score[~exists].max())
+    exists = np.array([key in subset for subset in choice.subsets])
+    return float(choice.score[exists].max() - choice.score[~exists].max())
 
 
 def _noise_changes(given: Parameters, current: Parameters) -> tuple[NoiseChange, ...]:

@@ -79,7 +79,7 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> Mask:
 def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
     """Return the likeliest history with the noise and the priors of a member; it starts in the spread of the fixes."""
     time_s, errors = timeline.fix_time_s[:MAX_FIXES], member.parameters.errors
-    log = linearised(timeline, member.parameters, PASS_STATES, MAX_FIXES, member.about)
+    log = linearised(timeline, member.parameters, MAX_FIXES, member.about)
     modes = member.parameters.usbl.modes(timeline.fix_cov_m2[:MAX_FIXES] * member.parameters.usbl_sd_scale**2)
     dt_s = np.maximum(np.diff(time_s, prepend=time_s[0]), 0.0)
     fade = np.exp(-dt_s / errors.usbl_bias_s)
@@ -127,7 +127,7 @@ def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
 
 def _sd_scale(timeline: Timeline, member: Member) -> float:
     """Return the factor on the stated sigmas by which neighbouring fixes differ; a median ignores where runs begin."""
-    residual_m = linearised(timeline, member.parameters, PASS_STATES, MAX_FIXES, member.about).residual_m
+    residual_m = linearised(timeline, member.parameters, MAX_FIXES, member.about).residual_m
     sigma_m = np.linalg.cholesky(timeline.fix_cov_m2[1:MAX_FIXES])
     steps: Vector = np.linalg.solve(sigma_m, np.diff(residual_m, axis=0)[..., None]).ravel().astype(np.float64)
     found = robust_sd(steps)

@@ -7,7 +7,7 @@ error of 6 %.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
-from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.parameters import DEGREES, Parameters
 from usbldr.filters.models.quantities import ReportedQuantity
 from usbldr.filters.replay.dead_reckoning import (
     displacement_m,
@@ -29,7 +29,7 @@ from usbldr.filters.types import Array, Timeline
 
 Point: TypeAlias = tuple[float, ...]  # a value for each of STEPS
 
-LEVER, CLOCK = "dvl-lever", "dvl-clock"
+LEVER, CLOCK, HEAD, RANGE = "dvl-lever", "dvl-clock", "usbl-heading", "usbl-range"
 CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
 KEYS: Mapping[str, tuple[str, ...]] = {
     "scale": STATES["scale"],
@@ -38,13 +38,17 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "latency": STATES["latency"],
     LEVER: ("dvl_lever_starboard", "dvl_lever_forward"),
     CLOCK: ("dvl_clock",),
+    HEAD: ("usbl_heading",),
+    RANGE: ("usbl_range",),
 }
-"""Sensor errors that a log may have or not, and their states in the pass."""
+"""Sensor errors that a log may have or not, and their states in the pass; the last two if a fix has a head."""
 REPORTED: Mapping[str, ReportedQuantity] = {
     **REPORTED_QUANTITIES,
     "dvl_lever_starboard": ReportedQuantity("dvl_lever_starboard_m", "m", 1.0),
     "dvl_lever_forward": ReportedQuantity("dvl_lever_forward_m", "m", 1.0),
     "dvl_clock": ReportedQuantity("dvl_clock_s", "s", 1.0),
+    "usbl_heading": ReportedQuantity("usbl_heading_deg", "deg", -DEGREES),
+    "usbl_range": ReportedQuantity("usbl_range_scale", "", 1.0),
 }
 BIAS_STATES = STATES["usbl-bias"]
 CURRENT_STATES = STATES["current"]
@@ -52,15 +56,15 @@ OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, se
 ERROR_STATES = tuple(name for names in KEYS.values() for name in names)
 PASS_STATES = ("x", "y", *BIAS_STATES, *CURRENT_STATES, *ERROR_STATES, *OFFSET_STATES)
 STEPS: Mapping[str, float] = {
-    "dvl_scale": 0.01,
-    "heading_bias": math.radians(1.0),
-    "deviation_sin": math.radians(1.0),
-    "deviation_cos": math.radians(1.0),
-    "usbl_latency": 0.1,
-    "dvl_clock": 0.1,
+    "dvl_scale": 0.02,
+    "heading_bias": math.radians(2.0),
+    "deviation_sin": math.radians(2.0),
+    "deviation_cos": math.radians(2.0),
+    "usbl_latency": 0.5,
+    "dvl_clock": 0.5,
 }
-"""States that are not linear, and the step of the points that members share: half of it leaves less than 1e-4 of the
-distance, or of a millimetre in a turn."""
+"""States that are not linear, and the step of the points that members share: what half of it leaves is below 2e-4 of
+the distance, or 3 mm in a turn."""
 NO_ERROR: Point = (0.0,) * len(STEPS)
 
 
@@ -78,7 +82,14 @@ def prior_sds(parameters: Parameters) -> Mapping[str, float]:
         **prior_sd(parameters.errors),
         **dict.fromkeys(KEYS[LEVER], parameters.errors.dvl_lever_m),
         **dict.fromkeys(KEYS[CLOCK], parameters.errors.dvl_clock_s),
+        **dict.fromkeys(KEYS[HEAD], parameters.errors.usbl_heading_rad),
+        **dict.fromkeys(KEYS[RANGE], parameters.errors.usbl_range),
     }
+
+
+def keys_of(timeline: Timeline) -> tuple[str, ...]:
+    """Return the keys of the errors that the fixes of a timeline can have."""
+    return tuple(key for key in KEYS if timeline.fix_away_m is not None or key not in (HEAD, RANGE))
 
 
 def near(value: Mapping[str, float]) -> Point:
@@ -86,10 +97,9 @@ def near(value: Mapping[str, float]) -> Point:
     return tuple(round(value.get(state, 0.0) / step) * step for state, step in STEPS.items())
 
 
-def linearised(
-    timeline: Timeline, parameters: Parameters, states: Sequence[str], fixes: int, point: Point
-) -> Linearised:
-    """Return the first fixes minus dead reckoning, linear in these of PASS_STATES about the point."""
+def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Point) -> Linearised:
+    """Return the first fixes minus dead reckoning, linear in PASS_STATES about the point."""
+    states = PASS_STATES
     about = dict(zip(STEPS, point, strict=True))
     line, latency_s = freed(timeline, about), about["usbl_latency"]
     valid_s = line.fix_time_s[:fixes]
@@ -114,4 +124,10 @@ def linearised(
     H[:, :, states.index("usbl_latency")] = -V_at
     for name, unit in zip(KEYS[LEVER], np.eye(2), strict=True):
         H[:, :, states.index(name)] = -rotated(yaw, unit)
-    return Linearised(timeline.fix_m[:fixes] - reckoned_m - rotated(yaw, lever_m), H)
+    residual_m = timeline.fix_m[:fixes] - reckoned_m - rotated(yaw, lever_m)
+    if timeline.fix_away_m is not None:
+        # from the head to dead reckoning and not to the fix: an outlier would explain itself by its own length
+        away_m = timeline.fix_away_m[:fixes] - residual_m + np.median(residual_m, axis=0)
+        H[:, :, states.index("usbl_heading")] = np.column_stack([-away_m[:, 1], away_m[:, 0]])
+        H[:, :, states.index("usbl_range")] = away_m
+    return Linearised(residual_m, H)

@@ -23,10 +23,13 @@ from usbldr.filters.identification.drift import drift_variances_m2, has_dead_rec
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
     CURRENT_STATES,
+    HEAD,
     KEYS,
     NO_ERROR,
     OFFSET_STATES,
     PASS_STATES,
+    RANGE,
+    Linearised,
     Point,
     linearised,
     near,
@@ -39,6 +42,7 @@ from usbldr.filters.replay.prior import starting_fixes
 from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
+HEAD_ROWS = [PASS_STATES.index(name) for key in (HEAD, RANGE) for name in KEYS[key]]
 BOTH_AXES = slice(0, 2)  # east and north of a fix
 
 
@@ -66,8 +70,8 @@ class FixLikelihoods(NamedTuple):
 def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelihoods:
     """Run adf over the first MAX_FIXES fixes for each member."""
     about = sorted({member.about for member in members})
-    logs = [linearised(timeline, members[0].parameters, PASS_STATES, MAX_FIXES, point) for point in about]
-    mean, cov = _start(timeline, members)
+    logs = [linearised(timeline, members[0].parameters, MAX_FIXES, point) for point in about]
+    mean, cov = _start(timeline, members, logs[0])
     rows = np.flatnonzero(np.einsum("iim->im", cov).any(axis=1) | np.isin(PASS_STATES, OFFSET_STATES))
     used = [PASS_STATES[row] for row in rows]
     measured = _Fixes(
@@ -167,7 +171,7 @@ def _motion(timeline: Timeline, members: Sequence[Member], bias: slice) -> _Moti
     return _Motion(bias, np.stack([fade, bias_m2, drift_variances_m2(timeline, time_s, every, scaled)]))
 
 
-def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]:
+def _start(timeline: Timeline, members: Sequence[Member], log: Linearised) -> tuple[Array, Array]:
     """Return mean (n, N) and covariance (n, n, N) at the first epoch: as in prior.py, without the motion states."""
     first, time_s = members[0].parameters, np.zeros(1)
     carried = np.zeros((2, len(PASS_STATES)))
@@ -178,6 +182,8 @@ def _start(timeline: Timeline, members: Sequence[Member]) -> tuple[Array, Array]
         time_s = fixes.time_s
         position, sd_m = start_position(timeline, time_s, fixes.position_m)
         carried = start_sensitivity(timeline, time_s, PASS_STATES, fixes.sensor == "usbl")
+        if fixes.sensor == "usbl":  # which an error of their head has moved
+            carried[:, HEAD_ROWS] -= log.measurement_matrix[:5, :, HEAD_ROWS].mean(axis=0)
     walked_m2 = max(0.0, float(time_s[0])) * np.array([m.parameters.process.position_m**2 for m in members])
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)

@@ -119,6 +119,10 @@ class SensorErrors:
     dvl_lever_m: Annotated[float, Quantity("dvl_lever_sd_m", SPREAD["m"])] = 2.0
     # of the DVL's clock against the compass: clocks that are not synchronised differ by about a second; 0: it is right
     dvl_clock_s: Annotated[float, Quantity("dvl_clock_sd_s", SPREAD["s"])] = 1.0
+    # of the heading of a USBL head that was mounted with care; 0: it is right
+    usbl_heading_rad: Annotated[float, Quantity("usbl_heading_sd_deg", SPREAD["deg"])] = math.radians(1.0)
+    # of its ranges: 15 m/s of sound speed; 0: they are right
+    usbl_range: Annotated[float, Quantity("usbl_range_sd", Limits(0.0, 1.0))] = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,3 +171,5 @@ class Parameters:
     false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false
     settled: Mapping[str, float] = field(default_factory=dict[str, float])
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""
+    settled_sd: Mapping[str, float] = field(default_factory=dict[str, float])
+    """1-sigma of those of them that no state estimates further: of the USBL head's heading and range."""

@@ -132,11 +132,14 @@ def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
 
 
 def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
-    """Return the timeline with dead reckoning, compass, DVL and times of fixes freed of errors, state -> value.
+    """Return the timeline with dead reckoning, compass, DVL and fixes freed of errors, state -> value.
 
     The clock of the DVL is taken off dead reckoning alone: its records have other epochs then.
     """
     line = replace(timeline, fix_time_s=timeline.fix_time_s - error.get("usbl_latency", 0.0))
+    if line.fix_away_m is not None:
+        away_m = rotated(-error.get("usbl_heading", 0.0), line.fix_away_m) / (1 + error.get("usbl_range", 0.0))
+        line = replace(line, fix_m=line.fix_m + away_m - line.fix_away_m, fix_away_m=away_m)
     if clock_s := error.get("dvl_clock", 0.0):
         line = replace(line, dr_mps=interpolate(line, line.dr_mps, line.time_s + clock_s))
     names = ("heading_bias", "deviation_sin", "deviation_cos", "dvl_scale")
@@ -149,6 +152,19 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
         yaws.append(yaw)
     mps = {"dvl_mps": line.dvl_mps / (1 + scale), "dr_mps": line.dr_mps / (1 + scale)}
     return replace(line, yaw_rad=yaws[0], dr_yaw_rad=yaws[1], **mps)
+
+
+def head_covariance_m2(timeline: Timeline, position_m: Array, sd: Mapping[str, float]) -> Array:
+    """Return what sigmas of the head's heading and range leave open at the positions of K epochs, (K, 2): (K, 2, 2)."""
+    cov_m2 = np.zeros((len(position_m), 2, 2))
+    if timeline.fix_away_m is None:
+        return cov_m2
+    t, fix_s, head_m = timeline.time_s, timeline.fix_time_s, timeline.fix_m - timeline.fix_away_m
+    away_m: Array = position_m - np.column_stack([np.interp(t, fix_s, head_m[:, axis]) for axis in (0, 1)])
+    by_error = {"usbl_heading": np.column_stack([-away_m[:, 1], away_m[:, 0]]), "usbl_range": away_m}
+    for name, one_sigma in sd.items():
+        cov_m2 += one_sigma**2 * by_error[name][:, :, None] * by_error[name][:, None]
+    return cov_m2
 
 
 def integrate(timeline: Timeline, rate: Array) -> Array:

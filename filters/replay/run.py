@@ -24,7 +24,7 @@ from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sigma_points import linearised
-from usbldr.filters.replay.dead_reckoning import Anchor, freed, velocity_history
+from usbldr.filters.replay.dead_reckoning import Anchor, freed, head_covariance_m2, velocity_history
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, discarded_fixes
 from usbldr.filters.replay.methods import (
     FilterSettings,
@@ -107,6 +107,8 @@ def _run(
         mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)
     for state, value in parameters.settled.items():
         mean[:, layout.existing(state)] += value
+    x, y = layout.rows("x", "y")
+    cov[:, x : y + 1, x : y + 1] += head_covariance_m2(timeline, mean[:, x : y + 1], parameters.settled_sd)
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1

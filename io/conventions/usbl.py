@@ -33,6 +33,7 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
+AWAY_COLUMNS = ("away_east_m", "away_north_m")  # optional, of fixes that were measured from there
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} if the vehicle carries the head"
 
 
@@ -105,6 +106,8 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         "cov_en_m2": R[:, 0, 1],
         "cov_nn_m2": R[:, 1, 1],
     }
+    if fixes.relative_to_reference:
+        columns |= dict(zip(AWAY_COLUMNS, line.T, strict=True))
     chosen = [*target, Convention("kind", kind, kind_by), *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid])

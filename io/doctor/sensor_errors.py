@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification
-from usbldr.filters.identification.linearisation import CLOCK, LEVER
+from usbldr.filters.identification.linearisation import CLOCK, HEAD, LEVER, RANGE
 from usbldr.io.doctor.interpretations import topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -22,7 +22,7 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
 
     The heading bias has findings of its own. Without ``clock_known`` the latency is part of a clock's offset.
     """
-    makers = {"scale": _scale, "deviation": _deviation, CLOCK: _clock, LEVER: _lever}
+    makers = {"scale": _scale, "deviation": _deviation, CLOCK: _clock, LEVER: _lever, HEAD: _head, RANGE: _range}
     makers |= {"latency": _latency} if clock_known else {}
     findings = [one for key, make in makers.items() if key not in found.contested for one in make(log, found)]
     if found.contested:
@@ -64,6 +64,10 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
         across, starboard = signed("dvl_lever_starboard_m")
         place = f"{forward} m further {'ahead' if ahead else 'astern'} and {across} m further to "
         return f"the DVL is {place}{'starboard' if starboard else 'port'} of the transponder than stated"
+    if key == HEAD:
+        return f"the heading of the USBL head is {number('usbl_heading_deg')} deg too large"
+    if key == RANGE:
+        return f"ranges of the USBL are {number('usbl_range_scale', 100.0)} % too long"
     seconds, late = signed("dvl_clock_s")
     return f"stamps of the DVL are {seconds} s {'late' if late else 'early'} against those of the compass"
 
@@ -79,7 +83,10 @@ def stated_lever_m(found: Identification) -> str:
 
 
 def _finding(code: str, log: Log, found: Identification, key: str, role: str, worst: float, advice: str) -> Finding:
-    topic, unit = topic_of(log, role), {"scale": "%", LEVER: "m", "deviation": "deg"}.get(key, "s")
+    topic, unit = (
+        topic_of(log, role),
+        {"scale": "%", RANGE: "%", LEVER: "m", "deviation": "deg", HEAD: "deg"}.get(key, "s"),
+    )
     text = f"{topic}: {error_text(key, found.estimates)} ({log_odds_text(found, key)}); {advice}"
     return Finding(code, text, topic, None, worst, unit)
 
@@ -90,6 +97,25 @@ def _scale(log: Log, found: Identification) -> list[Finding]:
         return []
     advice = f"if the fixes are right, state scale_error = {stated_scale(log, scale.value):.3f} under [dvl]"
     return [_finding("DVL-SCALE", log, found, "scale", "dvl", 100 * scale.value, advice)]
+
+
+def _head(log: Log, found: Identification) -> list[Finding]:
+    heading = found.estimates.get("usbl_heading_deg")
+    if heading is None or abs(heading.value) < THRESHOLDS.min_bias_deg:
+        return []
+    advice = (
+        f"check how the head is mounted; if so, state mount_deg = {log.settings.usbl.mount_deg - heading.value:z.2f}"
+    )
+    return [_finding("USBL-HEADING", log, found, HEAD, "usbl", heading.value, f"{advice} under [usbl]")]
+
+
+def _range(log: Log, found: Identification) -> list[Finding]:
+    scale = found.estimates.get("usbl_range_scale")
+    if scale is None or abs(scale.value) < THRESHOLDS.min_scale_error:
+        return []
+    stated = log.settings.usbl.sound_speed_scale / (1 + scale.value)
+    advice = f"check the speed of sound; if so, state sound_speed_scale = {stated:.4f} under [usbl]"
+    return [_finding("USBL-RANGE", log, found, RANGE, "usbl", 100 * scale.value, advice)]
 
 
 def stated_scale(log: Log, scale: float) -> float:

@@ -57,16 +57,25 @@ def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
 
 
 def fixed_errors_text(evidence: Sequence[SensorErrorEvidence]) -> str:
-    """Return lever arm and clock of the DVL, if the log has evidence for them; "" if not."""
+    """Return lever arm and clock of the DVL, heading and range of the USBL head, if the log has evidence; "" if not."""
     found = {estimate.name: estimate for one in evidence for estimate in one.estimates}
     words = {
-        "dvl_lever_starboard_m": ("m to starboard of the transponder", "m to port of the transponder"),
-        "dvl_lever_forward_m": ("m ahead of it", "m astern of it"),
-        "dvl_clock_s": ("s late against the compass", "s early against the compass"),
+        "DVL": {
+            "dvl_lever_starboard_m": (1, "m to starboard of the transponder", "m to port of the transponder"),
+            "dvl_lever_forward_m": (1, "m ahead of it", "m astern of it"),
+            "dvl_clock_s": (1, "s late against the compass", "s early against the compass"),
+        },
+        "USBL": {
+            "usbl_heading_deg": (1, "deg clockwise of the true bearing", "deg counterclockwise of the true bearing"),
+            "usbl_range_scale": (100, "% too long", "% too short"),
+        },
     }
-    texts = [
-        f"{with_sigma(abs(one.value), one.sd)} {sides[one.value < 0]}"
-        for name, sides in words.items()
-        if (one := found.get(name)) is not None
-    ]
-    return "DVL " + ", ".join(texts) if texts else ""
+    texts: list[str] = []
+    for sensor, names in words.items():
+        parts = [
+            f"{with_sigma(factor * abs(one.value), factor * one.sd)} {less if one.value < 0 else more}"
+            for name, (factor, more, less) in names.items()
+            if (one := found.get(name)) is not None
+        ]
+        texts += [f"{sensor} {', '.join(parts)}"] if parts else []
+    return "; ".join(texts)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.evidence import SUBSETS, _Choice, _explanations, _row, identify
+from usbldr.filters.identification.evidence import _Choice, _explanations, _row, identify, subsets_of
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.linearisation import CLOCK, KEYS, LEVER, REPORTED
+from usbldr.filters.identification.linearisation import CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
@@ -15,6 +15,9 @@ from usbldr.filters.replay.run import run
 from weaving import Faults, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
+
+OWN_KEYS = tuple(key for key in KEYS if key not in (HEAD, RANGE))  # of fixes without a head
+SUBSETS = subsets_of(OWN_KEYS)
 
 
 def existing(found: Identification) -> set[str]:
@@ -24,7 +27,7 @@ def existing(found: Identification) -> set[str]:
 def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None:
     found = identify(weaving_dive(Faults()), ASSUMED)
 
-    assert [one.key for one in found.evidence] == list(KEYS)
+    assert [one.key for one in found.evidence] == list(OWN_KEYS)
     assert existing(found) == set()
     assert all(one.log_odds < 0 for one in found.evidence)
     assert found.parameters.calibrate == ("usbl-bias",)
@@ -100,9 +103,9 @@ def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None
     one, other, both = (SUBSETS.index(frozenset(keys)) for keys in ([LEVER], ["latency"], [LEVER, "latency"]))
     score[one], score[other] = 0.0, -2.9
 
-    assert _row(score) == both
+    assert _row(score, SUBSETS) == both
     score[other] = -3.1  # log 20 is 2.996
-    assert _row(score) == one
+    assert _row(score, SUBSETS) == one
 
 
 def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
@@ -157,7 +160,7 @@ def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     ):
         score[SUBSETS.index(frozenset(keys))] = value
     rows = {name: np.arange(len(SUBSETS), dtype=float) for name in REPORTED}
-    choice = _Choice(Member(ASSUMED, frozenset()), 0, score, FixLikelihoods(score, rows, rows))
+    choice = _Choice(Member(ASSUMED, frozenset()), 0, SUBSETS, score, FixLikelihoods(score, rows, rows))
 
     best, rival = _explanations(choice)
 

@@ -246,7 +246,7 @@ def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize(
     "empty",
-    (zstandard.compress(b""), gzip.compress(b""), lz4.frame.compress(b"")),
+    [zstandard.compress(b""), gzip.compress(b""), lz4.frame.compress(b"")],
     ids=("zstd", "gzip", "lz4"),  # gzip holds the time of day
 )
 def test_frames_without_end_are_refused(tmp_path: Path, empty: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
