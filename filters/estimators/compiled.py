@@ -33,7 +33,6 @@ from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.sigma_points import StateFunction, Unscented
 from usbldr.filters.types import Array, Vector
 
-LANES = KERNEL.limits.lanes
 MATCHED, COLLAPSED, DRAWN = range(3)  # updates, as in kernel/layout.h
 UPDATES = {moment_matched: MATCHED, collapse: COLLAPSED}
 FAULTS = {-1: np.linalg.LinAlgError("singular predicted covariance"), -2: MemoryError("no memory for the kernel")}
@@ -201,11 +200,12 @@ class CompiledFilter:
     def _memory(self, bank: GaussianBank) -> Vector:
         """Return a bank as the kernel keeps it: see exchange in kernel/steps.h."""
         n, N = bank.mean.shape
-        count = -(-N // LANES) * LANES  # whole blocks, filled with copies of the last particle
+        lanes = KERNEL.limits.lanes
+        count = -(-N // lanes) * lanes  # whole blocks, filled with copies of the last particle
         padded = np.array([min(member, N - 1) for member in range(count)], dtype=np.intp)
         lower = np.tril_indices(n)
         both = np.concatenate([bank.mean, bank.cov[lower]])[:, padded]
-        blocks = both.reshape(len(both), -1, LANES).swapaxes(0, 1).ravel()
+        blocks = both.reshape(len(both), -1, lanes).swapaxes(0, 1).ravel()
         if not self._depth:
             return blocks
         weight = np.zeros((2, count))  # logarithms first; none for the copies
