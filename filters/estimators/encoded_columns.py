@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from usbldr.filters.estimators.encoding import (
     FIXES,
-    MAX_COLUMNS,
     NO_GAP,
-    NOISES,
     function_bytes,
     generator_state,
     noise_columns,
@@ -19,6 +17,7 @@ from usbldr.filters.estimators.encoding import (
     word_count,
 )
 from usbldr.filters.estimators.protocol import SeededRng, Steps
+from usbldr.filters.kernel import KERNEL
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.readings import Part, Readings
 from usbldr.filters.models.sensors import UsblFix
@@ -26,21 +25,7 @@ from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Indices, Mask, Vector
 from usbldr.filters.updates import Codes
 
-# the structures of kernel/layout.h
-FUNCTIONS = np.dtype([("number", "4f8"), ("rest", f"{8 + 2 * MAX_COLUMNS}i4")])
-READINGS = np.dtype([("g", FUNCTIONS), ("noise", NOISES), ("z", "2f8"), ("modes", "i4"), ("fix", "i4")])
-STEPS = np.dtype(
-    [
-        ("dt_s", "f8"),
-        ("velocity", "6f8"),
-        ("state", "4u8"),
-        ("seed", "4u4"),
-        ("seeded", "i4"),
-        ("gap", "i4"),
-        ("readings", "i4"),
-        ("padding", "i4"),
-    ]
-)
+FUNCTIONS, READINGS, STEPS = (KERNEL.structure(name) for name in ("Function", "Reading", "Step"))
 
 
 class EncodedSteps(NamedTuple):
@@ -64,7 +49,9 @@ def encoded_steps(steps: Steps, motion: VehicleMotion, seed: int | None) -> Enco
     coded["dt_s"] = steps.t1_s - steps.t0_s
     for k in np.flatnonzero(motion.history.gaps(steps.t0_s)).tolist():
         velocity = relaxation(motion, float(steps.t0_s[k]), float(coded["dt_s"][k]))
-        coded["velocity"][k], coded["gap"][k] = velocity or NO_GAP, velocity is not None
+        coded["gap"][k] = velocity is not None
+        for place, field in enumerate(("remaining", "usual_mps", "added_m2ps2")):
+            coded[field][k] = (velocity or NO_GAP)[2 * place : 2 * place + 2]
     if seed is not None:
         _seed(coded, seed, steps.first)
 

@@ -5,7 +5,6 @@ Here a step is coded alone, as late fixes and a loop of one's own have it; encod
 """
 
 import math
-import struct
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -44,20 +43,9 @@ ARGUMENTS = (
 )
 """The states that a function may depend on, in the order of layout.h."""
 SELECTED, VELOCITY, COMPASS, FIX = range(4)  # kinds of functions, as in layout.h
-FUNCTION = struct.Struct(f"=4d4i{2 * MAX_COLUMNS}i4i")
-READING_END = struct.Struct("=2d2i")
-STEP = struct.Struct("=7d4Q4I4i")
-FILTER = struct.Struct(f"=2d{MAX_STATES}d2d6i")
+FUNCTION, STEP, FILTER = (KERNEL.packer(name) for name in ("Function", "Step", "Filter"))
+READING_END = KERNEL.packer("Reading", skip=2)  # what follows the function and its noise
 FIXES = {"gps": 1, "usbl": 2}  # as in layout.h
-# the same structures as columns
-NOISES = np.dtype(
-    [
-        ("probability", f"{MAX_MODES}f8"),
-        ("log_probability", f"{MAX_MODES}f8"),
-        ("R", f"({MAX_MODES},3)f8"),
-        ("nominal", f"{MAX_MODES}f8"),
-    ]
-)
 
 
 class EncodingError(TypeError):
@@ -184,7 +172,7 @@ def noise_columns(probabilities: Vector, cov: Array) -> NDArray[np.void]:
     J, F = cov.shape[:2]
     if J > MAX_MODES:
         raise EncodingError(f"a noise family has {J} modes; the kernel has room for {MAX_MODES}")
-    coded = np.zeros(F, NOISES)
+    coded = np.zeros(F, KERNEL.structure("NoiseModes"))
     coded["probability"][:, :J] = probabilities
     coded["log_probability"][:, :J] = [math.log(p) if p > 0 else -math.inf for p in probabilities.tolist()]
     by_measurement = cov.swapaxes(0, 1)

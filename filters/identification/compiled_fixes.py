@@ -1,6 +1,5 @@
 """The pass over the fixes in the compiled kernel: usbl_likelihood.py holds the reference and the loop over clusters."""
 
-import struct
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ from usbldr.filters.kernel import KERNEL
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.types import Array, Indices, Mask, Vector
 
-PASS = struct.Struct("=d12i")  # fixed: Pass of kernel/layout.h
+PASS = KERNEL.packer("Pass")
 WHOLE = 3  # fixed: axis of layout.h, both after the prediction
 
 

@@ -5,10 +5,25 @@ these, or if the environment variable USBLDR_KERNEL is "numpy". Any other value 
 """
 
 import os
-from collections.abc import Callable
-from typing import NamedTuple
+import struct
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
-SIZES = (248, 120, 600, 56, 2)  # fixed: bytes of Filter, Step, Reading and Pass in layout.h, then CALLS of module.c
+import numpy as np
+
+CALLS = 3  # fixed: version of the arguments of advance and run_pass, as in module.c
+FIELDS = {
+    "Function": "number kind k nonlinear columns argument row axis angle bilinear uses",
+    "NoiseModes": "probability log_probability R nominal",
+    "Reading": "g noise z modes fix",
+    "Step": "dt_s remaining usual_mps added_m2ps2 state seed seeded gap readings padding",
+    "Filter": "scale resample_below walk bias_s bias_m2 n N update move_steps bias_row padding",
+    "Pass": "far n N F M G modes bias_row per_scalar first last axis padding",
+}
+"""The structures of layout.h in the order in which Python writes their fields; types and offsets are the module's."""
+TYPES = {"double": "f8", "Covariance": "3f8", "int32_t": "i4", "uint32_t": "u4", "uint64_t": "u8"}
+CODES = {"f8": "d", "i4": "i", "u4": "I", "u8": "Q"}  # of the module struct
 
 
 class Limits(NamedTuple):
@@ -30,6 +45,32 @@ class Kernel(NamedTuple):
     run_pass: Callable[..., int] | None = None
     variant: int = 0
     limits: Limits = Limits()
+    structures: Mapping[str, np.dtype[Any]] = MappingProxyType({})
+
+    def structure(self, name: str) -> np.dtype[Any]:
+        """Return a structure of layout.h; without a kernel an empty one."""
+        return self.structures.get(name, np.dtype([]))
+
+    def packer(self, name: str, skip: int = 0) -> struct.Struct:
+        """Return what packs the numbers of a structure without its first fields."""
+        fields = [dtype for dtype, *_ in (self.structure(name).fields or {}).values()]
+        return struct.Struct("=" + "".join(map(_code, fields[skip:])))
+
+
+def _code(dtype: np.dtype[Any]) -> str:
+    return f"{dtype.itemsize // dtype.base.itemsize}{CODES[dtype.base.str[1:]]}"
+
+
+def _structures(layout: Mapping[str, tuple[int, list[tuple[str, str, int, int]]]]) -> dict[str, np.dtype[Any]]:
+    """Return the structures of the module; none if it has other fields than Python writes, or gaps between them."""
+    known: dict[str, np.dtype[Any]] = {}
+    for name, (size, fields) in layout.items():
+        formats = [(field, known.get(kind, np.dtype(TYPES.get(kind))), count) for field, kind, _, count in fields]
+        dtype = known[name] = np.dtype([one[: 2 + (one[2] > 1)] for one in formats])
+        offsets = [at for _, at, *_ in (dtype.fields or {}).values()]
+        if offsets != [at for _, _, at, _ in fields] or dtype.itemsize != size:
+            return {}
+    return known if {name: " ".join(dtype.names or ()) for name, dtype in known.items()} == FIELDS else {}
 
 
 def _choose() -> Kernel:
@@ -41,11 +82,12 @@ def _choose() -> Kernel:
         from usbldr.filters.kernel import _kernel
     except ImportError:
         return Kernel("numpy", "the kernel is not there: usbldr was installed without a C compiler")
-    if _kernel.SIZES != SIZES:
+    structures = _structures(getattr(_kernel, "LAYOUT", {})) if getattr(_kernel, "CALLS", 0) == CALLS else {}
+    if not structures:
         return Kernel("numpy", "the kernel was compiled from another version: install usbldr again")
     for name, variant in _kernel.VARIANTS:
         if wanted in ("", name):
-            return Kernel(name, "", _kernel.advance, _kernel.run_pass, variant, Limits(*_kernel.LIMITS))
+            return Kernel(name, "", _kernel.advance, _kernel.run_pass, variant, Limits(*_kernel.LIMITS), structures)
     names = ", ".join(name for name, _ in _kernel.VARIANTS)
     return Kernel("numpy", f"USBLDR_KERNEL={wanted} is none of the variants for this machine: {names}, numpy")
 

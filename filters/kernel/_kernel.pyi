@@ -2,7 +2,8 @@ from numpy import float64, int64
 from numpy.typing import NDArray
 
 VARIANTS: list[tuple[str, int]]
-SIZES: tuple[int, int, int, int, int]
+CALLS: int
+LAYOUT: dict[str, tuple[int, list[tuple[str, str, int, int]]]]
 LIMITS: tuple[int, int, int, int, int]
 
 def advance(

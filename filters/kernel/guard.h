@@ -41,9 +41,9 @@ static int calls_for_hypotheses(const Filter *f, const Step *step, const Reading
         predict_fix(east, north, n, b, e, P);
         for (int j = 0; j < east->modes; j++)
             for (int l = 0; l < (north == east ? 1 : north->modes); l++, modes++) {
-                double log_p = east->log_probability[j] + (north == east ? 0.0 : north->log_probability[l]);
-                R[0] = east->R[j][0], R[1] = north == east ? east->R[j][1] : 0.0;
-                R[2] = north == east ? east->R[j][2] : north->R[l][2];
+                double log_p = east->noise.log_probability[j] + (north == east ? 0.0 : north->noise.log_probability[l]);
+                R[0] = east->noise.R[j][0], R[1] = north == east ? east->noise.R[j][1] : 0.0;
+                R[2] = north == east ? east->noise.R[j][2] : north->noise.R[l][2];
                 if (!modes) memcpy(first, R, sizeof R);
                 if ((R[0] + R[2]) / 2 > fmax(outlier_m2, (first[0] + first[2]) / 2)) continue; /* an outlier itself */
                 log_joint[inliers] = log_p + log_density(e, P, R, 0);

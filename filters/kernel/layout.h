@@ -1,4 +1,4 @@
-/* The values that Python and the kernel exchange: estimators/encoding.py packs the same fields in the same order.
+/* The values that Python and the kernel exchange.
 
    A bank is N Gaussians in n states. In memory, blocks of LANES particles follow each other; a block holds the n means
    and then the lower triangle of the covariance, row by row, LANES numbers for each. The order of every sum over
@@ -17,43 +17,57 @@ enum { PSI, U, V_FORWARD, R, X, Y, SCALE, MOUNT, CURRENT_EAST, CURRENT_NORTH, LA
 /* g: n states to k values: filters/models/sensors.py and motion.py. */
 enum { SELECTED, VELOCITY, COMPASS, FIX, DISPLACEMENT, TURN, DECAY };
 
-typedef struct {
-    double number[4];           /* SELECTED: -; VELOCITY: arm; FIX: offset, arm; DISPLACEMENT, TURN: dt; DECAY: -+ */
-    int32_t kind, k, nonlinear, columns; /* columns: all of them, of which the first are nonlinear */
-    int32_t argument[MAX_COLUMNS], row[MAX_COLUMNS];
-    int32_t axis, angle, bilinear, uses; /* uses: bit a is set if argument a is a state */
-} Function;
+/* Each structure that Python writes is a list of its fields, from which follow the structure and what module.c tells
+   Python of it: kernel/__init__.py. */
+#define DECLARED(type, name, dimension) type name dimension;
+
+#define FUNCTION_FIELDS(FIELD) \
+    FIELD(double, number, [4]) /* SELECTED: -; VELOCITY: arm; FIX: offset, arm; DISPLACEMENT, TURN: dt; DECAY: -+ */ \
+    FIELD(int32_t, kind, ) FIELD(int32_t, k, ) \
+    FIELD(int32_t, nonlinear, ) FIELD(int32_t, columns, ) /* columns: all of them, the nonlinear ones first */ \
+    FIELD(int32_t, argument, [MAX_COLUMNS]) FIELD(int32_t, row, [MAX_COLUMNS]) \
+    FIELD(int32_t, axis, ) FIELD(int32_t, angle, ) FIELD(int32_t, bilinear, ) \
+    FIELD(int32_t, uses, ) /* bit a is set if argument a is a state */
+typedef struct { FUNCTION_FIELDS(DECLARED) } Function;
+
+/* The modes of a noise. */
+typedef double Covariance[3]; /* xx, xy, yy */
+#define NOISE_MODES_FIELDS(FIELD) \
+    FIELD(double, probability, [MAX_MODES]) FIELD(double, log_probability, [MAX_MODES]) \
+    FIELD(Covariance, R, [MAX_MODES]) \
+    FIELD(double, nominal, [MAX_MODES]) /* 1 if the mode is of good measurements, else 0 */
+typedef struct { NOISE_MODES_FIELDS(DECLARED) } NoiseModes;
 
 /* A measurement, or one axis of a fix: z = g(x) + v, v in one of the modes with covariance R. */
-typedef struct {
-    Function g;
-    double probability[MAX_MODES], log_probability[MAX_MODES], R[MAX_MODES][3]; /* R: xx, xy, yy */
-    double nominal[MAX_MODES];  /* 1 if the mode is of good measurements, else 0 */
-    double z[2];
-    int32_t modes, fix;         /* fix: of which kind */
-} Reading;
+#define READING_FIELDS(FIELD) \
+    FIELD(Function, g, ) FIELD(NoiseModes, noise, ) \
+    FIELD(double, z, [2]) \
+    FIELD(int32_t, modes, ) FIELD(int32_t, fix, ) /* fix: of which kind */
+typedef struct { READING_FIELDS(DECLARED) } Reading;
 
 enum { NO_FIX, GPS_FIX, USBL_FIX }; /* outliers of USBL come in clusters */
 
 /* From one epoch to the next: motion over dt_s, then the readings. */
-typedef struct {
-    double dt_s;
-    double remaining[2], usual_mps[2], added_m2ps2[2]; /* of the velocity in a gap of the DVL: usual_velocity.py */
-    uint64_t state[4];          /* of the generator: state and increment, high word first; if not seeded */
-    uint32_t seed[4];           /* words of (seed, epoch) */
-    int32_t seeded, gap, readings, padding;
-} Step;
+#define STEP_FIELDS(FIELD) \
+    FIELD(double, dt_s, ) \
+    FIELD(double, remaining, [2]) FIELD(double, usual_mps, [2]) \
+    FIELD(double, added_m2ps2, [2]) /* of the velocity in a gap of the DVL: usual_velocity.py */ \
+    FIELD(uint64_t, state, [4]) /* of the generator: state and increment, high word first; if not seeded */ \
+    FIELD(uint32_t, seed, [4]) /* words of (seed, epoch) */ \
+    FIELD(int32_t, seeded, ) FIELD(int32_t, gap, ) FIELD(int32_t, readings, ) FIELD(int32_t, padding, )
+typedef struct { STEP_FIELDS(DECLARED) } Step;
 
 /* How the modes of a measurement update a bank: mode_updates.py; DRAWN is of the particle filters, cpf.py. */
 enum { MATCHED, COLLAPSED, DRAWN };
 
-typedef struct {
-    double scale;               /* squared distance of the sigma points, n + kappa; 0: linearised */
-    double resample_below;      /* share of N */
-    double walk[MAX_STATES];    /* variance per second of the random walks */
-    double bias_s, bias_m2;     /* time constant and variance of the correlated error of the fixes */
-    int32_t n, N, update, move_steps, bias_row, padding; /* bias_row: -1 if it is not a state */
-} Filter;
+#define FILTER_FIELDS(FIELD) \
+    FIELD(double, scale, ) /* squared distance of the sigma points, n + kappa; 0: linearised */ \
+    FIELD(double, resample_below, ) /* share of N */ \
+    FIELD(double, walk, [MAX_STATES]) /* variance per second of the random walks */ \
+    FIELD(double, bias_s, ) FIELD(double, bias_m2, ) /* correlated error of the fixes: time constant, variance */ \
+    FIELD(int32_t, n, ) FIELD(int32_t, N, ) FIELD(int32_t, update, ) FIELD(int32_t, move_steps, ) \
+    FIELD(int32_t, bias_row, ) FIELD(int32_t, padding, ) /* bias_row: -1 if it is not a state */
+typedef struct { FILTER_FIELDS(DECLARED) } Filter;
 
 /* A row of the estimates: mean (n), covariance (n, n), least effective size, share of accepted moves. The first row is
    given: of the epoch before. */
@@ -70,13 +84,16 @@ typedef struct {
 
 /* A pass over the fixes for N members of a bank, linear in n states: usbl_likelihood.py of identification. F fixes, M
    members with noise and drift of their own, G linearisations; N is M, or 2 M hypotheses. Arrays as NumPy has them. */
-typedef struct {
-    double far;                 /* stop before a fix whose chi-square is larger, for any member */
-    int32_t n, N, F, M, G, modes, bias_row, per_scalar;
-    int32_t first, last;        /* the fixes of this call */
-    int32_t axis, padding;      /* 0, 1: update with this axis alone; 2: with both at once; 3: as the noise says, after
-                                   the prediction */
-} Pass;
+#define PASS_FIELDS(FIELD) \
+    FIELD(double, far, ) /* stop before a fix whose chi-square is larger, for any member */ \
+    FIELD(int32_t, n, ) FIELD(int32_t, N, ) FIELD(int32_t, F, ) FIELD(int32_t, M, ) FIELD(int32_t, G, ) \
+    FIELD(int32_t, modes, ) FIELD(int32_t, bias_row, ) FIELD(int32_t, per_scalar, ) \
+    FIELD(int32_t, first, ) FIELD(int32_t, last, ) /* the fixes of this call */ \
+    FIELD(int32_t, axis, ) /* 0, 1: update with this axis alone; 2: with both at once; 3: as the noise says, after the \
+                              prediction */ \
+    FIELD(int32_t, padding, )
+typedef struct { PASS_FIELDS(DECLARED) } Pass;
+
 typedef struct {
     double *mean, *cov, *log_likelihood;                /* (n, N), (n, n, N), (N): changed, added to */
     const double *residual, *H, *changes;               /* (F, 2, G), (F, 2, n, G), (3, F, M): _Motion.changes */

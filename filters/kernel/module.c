@@ -1,7 +1,8 @@
-/* The Python module _kernel: the variants that this machine can run, and the sizes of what they exchange. */
+/* The Python module _kernel: the variants that this machine can run, and the layout of what they exchange. */
 #define Py_LIMITED_API 0x030b0000
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
+#include <stddef.h>
 #include "layout.h"
 #include "machine.h"
 
@@ -97,7 +98,33 @@ static PyObject *py_run_pass(PyObject *self, PyObject *args) {
     return NULL;
 }
 
-enum { CALLS = 2 }; /* counts the changes of the arguments of the two functions */
+typedef struct {
+    const char *name, *type;
+    int offset, count;
+} Field;
+#define DESCRIBED(type, name, dimension) \
+    {#name, #type, offsetof(This, name), sizeof((This *)0)->name / sizeof(type)},
+#define ADD(layout, structure, FIELDS)                                                        \
+    {                                                                                         \
+        typedef structure This;                                                               \
+        static const Field fields[] = {FIELDS(DESCRIBED)};                                    \
+        add_structure(layout, #structure, sizeof(This), fields, sizeof fields / sizeof *fields); \
+    }
+
+/* layout[name] = size, [(name of a field, its type, offset, count), ...] */
+static void add_structure(PyObject *layout, const char *name, size_t size, const Field *fields, size_t count) {
+    PyObject *list = PyList_New(0);
+    for (size_t i = 0; list && i < count; i++) {
+        PyObject *field = Py_BuildValue("(ssii)", fields[i].name, fields[i].type, fields[i].offset, fields[i].count);
+        if (field) PyList_Append(list, field);
+        Py_XDECREF(field);
+    }
+    PyObject *both = list ? Py_BuildValue("(iN)", (int)size, list) : NULL;
+    if (both && layout) PyDict_SetItemString(layout, name, both);
+    Py_XDECREF(both);
+}
+
+enum { CALLS = 3 }; /* counts the changes of the arguments of the two functions */
 static PyMethodDef METHODS[] = {{"advance", py_advance, METH_VARARGS, "Run steps on a bank; see span.h."},
                                 {"run_pass", py_run_pass, METH_VARARGS, "Run a bank over fixes; see fixes.h."},
                                 {NULL, NULL, 0, NULL}};
@@ -112,10 +139,16 @@ PyMODINIT_FUNC PyInit__kernel(void) {
     }
     if (module) {
         PyModule_AddObjectRef(module, "VARIANTS", names);
-        PyObject *sizes = Py_BuildValue("(iiiii)", (int)sizeof(Filter), (int)sizeof(Step), (int)sizeof(Reading),
-                                        (int)sizeof(Pass), (int)CALLS);
-        PyModule_AddObjectRef(module, "SIZES", sizes);
-        Py_XDECREF(sizes);
+        PyObject *layout = PyDict_New();
+        ADD(layout, Function, FUNCTION_FIELDS) /* what is part of another comes before it */
+        ADD(layout, NoiseModes, NOISE_MODES_FIELDS)
+        ADD(layout, Reading, READING_FIELDS)
+        ADD(layout, Step, STEP_FIELDS)
+        ADD(layout, Filter, FILTER_FIELDS)
+        ADD(layout, Pass, PASS_FIELDS)
+        PyModule_AddObjectRef(module, "LAYOUT", layout);
+        Py_XDECREF(layout);
+        PyModule_AddIntConstant(module, "CALLS", CALLS);
         PyObject *limits = Py_BuildValue("(iiiii)", (int)LANES, (int)MAX_STATES, (int)MAX_MODES, (int)MAX_COLUMNS,
                                          (int)MAX_DEPTH);
         PyModule_AddObjectRef(module, "LIMITS", limits);

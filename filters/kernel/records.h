@@ -31,7 +31,7 @@ static inline int normal_scores(const Reading *reading, const double *e, const d
     int k = reading->g.k, modes = reading->modes;
     double mean[MAX_MODES] = {0}, variance[MAX_MODES], w[MAX_MODES], rest[MAX_MODES];
     if (modes == 1) {
-        double xx = P[0] + reading->R[0][0], xy = P[1] + reading->R[0][1], yy = P[2] + reading->R[0][2];
+        double xx = P[0] + reading->noise.R[0][0], xy = P[1] + reading->noise.R[0][1], yy = P[2] + reading->noise.R[0][2];
         if (!(xx > 0)) return SINGULAR;
         score[0] = e[0] / sqrt(xx);
         if (k == 1) return GOOD;
@@ -40,13 +40,13 @@ static inline int normal_scores(const Reading *reading, const double *e, const d
         score[1] = (e[1] - slope * score[0]) / sqrt(left);
         return GOOD;
     }
-    for (int j = 0; j < modes; j++) variance[j] = P[0] + reading->R[j][0];
-    score[0] = normal_score(e[0], modes, reading->probability, mean, variance);
+    for (int j = 0; j < modes; j++) variance[j] = P[0] + reading->noise.R[j][0];
+    score[0] = normal_score(e[0], modes, reading->noise.probability, mean, variance);
     if (k == 1) return GOOD;
     double top = -INFINITY, sum = 0;
     for (int j = 0; j < modes; j++) {
-        double xy = P[1] + reading->R[j][1], yy = P[2] + reading->R[j][2], slope = xy / variance[j];
-        w[j] = reading->log_probability[j] - 0.5 * (e[0] * e[0] / variance[j] + log(variance[j]));
+        double xy = P[1] + reading->noise.R[j][1], yy = P[2] + reading->noise.R[j][2], slope = xy / variance[j];
+        w[j] = reading->noise.log_probability[j] - 0.5 * (e[0] * e[0] / variance[j] + log(variance[j]));
         top = fmax(top, w[j]);
         mean[j] = slope * e[0], rest[j] = yy - slope * xy;
         if (!(rest[j] > 1e-15 * yy)) return SINGULAR; /* ROUNDING */
@@ -61,18 +61,18 @@ static inline int normal_scores(const Reading *reading, const double *e, const d
 static inline double nominal_probability(const Reading *reading, const double *e, const double *P) {
     double log_joint[MAX_MODES], top = -INFINITY, sum = 0, nominal = 0;
     for (int j = 0; j < reading->modes; j++) {
-        double xx = P[0] + reading->R[j][0], det = xx, distance = e[0] * e[0] / xx;
+        double xx = P[0] + reading->noise.R[j][0], det = xx, distance = e[0] * e[0] / xx;
         if (reading->g.k == 2) {
-            double xy = P[1] + reading->R[j][1], yy = P[2] + reading->R[j][2];
+            double xy = P[1] + reading->noise.R[j][1], yy = P[2] + reading->noise.R[j][2];
             det = xx * yy - xy * xy;
             distance = (yy * e[0] * e[0] - 2 * xy * e[0] * e[1] + xx * e[1] * e[1]) / det;
         }
-        log_joint[j] = reading->log_probability[j] - 0.5 * (log(det) + distance);
+        log_joint[j] = reading->noise.log_probability[j] - 0.5 * (log(det) + distance);
         top = fmax(top, log_joint[j]);
     }
     for (int j = 0; j < reading->modes; j++) {
         double p = exp(log_joint[j] - top);
-        sum += p, nominal += reading->nominal[j] * p;
+        sum += p, nominal += reading->noise.nominal[j] * p;
     }
     return nominal / sum;
 }
@@ -81,11 +81,11 @@ static inline int write_record(const Reading *reading, const double *e, const do
     int k = reading->g.k;
     double mixture[3] = {0, 0, 0};
     for (int j = 0; j < reading->modes; j++)
-        for (int i = 0; i < 3; i++) mixture[i] += reading->probability[j] * reading->R[j][i];
+        for (int i = 0; i < 3; i++) mixture[i] += reading->noise.probability[j] * reading->noise.R[j][i];
     for (int j = 0; j < k; j++) {
         out[E + j] = e[j];
         out[SD + j] = sqrt(P[2 * j] + mixture[2 * j]);
-        out[NOMINAL_SD + j] = sqrt(P[2 * j] + reading->R[0][2 * j]);
+        out[NOMINAL_SD + j] = sqrt(P[2 * j] + reading->noise.R[0][2 * j]);
     }
     out[NOMINAL] = nominal_probability(reading, e, P);
     return normal_scores(reading, e, P, out + SCORE);

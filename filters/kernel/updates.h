@@ -100,11 +100,11 @@ typedef struct {
 static void noise_of(const Reading *reading, int matched, Noise *out) {
     out->modes = matched ? 1 : reading->modes;
     for (int j = 0; j < out->modes; j++) {
-        out->probability[j] = all(matched ? 1.0 : reading->probability[j]);
+        out->probability[j] = all(matched ? 1.0 : reading->noise.probability[j]);
         for (int i = 0; i < 3; i++) {
             double mixture = 0.0;
-            for (int q = 0; q < reading->modes; q++) mixture += reading->probability[q] * reading->R[q][i];
-            out->R[j][i] = all(matched ? mixture : reading->R[j][i]);
+            for (int q = 0; q < reading->modes; q++) mixture += reading->noise.probability[q] * reading->noise.R[q][i];
+            out->R[j][i] = all(matched ? mixture : reading->noise.R[j][i]);
         }
     }
 }

@@ -8,9 +8,10 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import types
+from collections.abc import Callable
 from email import message_from_string
 from pathlib import Path
+from typing import TypeAlias
 
 import pytest
 
@@ -20,10 +21,11 @@ import usbldr.io
 from commands import output_of
 from needed_kernel import require_kernel
 from usbldr.filters import kernel
-from usbldr.filters.kernel import KERNEL, SIZES
+from usbldr.filters.kernel import KERNEL
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+Field: TypeAlias = tuple[str, str, int, int]  # name, type, offset, count
 FOLDERS = {"public": "usbldr", "filters": "usbldr.filters", "io": "usbldr.io", "usbldr_cli": "usbldr_cli"}
 
 
@@ -174,12 +176,28 @@ def test_the_kernel_is_compiled_if_there_is_a_compiler() -> None:
     assert KERNEL.advance is not None
 
 
-def test_a_kernel_compiled_from_other_sources_does_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    other = types.ModuleType("_kernel")
-    other.SIZES = (*SIZES[:-1], SIZES[-1] - 1)  # pyright: ignore
+def swapped(step: list[Field]) -> list[Field]:
+    return [step[1], step[0], *step[2:]]
+
+
+def moved(step: list[Field]) -> list[Field]:
+    name, kind, offset, count = step[0]
+    return [(name, kind, offset + 4, count), *step[1:]]
+
+
+@pytest.mark.parametrize("change", [swapped, moved, lambda step: step[:-1], None])
+def test_a_kernel_compiled_from_other_sources_does_not_run(
+    change: Callable[[list[Field]], list[Field]] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require_kernel()
+    from usbldr.filters.kernel import _kernel
+
+    size, step = _kernel.LAYOUT["Step"]
+    if change is None:
+        monkeypatch.setattr(_kernel, "CALLS", _kernel.CALLS - 1)
+    else:
+        monkeypatch.setitem(_kernel.LAYOUT, "Step", (size, change(step)))
     monkeypatch.delenv("USBLDR_KERNEL", raising=False)
-    monkeypatch.setattr(kernel, "_kernel", other, raising=False)
-    monkeypatch.setitem(sys.modules, "usbldr.filters.kernel._kernel", other)
 
     chosen = kernel._choose()  # pyright: ignore
 
