@@ -16,6 +16,7 @@ from usbldr.io.conventions.positions import message_covariance, on_plane, place_
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.truth import clearly_exchanged, distances_m, find_truth_file, read_truth_file
 from usbldr.io.findings import Finding
+from usbldr.io.geodesy import OriginKind
 from usbldr.io.log import Log
 from usbldr.io.messages.layouts import raw_records, wanted_paths
 from usbldr.io.messages.registry import message_layout_of
@@ -65,18 +66,16 @@ def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log
         table, label, used, by_default = _of_topic(log, log.path, request, name, frame)
     else:
         section = msgspec.convert({"frame": frame}, TruthSection)
-        table, provenance = read_truth_file(file, "option", section, log.start_ns, log.origin)
-        label, used = file.name, str(provenance.convention("frame").value)
-        by_default = provenance.convention("frame").chosen_by == "default"
-        own = "time_s = time_s" in str(provenance.convention("columns").value)  # on the plane of the log's own tracks
-        used = "" if own else used
+        read = read_truth_file(file, "option", section, log.start_ns, log.origin)
+        table, label, used = read.table, file.name, "" if read.on_log_plane else read.frame
+        by_default = read.provenance.convention("frame").chosen_by == "default"
     table = table[np.isfinite(table["east_m"]) & np.isfinite(table["north_m"])]
     table = table.sort_values("time_ns", kind="stable").drop_duplicates("time_ns", keep="last")
     if table.empty:
         raise LogError(f"{name}: no position is left of the estimate")
     truth = log.truth
     if truth is not None and used:
-        stated = log.origin is not None and log.origin.source == "[map]"
+        stated = log.origin is not None and log.origin.kind == OriginKind.MAP
         truth = replace(truth, place_unknown=(used == "latlon") != _latlon(log) and not stated)
     return replace(log, truth=truth), _trajectory(table, label, log.start_ns), used, by_default and bool(used)
 

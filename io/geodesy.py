@@ -5,6 +5,7 @@ Everything is taken at height 0: over 10 km the plane departs from the sphere by
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, cast
 
 import numpy as np
@@ -16,13 +17,24 @@ _forward = cast("Callable[..., Any]", pymap3d.geodetic2enu)  # pyright: ignore[r
 _backward = cast("Callable[..., Any]", pymap3d.enu2geodetic)  # pyright: ignore[reportUnknownMemberType]
 
 
+class OriginKind(StrEnum):
+    """What states the origin, in the words of a report."""
+
+    MAP = "[map]"
+    HEAD = "usbl head"
+    BEACON = "usbl beacon"
+    FIRST_USBL = "first usbl fix"
+    FIRST_GPS = "first gps fix"
+    FIRST_TRUTH = "first truth fix"
+
+
 @dataclass(frozen=True, slots=True)
 class Origin:
     """The point that the local plane touches."""
 
     lat_deg: float
     lon_deg: float
-    source: str  # "[map]", "usbl head", "first usbl fix", "first gps fix"
+    kind: OriginKind
 
 
 def to_plane(origin: Origin, lat_deg: Vector, lon_deg: Vector) -> tuple[Vector, Vector]:

@@ -29,7 +29,7 @@ from usbldr.io.conventions.truth import by_fixes, read_truth_file, truth_from_ta
 from usbldr.io.conventions.usbl import FixContext, usbl
 from usbldr.io.conventions.usbl_head import SHIP, ship_choices
 from usbldr.io.findings import Finding
-from usbldr.io.geodesy import Origin
+from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.configured import configured_columns
 from usbldr.io.messages.layout_columns import columns_of_layouts
@@ -112,7 +112,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     _refuse_apart(path, tables)
     start_ns = _start_ns(tables, topics)
     if source.file is not None:
-        truth_table, provenance["truth"] = read_truth_file(
+        truth_table, provenance["truth"], *_ = read_truth_file(
             source.file, source.chosen_by, configuration.truth, start_ns, origin
         )
     else:
@@ -184,18 +184,24 @@ def _origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Ori
     The GPS, which may be the truth, comes after the USBL.
     """
     if configuration.map is not None:
-        return Origin(configuration.map.origin_lat_deg, configuration.map.origin_lon_deg, "[map]")
-    for end, what in ((configuration.usbl.head, "usbl head"), (configuration.usbl.beacon, "usbl beacon")):
+        return Origin(configuration.map.origin_lat_deg, configuration.map.origin_lon_deg, OriginKind.MAP)
+    ends = ((configuration.usbl.head, OriginKind.HEAD), (configuration.usbl.beacon, OriginKind.BEACON))
+    for end, kind in ends:
         if end is not None and end.lat_deg is not None and end.lon_deg is not None:
-            return Origin(end.lat_deg, end.lon_deg, what)
-    sources = {"usbl": "usbl", "gps": "gps", "truth": "truth", SHIP: "gps"}
-    for role, what in sources.items():
+            return Origin(end.lat_deg, end.lon_deg, kind)
+    firsts = {
+        "usbl": OriginKind.FIRST_USBL,
+        "gps": OriginKind.FIRST_GPS,
+        "truth": OriginKind.FIRST_TRUTH,
+        SHIP: OriginKind.FIRST_GPS,
+    }
+    for role, kind in firsts.items():
         wanted = raws[role].layout.required if role == "usbl" and role in raws else ("lat_deg",)
         if role in raws and "lat_deg" in raws[role].values and "lat_deg" in wanted:
             bad = np.any(list(positions.place_causes(raws[role]).values()), axis=0)
             lat, lon = (degrees[~bad] for degrees in positions.geodetic(raws[role]))
             if len(lat):
-                return Origin(float(lat[0]), float(lon[0]), f"first {what} fix")
+                return Origin(float(lat[0]), float(lon[0]), kind)
     return None
 
 

@@ -10,7 +10,7 @@ import msgspec
 from usbldr.filters.errors import LogError, UsageError, did_you_mean
 from usbldr.io.conventions.truth import find_truth_file
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
-from usbldr.io.geodesy import Origin
+from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.messages.roles import TopicChoice, find_topic, topic_named
 from usbldr.io.opening import Request
@@ -114,5 +114,5 @@ def place_unknown(provenance: Mapping[str, Provenance], origin: Origin | None) -
         return False
     truth = provenance["truth" if "truth" in provenance else "gps"]
     fixes_latlon, truth_latlon = provenance["usbl"].geodetic, truth.convention("frame").value == "latlon"
-    stated = ("[map]", "usbl head", "usbl beacon") if truth_latlon else ("[map]",)
-    return fixes_latlon != truth_latlon and origin.source not in stated
+    stated = (OriginKind.MAP, OriginKind.HEAD, OriginKind.BEACON) if truth_latlon else (OriginKind.MAP,)
+    return fixes_latlon != truth_latlon and origin.kind not in stated

@@ -74,7 +74,7 @@ def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
     lines.append(f"configuration: {found.configuration or 'none'}")
     if found.log is not None and found.log.origin is not None:
         origin = found.log.origin
-        lines.append(f"origin of east and north: {origin.lat_deg:.9f}, {origin.lon_deg:.9f} deg ({origin.source})")
+        lines.append(f"origin of east and north: {origin.lat_deg:.9f}, {origin.lon_deg:.9f} deg ({origin.kind})")
     lines += ["", *_topic_table(found, all_topics)]
     for topic in _topics_named(found, fields_of):
         lines += ["", f"fields of {topic.name} ({topic.type or '?'}):", *(f"  {name}" for name in topic.shown_fields)]

@@ -32,5 +32,5 @@ def declination(place: Origin, time_ns: int) -> tuple[float, str]:
     model = cast("Any", pygeomag.GeoMag(base_year=moment))  # pyright: ignore[reportArgumentType]
     longitude = wrapped(place.lon_deg, 180.0)
     value = float(model.calculate(glat=place.lat_deg, glon=longitude, alt=0.0, time=year).d)
-    where = f"{place.lat_deg:.2f}, {longitude:.2f} ({place.source})"
+    where = f"{place.lat_deg:.2f}, {longitude:.2f} ({place.kind})"
     return value, f"{model.model} at {where} on {moment:%Y-%m-%d}"

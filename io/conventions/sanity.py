@@ -90,7 +90,7 @@ def position_findings(
     far_m = max((float(np.hypot(*place)) for place in places.values()), default=0.0)
     if origin is None or far_m < MAX_SEPARATION_M:
         return []
-    text = f"{topics}: {far_m / 1000:.0f} km from the map's origin ({origin.source}), too far for a local plane"
+    text = f"{topics}: {far_m / 1000:.0f} km from the map's origin ({origin.kind}), too far for a local plane"
     return [Finding("PLACES-APART", f"{text}: state the [map] of this dive", topics)]
 
 

@@ -155,10 +155,19 @@ def _median_distance_m(apart_m: Array) -> float:
     return float(np.median(np.hypot(*(apart_m - np.median(apart_m, axis=0)).T)))
 
 
+class TruthFile(NamedTuple):
+    """A file of positions: time_ns, east_m, north_m and sd_m of each row, and how it was read."""
+
+    table: pd.DataFrame
+    provenance: Provenance
+    frame: str
+    on_log_plane: bool  # a track of usbldr: its times and positions are of the log's own timeline and plane
+
+
 def read_truth_file(
     file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None
-) -> tuple[pd.DataFrame, Provenance]:
-    """Return time_ns, east_m, north_m and sd_m of a file of positions, and its conventions.
+) -> TruthFile:
+    """Return a file of positions, and its conventions.
 
     If the file has them, also cov_ee_m2, cov_en_m2, cov_nn_m2 and heading_deg. Skipped rows are not parsed; they are
     NaN. Raises LogError for a missing column, a broken number or an unknown plane; UsageError if the columns are
@@ -193,7 +202,8 @@ def read_truth_file(
         text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns are {frame}'
         findings.append(Finding("KEY-UNUSED", text))
     table.attrs[FINDINGS] = tuple(findings)
-    return table, Provenance(file.name, "file", chosen_by, tuple(chosen), row_count, len(rows))
+    provenance = Provenance(file.name, "file", chosen_by, tuple(chosen), row_count, len(rows))
+    return TruthFile(table, provenance, frame, columns.get("time_s") == "time_s")
 
 
 def _covariance(more: Mapping[str, Column]) -> dict[str, Vector]:

@@ -28,7 +28,7 @@ from usbldr.io.conventions.usbl_covariance import (
 from usbldr.io.conventions.usbl_head import UsblReference, rotated_clockwise, usbl_reference
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
 from usbldr.io.findings import Finding
-from usbldr.io.geodesy import Origin
+from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
@@ -83,7 +83,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         kind != "latlon"
         and not (end and end.plane_lat_deg is not None)
         and origin is not None
-        and origin.source != "[map]"
+        and origin.kind != OriginKind.MAP
     ):
         text = (
             "the map origin is not stated: errors against a truth in latitudes are those that remain after a constant "

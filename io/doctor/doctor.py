@@ -91,8 +91,8 @@ def _examine_tables(
     log: Log, found: list[Finding], sources: Sequence[HandednessEvidence], alternatives: Mapping[str, Sequence[str]]
 ) -> Examination:
     found = [*found, *_under_water(log)]
-    codes = {d.code for d in found}
-    found += [f for f in log.findings if f.code not in codes]
+    said = {(one.code, one.topic) for one in found}
+    found += [one for one in log.findings if (one.code, one.topic) not in said]
     for role in REQUIRED_SENSORS:
         if role not in log.tables:
             found.append(Finding("SENSOR-MISSING", missing_sensor_text(log, role)))

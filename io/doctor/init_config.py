@@ -106,7 +106,7 @@ def _rival_comments(examination: Examination) -> list[str]:
 def _map(examination: Examination, log: Log) -> list[ConfigLine]:
     if log.origin is None:
         return [("# origin_lat_deg = 0.0", "unknown: no latitude in the log"), ("# origin_lon_deg = 0.0", "")]
-    who = log.origin.source
+    who = log.origin.kind
     mark = ""
     lat_deg, lon_deg, check = log.origin.lat_deg, log.origin.lon_deg, examination.sensor_check
     if log.map_unknown:

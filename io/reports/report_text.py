@@ -16,6 +16,7 @@ from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
+from usbldr.io.geodesy import OriginKind
 from usbldr.io.reports.estimate_text import error_text, evidence_text, fixed_errors_text, noise_changes_text
 from usbldr.io.reports.report_json import Run
 
@@ -48,7 +49,7 @@ def order_text(run: Run) -> str:
     return text
 
 
-GPS_ORIGINS = ("first gps fix", "first truth fix")  # which may be the truth: the report says so
+GPS_ORIGINS = (OriginKind.FIRST_GPS, OriginKind.FIRST_TRUTH)  # which may be the truth: the report says so
 
 
 def context(run: Run) -> list[tuple[str, str]]:
@@ -59,8 +60,8 @@ def context(run: Run) -> list[tuple[str, str]]:
         lines.append(("settings", run.log.configuration.name))
     windows = run.identification.parameters.aid
     aid = [("aid", aid_text(windows))] if windows else []
-    if run.log.origin is not None and run.log.origin.source in GPS_ORIGINS and not run.log.map_unknown:
-        lines.append(("origin", f"{run.log.origin.source}, as none is stated under [map]"))
+    if run.log.origin is not None and run.log.origin.kind in GPS_ORIGINS and not run.log.map_unknown:
+        lines.append(("origin", f"{run.log.origin.kind}, as none is stated under [map]"))
     report = run.scored.report
     if report is None:
         return [*lines, ("truth", "none"), *aid, ("fixes", order_text(run))]

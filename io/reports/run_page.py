@@ -143,7 +143,7 @@ def _origin(run: Run) -> tuple[tuple[str, str], ...]:
     origin = run.log.origin
     place = "unknown, so there are no latitudes and longitudes"
     if origin is not None:
-        place = f"{origin.lat_deg:.9f} N, {origin.lon_deg:.9f} E ({origin.source})"
+        place = f"{origin.lat_deg:.9f} N, {origin.lon_deg:.9f} E ({origin.kind})"
     return ("start", utc(run.log.start_ns)), ("origin", place), ("sha256", run.log.sha256)
 
 

@@ -20,7 +20,7 @@ from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.conventions.usbl_covariance import with_variance_floor
-from usbldr.io.geodesy import Origin
+from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.log import COLUMNS, Log
 from usbldr.io.provenance import Convention, Provenance
 from usbldr.io.reader import Column
@@ -29,7 +29,7 @@ from usbldr.io.writers.write_log import WRITTEN_BY
 
 Quantity = TypeVar("Quantity")
 START_NS = 1_767_225_600_000_000_000  # fixed: 2026-01-01T00:00:00Z, so that the same seed gives the same bytes
-ORIGIN = Origin(45.0, -30.0, "[map]")  # invented: the open Atlantic
+ORIGIN = Origin(45.0, -30.0, OriginKind.MAP)  # invented: the open Atlantic
 
 
 def simulated_log(scenario: Scenario, seed: int) -> Log:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from usbldr.filters.frames import convergence_rad
-from usbldr.io.geodesy import Origin, to_geodetic, to_plane
+from usbldr.io.geodesy import Origin, OriginKind, to_geodetic, to_plane
 
-ORIGIN = Origin(39.718033330, 2.587106667, "[map]")
+ORIGIN = Origin(39.718033330, 2.587106667, OriginKind.MAP)
 
 
 def test_near_the_origin_an_arc_second_has_the_length_of_wgs84_radii() -> None:
@@ -35,7 +35,7 @@ def test_there_and_back_is_a_centimetre_over_five_kilometres() -> None:
 @pytest.mark.parametrize("lat_deg", [0.0, 45.0, -33.0, 80.0])
 def test_true_north_on_the_plane_is_the_way_a_point_moves_with_its_latitude(lat_deg: float) -> None:
     place_m = np.array([[20e3, 0.0], [20e3, 15e3], [-30e3, -20e3], [0.0, 10e3]])
-    origin, step_deg = Origin(lat_deg, 7.0, "[map]"), 1e-4
+    origin, step_deg = Origin(lat_deg, 7.0, OriginKind.MAP), 1e-4
     lat, lon = to_geodetic(origin, *place_m.T)
 
     south, north = (np.column_stack(to_plane(origin, lat + step, lon)) for step in (-step_deg, step_deg))

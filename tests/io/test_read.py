@@ -115,7 +115,7 @@ def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
         (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
         origin = read_log(file).origin
         assert origin is not None
-        sources.append((origin.lat_deg, origin.source))
+        sources.append((origin.lat_deg, origin.kind))
 
     assert sources == [(43.0, "[map]"), (44.0, "usbl head"), (45.0, "first gps fix")]
 

@@ -1,5 +1,6 @@
 """docs/api.md and the notebooks: every public name is described, and every line of code runs."""
 
+import inspect
 import json
 import re
 from pathlib import Path
@@ -16,6 +17,27 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 @pytest.mark.parametrize("name", usbldr.__all__)
 def test_the_page_describes_every_public_name(name: str) -> None:
     assert re.search(rf"`(usbldr\.)?{name}\b", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL))
+
+
+@pytest.mark.parametrize("call", re.findall(r"^\| `(\w+\([^`]*\))` →", PAGE, re.MULTILINE))
+def test_a_signature_is_that_of_the_function(call: str) -> None:
+    name, arguments = call[:-1].split("(", 1)
+    signature = inspect.signature(getattr(usbldr, name))
+    stated = [] if arguments == "..." else re.split(r", (?=\w+(?:=|,|$))", arguments)
+    names = list(signature.parameters)
+
+    assert [one.split("=")[0] for one in stated] == [one for one in names if one != "progress"][: len(stated)]
+    optional = {name for name, one in signature.parameters.items() if one.default is not one.empty}
+    assert {one.split("=")[0] for one in stated if "=" in one} <= optional
+    assert arguments == "..." or {*names} - {one.split("=")[0] for one in stated} <= optional
+
+
+@pytest.mark.parametrize(("name", "cell"), re.findall(r"^\| `([A-Z]\w+)` \| (.*) \|$", PAGE, re.MULTILINE))
+def test_what_a_type_holds_are_its_attributes(name: str, cell: str) -> None:
+    kind = getattr(usbldr, name)
+    fields = {*dir(kind), *getattr(kind, "__annotations__", ()), *usbldr.__all__, "None", "auto"}
+
+    assert {*re.findall(r"`([a-z_]\w*)`", cell)} - fields == set()
 
 
 def test_every_block_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,7 +41,7 @@ class ComparisonRow:
     method: str
     seeds: tuple[int, ...]
     outcomes: tuple[JobResult, ...]
-    sampled: bool = False  # the method draws random numbers random numbers
+    sampled: bool = False  # the method draws random numbers
     dives: bool = False  # each seed is a dive of its own
 
     @property

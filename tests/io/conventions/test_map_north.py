@@ -14,7 +14,7 @@ from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.filters.replay.online import OnlineFilter
 from usbldr.filters.replay.prior import find_anchor
 from usbldr.io.conventions.map_north import headings_on_plane
-from usbldr.io.geodesy import Origin, to_plane
+from usbldr.io.geodesy import Origin, OriginKind, to_plane
 from usbldr.io.log import Log
 from usbldr.io.messages import layouts
 from usbldr.io.read import Request, read_log
@@ -30,7 +30,7 @@ def parallel_m(lat_deg: float, along_m: float) -> np.ndarray:
     sine = math.sin(math.radians(lat_deg))
     radius_m = 6378137.0 / math.sqrt(1 - 0.00669437999014 * sine**2) * math.cos(math.radians(lat_deg))
     lon = LON_DEG + math.degrees(along_m / radius_m)
-    return np.concatenate(to_plane(Origin(lat_deg, LON_DEG, "[map]"), np.array([lat_deg]), np.array([lon])))
+    return np.concatenate(to_plane(Origin(lat_deg, LON_DEG, OriginKind.MAP), np.array([lat_deg]), np.array([lon])))
 
 
 def dive(folder: Path, lat_deg: float, fixes: str) -> Log:

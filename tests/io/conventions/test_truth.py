@@ -295,7 +295,7 @@ def test_gps_is_the_truth_by_default(tmp_path: Path) -> None:
     assert (log.truth.kind, log.truth.source) == ("gps", "/gps/fix")
     np.testing.assert_allclose(log.truth.position_m[:, 1], [0, 1.111, 2.223], atol=1e-3)
     assert log.origin is not None
-    assert (log.origin.lat_deg, log.origin.source) == (45.0, "first gps fix")
+    assert (log.origin.lat_deg, log.origin.kind) == (45.0, "first gps fix")
 
 
 def test_gps_stays_in_the_log_where_the_truth_is_another(tmp_path: Path) -> None:

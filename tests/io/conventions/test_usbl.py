@@ -45,7 +45,7 @@ def test_a_head_by_latitude_is_the_origin_unless_there_is_a_map(tmp_path: Path) 
 
     assert place(alone) == pytest.approx([3.0, 4.0], abs=1e-6)
     assert alone.origin is not None
-    assert (alone.origin.lat_deg, alone.origin.source) == (45.0, "usbl head")
+    assert (alone.origin.lat_deg, alone.origin.kind) == (45.0, "usbl head")
     assert place(on_map) == pytest.approx([3.0, 4.0 + 0.0009 * 111132], abs=0.1)
 
 
@@ -67,7 +67,7 @@ def test_latitudes_give_the_plane_its_origin_before_the_gps_does(tmp_path: Path)
     log = logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix"), fix(T0, 46.0, 8.0)])
 
     assert log.origin is not None
-    assert (log.origin.lat_deg, log.origin.lon_deg, log.origin.source) == (45.0, 7.0, "first usbl fix")
+    assert (log.origin.lat_deg, log.origin.lon_deg, log.origin.kind) == (45.0, 7.0, "first usbl fix")
 
 
 def test_poses_of_latitudes_without_a_plane_are_an_error(tmp_path: Path) -> None:

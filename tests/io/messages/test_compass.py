@@ -13,7 +13,7 @@ from logs import logged
 from recordings import HEADER, IMU, ODOMETRY, SECOND, T0, Row, define, fix, turned
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.declination import declination
-from usbldr.io.geodesy import Origin
+from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.log import Log
 from usbldr.io.provenance import Convention
 
@@ -157,7 +157,7 @@ def test_the_model_gives_the_values_that_noaa_publishes(
 ) -> None:
     time_ns = int(pd.Timestamp(year=year, month=month, day=day, tz="UTC").value)
 
-    value, how = declination(Origin(lat, lon, "[map]"), time_ns)
+    value, how = declination(Origin(lat, lon, OriginKind.MAP), time_ns)
 
     assert value == pytest.approx(degrees, abs=0.006)
     assert how.startswith(f"WMM-{year} at {lat:.2f}")

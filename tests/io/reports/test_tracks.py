@@ -12,12 +12,12 @@ from evo.tools import file_interface
 
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.types import Trajectory, Truth
-from usbldr.io.geodesy import Origin
+from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.reports import tracks
 from usbldr.io.reports.tracks import track_table, write_csv, write_geojson, write_kml, write_tum
 
 START_NS = 1_474_477_150_374_442_123
-ORIGIN = Origin(39.718033330, 2.587106667, "[map]")
+ORIGIN = Origin(39.718033330, 2.587106667, OriginKind.MAP)
 SECONDS = np.arange(0.0, 200.0)
 PSI = np.linspace(0.0, -7.0, 200)  # turns clockwise once and a bit
 
