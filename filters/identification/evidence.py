@@ -39,14 +39,16 @@ from usbldr.filters.identification.linearisation import (
     HEAD,
     KEYS,
     LEVER,
+    PASS_STATES,
     RANGE,
     REPORTED,
     STEPS,
     keys_of,
+    linearised,
     prior_sds,
 )
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
-from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods
+from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, FixLikelihoods, Member, fix_likelihoods
 from usbldr.filters.models.calibration import SENSOR_ERRORS, STATES
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters
@@ -107,7 +109,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
         kept = timeline.with_fixes(~false)
         members = _with_every_error(kept, stated)
     choice = max((_choice(kept, member, stated) for member in members), key=lambda one: float(one.score.max()))
-    found = _identification(given, stated, choice)
+    found = _identification(kept, given, stated, choice)
     rows = tuple(np.flatnonzero(false).tolist())
     return replace(found, parameters=replace(found.parameters, false_fixes=rows), false_runs=_runs(timeline, false))
 
@@ -216,7 +218,7 @@ def _about(member: Member, value: Mapping[str, float]) -> Member:
     return member.with_errors(member.present, {s: min(max(x, -limit[s]), limit[s]) for s, x in value.items()})
 
 
-def _identification(given: Parameters, stated: Parameters, choice: _Choice) -> Identification:
+def _identification(timeline: Timeline, given: Parameters, stated: Parameters, choice: _Choice) -> Identification:
     """Return the choice as parameters of a run: what is far is settled, what is left of it has the usual prior."""
     far = _far(choice.member, stated)
     (parameters, present, about), row, found = choice.member, choice.row, choice.found
@@ -244,6 +246,7 @@ def _identification(given: Parameters, stated: Parameters, choice: _Choice) -> I
             _log_odds(key, choice),
             key in present,
             _estimates((key,), found, row) if key in present else (),
+            _effect_m(timeline, choice, key) if key in present else 0.0,
         )
         for key in KEYS
         if key in choice.subsets[-1]
@@ -273,6 +276,14 @@ def _explanations(choice: _Choice) -> tuple[Explanation, ...]:
 
 def _estimates(keys: Sequence[str], found: FixLikelihoods, row: int) -> tuple[ErrorEstimate, ...]:
     return tuple(_estimate(name, found, row) for key in keys for name in KEYS[key])
+
+
+def _effect_m(timeline: Timeline, choice: _Choice, key: str) -> float:
+    """Return how far an error moves the fixes against dead reckoning, RMS about the mean."""
+    log = linearised(timeline, choice.member.parameters, MAX_FIXES, choice.member.about)
+    columns = [PASS_STATES.index(name) for name in KEYS[key]]
+    moved_m = log.measurement_matrix[:, :, columns] @ [choice.found.mean[name][choice.row] for name in KEYS[key]]
+    return math.sqrt(moved_m.var(axis=0).sum())
 
 
 def _estimate(state: str, found: FixLikelihoods, row: int) -> ErrorEstimate:

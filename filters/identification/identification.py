@@ -25,6 +25,7 @@ class SensorErrorEvidence(NamedTuple):
     log_odds: float  # of the best explanation with the error against the best without
     exists: bool  # it is part of the best explanation
     estimates: tuple[ErrorEstimate, ...]  # empty if it does not exist
+    effect_m: float = 0.0  # on the fixes of the log, RMS about its mean, which the start takes up
 
 
 class Explanation(NamedTuple):

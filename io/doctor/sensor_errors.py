@@ -18,7 +18,7 @@ from usbldr.io.log import Log
 
 
 def sensor_error_findings(log: Log, found: Identification, clock_known: bool = True) -> list[Finding]:
-    """Report each error that exists by every explanation and is large enough to matter, then what is contested.
+    """Report each error that exists by every explanation, which replay corrects, then what is contested.
 
     The heading bias has findings of its own. Without ``clock_known`` the latency is part of a clock's offset.
     """
@@ -87,13 +87,15 @@ def _finding(code: str, log: Log, found: Identification, key: str, role: str, wo
         topic_of(log, role),
         {"scale": "%", RANGE: "%", LEVER: "m", "deviation": "deg", HEAD: "deg"}.get(key, "s"),
     )
-    text = f"{topic}: {error_text(key, found.estimates)} ({log_odds_text(found, key)}); {advice}"
+    effect_m = next(one.effect_m for one in found.evidence if one.key == key)
+    moves = f"{log_odds_text(found, key)}, moves fixes by {effect_m:.2g} m RMS"
+    text = f"{topic}: {error_text(key, found.estimates)} ({moves}); {advice}"
     return Finding(code, text, topic, None, worst, unit)
 
 
 def _scale(log: Log, found: Identification) -> list[Finding]:
     scale = found.estimates.get("dvl_scale")
-    if scale is None or abs(scale.value) < THRESHOLDS.min_scale_error:
+    if scale is None:
         return []
     advice = f"if the fixes are right, state scale_error = {stated_scale(log, scale.value):.3f} under [dvl]"
     return [_finding("DVL-SCALE", log, found, "scale", "dvl", 100 * scale.value, advice)]
@@ -101,7 +103,7 @@ def _scale(log: Log, found: Identification) -> list[Finding]:
 
 def _head(log: Log, found: Identification) -> list[Finding]:
     heading = found.estimates.get("usbl_heading_deg")
-    if heading is None or abs(heading.value) < THRESHOLDS.min_bias_deg:
+    if heading is None:
         return []
     advice = (
         f"check how the head is mounted; if so, state mount_deg = {log.settings.usbl.mount_deg - heading.value:z.2f}"
@@ -111,7 +113,7 @@ def _head(log: Log, found: Identification) -> list[Finding]:
 
 def _range(log: Log, found: Identification) -> list[Finding]:
     scale = found.estimates.get("usbl_range_scale")
-    if scale is None or abs(scale.value) < THRESHOLDS.min_scale_error:
+    if scale is None:
         return []
     stated = log.settings.usbl.sound_speed_scale / (1 + scale.value)
     advice = f"check the speed of sound; if so, state sound_speed_scale = {stated:.4f} under [usbl]"
@@ -128,8 +130,6 @@ def _deviation(log: Log, found: Identification) -> list[Finding]:
     if not set(names) <= set(found.estimates):
         return []
     sine, cosine = (found.estimates[name].value for name in names)
-    if np.hypot(sine, cosine) < THRESHOLDS.min_bias_deg:
-        return []
     advice = "state deviation_sin_deg and deviation_cos_deg under [compass], or compensate the compass"
     worst = float(np.hypot(sine, cosine))
     return [_finding("COMPASS-DEVIATION", log, found, "deviation", "compass", worst, advice)]
@@ -137,7 +137,7 @@ def _deviation(log: Log, found: Identification) -> list[Finding]:
 
 def _latency(log: Log, found: Identification) -> list[Finding]:
     latency = found.estimates.get("usbl_latency_s")
-    if latency is None or abs(latency.value) < THRESHOLDS.min_latency_s:
+    if latency is None:
         return []
     stated = log.settings.usbl.latency_s + latency.value
     side = "early" if latency.value > 0 else "late"
@@ -168,8 +168,6 @@ def _lever(log: Log, found: Identification) -> list[Finding]:
     if not set(names) <= set(found.estimates):
         return []
     length_m = math.hypot(*(found.estimates[name].value for name in names))
-    if length_m < THRESHOLDS.min_lever_m:
-        return []
     advice = (
         f"state lever_arm_m = {stated_lever_m(found)} under [dvl], or the opposite change under [usbl]: only their "
         "difference is observable"
@@ -179,7 +177,7 @@ def _lever(log: Log, found: Identification) -> list[Finding]:
 
 def _clock(log: Log, found: Identification) -> list[Finding]:
     clock = found.estimates.get("dvl_clock_s")
-    if clock is None or abs(clock.value) < THRESHOLDS.max_clock_difference_s:
+    if clock is None:
         return []
     dvl_s, compass_s = log.settings.dvl.latency_s + clock.value, log.settings.compass.latency_s - clock.value
     advice = f"state latency_s = {dvl_s:.2f} under [dvl] or {compass_s:.2f} under [compass]"

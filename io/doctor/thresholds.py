@@ -14,7 +14,7 @@ class Thresholds:
     min_gravity_mps2: float = 5.0  # [m/s^2] half of gravity: less along z is a tilted or broken accelerometer
     fix_depth_tolerance: float = 0.5  # of the depth: a z of the fixes so near to it, up or down, is a depth
 
-    # Sensor errors that the log has evidence for: reported beyond a size that matters
+    # Sensor errors that the log has evidence for
     significance_sigmas: float = (
         4.0  # of a latency beyond what the arrival of fixes allows: chance is below 1 in 10 000
     )
@@ -22,10 +22,7 @@ class Thresholds:
     offset_sigmas: float = 2.0  # of that turn, whose sd comes from leaving out stretches and is itself large
     min_bias_deg: float = 2.0  # of a turn that the log has evidence for: a compensated compass deviates by less
     max_offset_sd_deg: float = 10.0  # a turn that is known no better is not reported at all
-    min_latency_s: float = 0.3  # less moves a vehicle by less than a fix scatters
-    min_lever_m: float = 0.3  # as for the latency, at a slow 1 m/s
     max_identified_turn_deg: float = 10.0  # two sigma of the prior of a heading bias: beyond, its effect is not linear
-    min_scale_error: float = 0.02  # DVLs are specified within 1 %, and sound speed adds as much
     gross_sigmas: float = 6.0  # of the scatter of all fixes: a normal error is as large once in 10^8 fixes
     min_outlier_m: float = 3.0  # no nearer fix is called an outlier, however small the others' scatter
     chance: float = 1e-4  # that heavy-tailed noise without gross errors has as many fixes as far out

@@ -1,5 +1,6 @@
 """``--calibrate auto``: sensor errors and noise identified from dives whose faults are known."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -52,6 +53,19 @@ def test_one_fault_is_found_and_no_other(faults: Faults, key: str, value: tuple[
     assert one.key == key
     assert [estimate.value for estimate in one.estimates] == pytest.approx(value, abs=4 * one.estimates[0].sd)
     assert one.log_odds > 3
+
+
+@pytest.mark.parametrize("fault", [Faults(dvl_scale=0.03), Faults(heading_bias_deg=3.0)])
+def test_the_effect_of_an_error_is_how_far_it_moves_the_fixes(fault: Faults) -> None:
+    line = weaving_dive(fault)
+
+    found = identify(line, ASSUMED)
+
+    (one,) = [one for one in found.evidence if one.exists]
+    turn = math.radians(one.estimates[0].value) if one.key == "heading" else one.estimates[0].value
+    distance_m = math.sqrt(line.fix_m.var(axis=0).sum())  # from their centre
+    assert one.effect_m == pytest.approx(abs(turn) * distance_m, rel=0.1)
+    assert [other.effect_m for other in found.evidence if not other.exists] == [0.0] * (len(OWN_KEYS) - 1)
 
 
 def test_with_a_dvl_through_the_water_the_current_is_always_a_state_and_no_evidence_of_an_error() -> None:

@@ -78,11 +78,6 @@ def test_an_error_is_told_with_its_sigma_its_evidence_and_the_key_that_removes_i
         assert word in found[code].text
 
 
-@pytest.mark.parametrize("key", sorted(NUMBERS))
-def test_an_error_too_small_to_matter_is_not_told(log: Log, key: str) -> None:
-    assert not reported(log, identification(explanation(key, times=0.09)))
-
-
 def test_a_lever_arm_or_a_latency_is_one_finding_with_both_numbers(log: Log) -> None:
     rivals = explanation("latency"), explanation("dvl-lever", log_odds=-1.1)
 
