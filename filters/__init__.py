@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from usbldr.filters.errors import CheckError, LogError, UsageError, UsbldrError
     from usbldr.filters.evaluation.error_report import ErrorReport, Window
     from usbldr.filters.identification.identification import Identification
-    from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
+    from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
     from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
     from usbldr.filters.replay.methods import METHODS, FilterSettings, Method
     from usbldr.filters.replay.online import OnlineEstimate, OnlineFilter
@@ -36,6 +36,7 @@ __all__ = [
     "LogError",
     "Method",
     "Mixture",
+    "NoiseFamily",
     "OnlineEstimate",
     "OnlineFilter",
     "Outage",
@@ -60,7 +61,7 @@ _HOMES = {
     "errors": ("CheckError", "LogError", "UsageError", "UsbldrError"),
     "evaluation.error_report": ("ErrorReport", "Window"),
     "identification.identification": ("Identification",),
-    "models.noise": ("Contamination", "Gaussian", "Mixture", "StudentT"),
+    "models.noise": ("Contamination", "Gaussian", "Mixture", "NoiseFamily", "StudentT"),
     "models.parameters": ("Parameters", "ProcessNoise", "SensorErrors", "Start"),
     "replay.methods": ("METHODS", "FilterSettings", "Method"),
     "replay.online": ("OnlineEstimate", "OnlineFilter"),

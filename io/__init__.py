@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from usbldr.io.findings import Finding
     from usbldr.io.geodesy import Origin
     from usbldr.io.log import Log
+    from usbldr.io.messages.layouts import MessageLayout
     from usbldr.io.opening import Request
     from usbldr.io.provenance import Convention, Provenance
+    from usbldr.io.reader import Reader, Records, TopicInfo
     from usbldr.io.reports.python_runs import to_frame, write_run
     from usbldr.io.reports.report_json import ScoredTrack
     from usbldr.io.session import RunSettings, bound, evaluate, open_log, reference_tracks, replay, resolve, score
@@ -23,11 +25,15 @@ __all__ = [
     "Convention",
     "Finding",
     "Log",
+    "MessageLayout",
     "Origin",
     "Provenance",
+    "Reader",
+    "Records",
     "Request",
     "RunSettings",
     "ScoredTrack",
+    "TopicInfo",
     "bound",
     "evaluate",
     "open_log",
@@ -42,8 +48,10 @@ _HOMES = {
     "findings": ("Finding",),
     "geodesy": ("Origin",),
     "log": ("Log",),
+    "messages.layouts": ("MessageLayout",),
     "opening": ("Request",),
     "provenance": ("Convention", "Provenance"),
+    "reader": ("Reader", "Records", "TopicInfo"),
     "reports.python_runs": ("to_frame", "write_run"),
     "reports.report_json": ("ScoredTrack",),
     "session": ("RunSettings", "bound", "evaluate", "open_log", "reference_tracks", "replay", "resolve", "score"),

@@ -107,6 +107,22 @@ def cli() -> None:
     \b
     $ usbldr replay dive.mcap --filter cpf
     """
+    _load_plugins()
+
+
+def _load_plugins() -> None:
+    """Load the parts of installed packages; say which cannot be used."""
+    from usbldr.filters import plugins
+
+    if not plugins.installed():
+        return
+    from usbldr.filters.replay.methods import add_installed
+
+    add_installed()
+    for group in (plugins.FORMATS, plugins.LAYOUTS):
+        plugins.offered(group)
+    for fault in plugins.FAULTS:
+        click.echo(f"usbldr: warning: {fault}", err=True)
 
 
 def one_line(fault: click.ClickException) -> str:

@@ -143,7 +143,7 @@ def _verify(report: Path, log: str | None, quiet: bool) -> int:
     ctx = click.get_current_context()
     for param in ctx.command.params:
         given = ctx.get_parameter_source(str(param.name)) is click.core.ParameterSource.COMMANDLINE
-        if given and param.name not in ("log", "verify", "quiet"):
+        if given and param.name not in ("log", "verify", "quiet", "plugin"):
             raise UsageError(f"--verify repeats the run of its report as it was: leave {param.opts[0]} out")
     found = verify(report, log)
     if found.differences and not quiet and found.environment_text:

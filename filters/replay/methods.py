@@ -3,10 +3,12 @@
 Who wants to know whether a method draws particles, takes a gate or can be smoothed asks this table.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from usbldr.filters import plugins
 from usbldr.filters.errors import LogError, UsageError, did_you_mean
 from usbldr.filters.estimators import adaptive, cpf, kalman, mode_updates, pf, pf_wekf
 from usbldr.filters.estimators.protocol import Filter
@@ -199,11 +201,41 @@ METHODS: dict[str, Method] = {
         ),
     )
 }
-"""A new filter is one row here, and one file; a study may add rows of its own."""
+"""A new filter is one row here, and one file; other packages add rows by entry points, users by --plugin."""
+
+
+def add_method(part: plugins.Plugin) -> str:
+    """Add the filter of another package; return why it cannot be, "" if it was added."""
+    method = part.value
+    if not isinstance(method, Method):
+        return f"it is no usbldr.Method, but of type {type(method).__name__}"
+    if METHODS.setdefault(method.name, method) is not method:  # built-in filters come first
+        return f"there is a filter {method.name!r} already; give it another name"
+    return ""
+
+
+def add_named(text: str) -> None:
+    """Add the filter that --plugin names; raise UsageError if it cannot be."""
+    if fault := add_method(plugins.named(text)):
+        raise UsageError(f"--plugin {text}: {fault}")
+
+
+@functools.cache
+def add_installed() -> None:
+    """Add the filters of installed packages; not while this module is imported, which they import themselves."""
+    for part in plugins.offered(plugins.METHODS):
+        if fault := add_method(part):
+            plugins.refuse(part, fault)
+
+
+for _text in plugins.asked_for():
+    add_named(_text)
 
 
 def method_named(name: str) -> Method:
-    """Return a method of METHODS; raises UsageError for a name that is not there."""
+    """Return a method of METHODS or of an installed package; raises UsageError for a name that is not there."""
+    if name not in METHODS:
+        add_installed()
     if name not in METHODS:
         raise UsageError(f"there is no filter {name!r}{did_you_mean(name, METHODS)} (filters: {', '.join(METHODS)})")
     return METHODS[name]

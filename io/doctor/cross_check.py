@@ -178,9 +178,10 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
         found.append(Finding("CONVENTION-UNDECIDED", text, usbl, None, best.residual_m, "m"))
     for role, key in (("dvl", "axes"), ("compass", "convention"), ("usbl", "frame")):
         fitting = sorted({str(getattr(one, key)) for one in result.plausible})
-        if len(fitting) > 1 and log.convention(role, key).chosen_by == "default":
+        read_as = log.convention(role, key)
+        if len(fitting) > 1 and read_as.value and read_as.chosen_by == "default":
             text = (
-                f"{topic_of(log, role)}: {key} = {log.convention(role, key).value} is only the default, and the log "
+                f"{topic_of(log, role)}: {key} = {read_as.value} is only the default, and the log "
                 f"fits {' and '.join(fitting)} alike (too straight, or too few fixes); state {key} under [{role}]"
             )
             found.append(Finding("CONVENTION-DEFAULT", text, topic_of(log, role)))

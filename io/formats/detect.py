@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from usbldr.filters.errors import LogError
+from usbldr.filters import plugins
+from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.formats.container_ends import begins_container
 from usbldr.io.formats.decompression import compression_of
@@ -132,6 +133,21 @@ def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return CsvLog(path) if looks_like_csv(head) else None
 
 
+def _of_plugin(part: plugins.Plugin) -> Callable[[Path, bytes, Definitions], Reader | None]:
+    """Return how a format of another package is recognised: by its function of the path and the first bytes."""
+
+    def reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
+        try:
+            return part.value(path, head)
+        except UsbldrError:
+            raise
+        except Exception as err:  # foreign code may raise anything
+            text = f"cannot be read: plugin {part.name} of {part.source} failed ({type(err).__name__}: {err})"
+            raise LogError(text, path=path) from err
+
+    return reader
+
+
 FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "MCAP files": _mcap,
     "ROS 1 bags": _bag,
@@ -149,9 +165,11 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "JSON lines": _json_lines,
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
+    **{part.name: _of_plugin(part) for part in plugins.offered(plugins.FORMATS)},
 }
 """One line per format: from the path, the first bytes and the definitions of messages that a log
-does not define to its reader, which is imported only then; to None if it is of another format."""
+does not define to its reader, which is imported only then; to None if it is of another format. Those of
+other packages come last."""
 
 
 def _reader(path: Path, head: bytes, known: Definitions) -> Reader | None:

@@ -6,6 +6,7 @@ from importlib.resources import files
 
 import msgspec
 
+from usbldr.filters import plugins
 from usbldr.io.messages.layouts import MessageLayout, only_when_named
 from usbldr.io.reader import TopicInfo
 
@@ -15,11 +16,15 @@ def _types(sensor: str) -> tuple[MessageLayout, ...]:
     return msgspec.convert(tomllib.loads(text)["layout"], tuple[MessageLayout, ...])
 
 
+def _of_plugins(sensor: str) -> tuple[MessageLayout, ...]:
+    return tuple(layout for part in plugins.offered(plugins.LAYOUTS) for layout in part.value.get(sensor, ()))
+
+
 LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
-    **{sensor: _types(sensor) for sensor in ("dvl", "compass", "usbl", "gps", "depth")},
-    "truth": (*_types("truth"), *only_when_named(_types("gps"))),
+    **{sensor: _types(sensor) + _of_plugins(sensor) for sensor in ("dvl", "compass", "usbl", "gps", "depth")},
+    "truth": (*_types("truth"), *only_when_named(_types("gps")), *_of_plugins("truth")),
 }
-"""The first layout that matches a topic is used.
+"""The first layout that matches a topic is used; those of other packages come last.
 
 The type of files with usbldr's own columns, or with configured columns, is the sensor.
 """

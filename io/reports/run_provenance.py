@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from usbldr.filters.kernel import KERNEL
+from usbldr.filters.plugins import sources
 from usbldr.io.inputs import InputFile
 from usbldr.io.opening import digest_paths
 
@@ -50,12 +51,13 @@ def made_by() -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    """Return what the last bits of a number may depend on: Python, libraries, platform, variant of the kernel."""
+    """Return what a number may depend on: Python, libraries, platform, variant of the kernel, plugins."""
     return {
         "python": platform.python_version(),
         "libraries": {name: version(name) for name in LIBRARIES},
         "platform": {"system": sys.platform, "machine": platform.machine()},
         "kernel": KERNEL.name,
+        "plugins": list(sources()),
     }
 
 

@@ -62,8 +62,9 @@ def words(*known: str, files: bool = False) -> Suggested:
 
 def filters(ctx: click.Context) -> Iterable[str]:
     """Return the names of the methods."""
-    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.methods import METHODS, add_installed
 
+    add_installed()
     return METHODS
 
 

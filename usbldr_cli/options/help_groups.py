@@ -18,7 +18,7 @@ RARE = {
     "Baseline": (),
     "Log": ("dvl", "compass", "gps", "depth", "truth_frame", "part", "msg_path", "limits", "strict"),
     "Faults": (),
-    "Filter": ("noise", "gate", "guard", "order", "aid", "exclude", "fast_hz"),
+    "Filter": ("plugin", "noise", "gate", "guard", "order", "aid", "exclude", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),
     "Output": (
         "html",

@@ -12,6 +12,7 @@ import click
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.completion import Suggested, places, sensor_errors
 from usbldr_cli.options.methods_option import MethodsOption
+from usbldr_cli.options.plugin_option import plugin_option
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
@@ -103,6 +104,7 @@ def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
     several = click.IntRange(min=2)
     share = click.FloatRange(0, 1, min_open=True, max_open=True)
     options = (
+        plugin_option,
         click.option(
             "--particles",
             "-N",

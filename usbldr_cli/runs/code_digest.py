@@ -7,11 +7,16 @@ from pathlib import Path
 
 import usbldr.filters
 from usbldr.filters.kernel import KERNEL
+from usbldr.filters.plugins import sources
+
+
+def code_digest() -> str:
+    """Return the digest of the installed filters, of plugins, of NumPy's version, and of the kernel if it runs."""
+    return _own() + "".join(f" {source}" for source in sources())
 
 
 @functools.cache
-def code_digest() -> str:
-    """Return the digest of the installed filters, of NumPy's version, and of the kernel if it runs."""
+def _own() -> str:
     return digest_of(Path(usbldr.filters.__file__).parent, compiled=KERNEL.advance is not None)
 
 

@@ -57,9 +57,9 @@ class FinishedJob(NamedTuple):
 
 def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
     """Return the choices without those that the method does not use: ekf has no particles, cpf no gate."""
-    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.methods import method_named
 
-    able = METHODS[method]
+    able = method_named(method)
     return replace(
         choices,
         particles=choices.particles if able.draws else 2,
@@ -157,12 +157,12 @@ def _bound(unit: Job, source: _Source, choices: RunChoices) -> JobResult:
 
 
 def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:
-    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.methods import method_named
     from usbldr.io.read import require
     from usbldr.io.session import evaluate, replay
 
     log, dive_timeline = source.log, source.dive_timeline
-    require(log, METHODS[method].sensors)
+    require(log, method_named(method).sensors)
     settings = choices.settings(log.start_ns)
     if log.truth is None:
         raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
@@ -191,9 +191,9 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
 
 def _key(source: _Source, method: str, choices: RunChoices) -> str:
     """Return the digest of all that a result depends on; a deterministic method does not depend on the seed."""
-    from usbldr.filters.replay.methods import METHODS
+    from usbldr.filters.replay.methods import method_named
 
-    options = asdict(choices) | ({} if METHODS[method].draws else {"seed": None})
+    options = asdict(choices) | ({} if method_named(method).draws else {"seed": None})
     text = json.dumps([source.digest, source.log.path.name, method, options, code_digest()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 

@@ -105,7 +105,7 @@ def verify(report: Path, log: str | None) -> Verification:
     now = json_values(report_content(run))
     keys = dict.fromkeys((*STAGES, *before, *now))
     found = [one for key in keys if key not in NOT_COMPARED for one in _differences(before.get(key), now.get(key), key)]
-    same = ("tool", "python", "libraries", "platform", "kernel")
+    same = ("tool", "python", "libraries", "platform", "kernel", "plugins")
     made, here = ({**one["provenance"], "tool": one["tool"]} for one in (before, now))
     changed = [one for key in same for one in _differences(made.get(key), here.get(key), key)]
     differing = [one for one in found if one.before != one.now]

@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.plugins import VARIABLE as PLUGINS
+from usbldr.filters.plugins import asked_for
+from usbldr.filters.replay.methods import add_named
 from usbldr.io.limits import VARIABLE as LIMITS
 from usbldr.io.remote import local_log
 from usbldr_cli.options.log_options import inputs, read_request
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
     from usbldr_cli.runs.jobs import Job
 
 SHOWN = 8  # [characters] of a digest in a sentence
+SET_BY_OPTIONS = (LIMITS, PLUGINS)
 FILES = ("config", "truth", "joined", "msg_path")  # of a selection: what may be paths
 
 
@@ -40,19 +44,25 @@ class Software(NamedTuple):
         return f"usbldr {self.version} (code {self.code[:SHOWN]}, NumPy {self.numpy}, {runs})"
 
 
-@functools.cache
 def installed() -> Software:
     """Return what runs in this process; the digest is that of all code: filters, kernel, readers, commands."""
-    import usbldr.io
-    import usbldr_cli
     from usbldr.filters.kernel import KERNEL
 
-    digest = hashlib.sha256(code_digest().encode())
+    digest = hashlib.sha256((code_digest() + _outer_digest()).encode())
+    return Software(version("usbldr"), digest.hexdigest(), version("numpy"), KERNEL.advance is not None)
+
+
+@functools.cache
+def _outer_digest() -> str:
+    import usbldr.io
+    import usbldr_cli
+
+    digest = hashlib.sha256()
     for package in (usbldr.io, usbldr_cli):
         files = Path(str(package.__file__)).parent.rglob("*")
         for file in sorted(file for file in files if file.suffix in (".py", ".toml")):
             digest.update(file.read_bytes())
-    return Software(version("usbldr"), digest.hexdigest(), version("numpy"), KERNEL.advance is not None)
+    return digest.hexdigest()
 
 
 class Expected(NamedTuple):
@@ -60,7 +70,7 @@ class Expected(NamedTuple):
 
     software: Software
     digest: str  # of the log and the files that belong to it; "" if it cannot be read
-    limits: str | None  # the option --limits
+    environment: Mapping[str, str]  # what options set there: --limits and --plugin
 
 
 def expected(unit: "Job") -> Expected:
@@ -71,7 +81,7 @@ def expected(unit: "Job") -> Expected:
             digest = _digest(path, unit.selection)
     except LogError:
         digest = ""  # the worker says what is wrong with the log
-    return Expected(installed(), digest, os.environ.get(LIMITS))
+    return Expected(installed(), digest, {name: os.environ[name] for name in SET_BY_OPTIONS if name in os.environ})
 
 
 def with_whole_paths(unit: "Job") -> "Job":
@@ -87,15 +97,17 @@ def _whole(value: Any) -> Any:
 
 
 def require_software(wanted: Expected) -> None:
-    """Raise UnfitWorkerError if this process has other software than the client; take over its limits."""
+    """Raise UnfitWorkerError if this process has other software than the client; take over its limits and plugins."""
+    for name in SET_BY_OPTIONS:
+        os.environ.pop(name, None)
+    os.environ.update(wanted.environment)
+    for text in asked_for():
+        add_named(text)
     here = installed()
     if here != wanted.software:
         raise UnfitWorkerError(
             f"worker on {socket.gethostname()} runs {here}, this command {wanted.software}: install the same for both"
         )
-    os.environ.pop(LIMITS, None)
-    if wanted.limits is not None:
-        os.environ[LIMITS] = wanted.limits
 
 
 def require_log(log: str, wanted: Expected) -> None:

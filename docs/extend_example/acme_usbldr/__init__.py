@@ -1,0 +1,1 @@
+"""A file format, its message types and a filter for usbldr."""
