@@ -24,7 +24,7 @@ from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
     from usbldr.io.settings.regression_baseline import RegressionBaseline
-    from usbldr_cli.runs.jobs import Job
+    from usbldr_cli.runs.workers import Job
     from usbldr_cli.tables.check_verdicts import CheckedRow
 
 DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and a filter on top
@@ -97,7 +97,7 @@ def check(
     from usbldr_cli.runs.baseline_rows import given_options, jobs_of_row
     from usbldr_cli.runs.executors import executor
     from usbldr_cli.runs.first_baseline import write_first_baseline
-    from usbldr_cli.runs.jobs import Job
+    from usbldr_cli.runs.workers import Job
     from usbldr_cli.tables.check_verdicts import as_json, markdown
     from usbldr_cli.tables.checked_rows import checked_rows
     from usbldr_cli.tables.junit import junit as junit_text
@@ -113,19 +113,19 @@ def check(
     if others:
         raise UsageError(f"check takes one BASELINE, not {len(files)}; --init LOG... writes one for several logs")
     wanted = read_baseline(Path(file))
-    units = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
+    jobs = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
     for row in wanted.rows:
-        for text in unused_options(row.options, [row.filter], any(unit.simulated for unit in units[row.name])):
+        for text in unused_options(row.options, [row.filter], any(job.simulated for job in jobs[row.name])):
             click.echo(f"usbldr: {wanted.file}: row {row.name!r}: {text}", err=True)
     targets = {"--json": json_to, "--markdown": markdown_to, "--junit": junit, "--html": html_to}
     for option, target in targets.items():
         if target is not None and (option, target) != ("--json", "-"):
-            _refuse(option, Path(target), force, wanted, units)
+            _refuse(option, Path(target), force, wanted, jobs)
     place = None if update or output == KEEP_NONE else _place(output, wanted.file, force)
     with executor(workers) as where:
-        checked = checked_rows(wanted, units, where)
+        checked = checked_rows(wanted, jobs, where)
     if place is not None:
-        checked = _explained(checked, units, place, force)
+        checked = _explained(checked, jobs, place, force)
     failed = not all(one.passed for one in checked)
     code = max(one.exit_code for one in checked) or (CheckError.exit_code if failed else 0)
     if markdown_to is not None:
@@ -152,13 +152,13 @@ def _write_html(file: Path, baseline: "RegressionBaseline", checked: "Sequence[C
 
 
 def _refuse(
-    option: str, file: Path, force: bool, baseline: "RegressionBaseline", units: "Mapping[str, Sequence[Job]]"
+    option: str, file: Path, force: bool, baseline: "RegressionBaseline", jobs: "Mapping[str, Sequence[Job]]"
 ) -> None:
     """Refuse a file that is the baseline or an input of a row, or that is not empty."""
     if file.resolve() == baseline.file.resolve():
         raise UsageError(f"{file} is the baseline: choose another file for {option}")
-    for unit in {unit.log: unit for cell in units.values() for unit in cell}.values():
-        refuse_file(option, file, force, inputs(unit.log, read_request(**unit.selection)))
+    for job in {job.log: job for cell in jobs.values() for job in cell}.values():
+        refuse_file(option, file, force, inputs(job.log, read_request(**job.selection)))
     refuse_file(option, file, force, ())
 
 
@@ -178,21 +178,21 @@ def _place(output: Path | None, baseline: Path, force: bool) -> Path:
 
 
 def _explained(
-    checked: "Sequence[CheckedRow]", units: "Mapping[str, Sequence[Job]]", place: Path, force: bool
+    checked: "Sequence[CheckedRow]", jobs: "Mapping[str, Sequence[Job]]", place: Path, force: bool
 ) -> "list[CheckedRow]":
     """Run the failed rows again: keep their run directories, and let the doctor examine their logs."""
     explained: list[CheckedRow] = []
     for number, one in enumerate(checked, start=1):
-        unit = next((unit for unit in units[one.row.name] if unit.choices.seed == one.worst_seed), None)
-        if one.passed or unit is None:
+        job = next((job for job in jobs[one.row.name] if job.choices.seed == one.worst_seed), None)
+        if one.passed or job is None:
             explained.append(one)
             continue
         name = re.sub(r"[^\w.-]+", "_", one.row.name).strip("._")[:NAME_LETTERS]
-        explained.append(_kept(one, unit, place / f"{number:02d}-{name}", force))
+        explained.append(_kept(one, job, place / f"{number:02d}-{name}", force))
     return explained
 
 
-def _kept(one: "CheckedRow", unit: "Job", target: Path, force: bool) -> "CheckedRow":
+def _kept(one: "CheckedRow", job: "Job", target: Path, force: bool) -> "CheckedRow":
     """Keep the run of a failed row, that of its worst seed, with what the doctor finds in its log."""
     from usbldr.io.doctor.doctor import examine_log
     from usbldr.io.reports.run_directory import run_directory
@@ -200,7 +200,7 @@ def _kept(one: "CheckedRow", unit: "Job", target: Path, force: bool) -> "Checked
     from usbldr_cli.runs.jobs import relevant_choices
     from usbldr_cli.runs.one_run import RunPlan, run_again
 
-    run = run_again(RunPlan(unit.log, unit.method, relevant_choices(unit.method, unit.choices), unit.selection))
+    run = run_again(RunPlan(job.log, job.method, relevant_choices(job.method, job.choices), job.selection))
     with run_directory(target, force) as folder:
         write_run(folder, run, RunOutputs())
     findings = [f for f in examine_log(run.log).findings if f.level != "info"]

@@ -28,8 +28,8 @@ from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
 if TYPE_CHECKING:
-    from usbldr_cli.runs.jobs import Job
     from usbldr_cli.runs.seed_table import ComparisonRow
+    from usbldr_cli.runs.workers import Job
 
 
 @click.command(cls=GroupedCommand)
@@ -149,10 +149,10 @@ def _run(
             cells[log, method] = _cell(log, method, seeds, choices, selection)
         if bound:
             first = next((method for method in methods if METHODS[method].is_filter), methods[0])
-            cells[log, BOUND] = {seed: replace(unit, bound=True) for seed, unit in cells[log, first].items()}
+            cells[log, BOUND] = {seed: replace(job, bound=True) for seed, job in cells[log, first].items()}
     seed_major = sorted(
-        ((log, seed, method) for (log, method), units in cells.items() for seed in units),
-        key=lambda at: (logs.index(at[0]), at[1]),  # units of one dive follow each other: it is read once
+        ((log, seed, method) for (log, method), jobs in cells.items() for seed in jobs),
+        key=lambda at: (logs.index(at[0]), at[1]),  # jobs of one dive follow each other: it is read once
     )
     with executor(workers) as where:
         outcomes = run_jobs([cells[log, method][seed] for log, seed, method in seed_major], where, store)
@@ -162,20 +162,20 @@ def _run(
         click.echo(f"{reused} of {len(outcomes)} runs were finished already, in {store}", err=True)
     names = [Path(log).name for log in logs]
     rows: list[ComparisonRow] = []
-    for (log, method), units in cells.items():
+    for (log, method), jobs in cells.items():
         name = Path(log).name if names.count(Path(log).name) == 1 else log
-        found = tuple(by_place[log, seed, method] for seed in units)
-        dives = next(iter(units.values())).simulated
+        found = tuple(by_place[log, seed, method] for seed in jobs)
+        dives = next(iter(jobs.values())).simulated
         label = BOUND_NAMES[choices.smooth] if method == BOUND else track_name(method, choices.smooth)
         draws = method != BOUND and METHODS[method].draws
-        rows.append(ComparisonRow(name, label, method, tuple(units), found, draws, dives))
+        rows.append(ComparisonRow(name, label, method, tuple(jobs), found, draws, dives))
     return rows
 
 
 def _cell(log: str, method: str, seeds: int, choices: RunChoices, selection: dict[str, Any]) -> "dict[int, Job]":
     from usbldr.filters.replay.methods import METHODS
     from usbldr.io.session import is_simulated
-    from usbldr_cli.runs.jobs import Job
+    from usbldr_cli.runs.workers import Job
 
     once = not is_simulated(log) and not METHODS[method].draws
     wanted = range(choices.seed, choices.seed + (1 if once else seeds))

@@ -29,6 +29,7 @@ from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import jobs
 from usbldr_cli.runs.cluster import connected
 from usbldr_cli.runs.job_store import JobStore
+from usbldr_cli.runs.workers import Job
 
 FILTERS = ("dr", "usbl", "ekf", "adf", "cpf", "upf")
 CHOICES = RunChoices(100, None, 0, None, None, "auto", "start", 5.0, 1.0)
@@ -77,7 +78,7 @@ def measured() -> Costs:
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "dive.mcap"
         write_scenario(find_scenario("paper"), 0, log)
-        units = [jobs.Job(str(log), name, CHOICES) for name in FILTERS]
+        units = [Job(str(log), name, CHOICES) for name in FILTERS]
         filters_s = tuple(least(lambda unit=unit: jobs.run_job(unit)) for unit in units)  # the dive is read already
         read_s = least(lambda: (jobs._open.cache_clear(), jobs._read.cache_clear(), jobs.run_job(units[0])))
         read_s -= filters_s[0]

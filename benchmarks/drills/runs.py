@@ -9,7 +9,7 @@ from paper.runs import Way
 from usbldr.io.drills.drill import Drill
 from usbldr_cli.runs.drill_rows import DrillReport
 from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
-from usbldr_cli.runs.executors import Executor
+from usbldr_cli.runs.workers import Executor
 
 
 def run_log(

@@ -24,10 +24,10 @@ from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.io.session import replay, resolve
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 from usbldr_cli.runs.jobs import FinishedJob, relevant_choices
 from usbldr_cli.runs.seed_table import ComparisonRow
+from usbldr_cli.runs.workers import Executor
 
 Task: TypeAlias = tuple[Cell, int, Path]  # what runs, its seed, and the folder of the logs
 

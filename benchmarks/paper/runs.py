@@ -11,10 +11,9 @@ from typing import TypeAlias
 
 from usbldr.filters.replay.methods import METHODS
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.executors import Executor
-from usbldr_cli.runs.jobs import Job
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.seed_table import ComparisonRow
+from usbldr_cli.runs.workers import Executor, Job
 
 HERE = Path(__file__).parent
 UNSEEN = str(HERE / "unseen.toml")

@@ -15,7 +15,8 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.session import is_simulated
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.drill_runs import DrillPlan
-from usbldr_cli.runs.jobs import Job, run_job
+from usbldr_cli.runs.jobs import run_job
+from usbldr_cli.runs.workers import Job
 
 fsspec = pytest.importorskip("fsspec")
 

@@ -15,8 +15,9 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.executors import LocalProcesses
 from usbldr_cli.runs.job_store import read_trace
-from usbldr_cli.runs.jobs import Job, relevant_choices
+from usbldr_cli.runs.jobs import relevant_choices
 from usbldr_cli.runs.run_jobs import run_jobs
+from usbldr_cli.runs.workers import Job
 
 PAPER = find_scenario("paper")
 

@@ -16,7 +16,7 @@ from usbldr.io.scenarios.shipped import scenario_names
 from usbldr.io.settings.regression_baseline import BaselineRow, Option
 from usbldr_cli.options.log_options import selection_options
 from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.runs.jobs import Job
+from usbldr_cli.runs.workers import Job
 
 FILES = ("config", "truth", "with", "msg_path")  # options whose value may be a file or folder beside the baseline
 

@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from usbldr.filters.errors import UsageError, UsbldrError
-from usbldr_cli.runs.executors import KEPT, Result, Shared, Task
+from usbldr_cli.runs.workers import KEPT, Result, Shared, Task
 
 CONNECT_S = 10.0  # [s] to wait for a scheduler: a network that works answers within one
 WORKERS_S = 60.0  # [s] to wait while there is no worker, as batch systems start and replace them
@@ -50,7 +50,7 @@ def connected(address: str) -> "Generator[DaskCluster]":
 
 @dataclass(frozen=True, slots=True)
 class DaskCluster:
-    """The workers of a scheduler, as a `executors.Executor`."""
+    """The workers of a scheduler, as a `workers.Executor`."""
 
     client: Any
     address: str

@@ -14,11 +14,10 @@ from usbldr.io.session import is_simulated, open_log
 from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.drill_rows import DrillReport, DrillRow
-from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult
-from usbldr_cli.runs.jobs import Job
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.seed_table import ComparisonRow
+from usbldr_cli.runs.workers import Executor, Job
 
 RAW = "usbl"  # the method whose errors are those of the raw fixes
 

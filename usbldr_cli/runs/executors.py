@@ -14,14 +14,11 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr_cli.options.worker_options import WorkerChoices
-
-Task = TypeVar("Task")
-Shared = TypeVar("Shared")
-Result = TypeVar("Result")
+from usbldr_cli.runs.workers import KEPT, Executor, Result, Shared, Task
 
 MAX_DEATHS = 3  # of processes in succession, with no run finished between them: then the command ends
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -29,31 +26,6 @@ ENVIRONMENT = {
     **dict.fromkeys(THREADS, "1"),  # read by the BLAS of a process
     "PYTHONSAFEPATH": "1",  # read by Python: nothing is imported from the current folder
 }
-KEPT = "with --output, finished runs are kept"
-
-
-class Executor(Protocol):
-    """Where work is done."""
-
-    @property
-    def elsewhere(self) -> bool:
-        """Whether the workers may have other files and other code than this process."""
-        ...
-
-    @property
-    def workers(self) -> int:
-        """How many tasks run at once."""
-        ...
-
-    def finished(
-        self, call: Callable[[Task, Shared], Result], tasks: Iterable[Task], shared: Shared
-    ) -> Generator[tuple[int, Result]]:
-        """Yield the place of each task and ``call(task, shared)`` as they finish; ``shared`` is sent once.
-
-        ``call`` is a function of a module that the workers can import. Raises UsbldrError if workers are lost again
-        and again, and whatever ``call`` raises.
-        """
-        ...
 
 
 @contextmanager

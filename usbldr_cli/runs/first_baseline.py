@@ -17,10 +17,10 @@ from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.unused_options import unused_options
 from usbldr_cli.options.worker_options import WorkerChoices
 from usbldr_cli.runs.baseline_rows import FILES, today, tool_text
-from usbldr_cli.runs.executors import Executor, executor
+from usbldr_cli.runs.executors import executor
 from usbldr_cli.runs.job_store import JobResult
-from usbldr_cli.runs.jobs import Job
 from usbldr_cli.runs.run_jobs import run_jobs
+from usbldr_cli.runs.workers import Executor, Job
 
 HEAD = """\
 # `usbldr check` runs these rows again; `--update` stores new values.
@@ -39,10 +39,10 @@ def write_first_baseline(
     file: Path, logs: Sequence[Job], given: Mapping[str, Option], filters: str, workers: WorkerChoices, force: bool
 ) -> int:
     """Write a first baseline, values included."""
-    refuse_repeats("LOG", [unit.log for unit in logs])
+    refuse_repeats("LOG", [job.log for job in logs])
     methods = filter_list(filters, logs[0].choices)
-    for unit in logs:
-        refuse_file("--baseline", file, force, inputs(unit.log, read_request(**unit.selection)))
+    for job in logs:
+        refuse_file("--baseline", file, force, inputs(job.log, read_request(**job.selection)))
     with executor(workers) as where:
         text, left_out = first_baseline(file, logs, methods, given, where)
     for sentence in left_out:
@@ -60,14 +60,14 @@ def first_baseline(
     ``logs`` have the choices of all rows, and ``given`` those that the rows state.
     Raises the error of its runs if all runs of a log fail.
     """
-    units = [replace(log, method=name) for log in logs for name in methods]
-    results = run_jobs(units, where)
-    for first in range(0, len(units), len(methods)):
+    jobs = [replace(log, method=name) for log in logs for name in methods]
+    results = run_jobs(jobs, where)
+    for first in range(0, len(jobs), len(methods)):
         _raise_if_none_ran(results[first : first + len(methods)])
-    rows = [_row(file, unit, given, one) for unit, one in zip(units, results, strict=True) if one.fault is None]
+    rows = [_row(file, job, given, one) for job, one in zip(jobs, results, strict=True) if one.fault is None]
     signed = f"{HEAD}tool = {_text(tool_text())}\ndate = {today().isoformat()}\n"
-    pairs = zip(units, results, strict=True)
-    left_out = [f"{unit.method} is left out: {one.fault}" for unit, one in pairs if one.fault is not None]
+    pairs = zip(jobs, results, strict=True)
+    left_out = [f"{job.method} is left out: {one.fault}" for job, one in pairs if one.fault is not None]
     return "\n".join([signed, *rows]), left_out
 
 
@@ -78,18 +78,18 @@ def _raise_if_none_ran(results: Sequence[JobResult]) -> None:
         raise kind("; ".join(dict.fromkeys(str(one.fault) for one in results)))
 
 
-def _row(file: Path, unit: Job, given: Mapping[str, Option], result: JobResult) -> str:
+def _row(file: Path, job: Job, given: Mapping[str, Option], result: JobResult) -> str:
     """Return the text of a row; the log and other files are named relative to the file's folder."""
-    log = _beside(file, unit.log)
+    log = _beside(file, job.log)
     judged = result.scored_against
-    digest = "" if judged is None or unit.simulated else judged.log_sha256
-    stated = {"name": f"{log} {unit.method}", "log": log, "log_sha256": digest, "filter": unit.method}
+    digest = "" if judged is None or job.simulated else judged.log_sha256
+    stated = {"name": f"{log} {job.method}", "log": log, "log_sha256": digest, "filter": job.method}
     lines = ["[[row]]", *(f"{key} = {_text(value)}" for key, value in stated.items() if value)]
     for key, value in given.items():
-        if not unused_options([key], [unit.method], unit.simulated):
+        if not unused_options([key], [job.method], job.simulated):
             lines.append(f"{key} = {tomlkit.item(_stated(file, key, value)).as_string()}")
     lines.append("[row.metrics]")
-    for name, limit in _limits(METHODS[unit.method]).items():
+    for name, limit in _limits(METHODS[job.method]).items():
         if name in result.metrics:
             lines.append(f"{name} = {{ value = {result.metrics[name]:.6g}, {limit} }}")
     return "\n".join(lines) + "\n"

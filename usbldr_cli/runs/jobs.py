@@ -8,43 +8,23 @@ import functools
 import hashlib
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from usbldr.filters.errors import LogError, UsbldrError
-from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged
+from usbldr.io.drills.drill import Drill, damaged
 from usbldr.io.remote import is_url, local_log
 from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.code_digest import code_digest
 from usbldr_cli.runs.job_store import JobResult, ScoringContext, Trace
 from usbldr_cli.runs.worker_checks import UnfitWorkerError, require_digest
+from usbldr_cli.runs.workers import Job
 
 if TYPE_CHECKING:
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One run. The seed in ``choices`` is that of the filter and, for a scenario, of the dive."""
-
-    log: str  # as the user gave it: a file, a folder, or else a scenario
-    method: str
-    choices: RunChoices
-    selection: Mapping[str, Any] = field(default_factory=dict[str, Any])  # values of options.selection_options
-    bound: bool = False  # compute the least error of a filter that estimates the same states, and run nothing
-    drill: Drill = UNDAMAGED  # faults that are put into the log, by the same seed
-    examine: bool = False  # list the findings of the doctor, and run nothing
-
-    @property
-    def simulated(self) -> bool:
-        """Whether each seed is a dive of its own."""
-        from usbldr.io.session import is_simulated
-
-        return is_simulated(self.log)
 
 
 class FinishedJob(NamedTuple):
@@ -70,24 +50,24 @@ def relevant_choices(method: str, choices: RunChoices) -> RunChoices:
     )
 
 
-def run_job(unit: Job, stored: frozenset[str] = frozenset(), digest: str | None = None) -> FinishedJob:
+def run_job(job: Job, stored: frozenset[str] = frozenset(), digest: str | None = None) -> FinishedJob:
     """Run a job, unless its result is among those ``stored``, given by their keys; a fault is a sentence in its result.
 
     With a ``digest``, raises UnfitWorkerError for a log with another one.
     """
-    selection = tuple(sorted(unit.selection.items()))
-    choices = relevant_choices(unit.method, unit.choices)
+    selection = tuple(sorted(job.selection.items()))
+    choices = relevant_choices(job.method, job.choices)
     try:
-        seeds = choices.seed if unit.simulated else 0, choices.seed if unit.drill.draws else 0
-        source = _read(unit.log, selection, unit.drill, seeds, _epochs(choices), digest)
-        if unit.examine:
+        seeds = choices.seed if job.simulated else 0, choices.seed if job.drill.draws else 0
+        source = _read(job.log, selection, job.drill, seeds, _epochs(choices), digest)
+        if job.examine:
             return FinishedJob(JobResult(findings=_codes(source.log)))
-        if unit.bound:
-            return FinishedJob(_bound(unit, source, choices))
-        key = _key(source, unit.method, choices)
+        if job.bound:
+            return FinishedJob(_bound(job, source, choices))
+        key = _key(source, job.method, choices)
         if key in stored:
             return FinishedJob(None, key=key)
-        return FinishedJob(*_score_job(source, unit.method, choices), key)
+        return FinishedJob(*_score_job(source, job.method, choices), key)
     except UnfitWorkerError:
         raise
     except UsbldrError as fault:
@@ -148,12 +128,12 @@ def _codes(log: "Log") -> tuple[str, ...]:
     return tuple(dict.fromkeys(finding.code for finding in examine_log(log).findings))
 
 
-def _bound(unit: Job, source: _Source, choices: RunChoices) -> JobResult:
+def _bound(job: Job, source: _Source, choices: RunChoices) -> JobResult:
     from usbldr.io.session import bound, resolve
 
-    used = resolve(source.log, source.dive_timeline, unit.method, choices.settings()).parameters
+    used = resolve(source.log, source.dive_timeline, job.method, choices.settings()).parameters
     known = replace(source.log.parameters, calibrate=used.calibrate, aid=used.aid)
-    return JobResult(bound(unit.log, source.dive_timeline, known, choices.seed).metrics(unit.choices.smooth))
+    return JobResult(bound(job.log, source.dive_timeline, known, choices.seed).metrics(job.choices.smooth))
 
 
 def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:

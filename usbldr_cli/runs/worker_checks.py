@@ -8,19 +8,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.plugins import VARIABLE as PLUGINS
 from usbldr.filters.plugins import asked_for
-from usbldr.filters.replay.methods import add_named
 from usbldr.io.limits import VARIABLE as LIMITS
 from usbldr.io.remote import local_log
 from usbldr_cli.options.log_options import inputs, read_request
 from usbldr_cli.runs.code_digest import code_digest
-
-if TYPE_CHECKING:
-    from usbldr_cli.runs.jobs import Job
+from usbldr_cli.runs.workers import Job
 
 SHOWN = 8  # [characters] of a digest in a sentence
 SET_BY_OPTIONS = (LIMITS, PLUGINS)
@@ -73,21 +70,21 @@ class Expected(NamedTuple):
     environment: Mapping[str, str]  # what options set there: --limits and --plugin
 
 
-def expected(unit: "Job") -> Expected:
+def expected(job: Job) -> Expected:
     """Return what a worker has to have for a run."""
-    request = read_request(**unit.selection)
+    request = read_request(**job.selection)
     try:
-        with local_log(unit.log, request) as path:
-            digest = _digest(path, unit.selection)
+        with local_log(job.log, request) as path:
+            digest = _digest(path, job.selection)
     except LogError:
         digest = ""  # the worker says what is wrong with the log
     return Expected(installed(), digest, {name: os.environ[name] for name in SET_BY_OPTIONS if name in os.environ})
 
 
-def with_whole_paths(unit: "Job") -> "Job":
+def with_whole_paths(job: Job) -> Job:
     """Return the run with absolute paths of the files that exist here: a worker has another current folder."""
-    selection = {name: _whole(value) if name in FILES else value for name, value in unit.selection.items()}
-    return replace(unit, log=_whole(unit.log), selection=selection)
+    selection = {name: _whole(value) if name in FILES else value for name, value in job.selection.items()}
+    return replace(job, log=_whole(job.log), selection=selection)
 
 
 def _whole(value: Any) -> Any:
@@ -98,6 +95,8 @@ def _whole(value: Any) -> Any:
 
 def require_software(wanted: Expected) -> None:
     """Raise UnfitWorkerError if this process has other software than the client; take over its limits and plugins."""
+    from usbldr.filters.replay.methods import add_named
+
     for name in SET_BY_OPTIONS:
         os.environ.pop(name, None)
     os.environ.update(wanted.environment)

@@ -7,28 +7,27 @@ from usbldr.filters.errors import CheckError, LogError
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.settings.regression_baseline import BaselineRow, RegressionBaseline
 from usbldr_cli.runs import seed_table
-from usbldr_cli.runs.executors import Executor
 from usbldr_cli.runs.job_store import JobResult
-from usbldr_cli.runs.jobs import Job
 from usbldr_cli.runs.run_jobs import run_jobs
+from usbldr_cli.runs.workers import Executor, Job
 from usbldr_cli.tables.check_verdicts import CheckedRow, compare_metric
 
 
-def checked_rows(baseline: RegressionBaseline, units: Mapping[str, Sequence[Job]], where: Executor) -> list[CheckedRow]:
-    """Run every row, ``units`` by its name, and compare its metrics with the stored ones."""
-    outcomes = iter(run_jobs([unit for cell in units.values() for unit in cell], where))
-    by_row = {name: [next(outcomes) for _ in cell] for name, cell in units.items()}
-    return [_compared(baseline.file, row, units[row.name], by_row[row.name]) for row in baseline.rows]
+def checked_rows(baseline: RegressionBaseline, jobs: Mapping[str, Sequence[Job]], where: Executor) -> list[CheckedRow]:
+    """Run every row, ``jobs`` by row name, and compare its metrics with the stored ones."""
+    outcomes = iter(run_jobs([job for cell in jobs.values() for job in cell], where))
+    by_row = {name: [next(outcomes) for _ in cell] for name, cell in jobs.items()}
+    return [_compared(baseline.file, row, jobs[row.name], by_row[row.name]) for row in baseline.rows]
 
 
-def _compared(file: Path, row: BaselineRow, units: Sequence[Job], outcomes: Sequence[JobResult]) -> CheckedRow:
-    if not units:
+def _compared(file: Path, row: BaselineRow, jobs: Sequence[Job], outcomes: Sequence[JobResult]) -> CheckedRow:
+    if not jobs:
         return CheckedRow(row, (), f"{file.parent / row.log}: no such log or scenario", CheckError.exit_code)
     bad = [outcome for outcome in outcomes if outcome.fault is not None]
     if bad:
         return CheckedRow(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
-    seeds = tuple(unit.choices.seed for unit in units)
-    dives = units[0].simulated
+    seeds = tuple(job.choices.seed for job in jobs)
+    dives = jobs[0].simulated
     run = seed_table.ComparisonRow(
         row.log, row.filter, row.filter, seeds, tuple(outcomes), METHODS[row.filter].draws, dives
     )

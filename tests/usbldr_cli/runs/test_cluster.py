@@ -25,8 +25,8 @@ from usbldr_cli.options.worker_options import WorkerChoices
 from usbldr_cli.runs import cluster, run_jobs, worker_checks
 from usbldr_cli.runs.executors import LocalProcesses, executor
 from usbldr_cli.runs.job_store import JobResult, read_trace
-from usbldr_cli.runs.jobs import Job
 from usbldr_cli.runs.worker_checks import UnfitWorkerError, expected, installed
+from usbldr_cli.runs.workers import Job
 
 pytest.importorskip("distributed")
 CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")

@@ -20,8 +20,8 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import executors
 from usbldr_cli.runs.executors import LocalProcesses
-from usbldr_cli.runs.jobs import Job
 from usbldr_cli.runs.run_jobs import run_jobs
+from usbldr_cli.runs.workers import Job
 
 CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")
 
