@@ -178,7 +178,7 @@ def _timed_by_log(configuration: Configuration) -> frozenset[str]:
     return frozenset(role for role, section in sections.items() if section.time == "log")
 
 
-def _origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:
+def plane_origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:
     """Return the plane's origin: [map], else the fixed USBL head or beacon, else the first valid fix, else none.
 
     The GPS, which may be the truth, comes after the USBL.
@@ -232,7 +232,7 @@ def _sensor_tables(
     as_logged, found = in_time_order(in_file, by_log, part or configuration.part)
     del in_file
     raws, findings = align_clocks(as_logged, by_log)
-    origin = _origin(configuration, raws)
+    origin = plane_origin(configuration, raws)
     invalid = covariance_findings(raws)
     asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES} | evidence
     del as_logged  # the compass's records end in _converted
@@ -251,6 +251,7 @@ def _sensor_tables(
 def _tilted(configuration: Configuration, choices: Mapping[str, TopicChoice]) -> bool:
     """Return whether roll and pitch of the compass may be used: to turn velocities or lever arms level."""
     levelled = configuration.dvl.level is not False and ("depth" in choices or configuration.dvl.level is True)
+    levelled = levelled or (configuration.usbl.level and "usbl" in choices)
     return levelled or any((*configuration.usbl.lever_arm_m, *configuration.gps.lever_arm_m))
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import LogError
 from usbldr.io.conventions.attitude import attitudes, with_yaw
+from usbldr.io.conventions.usbl_head import SHIP_HEADING
 from usbldr.io.decoding.collected import CollectedRecords
 from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
 from usbldr.io.messages.roles import TopicChoice
@@ -80,7 +81,7 @@ class _Collected:
     def add(self, block: Records) -> None:
         """Add a block of records."""
         raw = self._raw(block, self._paths)
-        if self._role == "compass":
+        if self._role in ("compass", SHIP_HEADING):
             if self._tilted:
                 self._add_attitudes(raw)
             raw = with_yaw(raw)

@@ -22,6 +22,7 @@ COMMANDS = {
     "compare": "Run several filters over logs and seeds, side by side.",
     "drill": "Put faults into LOG and report what filters make of them.",
     "export": "Write LOG, or a part of it, in another format.",
+    "calibrate-usbl": "Find how a ship's USBL is installed, from a survey of a transponder.",
     "check": "Run a baseline again and fail if a metric got worse (for CI).",
     "simulate": "Write a simulated log with its truth.",
 }
@@ -49,7 +50,8 @@ class LazyGroup(click.Group):
         """Import the command's module and return its command."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(importlib.import_module(f"usbldr_cli.{cmd_name}"), cmd_name)
+        module = cmd_name.replace("-", "_")
+        command: click.Command = getattr(importlib.import_module(f"usbldr_cli.{module}"), module)
         return command
 
     def resolve_command(

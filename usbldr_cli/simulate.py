@@ -9,6 +9,8 @@ from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import format_option, inputs, read_request
 from usbldr_cli.options.verbosity import verbose_option
 
+WIDTH = 14  # [columns] of a scenario's name in a list
+
 
 @click.command()
 @click.argument("scenario", type=LOG, required=False)
@@ -35,15 +37,21 @@ def simulate(
     $ usbldr simulate paper -o paper.mcap
     """
     from usbldr.io.scenarios.shipped import find_scenario, scenario_names
+    from usbldr.io.scenarios.survey_scenarios import find_survey, is_survey, survey_names
 
-    names = scenario_names()
+    names, surveys = scenario_names(), survey_names()
     if list_them:
         for name in names:
-            click.echo(f"{name:<{max(map(len, names))}}  {find_scenario(name).about}")
+            click.echo(f"{name:<{WIDTH}}  {find_scenario(name).about}")
+        for name in surveys:
+            click.echo(f"{name:<{WIDTH}}  {find_survey(name).about}")
         return
     if scenario is None:
-        raise UsageError(f"name a scenario (scenarios: {', '.join(names)}), or a file NAME.toml")
-    chosen = find_scenario(scenario)
+        raise UsageError(f"name a scenario (scenarios: {', '.join((*names, *surveys))}), or a file NAME.toml")
+    if is_survey(scenario):
+        _write_survey(scenario, output, form, seed, force)
+        return
+    chosen = find_scenario(scenario, surveys)
     if output is None:
         raise UsageError("name the output with -o NAME.mcap, or -o FOLDER for CSV files")
 
@@ -57,3 +65,17 @@ def simulate(
     counts = ", ".join(f"{len(table)} {sensor}" for sensor, table in log.tables.items())
     click.echo(f"{output}: scenario {chosen.name}, seed {seed}, {chosen.duration_s:g} s, records: {counts}")
     click.echo(f"{configuration}: noise, start and conventions")
+
+
+def _write_survey(scenario: str, output: Path | None, form: str | None, seed: int, force: bool) -> None:
+    """Write a survey of a transponder, which calibrate-usbl reads."""
+    from usbldr.io.inputs import refuse_inputs
+    from usbldr.io.scenarios.survey_scenarios import find_survey, write_survey
+
+    if output is None or form not in (None, "csv") or output.suffix:
+        raise UsageError("a survey is written as a folder of CSV files: name it with -o FOLDER")
+    refuse_inputs(output, inputs(scenario, read_request()))
+    chosen = find_survey(scenario)
+    survey, configuration = write_survey(chosen, seed, output, force)
+    click.echo(f"{output}: survey {chosen.name}, seed {seed}, {chosen.duration_s:g} s, {len(survey)} fixes")
+    click.echo(f"{configuration}: how its files are read")

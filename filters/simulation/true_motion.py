@@ -6,7 +6,7 @@ water, its track and its velocity are over ground.
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -30,7 +30,22 @@ TrueTrack: TypeAlias = Callable[[Vector], TrueMotion]
 """From instants, (n,), to the truth there."""
 
 
-def leg_motion(scenario: Scenario, time_s: Vector) -> TrueMotion:
+class Course(Protocol):
+    """A start and legs from there."""
+
+    @property
+    def legs(self) -> tuple[Leg, ...]: ...  # noqa: D102
+    @property
+    def yaw_rad(self) -> float: ...  # noqa: D102
+    @property
+    def east_m(self) -> float: ...  # noqa: D102
+    @property
+    def north_m(self) -> float: ...  # noqa: D102
+    @property
+    def current_mps(self) -> tuple[float, float]: ...  # noqa: D102
+
+
+def leg_motion(scenario: Course, time_s: Vector) -> TrueMotion:
     """Return the truth at any instants, (n,), from the closed form of each leg, not by summing steps.
 
     Over t seconds at a constant turn rate r the chord is R(psi + r t/2) (u, v) t sinc(r t/2), with sinc(a) = sin a / a.

@@ -1,4 +1,4 @@
-"""Quaternions of a compass as what is used of them: yaw, and the vertical in the axes of the vehicle."""
+"""Attitudes of a compass as what is used of them: yaw, and the vertical in the axes of the vehicle."""
 
 from dataclasses import replace
 
@@ -9,6 +9,7 @@ from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.reader import Column
 
 QUATERNION = ("qx", "qy", "qz", "qw")
+ROLL_PITCH = ("roll_deg", "pitch_deg")  # in place of a quaternion, beside an angle
 YAW, NO_DIRECTION = "yaw_deg", "no_direction"  # quantities that replace a quaternion
 VERTICAL_PARTS = ("vertical_y", "vertical_x", "vertical_z")  # along -y, x, z of the body, times the quaternion's square
 MIN_LENGTH = 0.5  # [-] of a quaternion: a shorter one states no direction
@@ -38,7 +39,9 @@ def without_direction(raw: RawRecords) -> dict[str, Mask]:
 
 
 def attitudes(raw: RawRecords) -> RawRecords | None:
-    """Return the records whose quaternion states a direction, with VERTICAL_PARTS in its place; None without any."""
+    """Return the records that state a quaternion, or roll and pitch, with VERTICAL_PARTS in its place; else None."""
+    if raw.values.keys() >= set(ROLL_PITCH):
+        return _by_roll_and_pitch(raw)
     if not raw.values.keys() >= set(QUATERNION):
         return None
     x, y, z, w = (raw.number(name) for name in QUATERNION)
@@ -47,6 +50,16 @@ def attitudes(raw: RawRecords) -> RawRecords | None:
     values |= dict(zip(VERTICAL_PARTS, parts, strict=True))
     known = ~np.any(list(without_direction(with_yaw(raw)).values()), axis=0)
     return replace(raw, values=values).part(known)
+
+
+def _by_roll_and_pitch(raw: RawRecords) -> RawRecords:
+    """Return the records with VERTICAL_PARTS by roll (positive: starboard down) and pitch (positive: bow up)."""
+    roll, pitch = (np.radians(raw.number(name)) for name in ROLL_PITCH)
+    level = np.cos(pitch)
+    values = {name: column for name, column in raw.values.items() if name not in ROLL_PITCH}
+    parts = (-np.sin(roll) * level, -np.sin(pitch), np.cos(roll) * level)
+    values |= dict(zip(VERTICAL_PARTS, parts, strict=True))
+    return replace(raw, values=values).part(np.isfinite(roll + pitch))
 
 
 def vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:
@@ -63,3 +76,15 @@ def vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:
         length = np.linalg.norm(turned, axis=1, keepdims=True)
         found[rows] = turned / np.where(length > 0, length, np.nan)
     return found
+
+
+def along_level_axes(velocity: Array, vertical: Array) -> Array:
+    """Return velocities along starboard, forward, up of a vehicle (n, 3) along the level axes of its heading.
+
+    ``vertical`` (n, 3) is the direction of the vertical along starboard, forward, up. Level forward is the horizontal
+    part of the bow, level up the vertical.
+    """
+    up = vertical / np.linalg.norm(vertical, axis=1, keepdims=True)
+    bow = np.array([0.0, 1.0, 0.0]) - up[:, 1:2] * up
+    bow = bow / np.linalg.norm(bow, axis=1, keepdims=True)
+    return np.einsum("nij,nj->ni", np.stack([np.cross(bow, up), bow, up], axis=1), velocity)

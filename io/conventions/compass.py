@@ -80,7 +80,8 @@ def compass(
 
 def _attitude(raw: RawRecords, section: CompassSection, convention: str) -> ConvertedTable:
     """Return the direction of the vertical along the axes of the vehicle, VERTICAL."""
-    along = vertical(raw, "ENU" if convention == "ENU" else "NED", section.bias_deg)
+    enu = convention == "ENU" and "qx" in raw.layout.required  # roll and pitch are the same for every heading
+    along = vertical(raw, "ENU" if enu else "NED", section.bias_deg)
     times = times_of(raw, section.time, section.latency_s)
     return converted_table(raw, times, dict(zip(VERTICAL, along.T, strict=True)), (), ())
 

@@ -11,6 +11,7 @@ import numpy as np
 from usbldr.filters.errors import SettingError
 from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Vector
+from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.compass import VERTICAL
 from usbldr.io.conventions.dvl_depth import ConvertedTable
 from usbldr.io.conventions.time_series import time_series
@@ -70,18 +71,6 @@ def level_lever_arm(fixes: ConvertedTable, compass: ConvertedTable | None, lever
     how = Convention("lever_arm", "roll and pitch of the compass", "records")
     table = fixes.table.assign(east_m=east_m, north_m=north_m)
     return replace(fixes, table=table, conventions=(*fixes.conventions, how))
-
-
-def along_level_axes(velocity: Array, vertical: Array) -> Array:
-    """Return velocities along starboard, forward, up of a vehicle (n, 3) along the level axes of its heading.
-
-    ``vertical`` (n, 3) is the direction of the vertical along starboard, forward, up. Level forward is the horizontal
-    part of the bow, level up the vertical.
-    """
-    up = vertical / np.linalg.norm(vertical, axis=1, keepdims=True)
-    bow = np.array([0.0, 1.0, 0.0]) - up[:, 1:2] * up
-    bow = bow / np.linalg.norm(bow, axis=1, keepdims=True)
-    return np.einsum("nij,nj->ni", np.stack([np.cross(bow, up), bow, up], axis=1), velocity)
 
 
 def _log_odds(time_ns: Vector, ups_mps: Array, depth_m: Vector) -> float:

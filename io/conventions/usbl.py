@@ -12,8 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Array, Mask, Vector
+from usbldr.filters.usbl_survey.geometry import attitude_matrix
 from usbldr.io.axes import axis_signs, named_frd, named_ned
+from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.positions import off_plane_causes, on_plane
@@ -34,6 +37,7 @@ from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
 AWAY_COLUMNS = ("away_east_m", "away_north_m")  # optional, of fixes that were measured from there
+HEADING_KEY = "heading_topic in head of [usbl]"
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} if the vehicle carries the head"
 
 
@@ -142,8 +146,11 @@ def _by_position(
         return PlacedFixes(position, np.zeros_like(position), drop_m, own, fix_causes(raw), chosen, findings)
     axes = np.eye(2)
     if frame == "body":
-        offset, axes, axes_chosen, more = _along_axes(raw, section)
+        along, axes, axes_chosen, more = along_axes(raw, section)
         chosen, findings = [*chosen, axes_chosen], [*findings, *more]
+        if _tilted(section):
+            along[:, 2] = np.where(np.isfinite(along[:, 2]), along[:, 2], -drop_m)
+        offset = _in_level_axes(section, end, along)[:, :2]
     else:
         offset = np.column_stack(on_plane(raw, frame, origin))
     turn, turn_chosen = _turn_deg(raw, section, end, frame)
@@ -154,8 +161,8 @@ def _by_position(
     return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), chosen, findings))
 
 
-def _along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, Convention, list[Finding]]:
-    """Return starboard and forward of the instrument, (n, 2), and those two of its axes x and y, (2, 2)."""
+def along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, Convention, list[Finding]]:
+    """Return fixes along starboard, forward, up of the instrument, (n, 3), and those of its axes x and y, (2, 2)."""
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
     names, chosen_by, findings = chosen_convention(raw, "axes", section.axes, by_frame)
     along, axes = np.zeros((len(raw.received_ns), 3)), np.zeros((3, 2))
@@ -163,18 +170,42 @@ def _along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, Co
         along[:, axis] = sign * raw.number(name)
         if name != "z":
             axes[axis, column] = sign
-    return along[:, :2], axes[:2], Convention("axes", names, chosen_by), findings
+    return along, axes[:2], Convention("axes", names, chosen_by), findings
+
+
+def _tilted(section: UsblSection) -> bool:
+    return section.level or section.mount_roll_deg != 0 or section.mount_pitch_deg != 0
+
+
+def _in_level_axes(section: UsblSection, end: UsblReference, along: Array) -> Array:
+    """Turn fixes along the instrument's axes, (n, 3), by its tilted mount, and by the ship's roll and pitch if stated.
+
+    They are then along level starboard, forward, up of the ship; without any tilt they are returned as they are.
+    """
+    if not _tilted(section):
+        return along
+    mount = attitude_matrix(*np.array([[section.mount_deg], [section.mount_pitch_deg], [section.mount_roll_deg]]))[0]
+    in_ship = along @ mount.T
+    if not section.level:
+        return in_ship
+    if end.carrier_heading.vertical is None:
+        raise SettingError(f"[usbl] level: no record of {HEADING_KEY} holds roll and pitch")
+    return along_level_axes(in_ship, end.carrier_heading.vertical)
 
 
 def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: str) -> tuple[Vector, list[Convention]]:
     """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow."""
-    chosen = [Convention("mount_deg", section.mount_deg, "configuration", "deg")] if section.mount_deg else []
+    keys = ("mount_deg", "mount_roll_deg", "mount_pitch_deg")
+    chosen = [Convention(k, v, "configuration", "deg") for k in keys if (v := float(getattr(section, k)))]
+    if section.level:
+        chosen.append(Convention("level", "roll and pitch of the ship", "configuration"))
     if frame != "body":
         return np.full(len(raw.received_ns), section.mount_deg), chosen
     if not np.isfinite(end.carrier_heading.heading_deg).any():
         why = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
         raise raw.fault(f"{raw.topic.name} counts from the bow of the head's carrier: {why}")
-    return end.carrier_heading.heading_deg + section.mount_deg, [
+    mount_deg = 0.0 if _tilted(section) else section.mount_deg  # a tilted mount is turned with its tilt
+    return end.carrier_heading.heading_deg + mount_deg, [
         Convention("bearing_from", "bow", "configuration" if section.frame else "type"),
         *chosen,
     ]
@@ -195,6 +226,14 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     by_depth = np.sqrt(np.maximum(slant**2 - drop**2, 0.0))
     by_elevation = np.where(np.isfinite(elevation), slant * np.cos(elevation), slant)
     horizontal = np.where(np.isfinite(drop), by_depth, by_elevation)
+    if frame == "body" and _tilted(section):
+        down = np.where(np.isfinite(elevation), slant * np.sin(np.abs(elevation)), drop)
+        flat = np.sqrt(np.maximum(slant**2 - down**2, 0.0))
+        turned = np.radians(bearing)
+        along = np.column_stack([flat * np.sin(turned), flat * np.cos(turned), -down])
+        level = _in_level_axes(section, end, along)
+        bearing = np.degrees(np.arctan2(level[:, 0], level[:, 1]))
+        horizontal = np.where(np.isfinite(drop), by_depth, np.hypot(level[:, 0], level[:, 1]))
     short = int(np.sum(slant < np.abs(drop)))
     if short:
         text = f"{short} slant ranges are shorter than the depth below the head; placed straight below"
@@ -246,6 +285,7 @@ def _unused(raw: RawRecords, section: UsblSection, kind: str, fixes: PlacedFixes
         "relative_to": kind != "position" and section.relative_to is not None,
         "axes": section.axes is not None and not (fixes.by_bow and kind == "position"),
         "mount_deg": section.mount_deg != 0 and not fixes.relative_to_reference,
+        "level, mount_roll_deg or mount_pitch_deg": _tilted(section) and not fixes.by_bow,
         "sound_speed_scale": section.sound_speed_scale != 1 and not fixes.relative_to_reference,
     }
     keys = [key for key, has_no_effect in unused.items() if has_no_effect]

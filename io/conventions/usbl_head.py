@@ -13,7 +13,8 @@ import numpy as np
 from usbldr.filters.frames import rotated
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.conventions import positions
-from usbldr.io.conventions.compass import OF_HEAD
+from usbldr.io.conventions.attitude import along_level_axes
+from usbldr.io.conventions.compass import OF_HEAD, VERTICAL
 from usbldr.io.conventions.compass import compass as compass_records
 from usbldr.io.conventions.dvl_depth import ConvertedTable
 from usbldr.io.conventions.map_north import on_plane_north
@@ -36,6 +37,7 @@ class CarrierHeading:
 
     heading_deg: Vector  # (n,) NaN: not known
     sd_deg: Vector  # (n,)
+    vertical: Array | None = None  # (n, 3) direction of up along its starboard, forward, up; None: not used
     conventions: tuple[Convention, ...] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -91,10 +93,10 @@ def usbl_reference(
     if head.heading_deg is not None:
         turned_by = Convention("heading_deg", head.heading_deg, "configuration", "deg", of="head")
         sd_deg = np.full(len(time_ns), section.heading_sd_deg or 0.0)
-        turning = CarrierHeading(np.full(len(time_ns), head.heading_deg), sd_deg, (turned_by,))
+        turning = CarrierHeading(np.full(len(time_ns), head.heading_deg), sd_deg, conventions=(turned_by,))
     else:
         gyro = raws.get(SHIP_HEADING)
-        turned = compass_records(gyro, _gyro(head), origin, OF_HEAD) if gyro else None
+        turned = compass_records(gyro, gyro_section(head), origin, OF_HEAD) if gyro else None
         turning = _turning(turned, section, head.max_gap_s, time_ns)
         if turned is not None:
             topic = Convention("topic", raws[SHIP_HEADING].topic.name, "configuration", of=SHIP_HEADING)
@@ -139,7 +141,7 @@ def _fixed(head: Head, turning: CarrierHeading, origin: Origin | None) -> UsblRe
 def _ship(
     head: Head, turning: CarrierHeading, ship: RawRecords, origin: Origin | None, time_ns: Nanoseconds
 ) -> UsblReference:
-    made = positions.gps(ship, GpsSection(), origin)
+    made = positions.gps(ship, GpsSection(latency_s=head.latency_s), origin)
     there = time_series(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s)
     plane_lat_deg = _plane_lat_deg("lat_deg" in ship.layout.required, origin)
     arm = _arm(head, turning, there[:, :2], plane_lat_deg)
@@ -180,9 +182,12 @@ def _plane_lat_deg(geodetic: bool, origin: Origin | None) -> float | None:
 def _arm(head: Head, turning: CarrierHeading, antenna_m: Array, plane_lat_deg: float | None) -> Array:
     """Return the lever arm from the antenna (n, 2) or (2,) to the head, east and north, (n, 2)."""
     count = len(turning.heading_deg)
-    if not any(head.lever_arm_m[:2]):
+    if not any(head.lever_arm_m[:2] if turning.vertical is None else head.lever_arm_m):
         return np.zeros((count, 2))
-    arm_m = rotated_clockwise(np.tile(head.lever_arm_m[:2], (count, 1)), turning.heading_deg)
+    arm_m = np.tile(head.lever_arm_m, (count, 1))
+    if turning.vertical is not None:
+        arm_m = along_level_axes(arm_m, turning.vertical)
+    arm_m = rotated_clockwise(arm_m[:, :2], turning.heading_deg)
     return on_plane_north(arm_m, antenna_m, plane_lat_deg)
 
 
@@ -190,17 +195,22 @@ def _turning(
     made: ConvertedTable | None, section: UsblSection, longest_gap_s: float, time_ns: Nanoseconds
 ) -> CarrierHeading:
     there = np.full((len(time_ns), 2), np.nan)
+    up = None
     if made is not None:
         there = time_series(made, "compass", ["heading_deg", "sd_deg"]).at(time_ns, longest_gap_s)
+        if section.level and made.attitude is not None:
+            up = time_series(made.attitude, "compass", VERTICAL).at(time_ns, longest_gap_s)
     sd = there[:, 1] if section.heading_sd_deg is None else np.full(len(there), section.heading_sd_deg)
-    return CarrierHeading(there[:, 0], sd)
+    return CarrierHeading(there[:, 0], sd, up)
 
 
-def _gyro(head: Head) -> CompassSection:
+def gyro_section(head: Head) -> CompassSection:
+    """Return how the ship's heading is read."""
     return CompassSection(
         convention=head.heading_convention,
         bias_deg=head.heading_bias_deg,
         declination_deg=head.heading_declination_deg,
+        latency_s=head.heading_latency_s,
     )
 
 

@@ -33,7 +33,7 @@ FLAGS = ("valid", "error", "target", "lat_side", "lon_side")
 """Keys beside the quantities."""
 QUANTITIES: Mapping[Dimension, str] = {
     "velocity": "sd_mps",
-    "angle": "heading sd_deg lat_deg lon_deg bearing_deg elevation_deg",
+    "angle": "heading roll_deg pitch_deg sd_deg lat_deg lon_deg bearing_deg elevation_deg",
     "length": "x y z slant_range_m depth_m sd_m",
     "pressure": "pressure",
 }

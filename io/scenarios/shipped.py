@@ -5,6 +5,7 @@ A file may be ``like`` a shipped one: it then states only what differs, key by k
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -40,11 +41,12 @@ def scenario_names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in FOLDER.glob("*.toml")))
 
 
-def find_scenario(name: str) -> Scenario:
-    """Return a shipped scenario, or that of a file NAME.toml; raise UsageError with the names."""
+def find_scenario(name: str, beside: Sequence[str] = ()) -> Scenario:
+    """Return a shipped scenario, or that of a file NAME.toml; raise UsageError with the names, and those ``beside``."""
     if Path(name).suffix == ".toml":
         return read_scenario(Path(name))
     if name not in (known := scenario_names()):
+        known = (*known, *beside)
         hint = did_you_mean(name, known)
         raise UsageError(f"there is no scenario {name!r}{hint} (scenarios: {', '.join(known)}, or a file NAME.toml)")
     return read_scenario(FOLDER / f"{name}.toml")

@@ -42,6 +42,7 @@ MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: a large
 FIRST_YEAR, LAST_YEAR = 1970, 2115  # fixed: of times in nanoseconds since 1970
 Clock: TypeAlias = Literal["header", "log"]
 Place: TypeAlias = Literal["x", "y", "lat_deg", "lon_deg", "lat_side", "lon_side", "sd_m"]
+CompassColumn: TypeAlias = Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"]
 UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
 Time: TypeAlias = Literal[
     "time_ns",
@@ -99,7 +100,9 @@ class CompassSection(Section, frozen=True, kw_only=True):
     """The heading sensor."""
 
     topic: str | None = None
-    columns: dict[Time | Flag | Literal["heading", "qx", "qy", "qz", "qw", "sd_deg"], str] | None = None
+    columns: (
+        dict[Time | Flag | Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"], str] | None
+    ) = None
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
     bias_deg: Degrees = 0.0
@@ -127,6 +130,8 @@ class Head(Section, frozen=True, kw_only=True):
     heading_convention: Literal["ENU", "NED", "compass"] | None = None
     heading_bias_deg: Degrees = 0.0
     heading_declination_deg: Degrees | Literal["auto"] | None = None
+    heading_latency_s: Latency = 0.0
+    latency_s: Latency = 0.0
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     max_gap_s: Gap = 3.0
 
@@ -179,6 +184,9 @@ class UsblSection(Section, frozen=True, kw_only=True):
     target: str | int | None = None
     axes: str | None = None
     mount_deg: Degrees = 0.0
+    mount_roll_deg: Degrees = 0.0
+    mount_pitch_deg: Degrees = 0.0
+    level: bool = False
     sound_speed_scale: Annotated[float, Meta(ge=0.5, le=2)] = 1.0
     sd_m: SdMetres | Literal["message"] | None = None
     sd_scale: Factor = 1.0

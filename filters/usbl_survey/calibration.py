@@ -1,0 +1,211 @@
+"""Fit of a head's installation to the fixes of a transponder that lies still.
+
+The residuals of range and angles have Student-t errors, whose sigmas are estimated with the installation, so that false
+fixes count little. The covariance is that of an M-estimator with correlated residuals: it holds for noise of another
+distribution, and for errors that last longer than one fix (Newey and West 1987, doi:10.2307/1913610).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.types import Array, Mask, Vector
+from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, UsblSurvey, placed, residuals
+
+DOF = 4.0  # of the errors' distribution: heavy tails, and 95 % of the information if they are normal
+PRIOR_SD = np.array([10.0, 10.0, 180.0, 0.05, 30.0, 30.0, 1.0, 1.0, 1e5, 1e5, 1e4])
+"""By NAMES: what an installation may have, wide enough for every ship; they decide only what a survey leaves open."""
+STEP = np.array([0.01, 0.01, 0.01, 1e-5, 0.01, 0.01, 0.25, 0.25, 0.01, 0.01, 0.01])  # of differences, by NAMES
+HEADING = NAMES.index("mount_heading_deg")  # fixed
+STARTS_DEG = tuple(range(0, 360, 45))  # of the mount's heading: within a quarter turn of any
+MAX_ROUNDS = 60  # of Gauss-Newton steps, by judgement: ten are usual
+MIN_CHANGE = 1e-4  # of a sigma: the fit has converged
+MIN_FIXES = 40  # four for each parameter that a pattern can settle
+FALSE_SIGMAS = 7.0  # of a residual: 2 in 1000 of good ones, by their heavy tails
+RANGE, ANGLE = 0, 1  # kinds of residuals; bearing and elevation share a sigma
+KINDS = np.array([RANGE, ANGLE, ANGLE])
+
+
+class Known(NamedTuple):
+    """What is known besides the fixes: values and 1-sigma by NAMES, each (11,)."""
+
+    values: Vector
+    sd: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """The fitted errors of an installation and the place of the transponder."""
+
+    values: Vector  # (11,) by NAMES
+    cov: Array  # (11, 11)
+    prior_sd: Vector  # (11,)
+    range_sd_m: float  # of the noise of ranges
+    angle_sd_rad: float  # of the noise of bearings and elevations
+    good: Mask  # (n,) not a false fix
+
+    @property
+    def sd(self) -> Vector:
+        """1-sigma by NAMES, (11,)."""
+        return np.sqrt(np.diag(self.cov))
+
+
+def assumed(survey: UsblSurvey, stated: Vector) -> Vector:
+    """Return the values with the stated installation, and the transponder at the median of its fixes."""
+    values = stated.copy()
+    if np.isfinite(survey.direction).any():
+        values[PLACE] = np.nanmedian(placed(survey, values), axis=0) * [1, 1, -1]
+    else:
+        east_north = np.nanmedian(survey.ship.positions(survey.time_s, 0.0), axis=0)
+        values[PLACE] = [*east_north, float(np.nanmin(survey.range_m))]
+    return values
+
+
+def calibrated(survey: UsblSurvey, stated: Vector, known: Known, starts: bool = True) -> Installation:
+    """Fit the installation; raise LogError if too few fixes remain, or the fit does not converge.
+
+    ``stated`` (11,) is where the search begins: the configuration's values. With ``starts`` its heading is also tried
+    in steps of 45 degrees, as a head may be mounted at any angle, and the transponder begins at the median of fixes.
+    """
+    usable = np.isfinite(residuals(survey, assumed(survey, stated))[:, :2]).all(axis=1)
+    if int(usable.sum()) < MIN_FIXES:
+        raise LogError(
+            f"{int(usable.sum())} fixes have the ship's position and attitude; at least {MIN_FIXES} are needed"
+        )
+    begun: list[Installation] = []
+    for turn_deg in STARTS_DEG if starts else ():
+        turned = stated.copy()
+        turned[HEADING] += turn_deg
+        begun.append(_begun(survey, assumed(survey, turned)))
+    begun = sorted(begun, key=lambda fit: cost(survey, fit, known))[:2] or [_begun(survey, stated)]
+    fits = [_fitted(survey, one, known) for one in begun]
+    best = min((fit for fit in fits if fit is not None), key=lambda fit: cost(survey, fit, known), default=None)
+    if best is None:
+        raise LogError("the fit of the USBL's installation does not converge; check head, heading_topic and axes")
+    return best
+
+
+def expected_cov(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> Array:
+    """Return the covariance (11, 11) that fixes with Student-t errors of these sigmas (metres, radians) will give."""
+    J = _derivatives(survey, values)
+    scaled = np.where(np.isfinite(J).all(axis=2, keepdims=True), J, 0.0) / np.array(sd)[KINDS][None, :, None]
+    information = (DOF + 1) / (DOF + 3) * np.einsum("nki,nkj->ij", scaled, scaled)
+    return _inverse(information + np.diag(known.sd**-2.0))
+
+
+def _inverse(information: Array) -> Array:
+    """Return the inverse of an information matrix, scaled first: its units differ by orders of magnitude."""
+    scale = 1 / np.sqrt(np.diag(information))
+    inverse = np.asarray(np.linalg.inv(information * np.outer(scale, scale)), dtype=np.float64)
+    return inverse * np.outer(scale, scale)
+
+
+def _begun(survey: UsblSurvey, values: Vector) -> Installation:
+    r = residuals(survey, values)
+    sd = [float(np.nanmedian(np.abs(part)) / 0.6745) for part in (r[:, 0], r[:, 1:])]
+    whole = np.ones(len(survey), dtype=bool)
+    return Installation(values, np.eye(len(NAMES)), PRIOR_SD, max(sd[0], 1e-3), max(sd[1], 1e-6), whole)
+
+
+def _sds(fit: Installation) -> Vector:
+    return np.array([fit.range_sd_m, fit.angle_sd_rad])[KINDS]
+
+
+def cost(survey: UsblSurvey, fit: Installation, known: Known) -> float:
+    """Return minus the log posterior, but for a constant."""
+    z = residuals(survey, fit.values) / _sds(fit)
+    tails = (DOF + 1) / 2 * np.log1p(z**2 / DOF) + np.log(_sds(fit))
+    return float(np.nansum(tails) + 0.5 * np.sum(((fit.values - known.values) / known.sd) ** 2))
+
+
+def _fitted(survey: UsblSurvey, begun: Installation, known: Known) -> Installation | None:
+    """Return the fit by reweighted Gauss-Newton steps with Levenberg's damping; None if it does not converge."""
+    fit, lowest, damping = begun, cost(survey, begun, known), 1e-3
+    for _ in range(MAX_ROUNDS):
+        r, J = residuals(survey, fit.values), _derivatives(survey, fit.values)
+        there = np.isfinite(r) & np.isfinite(J).all(axis=2)
+        z = np.where(there, r, 0.0) / _sds(fit)
+        G = np.where(there[..., None], J, 0.0) / _sds(fit)[None, :, None]
+        w = (DOF + 1) / (DOF + z**2) * there
+        H = np.einsum("nk,nki,nkj->ij", w, G, G) + np.diag(known.sd**-2.0)
+        g = np.einsum("nk,nki,nk->i", w, G, z) + (fit.values - known.values) / known.sd**2
+        step: Vector = -_inverse(H + damping * np.diag(np.diag(H))) @ g
+        values = fit.values + step
+        moved = _with_noise(survey, values, w, fit)
+        trial = cost(survey, moved, known)
+        if not np.isfinite(trial) or trial > lowest + 1e-9:
+            damping = max(damping * 10, 1e-6)
+            if damping > 1e9:
+                return None
+            continue
+        small = np.max(np.abs(step) * np.sqrt(np.diag(H))) < MIN_CHANGE * 10 and lowest - trial < 1e-3
+        fit, lowest, damping = moved, trial, damping / 10
+        if small:
+            return _with_covariance(survey, fit, known)
+    return None
+
+
+def _with_noise(survey: UsblSurvey, values: Vector, weights: Array, fit: Installation) -> Installation:
+    """Return the fit at these values with the sigmas that are most likely for its residuals, by the weights (n, 3)."""
+    r = residuals(survey, values)
+    parts = [(r[:, 0], weights[:, 0]), (r[:, 1:], weights[:, 1:])]
+    sd = [float(np.sqrt(np.nansum(w * part**2) / np.sum(w > 0))) for part, w in parts]
+    return Installation(values, fit.cov, fit.prior_sd, max(sd[0], 1e-4), max(sd[1], 1e-7), fit.good)
+
+
+def _derivatives(survey: UsblSurvey, values: Vector) -> Array:
+    """Return the derivatives of the residuals by the parameters, (n, 3, 11)."""
+    columns: list[Array] = []
+    for number, step in enumerate(STEP):
+        ahead, behind = values.copy(), values.copy()
+        ahead[number] += step
+        behind[number] -= step
+        columns.append((residuals(survey, ahead) - residuals(survey, behind)) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+def _with_covariance(survey: UsblSurvey, fit: Installation, known: Known) -> Installation:
+    r, J = residuals(survey, fit.values), _derivatives(survey, fit.values)
+    there = np.isfinite(r) & np.isfinite(J).all(axis=2)
+    sds = _sds(fit)
+    z = np.where(there, r, 0.0) / sds
+    G = np.where(there[..., None], J, 0.0) / sds[None, :, None]
+    slope = (DOF + 1) * (DOF - z**2) / (DOF + z**2) ** 2 * there
+    pull = (DOF + 1) * z / (DOF + z**2)
+    prior = np.diag(known.sd**-2.0)
+    # the mean slope of each kind: single slopes are negative at false fixes
+    mean_slope = np.array([slope[:, kind == KINDS].sum() / there[:, kind == KINDS].sum() for kind in (RANGE, ANGLE)])
+    curvature = np.einsum("k,nki,nkj->ij", mean_slope[KINDS], G, G) + prior
+    bread = _inverse(curvature)
+    scores = np.einsum("nk,nki->ni", pull, G)
+    cov = bread @ (_long_run(scores) + prior) @ bread
+    good: Mask = np.all(np.abs(z) < FALSE_SIGMAS, axis=1) & np.all(there[:, :2], axis=1)
+    return Installation(fit.values, cov, known.sd, fit.range_sd_m, fit.angle_sd_rad, good)
+
+
+def _long_run(scores: Array) -> Array:
+    """Return the covariance of the sum of correlated scores (n, d), by Bartlett's window (Newey and West)."""
+    n = len(scores)
+    lags = int(4 * (n / 100) ** (2 / 9))
+    whole = scores.T @ scores
+    for lag in range(1, lags + 1):
+        shifted = scores[lag:].T @ scores[:-lag]
+        whole = whole + (1 - lag / (lags + 1)) * (shifted + shifted.T)
+    return whole
+
+
+def halves(survey: UsblSurvey, count: int = 10) -> tuple[Mask, Mask]:
+    """Return two halves of the fixes, (n,) each: every second of twenty stretches of equal numbers."""
+    number = np.arange(len(survey)) * 2 * count // max(len(survey), 1)
+    return number % 2 == 0, number % 2 == 1
+
+
+def known_of(stated: Vector, depth_m: float | None = None, depth_sd_m: float = 0.0) -> Known:
+    """Return what is known before a survey: the priors, and the depth of the transponder if stated."""
+    values, sd = stated.copy(), PRIOR_SD.copy()
+    values[PLACE] = 0.0
+    if depth_m is not None:
+        values[10], sd[10] = depth_m, max(depth_sd_m, 1e-3)
+    return Known(values, sd)

@@ -1,0 +1,179 @@
+"""A fix of a transponder that lies still, as the head on the ship sees it.
+
+Axes are starboard, forward, up of the ship or the head, and east, north, up of the map. Heading is clockwise from
+north, pitch positive with the bow up, roll positive with starboard down; they turn a vector in the order roll, pitch,
+heading. With the antenna's position A, the ship's attitude R, the lever arm a from the antenna to the head, the mount M
+of the head and the scale s of its ranges, a fix v of the head places the transponder at ::
+
+    T = A + R (a + s M v)
+
+The attitude is that of the ship's record ``attitude_latency_s`` after the fix, the position that of the record
+``position_latency_s`` after it: records that arrive late.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.frames import wrapped
+from usbldr.filters.types import Array, Mask, Vector
+
+NAMES = (
+    *("mount_roll_deg", "mount_pitch_deg", "mount_heading_deg", "scale"),
+    *("arm_starboard_m", "arm_forward_m", "attitude_latency_s", "position_latency_s"),
+    *("east_m", "north_m", "depth_m"),
+)
+"""The errors of an installation, and the place of the transponder: the order of every vector of parameters here."""
+PLACE = slice(8, 11)  # of the transponder in NAMES
+VELOCITY_S = 10.0  # [s] over which the ship's velocity is taken: shorter than a turn, longer than a wave
+UNITS = tuple(name.rsplit("_", 1)[1] if name != "scale" else "" for name in NAMES)
+
+
+class ShipMotion(NamedTuple):
+    """The ship's records."""
+
+    position_time_s: Vector  # (k,)
+    position_m: Array  # (k, 2) of its antenna, east and north
+    velocity_mps: Array  # (k, 2) over VELOCITY_S, so that the noise of the positions does not pass for motion
+    attitude_time_s: Vector  # (m,)
+    attitude_deg: Array  # (m, 3) heading without jumps of 360 degrees, pitch, roll
+
+    def positions(self, time_s: Vector, latency_s: float) -> Array:
+        """Return the antenna's east and north as recorded a latency after the times, (n, 2); NaN outside."""
+        motion = np.column_stack([self.position_m, self.velocity_mps])
+        there = _interpolated(time_s, self.position_time_s, motion)
+        return there[:, :2] + latency_s * there[:, 2:]
+
+    def attitudes(self, time_s: Vector) -> Array:
+        """Return heading, pitch and roll in degrees, (n, 3), NaN outside of the records."""
+        return _interpolated(time_s, self.attitude_time_s, self.attitude_deg)
+
+
+def _interpolated(time_s: Vector, known_s: Vector, values: Array) -> Array:
+    """Return the values (k, m) of known times (k,) at others (n,), (n, m); NaN outside."""
+    found = np.empty((len(time_s), values.shape[1]))
+    for column in range(values.shape[1]):
+        found[:, column] = np.interp(time_s, known_s, values[:, column], left=np.nan, right=np.nan)
+    return found
+
+
+def ship_motion(position_time_s: Vector, position_m: Array, attitude_time_s: Vector, attitude_deg: Array) -> ShipMotion:
+    """Return a ship's motion by its records in order of time: (k,), (k, 2), (m,), (m, 3) heading, pitch, roll."""
+    first = np.searchsorted(position_time_s, position_time_s - VELOCITY_S / 2)
+    last = np.searchsorted(position_time_s, position_time_s + VELOCITY_S / 2, side="right")
+    t = position_time_s - position_time_s[0]
+    around = position_m - position_m.mean(axis=0)
+
+    def sums(values: Array) -> Array:
+        total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+        return total[last] - total[first]
+
+    count, mean_t, mean_p = (last - first)[:, None], sums(t)[:, None], sums(around)
+    spread = sums(t**2)[:, None] - mean_t**2 / count
+    slope = np.divide(sums(t[:, None] * around) - mean_t * mean_p / count, spread, out=0 * around, where=spread > 1e-6)
+    attitude = attitude_deg.copy()
+    attitude[:, 0] = np.degrees(np.unwrap(np.radians(attitude[:, 0])))
+    return ShipMotion(position_time_s, position_m, slope, attitude_time_s, attitude)
+
+
+@dataclass(frozen=True, slots=True)
+class UsblSurvey:
+    """The fixes of one transponder (n,), as the head measured them, and how the ship moved."""
+
+    time_s: Vector  # (n,)
+    range_m: Vector  # (n,) slant range
+    direction: Array  # (n, 3) unit vectors along starboard, forward, up of the head; NaN if without elevation
+    bearing_rad: Vector  # (n,) clockwise from the head's forward axis
+    ship: ShipMotion
+    arm_up_m: float = 0.0  # of the head above the antenna, as stated: a survey cannot tell it from the depth
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def part(self, chosen: Mask) -> "UsblSurvey":
+        """Return the survey with the chosen fixes, (n,)."""
+        return replace(
+            self,
+            time_s=self.time_s[chosen],
+            range_m=self.range_m[chosen],
+            direction=self.direction[chosen],
+            bearing_rad=self.bearing_rad[chosen],
+        )
+
+
+def attitude_matrix(heading_deg: Vector, pitch_deg: Vector, roll_deg: Vector) -> Array:
+    """Return the matrices, (n, 3, 3), that turn starboard, forward, up to east, north, up."""
+    (sh, sp, sr), (ch, cp, cr) = (
+        [trig(np.radians(angle)) for angle in (heading_deg, pitch_deg, roll_deg)] for trig in (np.sin, np.cos)
+    )
+    starboard = (cr * ch + sr * sp * sh, -cr * sh + sr * sp * ch, -sr * cp)
+    forward = (cp * sh, cp * ch, sp)
+    up = (sr * ch - cr * sp * sh, -sr * sh - cr * sp * ch, cr * cp)
+    return np.stack([np.stack(axis, axis=-1) for axis in (starboard, forward, up)], axis=-1)
+
+
+def mount_matrix(values: Vector) -> Array:
+    """Return the matrix (3, 3) that turns a vector of the head to the ship's axes; ``values`` by NAMES."""
+    roll, pitch, heading = values[:3]
+    return attitude_matrix(np.array([heading]), np.array([pitch]), np.array([roll]))[0]
+
+
+def seen_from_head(survey: UsblSurvey, values: Vector) -> Array:
+    """Return where the transponder lies from the head, (n, 3) along its axes, in metres of its own ranges."""
+    attitude, antenna = _ship_at(survey, values)
+    east, north, depth = values[PLACE]
+    away = np.array([east, north, -depth]) - antenna
+    in_ship = np.einsum("nji,nj->ni", attitude, away) - _arm(survey, values)
+    return in_ship @ mount_matrix(values) / values[3]
+
+
+def placed(survey: UsblSurvey, values: Vector) -> Array:
+    """Return where each fix places the transponder: east, north, up, (n, 3).
+
+    A fix without elevation takes that of the transponder's place in ``values``.
+    """
+    attitude, antenna = _ship_at(survey, values)
+    seen = seen_from_head(survey, values)
+    flat, down = np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]
+    length = np.hypot(flat, down)
+    by_bearing = [flat * np.sin(survey.bearing_rad), flat * np.cos(survey.bearing_rad), down] / length
+    direction = np.where(np.isfinite(survey.direction), survey.direction, by_bearing.T)
+    measured = survey.range_m[:, None] * direction
+    in_ship = _arm(survey, values) + values[3] * measured @ mount_matrix(values).T
+    return antenna + np.einsum("nij,nj->ni", attitude, in_ship)
+
+
+def residuals(survey: UsblSurvey, values: Vector) -> Array:
+    """Return what each fix differs from the model by, (n, 3): range in metres, bearing and elevation in radians.
+
+    Bearing and elevation are angles across the line of sight, as large as the displacement over the range. They are NaN
+    if the fix has no elevation and no bearing, and if the ship has no record at its time.
+    """
+    seen = seen_from_head(survey, values)
+    length = np.linalg.norm(seen, axis=1)
+    line = seen / length[:, None]
+    flat = np.hypot(line[:, 0], line[:, 1])
+    bearing = np.arctan2(line[:, 0], line[:, 1])
+    sin_b, cos_b = np.sin(bearing), np.cos(bearing)
+    clockwise = np.column_stack([cos_b, -sin_b, np.zeros_like(flat)])
+    upward = np.column_stack([-line[:, 2] * sin_b, -line[:, 2] * cos_b, flat])
+    across = np.sum(survey.direction * clockwise, axis=1)
+    by_bearing = wrapped(survey.bearing_rad - bearing) * flat
+    found = np.empty((len(survey), 3))
+    found[:, 0] = survey.range_m - length
+    found[:, 1] = np.where(np.isfinite(across), across, by_bearing)
+    found[:, 2] = np.sum(survey.direction * upward, axis=1)
+    return found
+
+
+def _ship_at(survey: UsblSurvey, values: Vector) -> tuple[Array, Array]:
+    """Return attitudes (n, 3, 3) and the antenna's east, north, up (n, 3) at the times of the fixes."""
+    attitude_latency_s, position_latency_s = values[6:8]
+    attitude = attitude_matrix(*survey.ship.attitudes(survey.time_s + attitude_latency_s).T)
+    antenna = survey.ship.positions(survey.time_s, position_latency_s)
+    return attitude, np.column_stack([antenna, np.zeros(len(antenna))])
+
+
+def _arm(survey: UsblSurvey, values: Vector) -> Vector:
+    return np.array([values[4], values[5], survey.arm_up_m])

@@ -1,0 +1,186 @@
+"""What a survey says of a USBL's installation: what it settles, what it leaves open, and if the fit can be trusted.
+
+Half of the fixes are fitted and the other half judged, both ways round, so that the scatter after the calibration is
+that of fixes which the fit has not seen.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from usbldr.filters.types import Array, Mask, Vector
+from usbldr.filters.usbl_survey.calibration import Installation, Known, assumed, calibrated, cost, halves
+from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, UsblSurvey, placed
+
+SETTLED_SHARE = 0.25  # of the noise of one fix: an error this small adds 3 % to its scatter
+RELATED = 0.5  # by judgement: a correlation that makes another error the likely cause
+SYNCHRONISED_S = 0.02  # [s] 1-sigma of clocks that are kept together by pulses, taken for latencies that stay open
+LATENCIES = (NAMES.index("attitude_latency_s"), NAMES.index("position_latency_s"))  # fixed
+UNCHANGED = 0.5  # of the sigma before: the survey has said nothing
+MAX_FALSE_SHARE = 0.3  # by judgement: so many false fixes are a fault of their own
+DISAGREEMENT = 31.3  # chi-square of 11 differences, 1 in 1000
+MADE_WORSE = 1.1  # by judgement: the scatter after over before
+GENERAL_LEG = "run a box around the transponder at a distance of about its depth, both ways, and pass above it"
+LEGS: Mapping[frozenset[str], str] = {
+    frozenset(pair): leg
+    for pair, leg in {
+        ("mount_heading_deg", "arm_forward_m"): "run straight legs towards the transponder and away from it",
+        ("scale", "depth_m"): "run a leg at another horizontal distance, or state --transponder-depth",
+        ("mount_roll_deg", "arm_starboard_m"): "run legs at a horizontal distance of about the depth, both ways",
+        ("mount_pitch_deg", "arm_forward_m"): "run legs at a horizontal distance of about the depth, both ways",
+        ("attitude_latency_s", "mount_heading_deg"): "turn to both sides",
+        ("position_latency_s", "arm_forward_m"): "run a leg at another speed, or stop",
+        ("position_latency_s", "mount_heading_deg"): "run a leg at another speed, or stop",
+        ("position_latency_s",): "run a leg at speed",
+        ("attitude_latency_s",): "turn, or wait for a sea that rolls the ship",
+    }.items()
+}
+
+
+class Scatter(NamedTuple):
+    """Horizontal distances of the fixes from their median, false ones left out."""
+
+    fixes: int
+    median_m: float
+    drms_m: float
+    cep95_m: float
+    drms_percent: float  # of the slant range
+
+
+class Parameter(NamedTuple):
+    """One error of the installation, or a coordinate of the transponder."""
+
+    name: str
+    value: float
+    sd: float
+    effect_m: float  # of its sigma, on a fix at the median range
+    open: bool
+    assumed: bool  # a latency that the survey cannot settle is taken as stated
+    rival: str  # the parameter that it is hardly told apart from, if it is open
+    leg: str  # what would settle it
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The result of a survey."""
+
+    installation: Installation
+    parameters: tuple[Parameter, ...]
+    before: Scatter  # with the stated installation
+    after: Scatter  # with the fitted one, each half by the fit of the other
+    false_share: float
+    disagreement: float  # chi-square of the differences between the fits of the halves
+    result: Literal["good", "open", "bad"]
+    why: str
+
+
+def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[UsblSurvey, bool]:
+    """Return the survey with the ship's roll and pitch, or without them if its fixes are level already, and which.
+
+    The better fit decides. Raises LogError as `calibrated` does.
+    """
+    flat = replace(survey, ship=survey.ship._replace(attitude_deg=survey.ship.attitude_deg * [1, 0, 0]))
+    costs = [cost(one, calibrated(one, stated, known), known) for one in (survey, flat)]
+    return (survey, True) if costs[0] <= costs[1] else (flat, False)
+
+
+def judged(survey: UsblSurvey, stated: Vector, known: Known) -> Verdict:
+    """Fit the installation and judge it; raise LogError if too few fixes remain or the fit does not converge."""
+    fit, known, assumptions = _with_latencies(survey, stated, known)
+    sides = halves(survey)
+    fits = [calibrated(survey.part(side), fit.values, known, starts=False) for side in sides]
+    difference = fits[0].values - fits[1].values
+    disagreement = float(difference @ np.linalg.solve(fits[0].cov + fits[1].cov, difference))
+    positions = np.full((len(survey), 3), np.nan)
+    for side, other in zip(sides, fits[::-1], strict=True):
+        positions[side] = placed(survey.part(side), other.values)
+    before = scatter(placed(survey, assumed(survey, stated)), survey.range_m, fit.good)
+    after = scatter(positions, survey.range_m, fit.good)
+    parameters = tuple(assumptions.get(one.name, one) for one in described(survey, fit))
+    false_share = 1.0 - float(fit.good.mean())
+    result, why = _result(parameters, before, after, false_share, disagreement)
+    return Verdict(fit, parameters, before, after, false_share, disagreement, result, why)
+
+
+def _with_latencies(
+    survey: UsblSurvey, stated: Vector, known: Known
+) -> tuple[Installation, Known, dict[str, Parameter]]:
+    """Fit the installation with its latencies, but take those as stated that the survey cannot settle.
+
+    At a constant speed a late position is a longer arm, and most clocks are synchronised: what stays is an assumption,
+    returned by its name with its rival and the leg that would settle it.
+    """
+    fit = calibrated(survey, stated, known)
+    rows = described(survey, fit)
+    unsettled = [k for k in LATENCIES if rows[k].open]
+    if not unsettled:
+        return fit, known, {}
+    values, sd, start = known.values.copy(), known.sd.copy(), fit.values.copy()
+    values[unsettled] = start[unsettled] = stated[unsettled]
+    sd[unsettled] = SYNCHRONISED_S
+    known = Known(values, sd)
+    fit = calibrated(survey, start, known, starts=False)
+    as_stated = {k: rows[k]._replace(value=float(stated[k]), sd=SYNCHRONISED_S, open=False) for k in unsettled}
+    return fit, known, {one.name: one._replace(assumed=True) for one in as_stated.values()}
+
+
+def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:
+    """Return the scatter of positions, east and north in (n, 2) or more columns, around their median."""
+    there = good & np.isfinite(positions_m[:, :2]).all(axis=1)
+    flat = positions_m[there, :2]
+    away = flat - np.median(flat, axis=0)
+    distance = np.hypot(away[:, 0], away[:, 1])
+    drms = float(np.sqrt(np.mean(distance**2)))
+    percent = 100 * float(np.sqrt(np.mean((distance / range_m[there]) ** 2)))
+    return Scatter(int(there.sum()), float(np.median(distance)), drms, float(np.quantile(distance, 0.95)), percent)
+
+
+def effects_m(survey: UsblSurvey) -> Vector:
+    """Return how far a unit of each parameter moves a fix at the median range, metres, (11,)."""
+    reach = float(np.median(survey.range_m))
+    velocity = survey.ship.velocity_mps
+    speed = float(np.median(np.hypot(velocity[:, 0], velocity[:, 1])))
+    times = survey.ship.attitude_time_s
+    rates = np.diff(survey.ship.attitude_deg, axis=0) / np.maximum(np.diff(times), 1e-3)[:, None]
+    turning = math.sqrt(float(np.mean(np.minimum((rates * rates) @ np.ones(3), 1e4))))  # jumps of records aside
+    angle = math.radians(reach)
+    return np.array([angle, angle, angle, reach, 1.0, 1.0, math.radians(turning) * reach, speed, 1.0, 1.0, 1.0])
+
+
+def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
+    """Return each parameter with its sigma, and whether the survey leaves it open."""
+    sd = fit.sd
+    effects = sd * effects_m(survey)
+    noise_m = float(np.hypot(fit.range_sd_m, fit.angle_sd_rad * np.median(survey.range_m)))
+    unchanged = sd > UNCHANGED * fit.prior_sd
+    correlation = np.abs(fit.cov / np.outer(sd, sd)) - np.eye(len(sd))
+    correlation[:, PLACE.start : PLACE.stop - 1] = 0.0  # east and north follow from all others
+    found: list[Parameter] = []
+    for k, name in enumerate(NAMES):
+        value, unsettled = float(fit.values[k]), bool(effects[k] > SETTLED_SHARE * noise_m or unchanged[k])
+        rival = NAMES[int(np.argmax(correlation[k]))] if unsettled and correlation[k].max() > RELATED else ""
+        leg = LEGS.get(frozenset((name, rival)) - {""}, GENERAL_LEG) if unsettled else ""
+        found.append(Parameter(name, value, float(sd[k]), float(effects[k]), unsettled, False, rival, leg))
+    return found
+
+
+def _result(
+    parameters: tuple[Parameter, ...], before: Scatter, after: Scatter, false_share: float, disagreement: float
+) -> tuple[Literal["good", "open", "bad"], str]:
+    if false_share > MAX_FALSE_SHARE:
+        return "bad", f"{false_share:.0%} of the fixes are false"
+    if disagreement > DISAGREEMENT:
+        return "bad", (
+            "two halves of the survey give different installations: the transponder or the head moved, "
+            "or an error is at work that the fit does not know (of a dive, usbldr replay estimates the head's errors)"
+        )
+    if after.drms_m > MADE_WORSE * before.drms_m:
+        return "bad", "the fixes scatter more with the calibration than without it"
+    unsettled = [one for one in parameters if one.open]
+    if unsettled:
+        return "open", f"the survey does not settle {', '.join(one.name for one in unsettled)}"
+    assumed = " and ".join(f"{one.name} as stated" for one in parameters if one.assumed)
+    return "good", "the survey settles every error of the installation" + (f", with {assumed}" if assumed else "")

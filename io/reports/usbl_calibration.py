@@ -1,0 +1,216 @@
+"""The calibration of a USBL's installation as text, as JSON, as a page, and as keys of a configuration."""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomlkit
+from tomlkit.items import InlineTable
+
+from usbldr.filters.types import Vector
+from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
+from usbldr.filters.usbl_survey.verdict import Parameter, Verdict
+from usbldr.io.geodesy import to_geodetic
+from usbldr.io.reports.page import Block, Bullets, Page, Section
+from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.run_page import provenance_section
+from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
+from usbldr.io.settings.configuration import parse_configuration
+from usbldr.io.settings.toml_text import comment
+from usbldr.io.settings.validation import read_text
+from usbldr.io.usbl_survey import SurveyLog
+
+LABELS = {
+    "mount_roll_deg": ("roll of the head", "deg", 3),
+    "mount_pitch_deg": ("pitch of the head", "deg", 3),
+    "mount_heading_deg": ("heading of the head", "deg", 3),
+    "scale": ("scale of ranges", "", 5),
+    "arm_starboard_m": ("starboard arm", "m", 3),
+    "arm_forward_m": ("forward arm", "m", 3),
+    "attitude_latency_s": ("latency of attitude", "s", 3),
+    "position_latency_s": ("latency of position", "s", 3),
+    "east_m": ("transponder east", "m", 2),
+    "north_m": ("transponder north", "m", 2),
+    "depth_m": ("transponder depth", "m", 2),
+}
+USBL_KEYS = {"mount_roll_deg": "mount_roll_deg", "mount_pitch_deg": "mount_pitch_deg", "mount_heading_deg": "mount_deg"}
+HEAD_KEYS = {"attitude_latency_s": "heading_latency_s", "position_latency_s": "latency_s"}
+
+
+class Calibration(NamedTuple):
+    """A survey and its verdict."""
+
+    log: SurveyLog
+    survey: UsblSurvey  # as it was fitted
+    level: bool  # fitted with the ship's roll and pitch
+    verdict: Verdict
+    provenance: RunProvenance
+
+
+def name_of(parameter: str) -> str:
+    """Return how texts name a parameter."""
+    return LABELS[parameter][0]
+
+
+def value_text(one: Parameter) -> tuple[str, str]:
+    """Return the value and its sigma with their unit."""
+    _, unit, digits = LABELS[one.name]
+    shown = f"{one.value:.{digits}f} {unit}".strip()
+    return shown, "as stated" if one.assumed else f"{one.sd:.{digits}f}"
+
+
+def state_text(one: Parameter) -> str:
+    """Return what a survey leaves open of a parameter, and what would settle it."""
+    if not (one.open or one.assumed):
+        return ""
+    rival = f"cannot be separated from {name_of(one.rival)}; " if one.rival else ""
+    return f"{'taken as stated' if one.assumed else 'open'}: {rival}{one.leg}"
+
+
+def tables(found: Calibration) -> tuple[Table, Table]:
+    """Return the errors of the installation, and the scatter of the fixes before and after."""
+    verdict = found.verdict
+    rows = [(name_of(one.name), *value_text(one), f"{one.effect_m:.3f} m") for one in verdict.parameters]
+    reach = f"moves a fix at {np.median(found.survey.range_m):.0f} m by"
+    before, after = verdict.before, verdict.after
+    lengths = {
+        "median (CEP50)": (before.median_m, after.median_m),
+        "DRMS": (before.drms_m, after.drms_m),
+        "2 DRMS": (2 * before.drms_m, 2 * after.drms_m),
+        "CEP95": (before.cep95_m, after.cep95_m),
+    }
+    scatter = [(name, f"{old:.2f} m", f"{new:.2f} m") for name, (old, new) in lengths.items()]
+    scatter.append(("DRMS of slant range", f"{before.drms_percent:.2f} %", f"{after.drms_percent:.2f} %"))
+    return (
+        Table("installation", ("value", "sigma", f"sigma {reach}"), tuple(rows)),
+        Table("scatter of the transponder", ("before", "after"), tuple(scatter)),
+    )
+
+
+def summary(found: Calibration) -> str:
+    """Return the verdict as a sentence."""
+    text = found.verdict.why
+    for name, (label, _, _) in LABELS.items():
+        text = text.replace(name, label)
+    return f"{found.verdict.result}: {text}"
+
+
+def survey_text(found: Calibration) -> str:
+    """Return what was surveyed, as a sentence."""
+    survey, verdict = found.survey, found.verdict
+    minutes = (survey.time_s[-1] - survey.time_s[0]) / 60
+    nearest, farthest = np.quantile(survey.range_m, [0.01, 0.99])
+    fits = verdict.installation
+    turned = "with roll and pitch of the ship" if found.level else "level: roll and pitch of the ship are not used"
+    return (
+        f"{len(survey)} fixes in {minutes:.0f} min at {nearest:.0f} to {farthest:.0f} m; "
+        f"{verdict.false_share:.1%} false; {turned}; "
+        f"noise of ranges {fits.range_sd_m:.2f} m, of angles {np.degrees(fits.angle_sd_rad):.2f} deg"
+    )
+
+
+def notes(found: Calibration) -> list[str]:
+    """Return what the survey leaves open, and where the transponder lies."""
+    states: dict[str, list[str]] = {}
+    for one in found.verdict.parameters:
+        if text := state_text(one):
+            states.setdefault(text, []).append(name_of(one.name))
+    lines = [f"{', '.join(names)}: {text}" for text, names in states.items()]
+    if (origin := found.log.origin) is not None:
+        east, north = (np.array([v]) for v in found.verdict.installation.values[PLACE][:2])
+        lat, lon = to_geodetic(origin, east, north)
+        lines.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
+    return [*lines, *(f"{finding.code}: {finding.text}" for finding in found.log.findings)]
+
+
+def page(found: Calibration, figures: Sequence[Block]) -> Page:
+    """Return the report as a page."""
+    installation, scatter = tables(found)
+    judged = "Half of the fixes were fitted and the other half judged, both ways round; false fixes are left out."
+    return Page(
+        f"USBL calibration: {found.log.path.name}",
+        summary(found),
+        (
+            Section("", (survey_text(found) + ".", installation, Bullets(tuple(notes(found))))),
+            Section("Scatter", (scatter, judged)),
+            Section("Figures", tuple(figures)),
+            provenance_section(found.provenance),
+        ),
+    )
+
+
+def content(found: Calibration, files: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the calibration as JSON has it."""
+    verdict = found.verdict
+    return {
+        **made_by(),
+        "log": {"path": str(found.log.path), "sha256": found.log.sha256, "topics": dict(found.log.topics)},
+        "provenance": provenance_content(found.provenance),
+        "result": verdict.result,
+        "why": verdict.why,
+        "level": found.level,
+        "fixes": len(found.survey),
+        "false_share": verdict.false_share,
+        "range_sd_m": verdict.installation.range_sd_m,
+        "angle_sd_deg": float(np.degrees(verdict.installation.angle_sd_rad)),
+        "halves_chi_square": verdict.disagreement,
+        "parameters": [one._asdict() for one in verdict.parameters],
+        "before": verdict.before._asdict(),
+        "after": verdict.after._asdict(),
+        "findings": [{"code": f.code, "text": f.text, "topic": f.topic} for f in found.log.findings],
+        "files": sorted(files),
+    }
+
+
+def calibrated_configuration(found: Calibration) -> str:
+    """Return the configuration of the survey with the installation that was found; open errors stay as stated."""
+    file = found.log.configuration
+    document: Any = tomlkit.parse("schema = 1\n" if file is None else read_text(file))
+    title = [comment(f"The installation of the USBL as calibrate-usbl found it on {found.log.path.name}.")]
+    settled = {one.name: one for one in found.verdict.parameters if not (one.open or one.assumed)}
+    title += [
+        comment(f"{name_of(one.name)} is left as stated: the survey does not settle it.")
+        for one in found.verdict.parameters
+        if one.name not in settled
+    ]
+    usbl = document.setdefault("usbl", tomlkit.table())
+    usbl["level"] = found.level
+    for name, key in USBL_KEYS.items():
+        if name in settled:
+            _put(usbl, key, settled[name], 3)
+    if "scale" in settled:
+        _put(usbl, "sound_speed_scale", settled["scale"], 5)
+    head = usbl.setdefault("head", _ship_head(found))
+    arm = [float(metres) for metres in head.get("lever_arm_m", (0.0, 0.0, 0.0))]
+    for axis, name in enumerate(("arm_starboard_m", "arm_forward_m")):
+        arm[axis] = round(settled[name].value, 3) if name in settled else arm[axis]
+    head["lever_arm_m"] = arm
+    for name, key in HEAD_KEYS.items():
+        if name in settled:
+            head[key] = round(settled[name].value, 3)
+    text = "\n".join(title) + "\n" + tomlkit.dumps(document)
+    parse_configuration(tomllib.loads(text), file or Path("usbldr.toml"))
+    return text
+
+
+def _ship_head(found: Calibration) -> InlineTable:
+    from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
+
+    head = tomlkit.inline_table()
+    head["topic"], head["heading_topic"] = found.log.topics[SHIP], found.log.topics[SHIP_HEADING]
+    return head
+
+
+def _put(section: Any, key: str, one: Parameter, digits: int) -> None:
+    section[key] = round(one.value, digits)
+    section[key].comment(f"± {one.sd:.{digits}f}")
+
+
+def plan_table(values: Vector, sd: Vector, effects_m: Vector) -> Table:
+    """Return the sigmas that a planned survey will reach."""
+    rows: list[tuple[str, str, str]] = []
+    for (label, unit, digits), error, effect in zip(LABELS.values(), sd, effects_m * sd, strict=True):
+        rows.append((label, f"{error:.{digits}f} {unit}".strip(), f"{effect:.3f} m"))
+    return Table("installation", ("sigma", "moves a fix by"), tuple(rows))

@@ -1,0 +1,153 @@
+"""The geometry of a survey against rotations of SciPy, and the calibration against surveys with known errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.simulation.usbl_survey import simulate_survey
+from usbldr.filters.usbl_survey.calibration import assumed, calibrated, expected_cov, halves, known_of
+from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, attitude_matrix, placed, residuals, seen_from_head
+from usbldr.filters.usbl_survey.verdict import judged, levelled
+from usbldr.io.scenarios.survey_scenarios import find_survey
+
+BOX, CIRCLE, SPIN = (find_survey(f"survey-{pattern}") for pattern in ("box", "circle", "spin"))
+STATED = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0])
+KNOWN = known_of(STATED)
+SEEDS = range(400, 412)
+ERRORS = slice(0, 8)
+
+
+def noiseless(scenario, **changes):
+    exact = {key: getattr(scenario, key)._replace(sd=0.0) for key in ("position", "attitude")}
+    return replace(scenario, range_sd_m=0.0, angle_sd_deg=0.0, outlier_share=0.0, **exact, **changes)
+
+
+@pytest.fixture(scope="module")
+def fits():
+    surveys = [simulate_survey(BOX, seed) for seed in SEEDS]
+    return [calibrated(survey, STATED, KNOWN) for survey in surveys]
+
+
+def test_an_attitude_turns_as_rotations_of_scipy_do():
+    """Forward, starboard, down of the ship to north, east, down: rotations about z, y, x by the moving axes."""
+    angles = np.random.default_rng(0).uniform(-180, 180, (50, 3)) * [1, 0.45, 1]
+    vectors = np.random.default_rng(1).normal(size=(50, 3))  # starboard, forward, up
+    frd = vectors[:, [1, 0, 2]] * [1, 1, -1]
+    ned = Rotation.from_euler("ZYX", angles, degrees=True).apply(frd)
+    turned = np.einsum("nij,nj->ni", attitude_matrix(*angles.T), vectors)
+    assert turned == pytest.approx(ned[:, [1, 0, 2]] * [1, 1, -1], abs=1e-12)
+
+
+def test_exact_fixes_place_the_transponder_and_leave_no_residual():
+    exact = BOX.true_values * np.where([name.endswith("latency_s") for name in NAMES], 0.0, 1.0)
+    survey = simulate_survey(noiseless(BOX, true_values=exact), 0)
+    assert np.ptp(placed(survey, exact), axis=0) == pytest.approx(np.zeros(3), abs=0.01)  # waves between two records
+    assert residuals(survey, exact) == pytest.approx(np.zeros((len(survey), 3)), abs=0.005)
+    lonely = replace(survey, direction=np.full((len(survey), 3), np.nan))
+    assert residuals(lonely, exact)[:, 1] == pytest.approx(residuals(survey, exact)[:, 1], abs=1e-4)
+    assert placed(lonely, exact) == pytest.approx(placed(survey, exact), abs=0.05)
+
+
+def test_bearing_and_range_of_a_hand_made_fix():
+    """A ship that heads east, listing by nothing, with the transponder 30 m north of it and 40 m down."""
+    survey = simulate_survey(noiseless(SPIN), 0).part(np.arange(598) == 0)
+    level = survey.ship.attitude_deg * 0 + [90.0, 0.0, 0.0]
+    there = survey.ship._replace(attitude_deg=level, position_m=survey.ship.position_m * 0)
+    values = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 30, 40])
+    assert seen_from_head(replace(survey, ship=there), values)[0] == pytest.approx([-30, 0, -40])
+    values[2] = -90.0  # the head's forward axis points to port of the bow
+    assert seen_from_head(replace(survey, ship=there), values)[0] == pytest.approx([0, 30, -40])
+
+
+def test_a_box_finds_the_errors_within_their_sigmas(fits):
+    z = np.array([(fit.values - BOX.true_values) / fit.sd for fit in fits])[:, ERRORS]
+    assert 0.75 < np.sqrt(np.mean(z**2)) < 1.3  # 96 numbers, correlated in pairs
+    assert np.abs(z).max() < 4.5
+
+
+def test_a_plan_gives_the_sigmas_that_surveys_reach(fits):
+    survey = simulate_survey(BOX, 0)
+    cov = expected_cov(survey, BOX.true_values, KNOWN, (BOX.range_sd_m, np.radians(BOX.angle_sd_deg)))
+    planned = np.sqrt(np.diag(cov))[ERRORS]
+    reached = np.mean([fit.sd for fit in fits], axis=0)[ERRORS]
+    assert reached / planned == pytest.approx(np.ones(8), abs=0.2)
+
+
+def test_a_box_is_good_and_calibrated_fixes_scatter_as_their_noise():
+    found = judged(simulate_survey(BOX, 500), STATED, KNOWN)
+    assert (found.result, [one.name for one in found.parameters if one.open or one.assumed]) == ("good", [])
+    assert found.before.drms_m > 5 * found.after.drms_m
+    exact = placed(simulate_survey(BOX, 500), BOX.true_values)[found.installation.good]
+    own = np.median(np.linalg.norm((exact - np.median(exact, axis=0))[:, :2], axis=1))
+    assert found.after.median_m == pytest.approx(own, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "pairs"),
+    [
+        (CIRCLE, {("mount_heading_deg", "arm_forward_m"), ("scale", "depth_m")}),
+        (SPIN, {("scale", "depth_m")}),
+    ],
+)
+def test_a_pattern_that_leaves_errors_open_names_them_and_the_leg(scenario, pairs):
+    found = judged(simulate_survey(scenario, 1), STATED, KNOWN)
+    assert found.result == "open"
+    rivals = {(one.name, one.rival) for one in found.parameters if one.open}
+    assert pairs <= rivals
+    assert all(one.leg for one in found.parameters if one.open or one.assumed)
+
+
+def test_a_known_depth_settles_the_scale():
+    survey = simulate_survey(SPIN, 1)
+    values = calibrated(survey, STATED, known_of(STATED, 100.0, 0.1))
+    assert values.sd[NAMES.index("scale")] < 0.002
+    assert values.values[NAMES.index("scale")] == pytest.approx(0.99, abs=4 * values.sd[NAMES.index("scale")])
+
+
+def test_a_latency_that_cannot_be_settled_is_taken_as_stated():
+    at_one_speed = replace(BOX, legs=tuple(replace(leg, forward_mps=1.5) for leg in BOX.legs))
+    exact = at_one_speed.true_values * np.where(np.array(NAMES) == "position_latency_s", 0.0, 1.0)
+    found = judged(simulate_survey(replace(at_one_speed, true_values=exact), 2), STATED, KNOWN)
+    assert found.result == "good"
+    assert "position_latency_s as stated" in found.why
+    forward = next(one for one in found.parameters if one.name == "arm_forward_m")
+    assert forward.value == pytest.approx(-8.0, abs=4 * forward.sd)
+    assert forward.sd < 0.1
+
+
+def test_a_head_mounted_backwards_is_found():
+    turned = BOX.true_values.copy()
+    turned[NAMES.index("mount_heading_deg")] = 178.0
+    fit = calibrated(simulate_survey(replace(BOX, true_values=turned), 3), STATED, KNOWN)
+    assert fit.values[NAMES.index("mount_heading_deg")] % 360 == pytest.approx(178.0, abs=0.1)
+
+
+def test_fixes_that_are_level_already_are_not_turned_again():
+    level = replace(BOX, roll=BOX.roll._replace(amplitude_deg=0.0), pitch=BOX.pitch._replace(amplitude_deg=0.0))
+    rolling = simulate_survey(BOX, 4)
+    compensated = replace(simulate_survey(level, 4), ship=rolling.ship)
+    assert levelled(rolling, STATED, KNOWN)[1]
+    assert not levelled(compensated, STATED, KNOWN)[1]
+
+
+def test_a_transponder_that_moves_is_bad():
+    survey = simulate_survey(BOX, 5)
+    moved = replace(survey, range_m=survey.range_m + np.where(halves(survey)[0], 0.0, 2.0))
+    found = judged(moved, STATED, KNOWN)
+    assert found.result == "bad"
+    assert "different installations" in found.why
+
+
+def test_too_few_fixes_are_refused():
+    survey = simulate_survey(BOX, 6)
+    with pytest.raises(LogError, match="at least 40"):
+        calibrated(survey.part(np.arange(len(survey)) < 30), STATED, KNOWN)
+
+
+def test_the_start_is_the_median_of_the_fixes():
+    survey = simulate_survey(noiseless(SPIN), 0)
+    begun = assumed(survey, BOX.true_values)
+    assert begun[PLACE] == pytest.approx(np.nanmedian(placed(survey, BOX.true_values), axis=0) * [1, 1, -1])

@@ -1,0 +1,61 @@
+"""``usbldr calibrate-usbl``: its sentences, exit codes and files."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from usbldr_cli.main import cli
+
+
+def run(*args):
+    return CliRunner().invoke(cli, [str(arg) for arg in args], standalone_mode=False)
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("surveys") / "box"
+    assert run("simulate", "survey-box", "-o", folder).exception is None
+    return folder
+
+
+def test_a_survey_is_calibrated_and_its_configuration_needs_no_more(survey, tmp_path):
+    folder, file = tmp_path / "calibration", tmp_path / "found.toml"
+    done = run("calibrate-usbl", survey, "-o", folder, "--write", file)
+    assert done.return_value == 0
+    assert "good: the survey settles every error of the installation" in done.output
+    report = json.loads((folder / "report.json").read_text())
+    assert set(report["files"]) | {"report.json"} == {path.name for path in folder.iterdir()}
+    assert {one["name"]: one["open"] for one in report["parameters"]}["scale"] is False
+    again = run("calibrate-usbl", survey, "--config", file, "--json")
+    assert again.return_value == 0
+    found = json.loads(again.output)
+    assert found["before"]["drms_m"] == pytest.approx(found["after"]["drms_m"], rel=0.02)
+
+
+def test_a_circle_is_open_and_leaves_its_keys_as_stated(tmp_path):
+    run("simulate", "survey-circle", "-o", tmp_path / "circle")
+    done = run("calibrate-usbl", tmp_path / "circle", "--write", tmp_path / "found.toml")
+    assert done.return_value == 1
+    assert "heading of the head: open: cannot be separated from forward arm" in done.output
+    written = (tmp_path / "found.toml").read_text()
+    assert "heading of the head is left as stated" in written
+    assert "mount_deg" not in written
+
+
+def test_a_plan_needs_a_survey():
+    done = run("calibrate-usbl", "survey-spin", "--plan")
+    assert done.return_value == 0
+    assert "transponder depth" in done.output
+    assert "is not a survey" in str(run("calibrate-usbl", "turns", "--plan").exception)
+
+
+def test_nothing_of_the_user_is_replaced(survey, tmp_path):
+    (tmp_path / "mine.toml").write_text("schema = 1\n")
+    done = run("calibrate-usbl", survey, "--write", tmp_path / "mine.toml")
+    assert "exists already" in str(done.exception)
+    assert (tmp_path / "mine.toml").read_text() == "schema = 1\n"
+
+
+def test_a_survey_is_a_folder(tmp_path):
+    assert "folder of CSV files" in str(run("simulate", "survey-box", "-o", tmp_path / "box.mcap").exception)

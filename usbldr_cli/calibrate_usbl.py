@@ -1,0 +1,165 @@
+"""``usbldr calibrate-usbl``: how the USBL of a ship is installed, from a survey of a transponder that lies still."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import CheckError, UsageError
+from usbldr_cli.options.log_options import inputs, log_options, read_request, request_provenance
+from usbldr_cli.options.output_files import (
+    folder_option,
+    json_option,
+    refuse_file,
+    require_free,
+    toml_name,
+    write_file,
+)
+from usbldr_cli.options.verbosity import verbose_option
+
+if TYPE_CHECKING:
+    from usbldr.io.reports.usbl_calibration import Calibration
+
+
+@click.command()
+@log_options
+@click.option(
+    "--transponder-depth", "depth_m", type=click.FloatRange(min=0), metavar="METRES", help="Depth of the transponder."
+)
+@click.option(
+    "--transponder-depth-sd",
+    "depth_sd_m",
+    type=click.FloatRange(min=0),
+    metavar="METRES",
+    default=0.5,
+    show_default=True,
+    help="1-sigma of --transponder-depth.",
+)
+@click.option(
+    "--write",
+    "write_to",
+    type=click.Path(path_type=Path),
+    callback=toml_name,
+    metavar="FILE",
+    help="Write a configuration with the installation that was found.",
+)
+@folder_option("Folder for figures, page and report.json.  [default: none]")
+@json_option("calibration")
+@click.option("--plan", is_flag=True, help="LOG is a survey's scenario: print the sigmas that it will reach.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
+@verbose_option
+def calibrate_usbl(
+    log: str,
+    depth_m: float | None,
+    depth_sd_m: float,
+    write_to: Path | None,
+    output: Path | None,
+    json_to: str | None,
+    plan: bool,
+    force: bool,
+    **selection: Any,
+) -> int:
+    """Find how the USBL of a ship is installed, from a survey of a transponder that lies still.
+
+    LOG holds the fixes along the head's axes, and the ship's position, heading, roll and pitch. Found are the roll,
+    pitch and heading of the head, the scale of its ranges, the lever arm from antenna to head, the latencies of
+    attitude and position, and the place of the transponder, each with its sigma. Errors that LOG cannot tell apart are
+    named with the leg that is missing. Exit code 1 if the verdict is bad or open.
+
+    \b
+    $ usbldr calibrate-usbl survey --write usbldr.toml -o calibration
+    $ usbldr calibrate-usbl survey-box --plan
+    """
+    if plan:
+        _print_plan(log, depth_m, depth_sd_m)
+        return 0
+    request = read_request(**selection)
+    read = inputs(log, request)
+    if write_to is not None:
+        refuse_file("--write", write_to, force, read, output)
+    if json_to not in (None, "-"):
+        refuse_file("--json", Path(str(json_to)), force, read, output)
+    if output is not None:
+        require_free(output, read, force)
+    found = _calibration(log, selection, depth_m, depth_sd_m)
+    if output is not None:
+        _write_folder(found, output, force)
+    if write_to is not None:
+        from usbldr.io.reports.usbl_calibration import calibrated_configuration
+
+        write_file("--write", write_to, calibrated_configuration(found))
+    _print(found, json_to)
+    for place in filter(None, (output, write_to)):
+        click.echo(f"{place}: written", err=json_to == "-")
+    return 0 if found.verdict.result == "good" else CheckError.exit_code
+
+
+def _calibration(log: str, selection: dict[str, Any], depth_m: float | None, depth_sd_m: float) -> "Calibration":
+    from usbldr.filters.usbl_survey.calibration import known_of
+    from usbldr.filters.usbl_survey.verdict import judged, levelled
+    from usbldr.io.reports.usbl_calibration import Calibration
+    from usbldr.io.usbl_survey import read_usbl_survey
+
+    read = read_usbl_survey(Path(log), read_request(**selection))
+    known = known_of(read.stated, depth_m, depth_sd_m)
+    survey, level = read.survey, read.level
+    if level and not read.level_stated:
+        survey, level = levelled(survey, read.stated, known)
+    made = request_provenance({"log": log, "selection": selection})
+    return Calibration(read, survey, level, judged(survey, read.stated, known), made)
+
+
+def _write_folder(found: "Calibration", output: Path, force: bool) -> None:
+    from usbldr.io.reports.markdown_report import markdown
+    from usbldr.io.reports.page import Picture
+    from usbldr.io.reports.run_directory import REPORT, json_text, run_directory, write_atomically
+    from usbldr.io.reports.usbl_calibration import content, page
+    from usbldr_cli.figures.drawing import draw
+    from usbldr_cli.figures.usbl_survey import survey_pictures
+    from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
+
+    with run_directory(output, force) as folder:
+        drawn = draw(folder, survey_pictures(found))
+        blocks, plots = plots_of(drawn)
+        write_html(folder / REPORT_HTML, page(found, blocks), plots)
+        pictures = [Picture(one.file, one.caption) for one in drawn]
+        write_atomically(folder / "report.md", markdown(page(found, pictures)).encode())
+        files = [REPORT_HTML, "report.md", *(one.file for one in drawn)]
+        write_atomically(folder / REPORT, json_text(content(found, files)).encode())
+
+
+def _print(found: "Calibration", json_to: str | None) -> None:
+    from usbldr.io.reports.run_directory import json_text
+    from usbldr.io.reports.usbl_calibration import content, notes, summary, survey_text, tables
+    from usbldr_cli.tables.run_table import aligned
+
+    if json_to is not None:
+        text = json_text(content(found))
+        if json_to == "-":
+            click.echo(text, nl=False)
+            return
+        write_file("--json", Path(json_to), text)
+    installation, scatter = tables(found)
+    parts = [survey_text(found), aligned(installation), "\n".join(notes(found)), aligned(scatter), summary(found)]
+    click.echo("\n\n".join(part for part in parts if part))
+
+
+def _print_plan(scenario: str, depth_m: float | None, depth_sd_m: float) -> None:
+    import numpy as np
+
+    from usbldr.filters.simulation.usbl_survey import simulate_survey
+    from usbldr.filters.usbl_survey.calibration import expected_cov, known_of
+    from usbldr.filters.usbl_survey.verdict import effects_m
+    from usbldr.io.reports.usbl_calibration import plan_table
+    from usbldr.io.scenarios.survey_scenarios import find_survey, is_survey
+    from usbldr_cli.tables.run_table import aligned
+
+    if not is_survey(scenario):
+        raise UsageError(f"{scenario} is not a survey: --plan takes a survey's scenario (usbldr simulate --list)")
+    chosen = find_survey(scenario)
+    survey = simulate_survey(chosen, 0)
+    noise = (chosen.range_sd_m, float(np.radians(chosen.angle_sd_deg)))
+    cov = expected_cov(survey, chosen.true_values, known_of(chosen.true_values, depth_m, depth_sd_m), noise)
+    minutes = chosen.duration_s / 60
+    click.echo(f"{chosen.name}: {len(survey)} fixes in {minutes:.0f} min, {chosen.about}\n")
+    click.echo(aligned(plan_table(chosen.true_values, np.sqrt(np.diag(cov)), effects_m(survey))))

@@ -1,0 +1,115 @@
+"""Figures of a survey: the transponder as each fix places it, and what fixes differ from the fitted installation by."""
+
+from functools import partial
+
+import numpy as np
+
+from usbldr.filters.usbl_survey.calibration import assumed
+from usbldr.filters.usbl_survey.geometry import PLACE, placed, residuals, seen_from_head
+from usbldr.io.reports.usbl_calibration import Calibration, summary, survey_text
+from usbldr_cli.figures.drawing import Picture
+from usbldr_cli.figures.plane import frame_square, plane_axes, usual_box
+from usbldr_cli.figures.style import REJECTED_COLOUR, Axes, Figure, legend_below, titled_figure
+
+BEFORE_COLOUR, AFTER_COLOUR = "#999999", "#0072b2"
+TRACK_COLOUR = "#444444"
+RESIDUALS = ("range [m]", "bearing [deg]", "elevation [deg]")
+SHOWN_SIGMAS = 8.0  # of the axes of residuals: a false fix lies at the edge
+
+
+def survey_pictures(found: Calibration) -> list[Picture]:
+    """Return the figures of a survey."""
+    return [
+        Picture("transponder", "The transponder as each fix places it", partial(transponder_figure, found)),
+        Picture(
+            "survey",
+            "The ship's track and the transponder, and the fixes around the head",
+            partial(survey_figure, found),
+        ),
+        Picture("residuals", "What fixes differ from the fitted installation by", partial(residual_figure, found)),
+    ]
+
+
+def transponder_figure(found: Calibration) -> Figure:
+    """Draw where each fix places the transponder, before and after."""
+    survey, fit = found.survey, found.verdict.installation
+    figure = titled_figure(f"Transponder: {found.log.path.name}", f"{summary(found)}", 11, 5.6)
+    panels = figure.subplots(1, 2)
+    before = placed(survey, assumed(survey, found.log.stated))[fit.good, :2]
+    after = placed(survey, fit.values)[fit.good, :2]
+    place = fit.values[PLACE][:2]
+    for axes, shown, text in zip(
+        panels, (np.vstack([before, after]), after), ("before and after", "after"), strict=True
+    ):
+        if text != "after":
+            axes.plot(*before.T, ".", color=BEFORE_COLOUR, ms=3, label="as configured")
+        axes.plot(*after.T, ".", color=AFTER_COLOUR, ms=3, label="calibrated" if text != "after" else "_calibrated")
+        axes.plot(*place, "k+", ms=12, mew=1.5, label="fitted place" if text != "after" else "_fitted place")
+        axes.set_title(text)
+        plane_axes(axes)
+        frame_square(axes, usual_box(shown), 0.15)
+    legend_below(figure, list(panels))
+    return figure
+
+
+def survey_figure(found: Calibration) -> Figure:
+    """Draw the ship's track around the transponder, and where the fixes lie around the head."""
+    survey, fit = found.survey, found.verdict.installation
+    figure = titled_figure(f"Survey: {found.log.path.name}", survey_text(found), 11, 5.6)
+    left, right = figure.subplots(1, 2)
+    track = survey.ship.positions(survey.time_s, 0.0)
+    left.plot(*track.T, color=TRACK_COLOUR, lw=1.0, label="ship's antenna")
+    left.plot(*fit.values[PLACE][:2], "k+", ms=12, mew=1.5, label="transponder")
+    left.set_title("map")
+    plane_axes(left)
+    frame_square(left, np.vstack([track, fit.values[PLACE][:2]]), 0.08)
+    seen = seen_from_head(survey, fit.values)[:, :2]
+    for chosen, colour, label in ((fit.good, AFTER_COLOUR, "good fix"), (~fit.good, REJECTED_COLOUR, "false fix")):
+        if chosen.any():
+            right.plot(*seen[chosen].T, ".", color=colour, ms=3, label=label)
+    right.plot(0, 0, "k^", ms=8, label="head")
+    right.set_aspect("equal")
+    right.set_title("from the head: all directions are needed")
+    right.set_xlabel("starboard [m]")
+    right.set_ylabel("forward [m]")
+    frame_square(right, np.vstack([seen, [[0.0, 0.0]]]), 0.08)
+    legend_below(figure, [left, right])
+    return figure
+
+
+def residual_figure(found: Calibration) -> Figure:
+    """Draw the residuals of range, bearing and elevation against bearing, heading, range and time."""
+    survey, fit = found.survey, found.verdict.installation
+    differences = residuals(survey, fit.values) * [1.0, np.degrees(1.0), np.degrees(1.0)]
+    sds = (fit.range_sd_m, *[float(np.degrees(fit.angle_sd_rad))] * 2)
+    against = {
+        "bearing from the head [deg]": np.degrees(survey.bearing_rad) % 360,
+        "heading of the ship [deg]": survey.ship.attitudes(survey.time_s)[:, 0] % 360,
+        "slant range [m]": survey.range_m,
+        "time [min]": survey.time_s / 60,
+    }
+    detail = (
+        "Fixes less what the fitted installation gives; shaded: one sigma. A slope or a wave is an error that stays."
+    )
+    figure = titled_figure(f"Residuals: {found.log.path.name}", detail, 12, 7.5)
+    panels = figure.subplots(3, 4, sharex="col", sharey="row")
+    for row, (name, sd) in enumerate(zip(RESIDUALS, sds, strict=True)):
+        edge = SHOWN_SIGMAS * sd
+        for column, (label, values) in enumerate(against.items()):
+            axes: Axes = panels[row, column]
+            axes.axhspan(-sd, sd, color="#dddddd", lw=0, zorder=0)
+            shown = np.clip(differences[:, row], -edge, edge)
+            for chosen, colour, kind in (
+                (fit.good, AFTER_COLOUR, "good fix"),
+                (~fit.good, REJECTED_COLOUR, "false fix"),
+            ):
+                if chosen.any():
+                    once = f"{'' if row == column == 0 else '_'}{kind}"
+                    axes.plot(values[chosen], shown[chosen], ".", color=colour, ms=2.5, label=once)
+            axes.set_ylim(-edge * 1.05, edge * 1.05)
+            if column == 0:
+                axes.set_ylabel(name)
+            if row == len(RESIDUALS) - 1:
+                axes.set_xlabel(label)
+    legend_below(figure, list(panels[-1]))
+    return figure
