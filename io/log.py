@@ -46,6 +46,7 @@ class Log:
     settings: Configuration = Configuration()  # its content
     findings: tuple[Finding, ...] = ()
     raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if requested
+    attitude: pd.DataFrame | None = None  # time_s, roll_deg, pitch_deg of the compass, evenly spread over the log
     unread: Mapping[str, str] = field(default_factory=dict[str, str])  # topic -> why it cannot be read
 
     @property

@@ -11,6 +11,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.io.conventions import compass, dvl_depth, positions, tilt
+from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.clock_parts import in_time_order
 from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.dvl_depth import ConvertedTable
@@ -104,7 +105,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
     refuse_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
     try:
-        tables, provenance, origin, findings, raws = _sensor_tables(
+        tables, provenance, origin, findings, raws, attitude = _sensor_tables(
             reader, choices, configuration, source.chosen_by, raw_fields, request.part
         )
     except SettingError as err:
@@ -151,6 +152,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         configuration=opened.file,
         settings=configuration,
         findings=(*reader.findings(), *roles.findings, *findings),
+        attitude=None if attitude is None else _attitude_table(attitude, start_ns),
         unread={topic.name: topic.problem for topic in topics if topic.problem},
         raws=raws,
     )
@@ -213,6 +215,7 @@ class SensorTables(NamedTuple):
     origin: Origin | None
     findings: list[Finding]
     raws: dict[str, RawRecords]
+    attitude: ConvertedTable | None
 
 
 def _sensor_tables(
@@ -238,6 +241,7 @@ def _sensor_tables(
     del as_logged  # the compass's records end in _converted
     made, more = _converted(configuration, raws, origin, truth_by)
     findings = [*found, *findings, *more]
+    attitude = made["compass"].attitude if "compass" in made else None
     tables: dict[str, pd.DataFrame] = {}
     provenance: dict[str, Provenance] = {}
     for role in list(made):
@@ -245,7 +249,7 @@ def _sensor_tables(
         tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
         findings += [*sensor.findings, *more]
         provenance[role] = _provenance(choices[role], sensor, tables[role])
-    return SensorTables(tables, provenance, origin, [*findings, *invalid], asked)
+    return SensorTables(tables, provenance, origin, [*findings, *invalid], asked, attitude)
 
 
 def _tilted(configuration: Configuration, choices: Mapping[str, TopicChoice]) -> bool:
@@ -323,6 +327,14 @@ def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) 
     used = int(table["valid"].sum()) if "valid" in table else len(table)
     topic = choice.topic
     return Provenance(topic.name, topic.type, choice.chosen_by, made.conventions, topic.count, used, made.geodetic)
+
+
+def _attitude_table(made: ConvertedTable, start_ns: int) -> pd.DataFrame:
+    series = time_series(made, "compass", compass.VERTICAL)
+    roll_deg, pitch_deg = roll_and_pitch_deg(series.values).T
+    return pd.DataFrame(
+        {"time_s": (series.time_ns - start_ns) / 1e9, "roll_deg": roll_deg, "pitch_deg": pitch_deg}, copy=False
+    )
 
 
 def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:

@@ -15,6 +15,7 @@ from usbldr.io.reader import BeginAgainError, Reader, Records, blocks_of
 
 EVIDENCE_RECORDS = 100_000  # [records] of which the medians of messages are taken: these are sure to 0.4 % of a sigma
 MAX_ATTITUDES = 1_000_000  # [records] of which roll and pitch are kept, 40 MB: 28 per second in 10 hours
+REPORTED_ATTITUDES = 200_000  # [records] kept if they are only reported: 5 per second in 10 hours
 
 
 class RoleRecords(NamedTuple):
@@ -29,7 +30,8 @@ def read_roles(
 ) -> RoleRecords:
     """Read the topics chosen, each once; ``more_fields`` (role -> fields) become quantities of the evidence.
 
-    ``tilted``: roll and pitch of the compass are used. Raises LogError if no message of a topic can be read.
+    ``tilted``: roll and pitch of the compass are used, not only reported. Raises LogError if no message of a topic can
+    be read.
     """
     while True:
         kept = {
@@ -82,8 +84,7 @@ class _Collected:
         """Add a block of records."""
         raw = self._raw(block, self._paths)
         if self._role in ("compass", SHIP_HEADING):
-            if self._tilted:
-                self._add_attitudes(raw)
+            self._add_attitudes(raw)
             raw = with_yaw(raw)
         if self._records is None:
             self._records = CollectedRecords(self.topic.count, list(raw.values))
@@ -96,7 +97,7 @@ class _Collected:
 
     def _add_attitudes(self, raw: RawRecords) -> None:
         """Keep the attitudes of some records, evenly spread over the log."""
-        every = _every(self.topic.count, MAX_ATTITUDES)
+        every = _every(self.topic.count, MAX_ATTITUDES if self._tilted else REPORTED_ATTITUDES)
         some = attitudes(raw.part(slice(-self.count % every, None, every)))
         if some is not None and len(some.received_ns):
             names = list(some.values)

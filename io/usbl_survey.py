@@ -10,6 +10,7 @@ import numpy as np
 from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.filters.types import Array, Vector
 from usbldr.filters.usbl_survey.geometry import UsblSurvey, ship_motion
+from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.clock_parts import in_time_order
 from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.compass import OF_HEAD, VERTICAL, compass
@@ -136,8 +137,8 @@ def _survey(fixes: _Fixes, position: ConvertedTable, attitude: ConvertedTable, a
     heading = time_series(attitude, "compass", ["heading_deg"])
     tilts = np.zeros((len(heading.time_ns), 2))
     if attitude.attitude is not None:
-        starboard, forward, up = time_series(attitude.attitude, "compass", VERTICAL).at(heading.time_ns).T
-        tilts = np.degrees([np.arcsin(np.clip(forward, -1, 1)), np.arctan2(-starboard, up)]).T
+        vertical = time_series(attitude.attitude, "compass", VERTICAL).at(heading.time_ns)
+        tilts = roll_and_pitch_deg(vertical)[:, ::-1]
     complete = np.isfinite(tilts).all(axis=1)
     heading = TimeSeries(heading.time_ns[complete], np.column_stack([heading.values, tilts])[complete])
     first_ns = int(fixes.time_ns[0])

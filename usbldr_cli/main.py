@@ -22,6 +22,7 @@ COMMANDS = {
     "compare": "Run several filters over logs and seeds, side by side.",
     "drill": "Put faults into LOG and report what filters make of them.",
     "export": "Write LOG, or a part of it, in another format.",
+    "locate": "Say where each photo, ping or sample of a dive was taken.",
     "calibrate-usbl": "Find how a ship's USBL is installed, from a survey of a transponder.",
     "check": "Run a baseline again and fail if a metric got worse (for CI).",
     "simulate": "Write a simulated log with its truth.",

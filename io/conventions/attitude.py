@@ -88,3 +88,13 @@ def along_level_axes(velocity: Array, vertical: Array) -> Array:
     bow = np.array([0.0, 1.0, 0.0]) - up[:, 1:2] * up
     bow = bow / np.linalg.norm(bow, axis=1, keepdims=True)
     return np.einsum("nij,nj->ni", np.stack([np.cross(bow, up), bow, up], axis=1), velocity)
+
+
+def roll_and_pitch_deg(vertical: Array) -> Array:
+    """Return roll (positive: starboard down) and pitch (positive: bow up), (n, 2), by the vertical (n, 3).
+
+    ``vertical`` is its direction along starboard, forward, up.
+    """
+    starboard, forward, up = vertical.T
+    roll, pitch = np.arctan2(-starboard, up), np.arcsin(np.clip(forward, -1, 1))
+    return np.degrees(np.column_stack([roll, pitch]))

@@ -24,6 +24,7 @@ from usbldr.filters.updates import UpdateTable
 from usbldr.io.log import Log
 from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
+from usbldr.io.reports.poses import pose_table
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
 from usbldr.io.reports.tracks import track_content, track_table, write_csv, write_geojson, write_kml, write_tum
@@ -168,6 +169,8 @@ def write_tables(folder: Path, run: Run) -> None:
     fixes = fixes_table(run.timeline, trajectory)
     origin = None if run.log.map_unknown else run.log.origin
     write_csv(folder / f"track_{fast}.csv", track_table(trajectory, origin))
+    if (poses := pose_table(run.log, trajectory)) is not None:
+        write_csv(folder / f"pose_{fast}.csv", poses)
     write_csv(folder / "fixes.csv", fixes)
     if report is not None:
         write_csv(folder / f"errors_{slow}.csv", errors_table(report))

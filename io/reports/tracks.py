@@ -24,7 +24,19 @@ SECONDS_PER_HOUR = 3600.0  # fixed
 MAP_STEP_S = 1.0  # a map shows no more than a point a second
 ROWS = 10_000  # [rows] of a table turned to text at once: a megabyte or two
 
-DECIMALS = {"s": 9, "m": 4, "m2": 9, "deg": 9, "heading_deg": 4, "mps": 5, "scale": 7}
+DECIMALS = {
+    "s": 9,
+    "m": 4,
+    "m2": 9,
+    "deg": 9,
+    "heading_deg": 4,
+    "roll_deg": 4,
+    "pitch_deg": 4,
+    "sd_heading_deg": 5,
+    "mdeg": 7,
+    "mps": 5,
+    "scale": 7,
+}
 """Digits written for a column, by its name or by the unit that ends it: 1 ns, 0.1 mm, 0.1 mm on the ground."""
 
 

@@ -1,0 +1,171 @@
+"""Where a sensor was at given times, by a smoothed run: position, depth, attitude, and the radius that holds 95 %.
+
+Between two epochs the position follows the cubic through both positions with both velocities, and the covariance goes
+from one to the other. Nothing is extrapolated.
+"""
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.models.parameters import LeverArm
+from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.filters.usbl_survey.geometry import attitude_matrix
+from usbldr.io.geodesy import Origin, OriginKind, to_geodetic
+from usbldr.io.reader import Nanoseconds
+from usbldr.io.reports.run_directory import REPORT
+
+SHARE = 0.95  # fixed: of the positions that the radius holds
+ANGLES = np.radians(np.arange(0.5, 90))  # of a quarter circle, for the integral of the radius
+ROUNDS = 40  # of bisection: far below a millimetre
+OUTSIDE, BEFORE, OUTAGE = "outside the run", "before the first fix", "in an outage of the {}"
+
+
+class SmoothedRun(NamedTuple):
+    """What a run directory holds of its track."""
+
+    folder: Path
+    start_ns: int
+    origin: Origin | None
+    epochs: pd.DataFrame  # track and pose, by time_s
+    first_fix_s: float
+    outages: tuple[tuple[str, float, float], ...]  # sensor, from, to
+    log: Path
+
+
+def read_smoothed_run(folder: Path) -> SmoothedRun:
+    """Read a run directory; raise LogError if it is none, UsageError with the command to repeat an unsmoothed one."""
+    try:
+        report: Any = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        options, start_ns = report["request"]["options"], int(report["time_base"]["start_ns"])
+        (track,) = folder.glob("track_*hz.csv")
+        log = Path(report["request"]["log"])
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        raise LogError(f"{folder} is not a run directory of a filter: usbldr replay LOG --smooth -o {folder}") from err
+    if not options.get("smooth"):
+        words = [word for word in report["provenance"]["command"] if word != "--force"]
+        given = words or ["usbldr", "replay", str(log)]
+        again = shlex.join([*given, "--smooth", "--force"])
+        raise UsageError(f"{folder} is not smoothed, so later fixes are not used: repeat it by {again}")
+    pose = folder / track.name.replace("track", "pose")
+    if not pose.is_file():
+        raise LogError(f"{folder} holds no {pose.name}: its track has no heading, or an older version wrote it")
+    epochs = pd.read_csv(track).merge(pd.read_csv(pose), on="time_s", validate="one_to_one")
+    fixes = pd.read_csv(folder / "fixes.csv")
+    used = fixes.loc[fixes["outcome"] == "used", "time_s"]
+    place = report["origin"]
+    origin = None
+    if place is not None and not report["place_unknown"]:
+        origin = Origin(place["lat_deg"], place["lon_deg"], OriginKind.MAP)
+    return SmoothedRun(
+        folder,
+        start_ns,
+        origin,
+        epochs,
+        float(used.min()) if len(used) else float("inf"),
+        tuple((one["sensor"], one["start_s"], one["end_s"]) for one in report["outages"]),
+        log,
+    )
+
+
+def located(run: SmoothedRun, time_ns: Nanoseconds, lever_m: LeverArm = (0.0, 0.0, 0.0)) -> pd.DataFrame:
+    """Return where a sensor was at Unix times (n,), with the arm starboard, forward, up of the vehicle to it.
+
+    Columns: time_ns, lat_deg, lon_deg, east_m, north_m, depth_m, heading_deg, roll_deg, pitch_deg, sd_east_m,
+    sd_north_m, cov_en_m2, radius95_m, note. Outside of the run all but the time and the note are NaN.
+    """
+    table = run.epochs
+    known_s = table["time_s"].to_numpy(dtype=float)
+    time_s = (np.asarray(time_ns, dtype=np.int64) - run.start_ns) / 1e9
+    inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
+    at = np.clip(np.searchsorted(known_s, time_s, side="right") - 1, 0, len(known_s) - 2)
+    step_s = np.diff(known_s)[at]
+    share = np.clip((time_s - known_s[at]) / step_s, 0.0, 1.0)
+
+    def between(column: str) -> Vector:
+        values = table[column].to_numpy(dtype=float)
+        mixed = np.where(share > 0, share * values[at + 1], 0.0) + np.where(share < 1, (1 - share) * values[at], 0.0)
+        return np.where(inside, mixed, np.nan)
+
+    heading_rad = np.unwrap(np.radians(table["heading_deg"].to_numpy(dtype=float)))
+    heading_deg = np.degrees((1 - share) * heading_rad[at] + share * heading_rad[at + 1])
+    position = _cubic(table, heading_rad, at, share, step_s)
+    roll, pitch = between("roll_deg"), between("pitch_deg")
+    tilted = attitude_matrix(heading_deg, np.nan_to_num(pitch), np.nan_to_num(roll))
+    arm = np.einsum("nij,j->ni", tilted, np.array(lever_m))
+    cov = _covariance(between, arm)
+    east, north = (position + arm[:, :2]).T
+    unknown = ~inside
+    lat, lon = (np.full(len(time_s), np.nan),) * 2 if run.origin is None else to_geodetic(run.origin, east, north)
+    columns = {
+        "lat_deg": lat,
+        "lon_deg": lon,
+        "east_m": east,
+        "north_m": north,
+        "depth_m": between("depth_m") - arm[:, 2],
+        "heading_deg": heading_deg % 360,
+        "roll_deg": roll,
+        "pitch_deg": pitch,
+        "sd_east_m": np.sqrt(cov[:, 0, 0]),
+        "sd_north_m": np.sqrt(cov[:, 1, 1]),
+        "cov_en_m2": cov[:, 0, 1],
+        "radius95_m": radius(cov),
+    }
+    made = pd.DataFrame({name: np.where(unknown, np.nan, values) for name, values in columns.items()})
+    made.insert(0, "time_ns", np.asarray(time_ns, dtype=np.int64))
+    return made.assign(note=_notes(run, time_s, inside))
+
+
+def _cubic(table: pd.DataFrame, heading_rad: Vector, at: Indices, share: Vector, step_s: Vector) -> Array:
+    """Return positions (n, 2) on the cubic through the epochs around them, with their velocities (Hermite)."""
+    position: Array = table[["east_m", "north_m"]].to_numpy(dtype=float)
+    starboard, forward = table[["starboard_mps", "forward_mps"]].to_numpy(dtype=float).T
+    sin, cos = np.sin(heading_rad), np.cos(heading_rad)
+    velocity = np.column_stack([starboard * cos + forward * sin, forward * cos - starboard * sin])
+    s, h = share[:, None], step_s[:, None]
+    first = (1 + 2 * s) * (1 - s) ** 2 * position[at] + s * (1 - s) ** 2 * h * velocity[at]
+    return first + s**2 * (3 - 2 * s) * position[at + 1] + s**2 * (s - 1) * h * velocity[at + 1]
+
+
+def _covariance(between: Any, arm_m: Array) -> Array:
+    """Return the covariance of the sensor's east and north, (n, 2, 2): a heading error turns the arm."""
+    per_deg = np.radians(np.column_stack([arm_m[:, 1], -arm_m[:, 0]]))  # clockwise
+    cross = np.column_stack([between("cov_east_heading_mdeg"), between("cov_north_heading_mdeg")])
+    own = np.empty((len(arm_m), 2, 2))
+    own[:, 0, 0], own[:, 1, 1] = between("sd_east_m") ** 2, between("sd_north_m") ** 2
+    own[:, 0, 1] = own[:, 1, 0] = between("cov_en_m2")
+    mixed = np.einsum("ni,nj->nij", cross, per_deg)
+    turned = np.einsum("n,ni,nj->nij", between("sd_heading_deg") ** 2, per_deg, per_deg)
+    return own + mixed + np.swapaxes(mixed, 1, 2) + turned
+
+
+def radius(cov_m2: Array) -> Vector:
+    """Return the radius around the estimate that holds the true position with SHARE, (n,), of covariances (n, 2, 2).
+
+    A normal error is a random length along (a cos t, b sin t), t uniform and a, b the sigmas along the ellipse, so it
+    lies within R with the mean over t of 1 - exp(-R^2 / 2 / (a^2 cos^2 t + b^2 sin^2 t)).
+    """
+    variance = np.maximum(np.linalg.eigvalsh(np.where(np.isfinite(cov_m2), cov_m2, 0.0)), 1e-12)
+    spread = variance[:, :1] * np.cos(ANGLES) ** 2 + variance[:, 1:] * np.sin(ANGLES) ** 2
+    low, high = np.zeros(len(variance)), 3 * np.sqrt(variance[:, 1])
+    for _ in range(ROUNDS):
+        middle = (low + high) / 2
+        short = np.mean(1 - np.exp(-(middle[:, None] ** 2) / spread / 2), axis=1) < SHARE
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.where(np.isfinite(cov_m2).all(axis=(1, 2)), high, np.nan)
+
+
+def _notes(run: SmoothedRun, time_s: Vector, inside: Mask) -> list[str]:
+    """Return what to know of each time: nothing, outside the run, before the first fix, in which outages."""
+    notes: list[list[str]] = [[] for _ in time_s]
+    for sensor, first_s, last_s in run.outages:
+        for row in np.flatnonzero((time_s > first_s) & (time_s < last_s)):
+            notes[row].append(OUTAGE.format(sensor.upper() if sensor != "compass" else sensor))
+    for row in np.flatnonzero(time_s < run.first_fix_s):
+        notes[row].insert(0, BEFORE)
+    return ["; ".join(one) if here else OUTSIDE for one, here in zip(notes, inside, strict=True)]

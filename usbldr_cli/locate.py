@@ -1,0 +1,147 @@
+"""``usbldr locate``: where each photo, ping or sample of a dive was taken, and how sure that is."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import escape
+
+import click
+
+from usbldr.filters.errors import UsageError, printable
+from usbldr_cli.options.completion import LOG
+from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.verbosity import verbose_option
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--at", "place", metavar="FILE|TOPIC|FOLDER", required=True, help="Table of times, topic, or photos.")
+@click.option("--log", type=LOG, help="Log of the topic of --at.  [default: that of RUN]")
+@click.option(
+    "--lever-arm",
+    "lever_m",
+    type=float,
+    nargs=3,
+    default=(0.0, 0.0, 0.0),
+    metavar="S F U",
+    help="Place of the sensor on the vehicle: metres starboard, forward, up.  [default: 0 0 0]",
+)
+@click.option(
+    "--clock",
+    "clock_s",
+    type=float,
+    default=0.0,
+    metavar="SECONDS",
+    help="How far the clock that stamped them is ahead.  [default: 0]",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="NAME.csv, .geojson, .kml or .parquet.  [may be repeated; default: CSV to stdout]",
+)
+@click.option("--force", is_flag=True, help="Replace existing files.")
+@verbose_option
+def locate(
+    run: Path,
+    place: str,
+    log: str | None,
+    lever_m: tuple[float, float, float],
+    clock_s: float,
+    output: tuple[Path, ...],
+    force: bool,
+) -> None:
+    """Say where each photo, ping or sample was taken, from the smoothed run directory RUN.
+
+    --at is a CSV table with a column time_ns, time_unix_s, time_s (of RUN's tables) or time (ISO 8601, UTC), a topic of
+    RUN's log, or a folder of photos (EXIF). Each row gets position, depth, heading, roll, pitch and the radius that
+    holds 95 % of the errors. A row outside RUN, in an outage or before the first fix is marked in the column note.
+
+    \b
+    $ usbldr replay dive.mcap --smooth -o dive-run
+    $ usbldr locate dive-run --at photos --lever-arm 0 1.2 -0.3 -o photos.csv -o photos.kml
+    """
+    from usbldr.io.reports.locate import OUTSIDE, located, read_smoothed_run
+    from usbldr.io.sample_times import NAME, sample_times
+
+    for file in output:
+        if file.suffix.lower() not in ENDINGS:
+            raise UsageError(f"{file}: choose a name that ends in {', '.join(ENDINGS)}")
+        read = [path for path in (Path(place), run / "report.json") if path.exists()]
+        refuse_file("--output", file, force, read)
+    smoothed = read_smoothed_run(run)
+    if smoothed.origin is None and any(file.suffix.lower() in (".geojson", ".kml") for file in output):
+        raise UsageError(f"{run} has no latitudes: state origin_lat_deg and origin_lon_deg under [map] and repeat it")
+    times = sample_times(place, Path(log) if log else smoothed.log, smoothed.start_ns, clock_s)
+    found = located(smoothed, times.time_ns, lever_m)
+    found.insert(0, NAME, list(times.names))
+    own = times.columns.rename(columns={name: f"own_{name}" for name in times.columns if name in found})
+    table = found.join(own)
+    if not output:
+        click.echo(_csv(table), nl=False)
+    for file in output:
+        _write(file, table, smoothed.folder.name)
+        click.echo(f"{file}: written")
+    outside = int((found["note"] == OUTSIDE).sum())
+    marked = int((found["note"] != "").sum()) - outside
+    if outside or marked:
+        text = f"{outside} of {len(found)} times lie outside the run and have no position; {marked} others are marked"
+        click.echo(f"usbldr: {text}", err=True)
+
+
+def _csv(table: "pd.DataFrame") -> str:
+    digits = {"lat_deg": 9, "lon_deg": 9} | {name: 4 for name in table.columns if name.endswith(("_m", "_deg"))}
+    shown = table.round({**digits, "lat_deg": 9, "lon_deg": 9, "cov_en_m2": 9})
+    text: str = shown.to_csv(index=False, lineterminator="\n")
+    return text
+
+
+def _write(file: Path, table: "pd.DataFrame", title: str) -> None:
+    form = file.suffix.lower()
+    if form == ".parquet":
+        from usbldr.io.writing import writing
+
+        with writing(file, "choose another file for --output"):
+            table.to_parquet(file, engine="pyarrow", index=False)
+        return
+    rows = [one for one in table.to_dict("records") if one["lat_deg"] == one["lat_deg"]]
+    text = {".csv": lambda: _csv(table), ".geojson": lambda: _geojson(rows), ".kml": lambda: _kml(rows, title)}[form]()
+    write_file("--output", file, text)
+
+
+def _geojson(rows: "list[dict[Any, Any]]") -> str:
+    """Return the located rows as points of RFC 7946."""
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [round(one["lon_deg"], 9), round(one["lat_deg"], 9)]},
+            "properties": {str(name): _plain(value) for name, value in one.items()},
+        }
+        for one in rows
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Return a cell as JSON can hold it: an unknown number is null."""
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and value - value != 0 else value
+
+
+def _kml(rows: "list[dict[Any, Any]]", title: str) -> str:
+    """Return the located rows as placemarks."""
+    marks = [
+        f"<Placemark><name>{escape(printable(str(one['name'])))}</name>"
+        f"<description>{one['radius95_m']:.2f} m (95 %) {escape(one['note'])}</description>"
+        f"<Point><coordinates>{one['lon_deg']:.9f},{one['lat_deg']:.9f}</coordinates></Point></Placemark>"
+        for one in rows
+    ]
+    head = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
+    return f"{head}<name>{escape(printable(title))}</name>\n" + "\n".join(marks) + "\n</Document></kml>\n"
