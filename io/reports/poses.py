@@ -23,9 +23,9 @@ def pose_table(log: Log, trajectory: Trajectory) -> pd.DataFrame | None:
     return pd.DataFrame(
         {
             "time_s": time_s,
-            "depth_m": _at(time_s, log.tables.get("depth"), "depth_m"),
-            "roll_deg": _at(time_s, tilt, "roll_deg"),
-            "pitch_deg": _at(time_s, tilt, "pitch_deg"),
+            "depth_m": column_at(time_s, log.tables.get("depth"), "depth_m"),
+            "roll_deg": column_at(time_s, tilt, "roll_deg"),
+            "pitch_deg": column_at(time_s, tilt, "pitch_deg"),
             "sd_heading_deg": np.degrees(np.sqrt(trajectory.cov[:, psi, psi])),
             "cov_east_heading_mdeg": -np.degrees(trajectory.cov[:, x, psi]),
             "cov_north_heading_mdeg": -np.degrees(trajectory.cov[:, y, psi]),
@@ -33,7 +33,7 @@ def pose_table(log: Log, trajectory: Trajectory) -> pd.DataFrame | None:
     )
 
 
-def _at(time_s: Vector, table: pd.DataFrame | None, column: str) -> Vector:
+def column_at(time_s: Vector, table: pd.DataFrame | None, column: str) -> Vector:
     """Return a column of a table at the times, (n,); NaN outside of its records and inside long gaps."""
     if table is None or not len(table):
         return np.full(len(time_s), np.nan)

@@ -24,7 +24,7 @@ from usbldr.filters.updates import UpdateTable
 from usbldr.io.log import Log
 from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
-from usbldr.io.reports.poses import pose_table
+from usbldr.io.reports.poses import column_at, pose_table
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
 from usbldr.io.reports.tracks import track_content, track_table, write_csv, write_geojson, write_kml, write_tum
@@ -177,8 +177,9 @@ def write_tables(folder: Path, run: Run) -> None:
         yaw = None if (psi := trajectory.state("psi")) is None else np.interp(report.time_s, trajectory.time_s, psi)
         if yaw is not None:
             yaw = yaw + report.alignment.rotation_rad
-        write_tum(folder / "track.tum", run.log.start_ns, report.time_s, report.estimate_m, yaw)
-        write_tum(folder / "truth.tum", run.log.start_ns, report.time_s, report.truth_m)
+        depth = column_at(report.time_s, run.log.tables.get("depth"), "depth_m")  # of both: errors are horizontal
+        write_tum(folder / "track.tum", run.log.start_ns, report.time_s, report.estimate_m, yaw, depth)
+        write_tum(folder / "truth.tum", run.log.start_ns, report.time_s, report.truth_m, None, depth)
     if run.log.origin is not None and not (
         run.log.map_unknown and (report is None or report.alignment.name != "shift")
     ):

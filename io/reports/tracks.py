@@ -91,18 +91,27 @@ def track_content(trajectory: Trajectory) -> dict[str, Any]:
     return {"epochs": len(trajectory.time_s), "states": trajectory.names, "sha256": digest.hexdigest()}
 
 
-def write_tum(path: Path, start_ns: int, time_s: Vector, position_m: Array, yaw_rad: Vector | None = None) -> None:
-    """Write `timestamp x y z qx qy qz qw`: Unix seconds to the nanosecond, x east, y north, z 0.
+def write_tum(
+    path: Path,
+    start_ns: int,
+    time_s: Vector,
+    position_m: Array,
+    yaw_rad: Vector | None = None,
+    depth_m: Vector | None = None,
+) -> None:
+    """Write `timestamp x y z qx qy qz qw`: Unix seconds to the nanosecond, x east, y north, z up, 0 if it is unknown.
 
     The quaternion rotates x to the bow, as in REP 103: yaw is 0 when the bow points east. Without a yaw it is 0 0 0 1.
     """
     half = np.zeros(len(time_s)) if yaw_rad is None else (yaw_rad + np.pi / 2) / 2
     stamps = [start_ns + round(t * 1e9) for t in time_s.tolist()]
-    rows = zip(stamps, position_m.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
+    up_m = np.zeros(len(time_s)) if depth_m is None else -np.nan_to_num(depth_m)
+    heights = [f"{z:.4f}" if z else "0" for z in up_m.tolist()]
+    rows = zip(stamps, position_m.tolist(), heights, np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
     with path.open("w", encoding="utf-8", newline="\n") as out:
-        for ns, (east, north), qz, qw in rows:
+        for ns, (east, north), up, qz, qw in rows:
             seconds, rest = divmod(ns, 1_000_000_000)
-            out.write(f"{seconds}.{rest:09d} {east:.6f} {north:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n")
+            out.write(f"{seconds}.{rest:09d} {east:.6f} {north:.6f} {up} 0 0 {qz:.9f} {qw:.9f}\n")
 
 
 FNV_HEAD = (

@@ -40,11 +40,13 @@ def test_a_stamp_in_a_tum_file_is_unix_time_to_the_nanosecond(tmp_path: Path) ->
 
 
 def test_evo_reads_the_tum_file_with_east_as_x_and_the_bow_as_x_of_the_body(tmp_path: Path) -> None:
-    write_tum(tmp_path / "t.tum", START_NS, SECONDS, TRACK.position_m, PSI)
+    depth_m = np.where(SECONDS > 10, 3.5, np.nan)
+    write_tum(tmp_path / "t.tum", START_NS, SECONDS, TRACK.position_m, PSI, depth_m)
 
     read = file_interface.read_tum_trajectory_file(tmp_path / "t.tum")
 
     assert read.positions_xyz[:, :2] == pytest.approx(TRACK.position_m, abs=1e-6)
+    assert read.positions_xyz[:, 2] == pytest.approx(np.where(SECONDS > 10, -3.5, 0.0))
     bow = np.array([pose[:3, 0] for pose in read.poses_se3])  # the body's x axis in east, north, up
     assert bow[:, 0] == pytest.approx(-np.sin(PSI), abs=1e-6)
     assert bow[:, 1] == pytest.approx(np.cos(PSI), abs=1e-6)
