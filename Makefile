@@ -8,7 +8,7 @@ SEEDS ?= 20
 
 KERNEL := $(wildcard filters/kernel/*.c filters/kernel/*.h)
 
-.PHONY: demo test fuzz docs man lint check sanitize sample_logs paper field drills logs peers clean
+.PHONY: demo test test-all fuzz docs man lint check sanitize sample_logs paper field drills logs peers clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -18,6 +18,9 @@ demo: $(VENV)/installed
 	@echo "The figures are in demo/paper-cpf; look at track.png and errors.png first."
 
 test: $(VENV)/installed-dev .pyright/usbldr
+	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow and not long"
+
+test-all: $(VENV)/installed-dev .pyright/usbldr
 	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow"
 
 # damaged files of every format by the thousand: the table in docs/broken_files.md

@@ -20,6 +20,7 @@ LOGS = [
 ]
 
 
+@pytest.mark.long
 def test_the_faults_of_uib_field_are_found_without_being_told(field_logs: Path) -> None:
     found = findings(field_logs / "uib_field" / "uib_field.mcap", "--config", "none")
 
@@ -36,6 +37,7 @@ def test_the_faults_of_uib_field_are_found_without_being_told(field_logs: Path) 
     assert found["USBL-OUTLIERS"]["worst"] == pytest.approx(31.0, abs=1.0)
 
 
+@pytest.mark.long
 def test_the_faults_of_stpere_are_found_without_being_told(field_logs: Path) -> None:
     found = findings(field_logs / "stpere_marina" / "stpere_marina.mcap", "--config", "none")
 
@@ -47,6 +49,7 @@ def test_the_faults_of_stpere_are_found_without_being_told(field_logs: Path) -> 
     assert "USBL-LATENCY" not in found  # the synthetic fixes are stamped when they were true
 
 
+@pytest.mark.long
 def test_the_heading_of_stpere_is_biased_by_six_degrees_at_its_nominal_mounting(field_logs: Path) -> None:
     config = str(FIELD_CONFIGURATIONS / "stpere_marina.toml")
 
@@ -57,6 +60,7 @@ def test_the_heading_of_stpere_is_biased_by_six_degrees_at_its_nominal_mounting(
 
 
 @pytest.mark.parametrize("name", ["tanana_002", "tanana_003"])
+@pytest.mark.long
 def test_the_lost_bottom_lock_of_tanana_is_found(field_logs: Path, name: str) -> None:
     """Without lock the record is NaN; one of the logs ends in its longest loss."""
     log = McapLog(field_logs / "mhkit_tanana" / f"{name}.mcap")
@@ -78,6 +82,7 @@ def test_gps_shows_that_the_map_of_the_simulated_twin_is_ned(field_logs: Path) -
 
 
 @pytest.mark.parametrize("log", LOGS)
+@pytest.mark.long
 def test_what_init_writes_for_a_field_log_replays_and_leaves_no_error(
     field_logs: Path, tmp_path: Path, log: str
 ) -> None:
@@ -92,6 +97,7 @@ def test_what_init_writes_for_a_field_log_replays_and_leaves_no_error(
     assert all(one["level"] != "error" for one in findings(field_logs / log, "--config", str(config)).values())
 
 
+@pytest.mark.long
 def test_no_odd_file_of_others_ends_in_a_traceback(field_logs: Path, tmp_path: Path) -> None:
     """None of them is a dive: each ends in an error finding or in a sentence."""
     files = sorted(file for file in (field_logs / "reader_zoo").iterdir() if file.name[0].isdigit())

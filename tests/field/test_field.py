@@ -52,6 +52,7 @@ def test_the_published_raw_error_of_uib_field_is_met(field_logs: Path, tmp_path:
     assert report["metrics"]["mean_horizontal_m"] == pytest.approx(1.000, abs=0.005)
 
 
+@pytest.mark.long
 def test_cpf_with_the_transponder_as_the_vehicle_is_within_seventy_centimetres_on_uib_field(
     field_logs: Path, tmp_path: Path, evaluator: ModuleType
 ) -> None:
@@ -68,6 +69,7 @@ def test_cpf_with_the_transponder_as_the_vehicle_is_within_seventy_centimetres_o
     assert cpf["reference_tracks"]["usbl"]["metrics"]["mean_horizontal_m"] == pytest.approx(1.416, abs=0.005)
 
 
+@pytest.mark.long
 def test_stpere_marina_is_read_as_expected_and_cpf_takes_two_thirds_off_the_raw_error(
     field_logs: Path, tmp_path: Path
 ) -> None:

@@ -39,6 +39,7 @@ def test_six_lines_give_the_numbers_of_the_command(tmp_path: Path, name: str, me
     assert numbers(report.flat()) == reported(tmp_path, SAMPLES / name, "--filter", method)
 
 
+@pytest.mark.long
 def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
     settings = usbldr.RunSettings(
         calibrate=("scale",),

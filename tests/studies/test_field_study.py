@@ -230,6 +230,7 @@ def identified(line: Timeline, change: str) -> Identification:
         return evidence.identify(line, given)
 
 
+@pytest.mark.long
 def test_a_log_is_identified_whatever_is_taken_away() -> None:
     line = weaving_dive(Faults(), seconds=60)
     for change in ABLATIONS:

@@ -113,6 +113,7 @@ def commands(log: Path) -> list[list[str]]:
     ]
 
 
+@pytest.mark.long
 def test_some_odd_logs_end_in_findings_or_one_sentence(tmp_path: Path) -> None:
     every = logs()
     for what in random.Random(1).sample(sorted(every), 30):

@@ -166,6 +166,7 @@ def test_every_key_that_holds_a_number_or_a_date_is_among_those_tried() -> None:
 
 
 @pytest.mark.parametrize("key", KEYS)
+@pytest.mark.long
 def test_an_absurd_value_is_a_run_or_a_sentence(log: Path, key: str) -> None:
     rng = random.Random(key)
 

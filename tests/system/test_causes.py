@@ -50,6 +50,7 @@ def later(table: pd.DataFrame, seconds: float) -> pd.DataFrame:
     return table.assign(**{name: table[name] + round(seconds * 1e9) for name in moved})
 
 
+@pytest.mark.long
 def test_gps_time_instead_of_utc_is_proposed_and_the_proposal_is_right(edited: Callable[..., Path]) -> None:
     ahead = edited(gps=lambda table: later(table, 18.0))
     code, said = replayed(ahead)
@@ -80,6 +81,7 @@ def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..
     ("factor", "advice"),
     [(1 / KNOT_MPS, "they are knots: state scale_error = 0.9438 under [dvl]"), (100.0, "they are in cm/s, state ")],
 )
+@pytest.mark.long
 def test_the_unit_of_velocities_is_named(edited: Callable[..., Path], factor: float, advice: str) -> None:
     both = ["starboard_mps", "forward_mps"]
 
@@ -94,6 +96,7 @@ def test_two_fixes_are_not_compared_with_a_whole_track(edited: Callable[..., Pat
     assert "not comparable with raw USBL (2 common epochs)" in said
 
 
+@pytest.mark.long
 def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Callable[..., Path]) -> None:
     columns = '[dvl]\ntopic = "/dvl"\ncolumns = { time_ns = "time_ns", x = "vx", y = "vy" }\n'
 
@@ -110,6 +113,7 @@ def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Cal
     assert "axes = FLU is only the default, and the log fits FLU and FRD alike" in replayed(log, "--truth", "none")[1]
 
 
+@pytest.mark.long
 def test_noise_that_rises_is_said_with_its_time_and_factor(edited: Callable[..., Path]) -> None:
     def noisy(table: pd.DataFrame) -> pd.DataFrame:
         late, noise = np.arange(len(table)) > 350, np.random.default_rng(1).normal(size=(len(table), 2))
@@ -129,6 +133,7 @@ def test_dead_reckoning_and_a_run_directory_are_called_what_they_are(edited: Cal
     assert "usbldr compare run shows it" in str(run("info", log.with_name("run")).exception)
 
 
+@pytest.mark.long
 def test_excluded_fixes_are_those_that_the_log_never_had(edited: Callable[..., Path]) -> None:
     def shortened(table: pd.DataFrame) -> pd.DataFrame:
         time_s = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9

@@ -87,6 +87,7 @@ EXPORTS = {
 
 
 @pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.long
 def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.DataFrame], tmp_path: Path) -> None:
     export = EXPORTS[name]
     for sensor, table in dive.items():

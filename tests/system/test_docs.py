@@ -23,6 +23,7 @@ def commands(text: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md", "docs/real_log.md"])
+@pytest.mark.long
 def test_every_command_of_a_page_prints_what_the_page_shows(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -36,6 +36,7 @@ def _metrics(folder: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.long
 def test_every_method_leaves_a_whole_run_directory(tmp_path: Path, method: str) -> None:
     particles = ("-N", "50") if METHODS[method].draws else ()
     run = _usbldr("replay", TURN, "-f", method, *particles, "-o", tmp_path / "run")
@@ -64,6 +65,7 @@ def test_the_paper_filter_beats_raw_fixes_and_dead_reckoning_on_the_papers_dive(
     assert "cpf" in run.stdout.splitlines()[0]
 
 
+@pytest.mark.long
 def test_the_same_seed_repeats_every_metric_to_the_bit_and_another_does_not(tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         run = _usbldr("replay", TURN, "-f", "cpf", "-N", "20", "--seed", seed, "-o", tmp_path / name, "-q")
@@ -75,6 +77,7 @@ def test_the_same_seed_repeats_every_metric_to_the_bit_and_another_does_not(tmp_
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
+@pytest.mark.long
 def test_a_run_is_replaced_only_with_force(tmp_path: Path) -> None:
     out = tmp_path / "run"
     assert _usbldr("replay", TURN, "-f", "dr", "-o", out, "-q").returncode == 0
@@ -90,6 +93,7 @@ def test_a_run_is_replaced_only_with_force(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["run"]
 
 
+@pytest.mark.long
 def test_ctrl_c_leaves_nothing_of_a_replay_and_exits_130(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "paper.mcap", tmp_path)
     asked = ("replay", tmp_path / "paper.mcap", "-N", "5000", "-o", tmp_path / "run")
@@ -99,6 +103,7 @@ def test_ctrl_c_leaves_nothing_of_a_replay_and_exits_130(tmp_path: Path) -> None
     assert [file.name for file in tmp_path.iterdir()] == ["paper.mcap"]
 
 
+@pytest.mark.long
 def test_ctrl_c_leaves_a_baseline_as_it_was_and_exits_130(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "paper.mcap", tmp_path)
     baseline = tmp_path / "baseline.toml"

@@ -53,6 +53,7 @@ def test_a_disk_that_is_full_is_one_sentence_and_leaves_nothing(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a limit on the size of files")
+@pytest.mark.long
 def test_a_comparison_that_finds_the_disk_full_keeps_its_whole_files_alone(tmp_path: Path) -> None:
     words = ["compare", DIVE, "--filters", "ekf", "--jobs", 1, "--quiet", "--output", tmp_path / "compared"]
     done = subprocess.run([*USBLDR, *map(str, words)], capture_output=True, text=True, preexec_fn=_limited, check=False)

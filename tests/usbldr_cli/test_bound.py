@@ -20,6 +20,7 @@ from usbldr_cli.replay import replay
 SAMPLE = SAMPLES / "paper.mcap"
 
 
+@pytest.mark.long
 def test_the_bound_is_that_of_the_study(tmp_path: Path) -> None:
     options = ["--filter", "ekf", "--calibrate", "scale", "--seed", "3", "--bound", "-o", str(tmp_path / "run")]
 

@@ -127,6 +127,7 @@ def test_the_summary_counts_and_names_failures_and_stale_values() -> None:
     assert "| dive | a_m | 1.00 | 2.00 | +1.00 | 0.10 | **REGRESSION** |" in page
 
 
+@pytest.mark.long
 def test_what_was_stored_by_an_update_passes_and_a_second_update_changes_nothing(gate: Path) -> None:
     before = gate.read_text()
     assert "# the filter\n" in before
@@ -177,6 +178,7 @@ def test_consistency_fails_on_either_side(gate: Path) -> None:
     assert _check(gate, "-q").stdout == "FAILED: dive adf: nees_mean REGRESSION\n"
 
 
+@pytest.mark.long
 def test_a_missing_log_and_a_missing_metric_fail_and_the_other_rows_are_run(gate: Path) -> None:
     _spoil(gate, "nees_mean", "nees_median")
     gate.write_text(gate.read_text() + ROWS.split("# the filter\n")[1].replace("dive", "gone", 2))
@@ -196,6 +198,7 @@ def test_a_missing_log_and_a_missing_metric_fail_and_the_other_rows_are_run(gate
     assert gate.read_text() == before
 
 
+@pytest.mark.long
 def test_a_log_that_cannot_be_read_exits_3_with_its_sentence(gate: Path) -> None:
     whole = gate.with_name("dive.mcap").read_bytes()
     gate.with_name("dive.mcap").write_bytes(b"not a log at all" * 10)
@@ -232,6 +235,7 @@ def test_a_wrong_baseline_exits_2_and_names_row_and_key(gate: Path, old: str, ne
     assert len(run.stderr.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_another_log_under_the_same_name_is_no_regression(gate: Path) -> None:
     digest = hashlib.sha256(gate.with_name("dive.mcap").read_bytes()).hexdigest()
     assert gate.read_text().count(f'log_sha256 = "{digest}"') == 2
@@ -251,6 +255,7 @@ def test_another_log_under_the_same_name_is_no_regression(gate: Path) -> None:
     assert _check(gate, "-q").returncode == 0
 
 
+@pytest.mark.long
 def test_a_failed_row_keeps_its_run_and_says_what_the_doctor_finds(gate: Path, tmp_path: Path) -> None:
     _moved(gate, "mean_horizontal_m", 0.9)
     place = tmp_path / "failed runs"
@@ -316,6 +321,7 @@ def test_the_junit_file_has_a_suite_for_each_row_and_a_case_for_each_metric(gate
     assert "no such log or scenario" in str(gone[0][0].get("message"))
 
 
+@pytest.mark.long
 def test_a_first_baseline_passes_and_its_log_is_named_from_its_folder(made: Path, tmp_path: Path) -> None:
     target = tmp_path / "gate.toml"
 
@@ -333,6 +339,7 @@ def test_a_first_baseline_passes_and_its_log_is_named_from_its_folder(made: Path
     assert again.stderr == f"usbldr: {target} exists already: choose another file for --baseline, or --force\n"
 
 
+@pytest.mark.long
 def test_options_of_a_first_baseline_are_written_into_its_rows_and_hold_there(made: Path, tmp_path: Path) -> None:
     target, config = tmp_path / "gate.toml", tmp_path / "own.toml"
     config.write_text("schema = 1\n[usbl]\nsd_m = 2.0\n")

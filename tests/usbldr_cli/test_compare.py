@@ -143,6 +143,7 @@ def test_a_method_ignores_options_that_it_has_no_use_for() -> None:
     assert relevant_choices("ekf", asked) == relevant_choices("ekf", dataclasses.replace(asked, particles=9))
 
 
+@pytest.mark.long
 def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Path) -> None:
     out, seeds = tmp_path / "out", 5
     asked = [*("--filters", "cpf", "--seeds", str(seeds), "--jobs", "2", "-N", "150")]

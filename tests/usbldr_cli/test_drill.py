@@ -93,6 +93,7 @@ def test_the_folder_has_table_page_and_figures(drilled: Path) -> None:
     assert len(list(drilled.glob("*.png"))) == 3  # the overview, and two drills that did not fail
 
 
+@pytest.mark.long
 def test_the_same_drills_again_use_the_finished_runs_and_others_are_refused(dive: Path, drilled: Path) -> None:
     (drilled / "printed.txt").rename(drilled.parent / "printed.txt")
     before = content(drilled)["rows"]

@@ -55,6 +55,7 @@ def test_every_key_says_where_its_value_comes_from(log: Path, tmp_path: Path) ->
         assert "  # " in line, line
 
 
+@pytest.mark.long
 def test_replay_accepts_the_file_and_the_doctor_finds_the_log_cured(log: Path, tmp_path: Path) -> None:
     target = tmp_path / "found.toml"
     run("init", str(log), "--output", str(target))
@@ -102,6 +103,7 @@ def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_o
     assert float(place[2]) == pytest.approx(7.0, abs=1e-5)
 
 
+@pytest.mark.long
 def test_headings_that_the_fixes_show_to_be_radians_are_written_as_such(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "dive.mcap", in_radians(curved_dive(gps=True)))
 

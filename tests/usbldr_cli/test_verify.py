@@ -42,6 +42,7 @@ def _changed(report: Path, old: str, new: str) -> None:
     report.write_text(text.replace(old, new, 1))
 
 
+@pytest.mark.long
 def test_a_run_is_repeated_with_all_its_options_to_the_bit(report: Path) -> None:
     done = _verify(report)
 
@@ -51,6 +52,7 @@ def test_a_run_is_repeated_with_all_its_options_to_the_bit(report: Path) -> None
     assert _verify(report.parent).output == done.output
 
 
+@pytest.mark.long
 def test_the_log_may_lie_elsewhere(made: Path, report: Path, tmp_path: Path) -> None:
     _changed(report, str(made / "paper.mcap"), "gone/paper.mcap")
 

@@ -350,6 +350,7 @@ def test_errors_that_stay_alike_for_long_are_worth_few_independent_ones() -> Non
     assert effective_number(white) == pytest.approx(M, rel=0.02)
 
 
+@pytest.mark.long
 def test_bounds_hold_for_correlated_errors_as_often_as_they_say() -> None:
     rng = np.random.default_rng(6)
     a, M, runs = 0.9, 1000, 200

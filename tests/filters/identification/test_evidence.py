@@ -77,6 +77,7 @@ def test_with_a_dvl_through_the_water_the_current_is_always_a_state_and_no_evide
     assert found.parameters.calibrate == ("scale", "usbl-bias", "current")
 
 
+@pytest.mark.long
 def test_two_faults_are_both_found_and_the_track_is_better_by_them() -> None:
     line = weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0))
     clean = run("adf", weaving_dive(Faults()), ASSUMED)
@@ -129,6 +130,7 @@ def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
     assert found.evidence == ()
 
 
+@pytest.mark.long
 def test_dead_reckoning_without_bottom_lock_is_no_longer_trusted() -> None:
     """The velocities of the DVL have nothing to do with those of the vehicle."""
     line = weaving_dive(Faults())

@@ -43,6 +43,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
+@pytest.mark.long
 def test_false_fixes_in_a_row_are_found_wherever_they_are(name: str) -> None:
     line = moved(RUNS[name], np.array([40.0, -30.0]))
 
@@ -84,6 +85,7 @@ def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
     np.testing.assert_allclose(rejected_m, [40.0, -30.0], atol=1.0)
 
 
+@pytest.mark.long
 def test_in_the_order_of_arrival_no_fix_is_known_to_be_false() -> None:
     line = moved(RUNS["first 5 s"], np.array([40.0, -30.0]))
     found = identify(line, ASSUMED).parameters
@@ -103,6 +105,7 @@ FAR = {
 
 
 @pytest.mark.parametrize("name", FAR)
+@pytest.mark.long
 def test_an_error_far_outside_what_is_usual_is_found_and_no_other_is_invented(name: str) -> None:
     faults, wanted = FAR[name]
     line = weaving_dive(faults)
@@ -117,6 +120,7 @@ def test_an_error_far_outside_what_is_usual_is_found_and_no_other_is_invented(na
 
 
 @pytest.mark.parametrize("period_s", [6.0, 12.0])
+@pytest.mark.long
 def test_the_roll_of_a_ship_is_noise_of_the_fixes_and_not_of_dead_reckoning(period_s: float) -> None:
     rolled = replace(DIVE, fix_m=DIVE.fix_m + 2.0 * np.sin(2 * np.pi * T / period_s)[:, None] * (0.8, 0.6))
 

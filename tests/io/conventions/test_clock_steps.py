@@ -111,6 +111,7 @@ def headings(log: Log) -> list[int]:
     cut=st.integers(10, COUNT - 10),
     back_ns=st.integers(3 * SECOND // 2, 10**6 * SECOND),
 )
+@pytest.mark.long
 def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_ns: int) -> None:
     times = T0 + np.arange(COUNT) * STEP
     times[cut:] -= back_ns

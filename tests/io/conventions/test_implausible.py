@@ -324,6 +324,7 @@ def test_a_file_is_read_without_its_spikes_and_doctor_names_them(tmp_path: Path)
 
 
 @pytest.mark.parametrize("length", [3, 50, 4500])
+@pytest.mark.long
 def test_spikes_are_the_same_in_blocks_of_any_length(dive: Log, length: int, monkeypatch: pytest.MonkeyPatch) -> None:
     time_s, heading_deg = times(dive, "compass"), dive.tables["compass"]["heading_deg"].to_numpy()
     off = np.random.default_rng(5).choice(len(time_s), 40, replace=False)

@@ -68,6 +68,7 @@ def test_a_mirrored_dvl_is_found(tmp_path: Path) -> None:
     assert {"MAP-FRAME", "HEADING-CONVENTION"}.isdisjoint(found)
 
 
+@pytest.mark.long
 def test_a_mirror_image_of_the_whole_log_is_undecided_until_something_tells(tmp_path: Path) -> None:
     mirrored: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED"}
     bare = write_mcap(tmp_path / "bare.mcap", curved_dive(**mirrored))
@@ -235,6 +236,7 @@ def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
     assert found["worst"] == pytest.approx(0.5)
 
 
+@pytest.mark.long
 def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "dive.mcap", in_radians(curved_dive()))
     (tmp_path / "usbldr.toml").write_text('[compass]\nunit = "deg"\n')
@@ -246,6 +248,7 @@ def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) 
     assert "HEADING-RADIANS" not in findings(log)
 
 
+@pytest.mark.long
 def test_a_csv_folder_of_radians_is_told_what_mends_it(tmp_path: Path) -> None:
     """Of a column heading_deg the unit is settled, so that the column has to be named, too."""
     folder = csv_dive(tmp_path / "dive", in_radians(curved_dive()))
@@ -282,6 +285,7 @@ def csv_dive(folder: Path, rows: list[Row]) -> Path:
         (0.01, "no unit explains it: check what its driver writes"),
     ],
 )
+@pytest.mark.long
 def test_velocities_of_another_unit_are_told_by_the_fixes_and_hide_nothing_else(
     tmp_path: Path, times: float, advice: str
 ) -> None:
@@ -322,6 +326,7 @@ def test_init_asks_for_a_look_where_no_key_could_take_it_off(tmp_path: Path) -> 
     assert "CHECK: velocities are 0.001 times those between fixes" in drafted_for(log).read_text()
 
 
+@pytest.mark.long
 def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
     """Of a column forward_mps the unit is settled: stating another would change nothing."""
     folder = csv_dive(tmp_path / "dive", [faster(row, 1.944) for row in in_radians(curved_dive(), 180 / np.pi)])
@@ -347,6 +352,7 @@ def drafted_for(log: Path) -> Path:
     return drafted
 
 
+@pytest.mark.long
 def test_fixes_that_stay_where_they_are_tell_no_unit(tmp_path: Path) -> None:
     """They move by their noise alone, which no velocity explains, however small."""
     rng = np.random.default_rng(2)
@@ -381,6 +387,7 @@ def changed(topic: str, **values: float) -> Callable[[Row], Row]:
         changed("/usbl", point__x=1e12),
     ],
 )
+@pytest.mark.long
 def test_senseless_sensors_end_in_findings_and_nothing_else(tmp_path: Path, change: Callable[[Row], Row]) -> None:
     log = write_mcap(tmp_path / "dive.mcap", [change(row) for row in curved_dive(gps=True)])
 
@@ -390,6 +397,7 @@ def test_senseless_sensors_end_in_findings_and_nothing_else(tmp_path: Path, chan
     assert found
 
 
+@pytest.mark.long
 def test_a_scenario_is_examined_without_a_file() -> None:
     done = run("doctor", "paper")
     assert done.return_value == 0, done.output
@@ -409,6 +417,7 @@ def replayed(log: Path, *options: str) -> str:
 
 
 @pytest.mark.parametrize("ahead_s", [18.0, -18.0, 37.0])
+@pytest.mark.long
 def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float) -> None:
     """GPS time is 18 s ahead of UTC."""
     log = write_mcap(tmp_path / "dive.mcap", late(curved_dive(gps=True), "/usbl", ahead_s))
@@ -427,6 +436,7 @@ def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float
 
 @pytest.mark.parametrize(("topic", "section"), [("/dvl", "dvl"), ("/imu", "compass")])
 @pytest.mark.parametrize("ahead_s", [18.0, -18.0])
+@pytest.mark.long
 def test_the_clock_that_no_driver_explains_is_the_wrong_one(
     tmp_path: Path, topic: str, section: str, ahead_s: float
 ) -> None:
@@ -463,6 +473,7 @@ def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
     assert "[DVL-" not in cured
 
 
+@pytest.mark.long
 def test_a_transponder_ahead_is_a_lever_arm_and_no_latency_until_it_is_stated(tmp_path: Path) -> None:
     rows = curved_dive(gps=True)
     yaws = [(r[0], 2 * np.arctan2(r[3]["orientation.z"], r[3]["orientation.w"])) for r in rows if r[1] == "/imu"]

@@ -120,6 +120,7 @@ def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass
         ("bias", "compass:3deg", "DVL-MOUNT", -3.0),
     ],
 )
+@pytest.mark.long
 def test_the_doctor_names_the_error_of_a_dive_and_no_other(
     log: Log, kind: str, fault: str, code: str, worst: float
 ) -> None:

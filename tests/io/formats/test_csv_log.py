@@ -129,6 +129,7 @@ def test_without_one_good_row_the_first_fault_is_the_error(tmp_path: Path) -> No
     assert str(fault.value) == f'{folder / "compass.csv"}: line 2: heading_deg is "south", not a number'
 
 
+@pytest.mark.long
 def test_a_csv_file_cut_anywhere_is_never_silently_wrong(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     east, north = rng.normal(0, 100, (2, 12))

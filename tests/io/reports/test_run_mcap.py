@@ -137,6 +137,7 @@ def test_errors_and_sensor_errors_are_those_of_the_report(folder: Path, messages
     assert float(numbers["sd"]) == pytest.approx(found["sd"], rel=1e-4)
 
 
+@pytest.mark.long
 def test_topics_of_an_earlier_run_are_no_sensors(folder: Path, tmp_path: Path) -> None:
     output_of("replay", folder / "track.mcap", "-f", "adf", "--plots", "none", "-q", "-o", tmp_path / "again")
 

@@ -144,6 +144,7 @@ def test_the_documentation_has_every_scenario_and_every_key() -> None:
         assert key in named or re.sub("_(mps|deg|m)$", "_*", key) in text, key
 
 
+@pytest.mark.long
 def test_the_doctor_examines_a_scenario_of_a_file_like_a_shipped_one(tmp_path: Path) -> None:
     mine = tmp_path / "paper.toml"
     mine.write_text('schema = 1\nlike = "paper"\nabout = "mine"\n', encoding="utf-8")

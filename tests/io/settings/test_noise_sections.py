@@ -56,6 +56,7 @@ cli(["replay", log, "-f", "adf", "--calibrate", "none", "--noise", "dvl=wide:2:0
 '''
 
 
+@pytest.mark.long
 def test_a_noise_family_is_added_in_one_place(tmp_path: Path) -> None:
     log, script, own = tmp_path / "dive.mcap", tmp_path / "script.py", tmp_path / "dive.usbldr.toml"
     scenario = replace(find_scenario("lawnmower"), duration_s=60.0)

@@ -75,6 +75,7 @@ def words(figure) -> str:
     return " ".join(text.get_text() for text in figure.texts)
 
 
+@pytest.mark.long
 def test_a_particle_filter_has_seven_pictures_and_a_single_gaussian_no_particles(tmp_path: Path) -> None:
     (tmp_path / "cpf").mkdir()
     (tmp_path / "ekf").mkdir()
@@ -100,6 +101,7 @@ def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_trut
     assert drawn(tmp_path, blind) == ["track.png", "innovations.png", "ess.png"]
 
 
+@pytest.mark.long
 def test_the_same_run_draws_the_same_bytes_and_leaves_the_settings_of_others_alone(tmp_path: Path) -> None:
     before = dict(mpl.rcParams)
     for name in ("one", "two"):

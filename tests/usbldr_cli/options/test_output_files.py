@@ -122,6 +122,7 @@ def test_a_run_never_replaces_a_folder_that_it_reads(dive: Path, command: str) -
 
 
 @pytest.mark.usefixtures("_nothing_runs")
+@pytest.mark.long
 def test_nothing_is_written_into_the_folder_of_a_log_but_its_configuration(tmp_path: Path) -> None:
     folder = tmp_path / "dive"
     shutil.copytree(SAMPLES / "lawnmower_csv", folder)

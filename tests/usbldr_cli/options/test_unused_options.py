@@ -71,6 +71,7 @@ def test_the_sentence_names_the_methods_that_use_the_option() -> None:
     assert unused_options(["seed", "seeds"], ["ekf"], drawn=True) == []  # each seed is a dive of its own
 
 
+@pytest.mark.long
 def test_replay_compare_drill_and_check_say_it_in_one_line_and_go_on(tmp_path: Path) -> None:
     file = tmp_path / "dive.mcap"
     write_scenario(SHORT, 0, file)

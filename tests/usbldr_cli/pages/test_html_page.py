@@ -115,6 +115,7 @@ def test_names_do_nothing_but_show() -> None:
     assert not [name for _, a in page.elements for name in a if name.startswith("on")]
 
 
+@pytest.mark.long
 def test_comparisons_and_checks_write_the_same_kind_of_page(tmp_path: Path) -> None:
     log = SAMPLES / "lawnmower_turn_db3"
     out = tmp_path / "compared"

@@ -111,6 +111,7 @@ def asked(address: str) -> WorkerChoices:
     return WorkerChoices(scheduler=address)
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_half_way_changes_no_bit(
     address: str, workers: list[subprocess.Popen[bytes]], log: Path, tmp_path: Path
 ) -> None:
