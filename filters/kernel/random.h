@@ -1,6 +1,7 @@
 /* NumPy's default generator: PCG64 (O'Neill's XSL-RR 128/64), seeded by SeedSequence((seed, epoch)).
 
-   The same numbers as numpy.random.default_rng((seed, epoch)).random(), without 15 microseconds to make it.
+   The same numbers as numpy.random.default_rng((seed, epoch)).random(), without 15 microseconds to make it. A counter-based
+   generator would be shorter, but the filters in NumPy are the reference: they have to draw the same numbers.
    M. O'Neill, "PCG: a family of simple fast space-efficient statistically good algorithms for random number
    generation", Harvey Mudd College HMC-CS-2014-0905; numpy.org/doc/stable/reference/random/bit_generators. */
 #ifndef USBLDR_RANDOM_H

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.filters.frames import wrapped
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, UsblSurvey, placed, residuals
 
@@ -182,7 +183,9 @@ def _with_covariance(survey: UsblSurvey, fit: Installation, known: Known) -> Ins
     scores = np.einsum("nk,nki->ni", pull, G)
     cov = bread @ (_long_run(scores) + prior) @ bread
     good: Mask = np.all(np.abs(z) < FALSE_SIGMAS, axis=1) & np.all(there[:, :2], axis=1)
-    return Installation(fit.values, cov, known.sd, fit.range_sd_m, fit.angle_sd_rad, good)
+    values = fit.values.copy()
+    values[HEADING] = wrapped(float(values[HEADING]), 180.0)
+    return Installation(values, cov, known.sd, fit.range_sd_m, fit.angle_sd_rad, good)
 
 
 def _long_run(scores: Array) -> Array:

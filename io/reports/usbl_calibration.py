@@ -103,7 +103,7 @@ def survey_text(found: Calibration) -> str:
     minutes = (survey.time_s[-1] - survey.time_s[0]) / 60
     nearest, farthest = np.quantile(survey.range_m, [0.01, 0.99])
     fits = verdict.installation
-    turned = "with roll and pitch of the ship" if found.level else "level: roll and pitch of the ship are not used"
+    turned = "with roll and pitch of the ship" if found.level else "roll and pitch of the ship are not used"
     return (
         f"{len(survey)} fixes in {minutes:.0f} min at {nearest:.0f} to {farthest:.0f} m; "
         f"{verdict.false_share:.1%} false; {turned}; "
@@ -118,6 +118,8 @@ def notes(found: Calibration) -> list[str]:
         if text := state_text(one):
             states.setdefault(text, []).append(name_of(one.name))
     lines = [f"{', '.join(names)}: {text}" for text, names in states.items()]
+    if not found.log.level:
+        lines.append("the ship's records hold no roll and pitch, so its waves are in the noise of the angles")
     if (origin := found.log.origin) is not None:
         east, north = (np.array([v]) for v in found.verdict.installation.values[PLACE][:2])
         lat, lon = to_geodetic(origin, east, north)

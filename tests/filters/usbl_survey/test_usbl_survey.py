@@ -120,9 +120,9 @@ def test_a_latency_that_cannot_be_settled_is_taken_as_stated():
 
 def test_a_head_mounted_backwards_is_found():
     turned = BOX.true_values.copy()
-    turned[NAMES.index("mount_heading_deg")] = 178.0
+    turned[NAMES.index("mount_heading_deg")] = -178.0
     fit = calibrated(simulate_survey(replace(BOX, true_values=turned), 3), STATED, KNOWN)
-    assert fit.values[NAMES.index("mount_heading_deg")] % 360 == pytest.approx(178.0, abs=0.1)
+    assert fit.values[NAMES.index("mount_heading_deg")] == pytest.approx(-178.0, abs=0.1)
 
 
 def test_fixes_that_are_level_already_are_not_turned_again():
