@@ -20,7 +20,7 @@ def test_every_table_has_the_values_of_its_csv_file(tmp_path: Path) -> None:
     out = tmp_path / "run"
     output_of("replay", LOG, "-f", "ekf", "--parquet", "--plots", "none", "-q", "-o", out)
     tables = sorted(out.glob("*.csv"))
-    assert {table.stem for table in tables} == {"errors_1hz", "fixes", "track_5hz"}
+    assert {table.stem for table in tables} == {"errors_1hz", "fixes", "pose_5hz", "track_5hz"}
     for table in tables:
         with table.open(encoding="utf-8", newline="") as text:
             written = list(csv.DictReader(text))

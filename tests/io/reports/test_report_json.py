@@ -69,7 +69,7 @@ def test_a_run_directory_holds_the_files_of_the_design(tmp_path: Path) -> None:
     out = written(tmp_path, a_run())
 
     assert sorted(path.name for path in out.iterdir()) == [
-        *("errors_1hz.csv", "fixes.csv", "report.json", "report.md", "track.geojson", "track.kml"),
+        *("errors_1hz.csv", "fixes.csv", "pose_5hz.csv", "report.json", "report.md", "track.geojson", "track.kml"),
         *("track.tum", "track_5hz.csv", "truth.tum"),
     ]
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
@@ -92,7 +92,8 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
 
     out = written(tmp_path, blind)
 
-    assert sorted(path.name for path in out.iterdir()) == ["fixes.csv", "report.json", "report.md", "track_5hz.csv"]
+    files = ["fixes.csv", "pose_5hz.csv", "report.json", "report.md", "track_5hz.csv"]
+    assert sorted(path.name for path in out.iterdir()) == files
     assert read_strictly(out / "report.json")["metrics"] is None
     assert "paper has no truth" in (out / "report.md").read_text()
 
