@@ -73,6 +73,7 @@ def calibrate_usbl(
     if plan:
         _print_plan(log, depth_m, depth_sd_m)
         return 0
+    _refuse_scenario(log)
     request = read_request(**selection)
     read = inputs(log, request)
     if write_to is not None:
@@ -92,6 +93,14 @@ def calibrate_usbl(
     for place in filter(None, (output, write_to)):
         click.echo(f"{place}: written", err=json_to == "-")
     return 0 if found.verdict.result == "good" else CheckError.exit_code
+
+
+def _refuse_scenario(log: str) -> None:
+    """Raise UsageError for the name of a survey's scenario, which has no fixes before it is simulated."""
+    from usbldr.io.scenarios.survey_scenarios import is_survey
+
+    if not Path(log).is_dir() and is_survey(log):
+        raise UsageError(f"{log} is a scenario: write its survey by usbldr simulate {log} -o FOLDER, or state --plan")
 
 
 def _calibration(log: str, selection: dict[str, Any], depth_m: float | None, depth_sd_m: float) -> "Calibration":

@@ -47,6 +47,7 @@ def test_a_plan_needs_a_survey():
     done = run("calibrate-usbl", "survey-spin", "--plan")
     assert done.return_value == 0
     assert "transponder depth" in done.output
+    assert "usbldr simulate survey-spin" in str(run("calibrate-usbl", "survey-spin").exception)
     assert "is not a survey" in str(run("calibrate-usbl", "turns", "--plan").exception)
 
 
