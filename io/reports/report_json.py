@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import DOF, consistency_text
 from usbldr.filters.evaluation.error_report import ErrorReport
+from usbldr.filters.evaluation.fix_statistics import NOISE_PARTS, FixStatistics, fix_statistics
 from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, most_influential
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.identification.identification import Identification
@@ -136,6 +137,15 @@ def fix_outcomes(timeline: Timeline, trajectory: Trajectory) -> NDArray[np.str_]
     return outcomes
 
 
+def statistics_of(timeline: Timeline, trajectory: Trajectory) -> FixStatistics | None:
+    """Return what the fixes of a filter's run were like; None for another track, or without fixes."""
+    outcomes = fix_outcomes(timeline, trajectory)
+    if not len(outcomes) or not (outcomes != "").any():
+        return None
+    good = np.asarray(outcomes == "used", dtype=np.bool_)
+    return fix_statistics(timeline.fix_time_s, timeline.fix_m, timeline.fix_away_m, good, trajectory)
+
+
 def _reasons(fixes: UpdateTable) -> list[str]:
     """Return why each fix was not used fully; "" for one that was."""
     columns = (fixes.outcome, fixes.nominal_probability, fixes.nis, fixes.dof)
@@ -252,6 +262,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
         "outage_recoveries": [one._asdict() for one in trajectory.recoveries],
+        "fix_statistics": _statistics(statistics_of(run.timeline, trajectory)),
         "sensors": {role: provenance_values(p) for role, p in log.provenance.items()},
         "findings": log.findings,
         "outages": run.timeline.outages,
@@ -264,6 +275,14 @@ def report_content(run: Run) -> dict[str, Any]:
         "provenance": provenance_content(run.made),
         "timing": {"filter_time_s": trajectory.seconds},  # of the machine, so it is no metric
     }
+
+
+def _statistics(found: FixStatistics | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    parts = found._asdict()
+    named = {name: part if part is None else part._asdict() for name, part in parts.items() if name in NOISE_PARTS}
+    return {**parts, **named, "by_range": [one._asdict() for one in found.by_range]}
 
 
 def _bound(bound: PositionBound) -> dict[str, dict[str, float]]:

@@ -24,6 +24,7 @@ from usbldr.io.reports.report_text import (
     Table,
     context,
     error_table,
+    fix_text,
     health_lines,
     influence_table,
     leave_one_out_table,
@@ -46,13 +47,14 @@ def run_page(run: Run, figures: Sequence[Picture | Plot]) -> Page:
     errors = () if report is None else (error_table(report), method_table(run))
     relative = () if report is None or not report.relative else (RELATIVE, relative_table(report))
     fixes, left_out = influence_table(run), run.without_fixes
+    usbl = [("USBL fixes", text)] if (text := fix_text(run)) else []
     findings = tuple((finding.code, finding.text) for finding in run.log.findings)
     sections = (
         Section("", (Labelled((*summary_lines(run), *context(run))),)),
         Section("Warnings", _bullets(run.warnings)),
         Section("Errors", errors),
         Section("Figures", tuple(figures)),
-        Section("Health", _labelled(health_lines(run))),
+        Section("Health", _labelled([*health_lines(run), *usbl])),
         Section("Relative errors", relative),
         Section("Sensor errors", (CALIBRATION, table) if (table := calibration_table(run)).rows else ()),
         Section("Influential fixes", (INFLUENCE, fixes) if fixes.rows else ()),
