@@ -68,7 +68,8 @@ class DaskCluster:
         except TimeoutError as err:
             raise UsageError(
                 f"--scheduler {self.address}: has no workers, also after {WORKERS_S:g} s: start some with "
-                f"`dask worker {self.address} --nthreads 1 --death-timeout 60`, where this usbldr is installed; {KEPT}"
+                f"`PYTHONSAFEPATH=1 dask worker {self.address} --nthreads 1 --death-timeout 60`, where this usbldr "
+                f"is installed; {KEPT}"
             ) from err
 
     def finished(

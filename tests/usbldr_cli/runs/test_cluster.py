@@ -87,7 +87,9 @@ def refusal(asked: WorkerChoices) -> str:
 def test_a_scheduler_without_workers_is_a_sentence(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "WORKERS_S", 0.2)
 
-    assert re.search(r"has no workers, also after 0.2 s: start some with `dask worker", refusal(asked(address)))
+    assert re.search(
+        r"has no workers, also after 0.2 s: start some with `PYTHONSAFEPATH=1 dask worker", refusal(asked(address))
+    )
 
 
 def test_a_scheduler_that_does_not_answer_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
